@@ -1,0 +1,35 @@
+"""camcal: camera calibration on the command line, every result cross-checked with OpenCV.
+
+The Python interface is small; the names below are loaded on first use, so that importing camcal is instant.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from camcal.version import __version__
+
+_PUBLIC = {
+    "Camera": "camcal.types:Camera",
+    "Correspondences": "camcal.types:Correspondences",
+    "Pose": "camcal.types:Pose",
+    "Solution": "camcal.types:Solution",
+    "View": "camcal.types:View",
+    "calibrate": "camcal.pipeline:calibrate",
+    "load": "camcal.report.document:load",
+    "read_points": "camcal.io.points:read_points",
+}
+
+__all__ = ["__version__", *_PUBLIC]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        from camcal.registry import load
+
+        return load(_PUBLIC[name])
+    raise AttributeError(f"module 'camcal' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

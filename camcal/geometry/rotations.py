@@ -1,0 +1,136 @@
+"""Rotations: exponential and logarithm, Euler angles, and the fit of a rotation to point pairs.
+
+Rotation matrices are (..., 3, 3), rotation vectors (..., 3) in radians; a perturbation acts on the left,
+exp(δ) R.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def skew(v: Array) -> Array:
+    """Matrices (..., 3, 3) with skew(v) @ w = v x w, for vectors (..., 3)."""
+    v = np.asarray(v, float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def exp(vector: Array) -> Array:
+    """Rotation matrices of rotation vectors (Rodrigues' formula); the series near zero keeps all digits.
+
+    Parameters
+    ----------
+    vector : (..., 3) array, rad
+
+    Returns
+    -------
+    (..., 3, 3) array
+    """
+    vector = np.asarray(vector, float)
+    t2 = np.einsum("...i,...i->...", vector, vector)
+    t = np.sqrt(t2)
+    small = t2 < 1e-8
+    safe = np.where(small, 1.0, t)
+    a = np.where(small, 1 - t2 / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - t2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
+    k = skew(vector)
+    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+
+
+def log(rotation: Array) -> Array:
+    """Rotation vectors (..., 3) of rotation matrices (..., 3, 3), of length 0 to π.
+
+    Goes by the unit quaternion, whose largest component is taken first, so that angles near 0 and
+    near π keep their digits.
+    """
+    q = quaternion(rotation)
+    q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
+    n = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(n, q[..., :1])
+    factor = np.where(n < 1e-9, 2.0, angle / np.where(n < 1e-9, 1.0, n))
+    return factor * q[..., 1:]
+
+
+def quaternion(rotation: Array) -> Array:
+    """Unit quaternions (..., 4), scalar first, of rotation matrices (Shepperd 1978)."""
+    r = np.asarray(rotation, float)
+    d = np.einsum("...ii->...i", r)
+    trace = d.sum(-1)
+    weights = np.concatenate([trace[..., None], d], -1)
+    best = weights.argmax(-1)[..., None, None]
+    # the four rows of 4 q qᵀ; the one with the largest diagonal is divided by its root
+    x, y, z = (r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1])
+    xy, xz, yz = (r[..., 1, 0] + r[..., 0, 1], r[..., 2, 0] + r[..., 0, 2], r[..., 2, 1] + r[..., 1, 2])
+    d0, d1, d2 = d[..., 0], d[..., 1], d[..., 2]
+    rows = np.stack(
+        [
+            np.stack([1 + trace, x, y, z], -1),
+            np.stack([x, 1 + d0 - d1 - d2, xy, xz], -1),
+            np.stack([y, xy, 1 - d0 + d1 - d2, yz], -1),
+            np.stack([z, xz, yz, 1 - d0 - d1 + d2], -1),
+        ],
+        -2,
+    )
+    q = np.take_along_axis(rows, np.broadcast_to(best, (*rows.shape[:-2], 1, 4)), -2)[..., 0, :]
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def from_quaternion(q: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4), scalar first, of any length but zero."""
+    q = np.asarray(q, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    k = skew(q[..., 1:])
+    return np.eye(3) + 2 * (q[..., :1, None] * k + k @ k)
+
+
+def nearest(matrix: Array) -> Array:
+    """The rotations (..., 3, 3) nearest to any matrices in the Frobenius norm (SVD, determinant +1)."""
+    u, _, vt = np.linalg.svd(matrix)
+    u = u.copy()
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    return u @ vt
+
+
+def angle_between(a: Array, b: Array) -> Array:
+    """Angles (...) in radians of the rotations that take b to a."""
+    return np.linalg.norm(log(a @ np.swapaxes(b, -1, -2)), axis=-1)
+
+
+def fit_rotation(a: Array, b: Array, weights: Array | None = None) -> Array:
+    """The rotation R that minimises Σ w |a - R b|² (Wahba's problem, Kabsch's SVD solution).
+
+    Parameters
+    ----------
+    a, b : (N, 3) arrays
+    weights : (N,) array, optional
+    """
+    w = np.ones(len(a)) if weights is None else weights
+    return nearest((a * w[:, None]).T @ b)
+
+
+def from_euler(alpha: float, beta: float, theta: float) -> Array:
+    """R = Rz(theta) Ry(beta) Rx(alpha), the order of Barranco & Medel, section 5.1; radians."""
+    ca, sa, cb, sb, ct, st = (f(x) for x in (alpha, beta, theta) for f in (np.cos, np.sin))
+    rx = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    ry = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    rz = np.array([[ct, -st, 0], [st, ct, 0], [0, 0, 1]])
+    return rz @ ry @ rx
+
+
+def to_euler(rotation: Array) -> tuple[float, float, float]:
+    """The angles (alpha, beta, theta) of `from_euler`, rad; beta in [-π/2, π/2].
+
+    At beta = ±π/2 only the difference or sum of the others is determined; theta is then 0.
+    """
+    r = rotation
+    cos_beta = np.hypot(r[0, 0], r[1, 0])
+    beta = np.arctan2(-r[2, 0], cos_beta)
+    if cos_beta < 1e-12:
+        return float(np.arctan2(-r[1, 2], r[1, 1])), float(beta), 0.0
+    return float(np.arctan2(r[2, 1], r[2, 2])), float(beta), float(np.arctan2(r[1, 0], r[0, 0]))

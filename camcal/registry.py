@@ -1,0 +1,58 @@
+"""Tables of name -> "module:object", loaded on first use.
+
+A table is a plain dict, so that `--help` and completion read it without importing numpy or cv2.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from camcal.errors import UsageError
+
+
+def load(path: str) -> Any:
+    """Import `"package.module:attribute"` and return the attribute."""
+    module, _, attribute = path.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def suggestion(word: str, known: Iterable[str]) -> str | None:
+    """Return "Did you mean 'x'?" for the closest known word, or None where nothing is close."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f"Did you mean '{close[0]}'?" if close else None
+
+
+def look_up(table: Mapping[str, str], name: str, kind: str) -> Any:
+    """Load the entry `name` of a table.
+
+    Raises
+    ------
+    UsageError
+        Where the table has no such name; the hint names the closest one, or all of them.
+    """
+    if name not in table:
+        hint = suggestion(name, table) or "Known: " + ", ".join(sorted(table)) + "."
+        raise UsageError(f"unknown {kind} '{name}'.", hint)
+    return load(table[name])
+
+
+def split_spec(spec: str) -> tuple[str, list[str], dict[str, str]]:
+    """Split `"name:a:b,key=value"` into the name, the plain arguments and the keyword arguments.
+
+    Arguments are separated by colons or commas: `brown:radial=2,decentering=1`, `charuco:9x7:40mm`.
+    """
+    name, _, rest = spec.partition(":")
+    plain: list[str] = []
+    named: dict[str, str] = {}
+    for part in rest.replace(",", ":").split(":"):
+        if not part:
+            continue
+        key, equals, value = part.partition("=")
+        if equals:
+            named[key.strip()] = value.strip()
+        else:
+            plain.append(part.strip())
+    return name.strip(), plain, named
