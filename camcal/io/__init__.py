@@ -1,0 +1,1 @@
+"""Readers: pictures, tables of points, configuration."""

@@ -1,0 +1,201 @@
+"""What a calibration target is: points on a plane, a way to find them in a picture, a pattern to print.
+
+A new target is one file with a subclass of `Target` and one line in the table of `targets/__init__.py`:
+
+1. `kind` and `point_kind` say what it is and which sub-pixel fit its points take;
+2. `points` lists every point of the target in the order of its ids;
+3. `find` looks for it in one grey picture and returns a `Detection` or a `Miss`; no picture makes it raise;
+4. `pattern` gives the black shapes, from which the target is rendered and printed;
+5. `parse` reads the arguments of a spec such as `checkerboard:9x6:25mm`.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from camcal.errors import UsageError
+
+Array = np.ndarray
+
+DEFAULT_SECONDS = 1.0  #: time a picture may take unless the caller says otherwise
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The points of a target that one picture shows.
+
+    Attributes
+    ----------
+    point_ids : (N,) int array
+        Rows of `Target.points`, ascending.
+    uv : (N, 2) array
+        Their images, px; (0, 0) is the centre of the top-left pixel.
+    sigma : (N,) array or None
+        Standard deviation of each point in each coordinate, px.
+    info : mapping
+        What else the search found: `rejected` ({id: reason}), `blur`, `square_px`, ...
+        Plain values and arrays only, so that it travels between processes and into the cache.
+    """
+
+    point_ids: Array
+    uv: Array
+    sigma: Array | None = None
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.point_ids)
+
+
+@dataclass(frozen=True)
+class Miss:
+    """Why a picture gave no target.
+
+    Attributes
+    ----------
+    reason : str
+        One of `none`, `time`, `too-dark`, `too-bright`, `too-blurred`, `too-small`, `other-size`, `cut-off`.
+    message : str
+        The same in words, for the report.
+    """
+
+    reason: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """What is printed: black shapes on white, in the target's unit, x to the right and y downward.
+
+    Attributes
+    ----------
+    polygons : tuple of (K, 2) arrays
+        Black polygons that do not overlap.
+    circles : (C, 3) array
+        Black discs: x, y, radius.
+    extent : (x0, y0, x1, y1)
+        Bounds of the white sheet that the target needs, its quiet margin included.
+    """
+
+    polygons: tuple[Array, ...]
+    circles: Array
+    extent: tuple[float, float, float, float]
+
+
+class Target(ABC):
+    """A planar calibration target; z = 0, x along the columns, y along the rows, seen from the printed side.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Size in the target's own cells: inner corners of a checkerboard, squares of a ChArUco board,
+        tags of an AprilTag grid, circles of a circle grid.
+    square : float
+        Length of a cell (of a tag for a grid of tags, the distance of neighbours for circles), in `unit`.
+    unit : str
+        `mm`, `cm`, `m`, `in`, or `square` where no length is known.
+    """
+
+    kind: str  #: name in the table
+    point_kind: str = "saddle"  #: which sub-pixel fit applies: `saddle`, `circle`
+
+    def __init__(self, columns: int, rows: int, square: float = 1.0, unit: str = "square"):
+        self.columns, self.rows = int(columns), int(rows)
+        self.square, self.unit = float(square), unit
+
+    @property
+    def points(self) -> Array:
+        """All points (M, 3) in id order, z = 0, in `unit`; by default id = row * columns + column."""
+        x, y = np.meshgrid(np.arange(self.columns, dtype=float), np.arange(self.rows, dtype=float))
+        return np.c_[x.ravel(), y.ravel(), np.zeros(x.size)] * self.square
+
+    @abstractmethod
+    def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
+        """Look for the target in a grey picture.
+
+        Parameters
+        ----------
+        gray : (height, width) uint8 or uint16 array
+        seconds : float
+            Time the search may take; it plans its steps so as to stay below.
+        """
+
+    @abstractmethod
+    def pattern(self) -> Pattern:
+        """The black shapes of the target, in `unit`, in the frame of `points`."""
+
+    @classmethod
+    @abstractmethod
+    def parse(cls, arguments: list[str], named: dict[str, str]) -> Target:
+        """Make the target of a spec that `registry.split_spec` has split.
+
+        Raises
+        ------
+        UsageError
+            Where an argument is missing, unknown or out of range.
+        """
+
+    def describe(self) -> dict[str, Any]:
+        """What the report says under `target`."""
+        return {
+            "kind": self.kind,
+            "columns": self.columns,
+            "rows": self.rows,
+            "square": self.square,
+            "unit": self.unit,
+        }
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.__dict__ == other.__dict__
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.columns, self.rows, self.square, self.unit))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.__dict__.items())})"
+
+
+def parse_grid(text: str) -> tuple[int, int]:
+    """Read `9x6` as (columns, rows).
+
+    Raises
+    ------
+    UsageError
+        Where it is not two whole numbers of at least 2.
+    """
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
+    if not match:
+        raise UsageError(f"'{text}' is not the size of a board.", "Write COLUMNSxROWS, as in 9x6.")
+    columns, rows = int(match[1]), int(match[2])
+    if min(columns, rows) < 2 or max(columns, rows) > 1000:
+        raise UsageError(f"a board of {columns}x{rows} cannot be used.", "Each side needs 2 to 1000.")
+    return columns, rows
+
+
+UNITS = ("mm", "cm", "m", "in")
+
+
+def parse_length(text: str) -> tuple[float, str]:
+    """Read `25mm` as (25.0, "mm"); a bare number has the unit "square" (a length in units of nothing known).
+
+    Raises
+    ------
+    UsageError
+        Where it is not a positive number with a known unit or none.
+    """
+    match = re.fullmatch(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*)", text.strip())
+    try:
+        value = float(match[1]) if match else 0.0
+    except ValueError:
+        value = 0.0
+    unit = match[2] if match else ""
+    if not (0 < value < np.inf) or (unit and unit not in UNITS):
+        raise UsageError(
+            f"'{text}' is not a length.", f"Write a positive number and {', '.join(UNITS)} or no unit."
+        )
+    return value, unit or "square"
