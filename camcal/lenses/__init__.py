@@ -1,0 +1,40 @@
+"""Lens models by name. Adding one = a file, a line in `LENSES` and a line in `SUMMARIES`; the tests follow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from camcal.registry import look_up, split_spec
+
+if TYPE_CHECKING:
+    from camcal.lenses.base import Lens
+
+LENSES = {
+    "pinhole": "camcal.lenses.opencv:OpenCV",
+    "opencv4": "camcal.lenses.opencv:OpenCV",
+    "opencv5": "camcal.lenses.opencv:OpenCV",
+    "opencv8": "camcal.lenses.opencv:OpenCV",
+    "opencv12": "camcal.lenses.opencv:OpenCV",
+    "opencv14": "camcal.lenses.opencv:OpenCV",
+}
+
+SUMMARIES = {
+    "pinhole": "no distortion",
+    "opencv4": "radial k1 k2, decentering p1 p2",
+    "opencv5": "radial k1 k2 k3, decentering p1 p2: OpenCV's default",
+    "opencv8": "rational radial of six coefficients, decentering",
+    "opencv12": "opencv8 with thin prism s1 to s4",
+    "opencv14": "opencv12 with a tilted sensor (Scheimpflug)",
+}
+
+
+def make(spec: str, skew: bool = False) -> Lens:
+    """Make the lens model of a spec such as `opencv5` or `brown:radial=2,decentering=1`.
+
+    Raises
+    ------
+    UsageError
+        Where the name or an option is unknown.
+    """
+    name, plain, named = split_spec(spec)
+    return look_up(LENSES, name, "model").parse(name, plain, named, skew)

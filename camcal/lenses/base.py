@@ -1,0 +1,324 @@
+"""What a lens model is.
+
+A model maps points of the camera's frame to pixels and back. Subclasses work on coordinates as separate
+arrays of any one shape (x, y, z), because that is the layout in which the refinement keeps them in the
+cache; the public methods take (..., 3) and (..., 2) arrays and mask what lies outside the domain.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from camcal.errors import UsageError
+
+Array = np.ndarray
+
+#: points worked on at a time, so that the temporaries stay in the cache
+BLOCK = 4096
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a model: `group` is focal, principal, skew or distortion."""
+
+    name: str
+    group: str
+    neutral: float = 0.0
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class OpenCVForm:
+    """The same camera for cv2: which function takes it and the coefficients in cv2's order.
+
+    `function` is the calibration function (`calibrateCamera`, `fisheye.calibrate`, `omnidir.calibrate`);
+    `flags` are the names of its flags, `free` the names of the coefficients it would estimate with them.
+    """
+
+    function: str
+    distortion: Array
+    flags: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    xi: float | None = None
+
+
+def pinhole_parameters(skew: bool) -> tuple[Parameter, ...]:
+    """fx, fy, cx, cy and, where wanted, skew."""
+    base = (
+        Parameter("fx", "focal", 1.0, lower=0.0),
+        Parameter("fy", "focal", 1.0, lower=0.0),
+        Parameter("cx", "principal"),
+        Parameter("cy", "principal"),
+    )
+    return (*base, Parameter("skew", "skew")) if skew else base
+
+
+class Lens(ABC):
+    """A camera model.
+
+    Attributes
+    ----------
+    name : str
+        The spec the model was made from.
+    parameters : tuple of Parameter
+        In the order of the parameter vector; the first four are fx, fy, cx, cy.
+    has_skew : bool
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    has_skew: bool
+
+    def __init__(self, name: str, distortion: Sequence[Parameter], skew: bool = False):
+        self.name = name
+        self.has_skew = skew
+        self.parameters = (*pinhole_parameters(skew), *distortion)
+        self.names = tuple(p.name for p in self.parameters)
+        self.size = len(self.parameters)
+        self._bend = 5 if skew else 4  # where the distortion parameters begin
+
+    def __repr__(self) -> str:
+        return f"<lens {self.name}{' with skew' if self.has_skew else ''}>"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Lens) and (self.name, self.has_skew) == (other.name, other.has_skew)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.has_skew))
+
+    # ------------------------------------------------------------------ what a model has to say
+    @classmethod
+    @abstractmethod
+    def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
+        """Make the model from the parts of its spec; UsageError for an option it does not know."""
+
+    @abstractmethod
+    def forward(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """Project without looking at the domain: (u, v) of points whose coordinates are separate arrays."""
+
+    @abstractmethod
+    def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
+        """Which points lie in the domain: in view, before the first fold or pole."""
+
+    @abstractmethod
+    def linearise(
+        self, params: Array, x: Array, y: Array, z: Array, uv: Array, d_xyz: Array, d_params: Array
+    ) -> bool:
+        """Project with derivatives into preallocated arrays: the kernel of the refinement.
+
+        Parameters
+        ----------
+        x, y, z : (V, N) arrays
+        uv : (V, 2, N) array, filled with the projections
+        d_xyz : (V, 3, 2, N) array, filled with d(u, v) / d(x, y, z)
+        d_params : (V, P, 2, N) array, filled with d(u, v) / d params
+
+        Returns
+        -------
+        bool
+            False where a point has left the domain: the values are then not to be used.
+        """
+
+    @abstractmethod
+    def backward(self, params: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Unproject: (x, y, z) of a ray of any length, and the mask of pixels inside the domain."""
+
+    def nests(self) -> tuple[str, ...]:
+        """Specs of the simpler models of which this one holds every camera, the closest first."""
+        return ()
+
+    def adopt(self, other: Lens, params: Array) -> Array:
+        """The parameters of this model for a camera of a model that it nests: same names, same values."""
+        return self.from_values(dict(zip(other.names, params.tolist(), strict=True)))
+
+    def opencv(self, params: Array) -> OpenCVForm | None:
+        """The same camera for cv2, or None where cv2 has no such model."""
+        return None
+
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """Realistic cameras (params, image_size) that every contract test runs on."""
+        return [(self.pinhole(500.0, 505.0, 320.0, 238.0), (640, 480))]
+
+    def normalise(self, params: Array) -> Array:
+        """The same camera with its gauge fixed, where a model has one; else the parameters as they are."""
+        return params
+
+    # ------------------------------------------------------------------ parameters by name
+    @property
+    def neutral(self) -> Array:
+        """The parameters (P,) of focal length 1 without distortion."""
+        return np.array([p.neutral for p in self.parameters])
+
+    def index(self, name: str) -> int:
+        """Where a parameter stands; UsageError for an unknown name."""
+        if name not in self.names:
+            raise UsageError(
+                f"model '{self.name}' has no parameter '{name}'.", "It has: " + ", ".join(self.names) + "."
+            )
+        return self.names.index(name)
+
+    def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
+        """The parameters (P,) of a camera without distortion."""
+        params = self.neutral
+        params[:4] = fx, fy, cx, cy
+        if self.has_skew:
+            params[4] = skew
+        return params
+
+    def from_matrix(self, matrix: Array) -> Array:
+        """The parameters (P,) of a camera matrix (3, 3) without distortion; a model without skew drops it."""
+        k = matrix / matrix[2, 2]
+        return self.pinhole(k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1])
+
+    def from_values(self, values: dict[str, float]) -> Array:
+        """The parameters (P,) with those of the given names set and the rest neutral."""
+        params = self.neutral
+        for name, value in values.items():
+            if name in self.names:
+                params[self.names.index(name)] = value
+        return params
+
+    def matrix(self, params: Array) -> Array:
+        """The camera matrix (3, 3), px."""
+        fx, fy, cx, cy = params[:4]
+        return np.array([[fx, params[4] if self.has_skew else 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    # ------------------------------------------------------------------ for everybody
+    def project(self, params: Array, xyz: Array) -> tuple[Array, Array]:
+        """Project points of the camera's frame.
+
+        Parameters
+        ----------
+        params : (P,) array
+        xyz : (..., 3) array, any unit
+
+        Returns
+        -------
+        uv : (..., 2) array, px; NaN outside the domain
+        valid : (...) bool array
+        """
+        xyz = np.asarray(xyz, float)
+
+        def block(rows: Array) -> tuple[Array, Array]:
+            x, y, z = np.ascontiguousarray(rows.T)
+            with np.errstate(all="ignore"):
+                valid = self.inside(params, x, y, z)
+                uv = np.stack(self.forward(params, x, y, z), -1)
+            uv[~valid] = np.nan
+            return uv, valid
+
+        uv, valid = _in_blocks(block, xyz.reshape(-1, 3))
+        return uv.reshape(*xyz.shape[:-1], 2), valid.reshape(xyz.shape[:-1])
+
+    def unproject(self, params: Array, uv: Array) -> tuple[Array, Array]:
+        """Rays of pixels.
+
+        Parameters
+        ----------
+        params : (P,) array
+        uv : (..., 2) array, px
+
+        Returns
+        -------
+        ray : (..., 3) array of unit length in the camera's frame; NaN outside the domain
+        valid : (...) bool array
+        """
+        uv = np.asarray(uv, float)
+
+        def block(rows: Array) -> tuple[Array, Array]:
+            u, v = np.ascontiguousarray(rows.T)
+            with np.errstate(all="ignore"):
+                x, y, z, valid = self.backward(params, u, v)
+                ray = np.stack([x, y, z], -1)
+                ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+            ray[~valid] = np.nan
+            return ray, valid
+
+        ray, valid = _in_blocks(block, uv.reshape(-1, 2))
+        return ray.reshape(*uv.shape[:-1], 3), valid.reshape(uv.shape[:-1])
+
+    def jacobians(self, params: Array, xyz: Array) -> tuple[Array, Array, Array, Array]:
+        """Project points (N, 3) with derivatives.
+
+        Returns
+        -------
+        uv : (N, 2) array, px
+        d_xyz : (N, 2, 3) array, px per unit
+        d_params : (N, 2, P) array
+        valid : (N,) bool array
+        """
+        xyz = np.asarray(xyz, float)
+        n = len(xyz)
+        uv, d_xyz, d_params = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, self.size, 2, n))
+        x, y, z = (np.ascontiguousarray(c)[None] for c in xyz.T)
+        with np.errstate(all="ignore"):
+            valid = self.inside(params, x, y, z)[0]
+            self.linearise(params, x, y, z, uv, d_xyz, d_params)
+        out = uv[0].T.copy(), d_xyz[0].transpose(2, 1, 0).copy(), d_params[0].transpose(2, 1, 0).copy()
+        for a in out:
+            a[~valid] = np.nan
+        return (*out, valid)
+
+
+def _in_blocks(function: Callable[[Array], tuple[Array, Array]], rows: Array) -> tuple[Array, Array]:
+    if len(rows) <= BLOCK:
+        return function(rows)
+    parts = [function(rows[i : i + BLOCK]) for i in range(0, len(rows), BLOCK)]
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+def no_options(name: str, plain: Sequence[str], named: dict[str, str], known: Sequence[str] = ()) -> None:
+    """Refuse options that a model does not know."""
+    unknown = [*plain, *(k for k in named if k not in known)]
+    if unknown:
+        raise UsageError(
+            f"model '{name}' has no option '{unknown[0]}'.",
+            f"Known: {', '.join(known)}." if known else f"Try: --model {name}",
+        )
+
+
+def newton(
+    residual: Callable[[Array, Array], tuple[Array, Array, Array, Array, Array, Array]],
+    a: Array,
+    b: Array,
+    scale: float,
+    iterations: int = 20,
+) -> tuple[Array, Array, Array]:
+    """Solve two equations in two unknowns for every point at once.
+
+    Parameters
+    ----------
+    residual : function (a, b) -> (r, s, dr/da, dr/db, ds/da, ds/db)
+    a, b : (N,) arrays, the start
+    scale : float
+        Size of the values of r and s; the iteration stops when all are below 1e-15 of it, or at their best.
+
+    Returns
+    -------
+    a, b : (N,) arrays
+    solved : (N,) bool array, |r|, |s| below 1e-11 of the scale
+    """
+    a, b = a.copy(), b.copy()
+    best = np.full(a.shape, np.inf)
+    for _ in range(iterations):
+        r, s, ra, rb, sa, sb = residual(a, b)
+        size = np.maximum(abs(r), abs(s))
+        if not (size > 1e-15 * scale).any() or not (size < 0.5 * best).any():
+            break
+        best = np.fmin(size, best)
+        det = ra * sb - rb * sa
+        a -= (sb * r - rb * s) / det
+        b -= (ra * s - sa * r) / det
+    r, s = residual(a, b)[:2]
+    return a, b, np.maximum(abs(r), abs(s)) < 1e-11 * scale
+
+
+def example_list(*cameras: Any) -> list[tuple[Array, tuple[int, int]]]:
+    """Collect (params, image_size) pairs as float arrays."""
+    return [(np.array(params, float), size) for params, size in cameras]
