@@ -1,0 +1,14 @@
+"""The command line: one file per command.
+
+A command = one file here + one line in this table. The table is read by `--help` and by completion, so it
+imports nothing: the one-line help stands here, the command itself is loaded when it runs.
+"""
+
+from __future__ import annotations
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "list": (
+        "camcal.cli.list_:command",
+        "List the models, targets, optimizers, closed forms, formats or commands.",
+    ),
+}

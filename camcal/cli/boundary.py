@@ -1,0 +1,137 @@
+"""The one place where an exception becomes a message and an exit code.
+
+| exit | what happened                                   |
+|------|-------------------------------------------------|
+| 0, 1 | done; 1 where a gate fell                       |
+| 2    | usage or configuration                          |
+| 3    | data                                            |
+| 4    | estimation failed                               |
+| 70   | a bug of camcal                                 |
+| 130  | interrupted                                     |
+| 141  | the reader of stdout went away (as a shell says)|
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from camcal.errors import CamcalError
+
+BUG, INTERRUPTED, BROKEN_PIPE = 70, 130, 141
+DATA = 3
+
+
+def run(args: Sequence[str]) -> int:
+    """Run one command line and return its exit code; no exception gets past this function.
+
+    click's own `main` is not used: it turns ^C and a bare EOFError into the same `Abort`, and a broken
+    pipe into exit code 1.
+    """
+    state: dict[str, Any] = {"verbosity": 0}
+    try:
+        code = _invoke(list(args), state)
+        sys.stdout.flush()  # a pipe that broke is noticed here, not in the interpreter's last breath
+        return code
+    except CamcalError as error:
+        return _say(error.message, error.hint, error.exit_code)
+    except click.ClickException as error:
+        return _say(*explain_usage(error), 2)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("Interrupted.", err=True)
+        return INTERRUPTED
+    except BrokenPipeError:
+        _silence_stdout()
+        return BROKEN_PIPE
+    except OSError as error:
+        if error.filename is None:
+            return _report_bug(error, args, state["verbosity"])
+        return _say(f"{error.filename}: {error.strerror}.", None, DATA)
+    except Exception as error:  # noqa: BLE001 - the boundary: whatever else arrives here is a bug
+        return _report_bug(error, args, state["verbosity"])
+
+
+def _invoke(args: list[str], state: dict[str, Any]) -> int:
+    from camcal.cli.group import camcal
+
+    if instruction := os.environ.get("_CAMCAL_COMPLETE"):
+        from click.shell_completion import shell_complete
+
+        return shell_complete(camcal, {"obj": state}, "camcal", "_CAMCAL_COMPLETE", instruction)
+    try:
+        with camcal.make_context("camcal", args, obj=state) as ctx:
+            return camcal.invoke(ctx) or 0
+    except click.exceptions.Exit as leave:
+        return leave.exit_code
+
+
+def explain_usage(error: click.ClickException) -> tuple[str, str | None]:
+    """Put one of click's errors into the words of camcal's: (message, hint)."""
+    ctx = getattr(error, "ctx", None)
+    help_hint = f"{ctx.command_path} --help shows what it takes." if ctx else None
+    if isinstance(error, click.NoSuchOption):
+        return f"unknown option '{error.option_name}'.", _closest_option(error, ctx) or help_hint
+    if isinstance(error, click.MissingParameter):
+        return f"{_name_of(error) or 'an argument'} is missing.", help_hint
+    if isinstance(error, click.BadParameter):
+        name = _name_of(error)
+        message = f"{name}: {error.message}" if name else error.message
+        return message, getattr(error, "hint", None) or help_hint
+    said = error.format_message().rstrip(".")
+    return said[:1].lower() + said[1:] + ".", help_hint
+
+
+def _name_of(error: click.BadParameter) -> str:
+    """Return what the value was given to: the flag, the argument, or what the error itself names."""
+    hint = error.param_hint
+    if isinstance(hint, str):
+        return hint
+    if hint:
+        return " / ".join(hint)
+    param = error.param
+    if isinstance(param, click.Option):
+        return max(param.opts, key=len)
+    return param.human_readable_name if param else ""
+
+
+def _closest_option(error: click.NoSuchOption, ctx: click.Context | None) -> str | None:
+    from camcal.registry import suggestion
+
+    if ctx is None:
+        return None
+    names = [name for param in ctx.command.get_params(ctx) for name in (*param.opts, *param.secondary_opts)]
+    return suggestion(error.option_name, [name for name in names if name.startswith("--")])
+
+
+def _say(message: str, hint: str | None, code: int) -> int:
+    click.echo(f"Error: {message}", err=True)
+    for line in (hint or "").splitlines():
+        click.echo(f"  {line}", err=True)
+    return code
+
+
+def _report_bug(error: Exception, args: Sequence[str], verbosity: int) -> int:
+    from camcal.cli.buglog import write_log
+
+    path = write_log(error, args)
+    where = f"the log is at {path}" if path else "no log could be written"
+    click.echo(f"Error: a bug of camcal: {type(error).__name__}: {_first_line(error)}; {where}", err=True)
+    if verbosity >= 2:
+        import traceback
+
+        click.echo("".join(traceback.format_exception(error)), err=True)
+    return BUG
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or ["no message"])[0]
+
+
+def _silence_stdout() -> None:
+    """Point stdout at nothing, so that the interpreter's last flush does not complain."""
+    with open(os.devnull, "w") as sink:  # noqa: PTH123 - pathlib would be imported for this alone
+        os.dup2(sink.fileno(), sys.stdout.fileno())

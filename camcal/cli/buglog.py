@@ -1,0 +1,58 @@
+"""The log that a bug leaves behind: traceback, command, versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from camcal.version import __version__
+
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "click", "PyYAML", "rich")
+
+
+def write_log(error: Exception, args: Sequence[str]) -> Path | None:
+    """Write what is needed to look into a bug; return where it is, or None where no folder takes it."""
+    text = "\n".join(
+        [
+            f"camcal {__version__} · {time.strftime('%Y-%m-%dT%H:%M:%S%z')}",
+            f"command: camcal {shlex.join(args)}",
+            f"python {sys.version.split()[0]} on {platform.platform()}",
+            *(f"{name} {_version(name)}" for name in PACKAGES),
+            "",
+            "".join(traceback.format_exception(error)),
+        ]
+    )
+    name = f"bug-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    for folder in _folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / name
+            path.write_text(text, encoding="utf-8")
+        except OSError:
+            continue  # the next folder is tried; the caller says so where none is left
+        return path
+    return None
+
+
+def _folders() -> Iterator[Path]:
+    """Where a log may go, best first: the XDG state folder, its default, the temporary folder."""
+    if state := os.environ.get("XDG_STATE_HOME"):
+        yield Path(state) / "camcal"
+    if home := os.environ.get("HOME") or os.environ.get("USERPROFILE"):
+        yield Path(home) / ".local" / "state" / "camcal"
+    yield Path(tempfile.gettempdir())
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"

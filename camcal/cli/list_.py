@@ -1,0 +1,50 @@
+"""`camcal list`: what there is to choose from."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+
+import click
+
+from camcal.cli.options import format_option
+from camcal.cli.output import emit, table
+from camcal.cli.params import Word
+from camcal.cli.verbosity import verbosity_options
+
+#: kind -> (module, its table); each module may hold SUMMARIES, name -> one line, beside the table.
+TABLES: dict[str, tuple[str, str]] = {
+    "models": ("camcal.lenses", "LENSES"),
+    "targets": ("camcal.targets", "TARGETS"),
+    "optimizers": ("camcal.refine.optimizers", "OPTIMIZERS"),
+    "closed-forms": ("camcal.closed_form", "CLOSED_FORMS"),
+    "formats": ("camcal.formats", "FORMATS"),
+    "commands": ("camcal.cli", "COMMANDS"),
+}
+
+
+def entries(kind: str) -> list[dict[str, str]]:
+    """List `{name, summary}` of one table, without loading what it points to."""
+    module_name, attribute = TABLES[kind]
+    module = importlib.import_module(module_name)
+    known: Mapping[str, object] = getattr(module, attribute, {})
+    summaries: Mapping[str, str] = getattr(module, "SUMMARIES", {})
+    return [{"name": name, "summary": summaries.get(name, _own_text(value))} for name, value in known.items()]
+
+
+def _own_text(value: object) -> str:
+    """Return the help line that the table of commands holds itself; other tables hold a path only."""
+    return value[1] if isinstance(value, tuple) else ""
+
+
+@click.command("list")
+@click.argument("kind", type=Word(list(TABLES)), metavar="KIND")
+@format_option
+@verbosity_options
+def command(kind: str, format: str) -> None:
+    """List what there is of one KIND, with a line on each.
+
+    KIND is models, targets, optimizers, closed-forms, formats or commands.
+    """
+    found = entries(kind)
+    emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))

@@ -1,0 +1,116 @@
+"""The options that commands share, each written once.
+
+Every option takes its value from the flag, else from the environment (`CAMCAL_MAX_RMS` for `--max-rms`), else
+from the configuration file, else from its default; `camcal.cli.settings` says where a value came from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.settings import SettingOption, read_config
+
+Decorator = Callable[[Any], Any]
+
+
+def option(*names: str, **kwargs: Any) -> Decorator:
+    """`click.option` that also reads `CAMCAL_<NAME>` and says where a bad value stands."""
+    long = next(name for name in names if name.startswith("--")).partition("/")[0]
+    kwargs.setdefault("envvar", "CAMCAL_" + long.strip("-").replace("-", "_").upper())
+    kwargs.setdefault("cls", SettingOption)
+    return click.option(*names, **kwargs)
+
+
+def group_of(*decorators: Decorator) -> Decorator:
+    """Apply several options as one decorator, in the order in which they are to stand in the help."""
+
+    def apply(function: Any) -> Any:
+        for decorate in reversed(decorators):
+            function = decorate(function)
+        return function
+
+    return apply
+
+
+def _lenses() -> Any:
+    from camcal.lenses import LENSES
+
+    return LENSES
+
+
+def _optimizers() -> Any:
+    from camcal.refine.optimizers import OPTIMIZERS
+
+    return OPTIMIZERS
+
+
+def _merge_fixed(ctx: click.Context, param: click.Parameter, values: tuple[dict, ...]) -> dict:
+    """Merge repeated `--fix` into one; the type refuses a parameter held at two values."""
+    parts = [(f"{name}={held}" if held is not None else name) for one in values for name, held in one.items()]
+    return params.FIX.convert(parts, param, ctx)
+
+
+model_option = option(
+    "--model", "-m", type=params.SpecType("model", _lenses), default="opencv5", show_default=True,
+    metavar="NAME[:ARGS]", help="Camera model; `camcal list models` names them.",
+)  # fmt: skip
+skew_option = option("--skew", is_flag=True, help="Estimate the skew of the pixel axes too.")
+fix_option = option(
+    "--fix", type=params.FIX, multiple=True, callback=_merge_fixed, metavar="NAME[=VALUE],...",
+    help="Hold parameters, at VALUE or where they start; `aspect` means fy = fx.",
+)  # fmt: skip
+image_size_option = option(
+    "--image-size", type=params.IMAGE_SIZE, metavar="WxH", help="Size of the pictures in px, such as 640x480."
+)
+robust_option = option(
+    "--robust",
+    type=params.Word(["none"]),
+    default="none",
+    show_default=True,
+    help="How outliers are treated.",
+)
+optimizer_option = option(
+    "--optimizer", type=params.SpecType("optimizer", _optimizers), default="lm", show_default=True,
+    metavar="NAME", help="What minimises the reprojection error; `camcal list optimizers` names them.",
+)  # fmt: skip
+crosscheck_option = option(
+    "--crosscheck/--no-crosscheck", default=True, show_default=True, help="Compare every stage with OpenCV."
+)
+max_rms_option = option(
+    "--max-rms", type=click.FloatRange(min=0, min_open=True), metavar="PX",
+    help="A gate: exit code 1 where rms_point is larger.",
+)  # fmt: skip
+seed_option = option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of what is random."
+)
+output_option = option(
+    "--output", "-o", type=click.Path(path_type=Path), metavar="FILE", help="Write the report (YAML) to FILE."
+)
+force_option = option("--force", "-f", is_flag=True, help="Overwrite an output that exists.")
+format_option = option(
+    "--format", type=params.Word(["table", "json", "yaml"]), default="table", show_default=True,
+    help="What stdout gets; json and yaml are exactly one document.",
+)  # fmt: skip
+config_option = option(
+    "--config", cls=click.Option, type=click.Path(path_type=Path), is_eager=True, expose_value=False,
+    callback=read_config, metavar="FILE", help="Read options from FILE (YAML) instead of ./camcal.yaml.",
+)  # fmt: skip
+
+#: What a calibration is, whatever its input.
+calibration_options = group_of(
+    model_option,
+    skew_option,
+    fix_option,
+    optimizer_option,
+    robust_option,
+    crosscheck_option,
+    max_rms_option,
+    seed_option,
+)
+#: Where results go and where options come from.
+report_options = group_of(output_option, force_option, format_option, config_option)

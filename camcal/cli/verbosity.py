@@ -1,0 +1,38 @@
+"""How much is said on stderr: `-q`, nothing, `-v`, `-vv`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+
+def count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
+    """Add -v and -q, wherever they stand on the command line, to the one verbosity of the run."""
+    state = ctx.find_root().ensure_object(dict)
+    state["verbosity"] = state.get("verbosity", 0) + (-value if param.name == "quiet" else value)
+    return value
+
+
+def verbosity_options(function: Any) -> Any:
+    """Add `-v/-vv` and `-q`; the group and every command have them, so that their place does not matter."""
+    function = click.option(
+        "-q", "--quiet", count=True, expose_value=False, is_eager=True, callback=count_verbosity,
+        help="Say nothing on stderr but errors.",
+    )(function)  # fmt: skip
+    return click.option(
+        "-v", "--verbose", count=True, expose_value=False, is_eager=True, callback=count_verbosity,
+        help="Say more; -vv also shows the traceback of a bug.",
+    )(function)  # fmt: skip
+
+
+def verbosity() -> int:
+    """Return the count of -v minus the count of -q of the running command."""
+    ctx = click.get_current_context(silent=True)
+    return ctx.find_root().ensure_object(dict).get("verbosity", 0) if ctx else 0
+
+
+def note(message: str, level: int = 0) -> None:
+    """Say something on stderr; `level` 0 is left out by -q, 1 needs -v."""
+    if verbosity() >= level:
+        click.echo(message, err=True)
