@@ -1,4 +1,4 @@
-"""Lens models by name. Adding one = a file, a line in `LENSES` and a line in `SUMMARIES`; the tests follow."""
+"""Lens models by name. Adding one = a file, a line in `LENSES` and one in `SUMMARIES`; the tests follow."""
 
 from __future__ import annotations
 

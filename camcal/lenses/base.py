@@ -145,6 +145,10 @@ class Lens(ABC):
         """Realistic cameras (params, image_size) that every contract test runs on."""
         return [(self.pinhole(500.0, 505.0, 320.0, 238.0), (640, 480))]
 
+    def prior(self, params: Array) -> tuple[Array, Array] | None:
+        """Residuals (K,) and Jacobian (K, P) of the model's own regularisation, px; None without."""
+        return None
+
     def normalise(self, params: Array) -> Array:
         """The same camera with its gauge fixed, where a model has one; else the parameters as they are."""
         return params

@@ -1,0 +1,1 @@
+"""Refinement: all poses and the intrinsics together, by nonlinear least squares."""

@@ -1,0 +1,254 @@
+"""The calibration as a least squares problem: residuals, Jacobian blocks, retraction.
+
+    minimise  ½ Σ_views Σ_points w |project(params, exp(δ) R x + t) − u|²                                 (1)
+
+The Jacobian is never stored. Views are taken a few at a time; their derivatives are written as rows of an
+array (views, parameters + 6 + 1, 2, points) that stays in the cache, the last row being the residual, and a
+batched product of that array with its own transpose gives every normal matrix, gradient and cost at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.geometry import rotations
+from camcal.lenses.base import Lens
+from camcal.types import NormalBlocks, Poses, View
+
+Array = np.ndarray
+
+#: numbers in the Jacobian rows of a group of views; 3e5 doubles stay in a second-level cache
+_ROW_BUDGET = 40_000
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the iteration stands: parameters (P,), and per view rotation (V, 3, 3) and the image
+    (V, 3) of the view's centroid in the camera's frame.
+    """
+
+    params: Array
+    rotations: Array
+    centres: Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step in the free parameters (F,) and the poses (V, 6) = (rotation on the left, translation)."""
+
+    intrinsics: Array
+    poses: Array
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The normal equations at a state, by blocks: `JᵀJ` and the gradient `Jᵀr` of half the cost's square.
+
+    Attributes
+    ----------
+    cost : float
+        ½ Σ w |r|².
+    intrinsics : (F, F) array
+    coupling : (V, F, 6) array
+    poses : (V, 6, 6) array
+    gradient : (F,) array
+    pose_gradients : (V, 6) array
+    view_costs : (V,) array
+    """
+
+    cost: float
+    intrinsics: Array
+    coupling: Array
+    poses: Array
+    gradient: Array
+    pose_gradients: Array
+    view_costs: Array
+
+    def normal(self) -> NormalBlocks:
+        """The part that a covariance needs."""
+        return NormalBlocks(self.intrinsics, self.coupling, self.poses)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Views that are worked on together; shorter ones are filled up with points of weight 0."""
+
+    members: Array  #: (G,) indices of the views
+    xyz: Array  #: (G, 3, N) points relative to the view's centroid
+    uv: Array  #: (G, 2, N)
+    weights: Array | None  #: (G, 1, 1, N) square roots of the weights, None = 1
+    counts: Array  #: (G,) points without the filling
+
+
+class Problem:
+    """Correspondences and a lens model as a least squares problem.
+
+    Parameters
+    ----------
+    lens : Lens
+    views : sequence of View
+    free : (P, F) array
+        d params / d free parameters. A row of zeros fixes a parameter, several entries in a column tie them.
+    weights : sequence of (N,) arrays, optional
+        Weight of each point's squared residual; default 1 / sigma² where a view has sigmas, else 1.
+    """
+
+    def __init__(
+        self, lens: Lens, views: Sequence[View], free: Array, weights: Sequence[Array] | None = None
+    ):
+        self.lens = lens
+        self.views = tuple(views)
+        self.free = np.asarray(free, float)
+        self.weights = weights if weights is not None else _default_weights(self.views)
+        self.offsets = np.array([v.xyz.mean(0) for v in self.views]).reshape(-1, 3)
+        self.rows = lens.size + 7
+        self.groups = self._make_groups()
+        largest = max((g.uv.shape[0] * g.uv.shape[2] for g in self.groups), default=0)
+        self._buffer = np.empty(largest * 2 * self.rows)
+        scale = max((float(abs(v.uv).max()) for v in self.views), default=1.0)
+        #: a cost that rounding alone produces: a few units in the last place of each coordinate
+        self.rounding = 0.5 * sum(2 * len(v) for v in self.views) * (4 * np.finfo(float).eps * scale) ** 2
+
+    def reweighted(self, weights: Sequence[Array]) -> Problem:
+        """The same problem with other weights."""
+        return Problem(self.lens, self.views, self.free, weights)
+
+    # ------------------------------------------------------------------ states
+    def state(self, params: Array, poses: Poses) -> State:
+        """Begin at these parameters and poses (cam_from_board)."""
+        centres = np.einsum("vij,vj->vi", poses.rotations, self.offsets) + poses.translations
+        return State(np.array(params, float), np.array(poses.rotations, float), centres)
+
+    def poses(self, state: State) -> Poses:
+        """The poses (cam_from_board) of a state."""
+        shift = np.einsum("vij,vj->vi", state.rotations, self.offsets)
+        return Poses(state.rotations, state.centres - shift)
+
+    def retract(self, state: State, step: Step) -> State:
+        """Move: params + T δ, exp(δ) R, t + δ."""
+        return State(
+            state.params + self.free @ step.intrinsics,
+            rotations.exp(step.poses[:, :3]) @ state.rotations,
+            state.centres + step.poses[:, 3:],
+        )
+
+    # ------------------------------------------------------------------ evaluation
+    def linearise(self, state: State) -> Blocks | None:
+        """The normal equations at a state; None where a point leaves the lens's domain."""
+        normal = self.view_normals(state)
+        return None if normal is None else self._blocks(normal, state)
+
+    def view_normals(self, state: State, partly: bool = False) -> Array | None:
+        """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
+
+        None where a point leaves the lens's domain; with `partly`, NaN for the views of that group.
+        """
+        normal = np.empty((len(self.views), self.rows, self.rows))
+        with np.errstate(all="ignore"):
+            for group in self.groups:
+                block = self._fill(group, state)
+                if block is not None:
+                    flat = block.reshape(*block.shape[:2], -1)
+                    normal[group.members] = flat @ flat.transpose(0, 2, 1)
+                elif partly:
+                    normal[group.members] = np.nan
+                else:
+                    return None
+        return normal
+
+    def residuals(self, state: State) -> list[Array]:
+        """Predicted - observed (N, 2) of each view, px, unweighted; NaN outside the lens's domain."""
+        poses = self.poses(state)
+        return [
+            self.lens.project(state.params, v.xyz @ r.T + t)[0] - v.uv
+            for v, r, t in zip(self.views, poses.rotations, poses.translations, strict=True)
+        ]
+
+    def _fill(self, group: _Group, state: State) -> Array | None:
+        """The rows (G, P + 6 + 1, 2, N) of a group: parameters, rotation, translation, residual."""
+        size, p = group.uv.shape, self.lens.size
+        block = self._buffer[: size[0] * self.rows * 2 * size[2]].reshape(size[0], self.rows, 2, size[2])
+        turned = state.rotations[group.members] @ group.xyz
+        cam = turned + state.centres[group.members][:, :, None]
+        x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))
+        d_xyz = block[:, p + 3 : p + 6]
+        if not self.lens.linearise(state.params, x, y, z, block[:, -1], d_xyz, block[:, :p]):
+            return None
+        block[:, -1] -= group.uv
+        # x_cam moves by δ x (R x): the rotation's columns are (R x) x d_xyz
+        tx, ty, tz = (turned[:, i, None] for i in range(3))
+        dx, dy, dz = d_xyz[:, 0], d_xyz[:, 1], d_xyz[:, 2]
+        np.subtract(ty * dz, tz * dy, out=block[:, p])
+        np.subtract(tz * dx, tx * dz, out=block[:, p + 1])
+        np.subtract(tx * dy, ty * dx, out=block[:, p + 2])
+        if group.weights is not None:
+            block *= group.weights
+        return block
+
+    def _blocks(self, normal: Array, state: State) -> Blocks | None:
+        p, free = self.lens.size, self.free
+        own = normal[:, :p].sum(0)
+        view_costs = 0.5 * normal[:, -1, -1]
+        cost, intrinsics, gradient = float(view_costs.sum()), own[:, :p], own[:, -1]
+        prior = self.lens.prior(state.params)
+        if prior is not None:
+            r, j = prior
+            cost += 0.5 * float(r @ r)
+            intrinsics, gradient = intrinsics + j.T @ j, gradient + j.T @ r
+        if not np.isfinite(cost):
+            return None
+        return Blocks(
+            cost,
+            free.T @ intrinsics @ free,
+            free.T @ normal[:, :p, p : p + 6],
+            normal[:, p : p + 6, p : p + 6],
+            free.T @ gradient,
+            normal[:, p : p + 6, -1],
+            view_costs,
+        )
+
+    # ------------------------------------------------------------------ groups
+    def _make_groups(self) -> list[_Group]:
+        order = np.argsort([len(v) for v in self.views], kind="stable")
+        groups, begin = [], 0
+        while begin < len(order):
+            longest = len(self.views[order[begin]])
+            end = begin + 1
+            while end < len(order):
+                longest = max(longest, len(self.views[order[end]]))
+                if (end + 1 - begin) * longest * 2 * self.rows > _ROW_BUDGET:
+                    break
+                end += 1
+            groups.append(self._group(order[begin:end]))
+            begin = end
+        return groups
+
+    def _group(self, members: Array) -> _Group:
+        counts = np.array([len(self.views[i]) for i in members])
+        n = int(counts.max())
+        weights = [
+            self.weights[i] if self.weights is not None else np.ones(len(self.views[i])) for i in members
+        ]
+        fill = [np.r_[np.arange(c), np.zeros(n - c, int)] for c in counts]
+        xyz = np.stack(
+            [(self.views[i].xyz - self.offsets[i])[f].T for i, f in zip(members, fill, strict=True)]
+        )
+        uv = np.stack([self.views[i].uv[f].T for i, f in zip(members, fill, strict=True)])
+        root = np.stack([np.r_[np.sqrt(w), np.zeros(n - len(w))] for w in weights])
+        plain = bool((root == 1.0).all())
+        return _Group(
+            members,
+            np.ascontiguousarray(xyz),
+            np.ascontiguousarray(uv),
+            None if plain else root[:, None, None, :],
+            counts,
+        )
+
+
+def _default_weights(views: Sequence[View]) -> list[Array] | None:
+    if all(v.sigma is None for v in views):
+        return None
+    return [np.ones(len(v)) if v.sigma is None else v.sigma**-2.0 for v in views]

@@ -1,0 +1,139 @@
+"""The damped normal equations with the poses eliminated (Schur complement).
+
+    [ U  W ] [δa]     [a]        S = U − Σ W_v V_v⁻¹ W_vᵀ,   S δa = −(a − Σ W_v V_v⁻¹ b_v)              (1)
+    [ Wᵀ V ] [δb] = − [b]        δb_v = −V_v⁻¹ (b_v + W_vᵀ δa)                                          (2)
+
+V is block diagonal, one 6x6 block a view (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section
+6.1), so the cost grows linearly with the number of views. The blocks are factored all at once, with the views
+along the last axis: a few dozen vector operations in place of one small LAPACK call a view.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.refine.problem import Blocks, Step
+
+Array = np.ndarray
+
+
+def cholesky(blocks: Array) -> Array | None:
+    """Cholesky factors of many small matrices at once.
+
+    Parameters
+    ----------
+    blocks : (n, n, V) array, symmetric positive definite along the first two axes
+
+    Returns
+    -------
+    (n, n, V) array, lower triangular with the *reciprocal* of the pivots on the diagonal; None where a
+    matrix is not positive definite
+    """
+    n = len(blocks)
+    factor = np.zeros_like(blocks)
+    for j in range(n):
+        pivot = blocks[j, j] - np.einsum("kv,kv->v", factor[j, :j], factor[j, :j])
+        if not (pivot > 0).all():
+            return None
+        factor[j, j] = 1.0 / np.sqrt(pivot)
+        if j + 1 < n:
+            below = blocks[j + 1 :, j] - np.einsum("ikv,kv->iv", factor[j + 1 :, :j], factor[j, :j])
+            factor[j + 1 :, j] = below * factor[j, j]
+    return factor
+
+
+def forward_substitution(factor: Array, right: Array) -> Array:
+    """Solve L y = right (n, ..., V) for factors of `cholesky` (n, n, V)."""
+    y = right.copy()
+    middle = (1,) * (right.ndim - 2)
+    shaped = factor.reshape(*factor.shape[:2], *middle, factor.shape[2])
+    for i in range(len(y)):
+        for j in range(i):
+            y[i] -= shaped[i, j] * y[j]
+        y[i] *= shaped[i, i]
+    return y
+
+
+def back_substitution(factor: Array, right: Array) -> Array:
+    """Solve Lᵀ x = right (n, V) for factors of `cholesky` (n, n, V)."""
+    x = right.copy()
+    for i in reversed(range(len(x))):
+        for j in range(i + 1, len(x)):
+            x[i] -= factor[j, i] * x[j]
+        x[i] *= factor[i, i]
+    return x
+
+
+class Reduced:
+    """The normal equations of one linearisation, factored for one damping.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    damping : float
+        λ of Marquardt: each diagonal element is multiplied by 1 + λ.
+
+    Attributes
+    ----------
+    matrix : (F, F) array, S of (1)
+    solvable : bool, False where a block or S is not positive definite
+    """
+
+    def __init__(self, blocks: Blocks, damping: float = 0.0):
+        self.blocks, self.damping = blocks, damping
+        count = len(blocks.gradient)
+        diagonal = np.arange(6)
+        poses = np.ascontiguousarray(blocks.poses.transpose(1, 2, 0))
+        self.pose_diagonal = poses[diagonal, diagonal].copy()
+        poses[diagonal, diagonal] *= 1.0 + damping
+        factor = cholesky(poses)
+        self.solvable = factor is not None
+        if factor is None:
+            return
+        self.factor = factor
+        right = np.empty((6, count + 1, len(blocks.poses)))
+        right[:, :count] = blocks.coupling.transpose(2, 1, 0)
+        right[:, count] = blocks.pose_gradients.T
+        self.half = forward_substitution(factor, right)
+        flat = self.half.transpose(1, 0, 2).reshape(count + 1, -1)
+        product = flat @ flat.T
+        self.diagonal = np.diag(blocks.intrinsics).copy()
+        self.matrix = blocks.intrinsics - product[:count, :count]
+        self.matrix[np.diag_indices(count)] += damping * self.diagonal
+        self.gradient = blocks.gradient - product[:count, count]
+
+    def step(self) -> tuple[Step, float] | None:
+        """The step of (1) and (2), and the decrease of the cost that the linear model predicts.
+
+        None where the equations cannot be solved at this damping.
+        """
+        if not self.solvable:
+            return None
+        own = solve_scaled(self.matrix, -self.gradient)
+        if own is None:
+            return None
+        count = len(own)
+        right = self.half[:, count] + np.einsum("ikv,k->iv", self.half[:, :count], own)
+        poses = -back_substitution(self.factor, right)
+        b = self.blocks
+        # ½ (δᵀ λ D δ − gᵀδ): what the quadratic model loses along the damped step
+        slope = b.gradient @ own + np.einsum("vi,iv->", b.pose_gradients, poses)
+        damp = (self.diagonal * own**2).sum() + (self.pose_diagonal * poses**2).sum()
+        return Step(own, np.ascontiguousarray(poses.T)), float(0.5 * (self.damping * damp - slope))
+
+
+def solve_scaled(matrix: Array, right: Array) -> Array | None:
+    """Solve a symmetric positive definite system after scaling its diagonal to 1; None where it is not."""
+    if not len(right):
+        return right.copy()
+    diagonal = np.diag(matrix)
+    if not (diagonal > 0).all():
+        return None
+    scale = 1.0 / np.sqrt(diagonal)
+    scaled = matrix * scale * scale[:, None]
+    try:
+        factor = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(factor, right * scale)
+    return scale * np.linalg.solve(factor.T, half)
