@@ -326,6 +326,8 @@ class Solution:
     stages: tuple[Stage, ...] = ()
     warnings: tuple[CalibrationWarning, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
+    crosscheck: tuple[Mapping[str, Any], ...] = ()
+    holdout: Mapping[str, Any] | None = None
     extras: Mapping[str, Any] = field(default_factory=dict)
 
     @property
