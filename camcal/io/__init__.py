@@ -1,1 +1,1 @@
-"""Readers: pictures, tables of points, configuration."""
+"""Files in and out: correspondences, pictures, the configuration, and writing without half-written files."""

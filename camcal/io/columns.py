@@ -1,0 +1,131 @@
+"""What the columns of a table of points are called, and which columns a table must have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from camcal.errors import DataError
+from camcal.registry import suggestion
+
+#: Names of each column, compared without case, blanks, and signs such as `_`, `-` and `[px]`.
+ALIASES = {
+    "view": "view file image frame name picture img filename imagename viewname viewid imageid frameid",
+    "X": "x objectx objx worldx boardx modelx x3d 3dx",
+    "Y": "y objecty objy worldy boardy modely y3d 3dy",
+    "Z": "z objectz objz worldz boardz modelz z3d 3dz",
+    "u": "u px pixelx imagex imgx imx col column x2d 2dx xpx ximage",
+    "v": "v py pixely imagey imgy imy row y2d 2dy ypx yimage",
+    "sigma": "sigma sigmapx std stddev",
+    "id": "id pointid pointids point pt marker markerid cornerid",
+}
+NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id")
+_BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.split()}
+
+
+@dataclass(frozen=True)
+class Form:
+    """A kind of table: what it must have, and what its columns are where it has no header.
+
+    Attributes
+    ----------
+    needed : tuple of str
+        Columns that a header must name.
+    allowed : tuple of str
+        Columns that a header may name.
+    headless : mapping of number of columns -> tuple of str
+    said : str
+        The headless forms in words, for messages.
+    """
+
+    needed: tuple[str, ...]
+    allowed: tuple[str, ...]
+    headless: dict[int, tuple[str, ...]]
+    said: str
+
+
+POINTS = Form(
+    ("X", "Y", "u", "v"),
+    ("view", "id", "X", "Y", "Z", "u", "v", "sigma"),
+    {4: ("X", "Y", "u", "v"), 5: ("X", "Y", "Z", "u", "v"), 6: ("view", "X", "Y", "Z", "u", "v")},
+    "4 (X Y u v), 5 (X Y Z u v) or 6 (view X Y Z u v)",
+)
+POINTS_3D = Form(
+    ("X", "Y"), ("view", "id", "X", "Y", "Z"), {2: ("X", "Y"), 3: ("X", "Y", "Z")}, "3 (X Y Z) or 2 (X Y)"
+)
+POINTS_2D = Form(("u", "v"), ("view", "id", "u", "v", "sigma"), {2: ("u", "v")}, "2 (u v)")
+
+
+def plain(name: str) -> str:
+    """The name without case, blanks, signs, and a unit in brackets."""
+    return re.sub(r"\(.*?\)|\[.*?\]|[^0-9a-z]", "", name.strip().lower())
+
+
+def role_of(name: str, form: Form) -> str | None:
+    """The column that a header name stands for, or None.
+
+    In a table of image points alone, `x` and `y` can only be pixels.
+    """
+    role = _BY_NAME.get(plain(name))
+    if form is POINTS_2D:
+        role = {"X": "u", "Y": "v"}.get(role or "", role)
+    return role if role in form.allowed else None
+
+
+def from_header(names: list[str], form: Form, where: str) -> tuple[str, ...]:
+    """The columns that a header names.
+
+    Raises
+    ------
+    DataError
+        Where a name is unknown or occurs twice, or a needed column is missing.
+    """
+    roles: list[str] = []
+    for name in names:
+        role = role_of(name, form)
+        if role is None:
+            raise DataError(f"{where}: unknown column '{name.strip()}'.", _hint(name, form))
+        if role in roles:
+            first = names[roles.index(role)].strip()
+            raise DataError(
+                f"{where}: the columns '{first}' and '{name.strip()}' both mean {role}; one is needed.",
+                "Name the columns " + ",".join(form.allowed) + ".",
+            )
+        roles.append(role)
+    missing = [role for role in form.needed if role not in roles]
+    if missing:
+        found = ", ".join(n.strip() for n in names)
+        raise DataError(
+            f"{where}: the header ({found}) lacks {' and '.join(missing)}.",
+            "Name the columns " + ",".join(form.allowed) + "; " + _optional(form) + " may be left out.",
+        )
+    return tuple(roles)
+
+
+def without_header(row: list[str], numeric: list[bool], form: Form, where: str) -> tuple[str, ...]:
+    """The columns of a table without a header, by their number.
+
+    Raises
+    ------
+    DataError
+        Where no form has that many columns.
+    """
+    count = len(row)
+    if form is POINTS and count == 5 and not numeric[0]:  # text in the first of five can only be a name
+        return ("view", "X", "Y", "u", "v")
+    if count in form.headless:
+        return form.headless[count]
+    raise DataError(
+        f"{where}: {count} column{'s' * (count != 1)} found; without a header {form.said} are needed.",
+        "Give the file a first row that names its columns: " + ",".join(form.allowed) + ".",
+    )
+
+
+def _optional(form: Form) -> str:
+    return ", ".join(role for role in form.allowed if role not in form.needed)
+
+
+def _hint(name: str, form: Form) -> str:
+    known = [alias for alias, role in _BY_NAME.items() if role in form.allowed]
+    near = suggestion(plain(name), known) if len(plain(name)) > 1 else None
+    return near or "Columns that camcal knows: " + ",".join(form.allowed) + "."
