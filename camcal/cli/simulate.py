@@ -1,0 +1,399 @@
+"""`camcal simulate`: points, 3D rigs and pictures with a known truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import config_option, force_option, group_of, model_option, option, seed_option
+from camcal.cli.verbosity import note, verbosity_options
+
+POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and the same on every machine
+
+
+class Numbers(params.CamcalType):
+    """A fixed count of numbers separated by commas, or a list in YAML."""
+
+    def __init__(self, count: int, example: str):
+        self.name, self.count, self.example = "numbers", count, example
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the numbers."""
+        parts = value.split(",") if isinstance(value, str) else list(value)
+        try:
+            numbers = tuple(float(part) for part in parts)
+        except (TypeError, ValueError):
+            numbers = ()
+        if len(numbers) != self.count or not all(abs(n) < float("inf") for n in numbers):
+            self.refuse(
+                f"'{value}' is not {self.count} numbers with commas.", f"Try: {self.example}", param, ctx
+            )
+        return numbers
+
+
+def _targets() -> Any:
+    from camcal.targets import TARGETS
+
+    return TARGETS
+
+
+target_option = option(
+    "--target",
+    type=params.SpecType("target", _targets),
+    default="checkerboard:9x6:25mm",
+    show_default=True,
+    metavar="SPEC",
+    help="The target; `camcal list targets` names them.",
+)
+camera_options = group_of(
+    model_option,
+    option(
+        "--set",
+        "values",
+        type=params.FIX,
+        metavar="NAME=VALUE,...",
+        help="Values of the camera's parameters; the others are those of the model's first example.",
+    ),
+    option(
+        "--image-size",
+        type=params.IMAGE_SIZE,
+        metavar="WxH",
+        help="Size of the pictures; the example's by default.",
+    ),
+)
+
+
+def pose_options(tilt: str) -> Any:
+    """How many views, and how they differ."""
+    return group_of(
+        option("--views", type=click.IntRange(min=1), default=12, show_default=True, help="Number of views."),
+        option(
+            "--tilt",
+            type=Numbers(2, tilt),
+            default=tilt,
+            show_default=True,
+            metavar="LOW,HIGH",
+            help="Between the line of sight and the target's normal, degrees.",
+        ),
+        option(
+            "--fill",
+            type=Numbers(2, "0.45,0.8"),
+            default="0.45,0.8",
+            show_default=True,
+            metavar="LOW,HIGH",
+            help="Part of the picture that is taken up.",
+        ),
+    )
+
+
+noise_options = group_of(
+    option(
+        "--noise",
+        type=click.FloatRange(min=0),
+        default=0.1,
+        show_default=True,
+        help="Of each coordinate, px.",
+    ),
+    option(
+        "--outliers",
+        type=click.FloatRange(min=0, max=1),
+        default=0.0,
+        show_default=True,
+        help="Part of the points that is moved by 5 to 60 px.",
+    ),
+    option("--clip/--no-clip", default=True, show_default=True, help="Leave out points outside the picture."),
+)
+run_options = group_of(seed_option, force_option, config_option, verbosity_options)
+
+
+@click.group("simulate")
+def command() -> None:
+    """Make data whose truth is known, and write it into a YAML file beside them."""
+
+
+@command.command("points")
+@target_option
+@camera_options
+@pose_options("5,45")
+@noise_options
+@option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.csv",
+    help="Where to write.",
+)
+@run_options
+@click.pass_context
+def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool, **given: Any) -> None:
+    """Views of a flat target, as a table of points."""
+    _check(output, force)
+    import numpy as np
+
+    from camcal import targets
+    from camcal.simulation.poses import simulate_poses
+
+    made = targets.make(target)
+    camera, rng = _camera(given), np.random.default_rng(seed)
+    poses = simulate_poses(made.points, camera, rng, given["views"], _spread(given))
+    _write_points(ctx, output, force, camera, made.points, poses, rng, given, {"target": made.describe()})
+
+
+@command.command("rig")
+@option(
+    "--cells",
+    type=click.IntRange(min=2),
+    default=6,
+    show_default=True,
+    help="Points along an edge of a face.",
+)
+@option("--spacing", type=params.LENGTH, default="30mm", show_default=True, help="Distance of neighbours.")
+@option(
+    "--points3d", type=click.Path(path_type=Path), metavar="FILE", help="Take these points (X Y Z) instead."
+)
+@option(
+    "--frame",
+    type=click.Choice(["world", "camera"]),
+    default="world",
+    show_default=True,
+    help="Frame in which --points3d are given; `camera` needs --pose.",
+)
+@option(
+    "--pose",
+    type=Numbers(6, "0,0,0,0,0,5"),
+    metavar="RX,RY,RZ,TX,TY,TZ",
+    help="cam_from_world of a single view: rotation vector (rad), translation; by chance where not given.",
+)
+@camera_options
+@pose_options("0,20")
+@noise_options
+@option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.csv",
+    help="Where to write.",
+)
+@run_options
+@click.pass_context
+def rig(
+    ctx: click.Context,
+    cells: int,
+    spacing: params.Length,
+    points3d: Path | None,
+    frame: str,
+    pose: tuple[float, ...] | None,
+    output: Path,
+    seed: int,
+    force: bool,
+    **given: Any,
+) -> None:
+    """Views of a 3D rig, three faces of a cube or points from a file, as a table of points."""
+    _check(output, force)
+    import numpy as np
+
+    from camcal.errors import UsageError
+    from camcal.geometry import rotations
+    from camcal.simulation.points import corner_rig, facing_corner
+    from camcal.simulation.poses import simulate_poses
+    from camcal.types import Pose, Poses
+
+    camera, rng = _camera(given), np.random.default_rng(seed)
+    xyz = corner_rig(cells, spacing.value) if points3d is None else _read_points3d(points3d)
+    if pose is not None:
+        cam_from_world = Pose(rotations.exp(np.array(pose[:3])), np.array(pose[3:]))
+        poses = Poses.stack([cam_from_world])
+        if frame == "camera":
+            xyz = cam_from_world.inverse().apply(xyz)
+    elif frame == "camera":
+        raise UsageError(
+            "points in the camera's frame need the pose of the world.", "Try: --pose 0,0,0,0,0,0"
+        )
+    else:
+        base = facing_corner() if points3d is None else None
+        poses = simulate_poses(xyz, camera, rng, given["views"], _spread(given), base)
+    described = {"kind": "rig", "points": len(xyz), "unit": spacing.unit if points3d is None else "unknown"}
+    _write_points(ctx, output, force, camera, xyz, poses, rng, given, {"target": described})
+
+
+@command.command("images")
+@target_option
+@camera_options
+@pose_options("5,45")
+@option("--blur", type=click.FloatRange(min=0), default=0.8, show_default=True, help="Gaussian, px.")
+@option(
+    "--noise", type=click.FloatRange(min=0), default=2.0, show_default=True, help="Grey levels of 8 bits."
+)
+@option(
+    "--uneven/--even", default=True, show_default=True, help="Light that differs across and between pictures."
+)
+@option(
+    "--vignetting",
+    type=click.FloatRange(0, 1),
+    default=0.2,
+    show_default=True,
+    help="Light lost in the corners.",
+)
+@option(
+    "--bow",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Height of the sheet's middle over its rim, in its unit.",
+)
+@option(
+    "--bits",
+    type=click.Choice(["8", "16"]),
+    default="8",
+    show_default=True,
+    help="16 needs --type png or tiff.",
+)
+@option("--type", "extension", type=click.Choice(["png", "jpg", "tiff"]), default="png", show_default=True)
+@option(
+    "--output", "-o", type=click.Path(path_type=Path), required=True, metavar="FOLDER", help="Where to write."
+)
+@run_options
+@click.pass_context
+def images(
+    ctx: click.Context, target: str, output: Path, extension: str, seed: int, force: bool, **given: Any
+) -> None:
+    """Pictures of a target: area-sampled, blurred, with noise, uneven light and the lens's distortion."""
+    import numpy as np
+
+    from camcal import targets
+    from camcal.errors import UsageError
+    from camcal.simulation.cameras import truth_document
+    from camcal.simulation.pictures import board_poses, bowed_sheet, simulate_pictures, uneven_looks
+    from camcal.targets.render import Look
+
+    if given["bits"] == "16" and extension == "jpg":
+        raise UsageError("JPEG pictures have 8 bits.", "Try: --type png")
+    digits = max(2, len(str(given["views"])))
+    names = [f"view{i + 1:0{digits}d}.{extension}" for i in range(given["views"])]
+    truth_path = output / "truth.yaml"
+    _check_folder(output, [*names, truth_path.name], force)
+
+    made = targets.make(target)
+    camera, rng = _camera(given), np.random.default_rng(seed)
+    poses = board_poses(made, camera, rng, given["views"], _spread(given))
+    look = Look(
+        blur=given["blur"], noise=given["noise"], vignetting=given["vignetting"], bits=int(given["bits"])
+    )
+    looks = uneven_looks(look, rng, len(poses)) if given["uneven"] else [look] * len(poses)
+    surface = bowed_sheet(made, given["bow"]) if given["bow"] else None
+    output.mkdir(exist_ok=True)
+    for name, picture in zip(names, simulate_pictures(made, camera, poses, rng, looks, surface), strict=True):
+        _write_picture(output / name, picture, force)
+        note(f"{output / name}", 1)
+    more = {"target": made.describe(), "bow": given["bow"], "blur": given["blur"], "noise": given["noise"]}
+    _write_truth(truth_path, truth_document(camera, poses, names, **_run(ctx, seed), **more), force)
+    note(f"{len(names)} pictures and {truth_path}")
+
+
+def _check(output: Path, force: bool) -> None:
+    from camcal.io.writing import check_writable
+
+    check_writable(output, force)
+    check_writable(_truth_path(output), force)
+
+
+def _check_folder(folder: Path, names: list[str], force: bool) -> None:
+    from camcal.errors import UsageError
+    from camcal.io.writing import check_writable
+
+    if folder.is_dir():
+        for name in names:
+            check_writable(folder / name, force)
+    elif folder.exists() or not folder.parent.is_dir():
+        found = "is a file" if folder.exists() else f"cannot be made: there is no {folder.parent}"
+        raise UsageError(f"the folder {folder} {found}.", "Give another place: -o FOLDER")
+
+
+def _truth_path(output: Path) -> Path:
+    return output.with_name(output.stem + ".truth.yaml")
+
+
+def _camera(given: dict[str, Any]) -> Any:
+    from camcal.simulation.cameras import example_camera
+
+    values = given["values"] or {}
+    return example_camera(given["model"], given["image_size"], values, skew="skew" in values)
+
+
+def _spread(given: dict[str, Any]) -> Any:
+    from camcal.simulation.poses import Spread
+
+    return Spread(tilt=given["tilt"], fill=given["fill"])
+
+
+def _run(ctx: click.Context, seed: int) -> dict[str, Any]:
+    from camcal.cli.settings import resolved_options
+
+    skipped = ("output", "force")
+    options = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in skipped}
+    return {"command": ["simulate", ctx.info_name], "seed": seed, "options": options}
+
+
+def _read_points3d(path: Path) -> Any:
+    import numpy as np
+
+    from camcal.io.columns import POINTS_3D
+    from camcal.io.table import read_table
+
+    table = read_table(str(path), POINTS_3D)
+    columns = [table.column(name) for name in "XYZ"]
+    return np.stack([np.zeros(len(table.values)) if c is None else c for c in columns], -1)
+
+
+def _write_points(
+    ctx: click.Context,
+    output: Path,
+    force: bool,
+    camera: Any,
+    xyz: Any,
+    poses: Any,
+    rng: Any,
+    given: dict[str, Any],
+    more: dict[str, Any],
+) -> None:
+    from dataclasses import replace
+
+    from camcal.io.writing import write_points
+    from camcal.simulation.cameras import truth_document
+    from camcal.simulation.points import simulate_points
+
+    found = simulate_points(camera, xyz, poses, rng, given["noise"], given["outliers"], given["clip"])
+    views = tuple(
+        replace(v, uv=v.uv.round(POINT_DIGITS), xyz=v.xyz.round(POINT_DIGITS) + 0.0) for v in found.views
+    )
+    write_points(output, replace(found, views=views), force)
+    names = [v.id for v in views]
+    more |= {"noise": given["noise"], "outliers": given["outliers"]}
+    document = truth_document(camera, poses, names, **_run(ctx, ctx.params["seed"]), **more)
+    _write_truth(_truth_path(output), document, force)
+    note(f"{found.point_count} points in {len(found)} views: {output}; the truth: {_truth_path(output)}")
+
+
+def _write_truth(path: Path, document: dict[str, Any], force: bool) -> None:
+    from camcal.report.plain import plain
+    from camcal.report.yaml import write_report
+
+    write_report(path, plain(document), force)
+
+
+def _write_picture(path: Path, picture: Any, force: bool) -> None:
+    import cv2
+
+    from camcal.io.writing import atomic_write
+
+    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if path.suffix == ".jpg" else []
+    done, data = cv2.imencode(path.suffix, picture, options)
+    assert done, f"cv2 does not write {path.suffix}"
+    atomic_write(path, data.tobytes(), force)

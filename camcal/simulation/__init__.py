@@ -1,0 +1,1 @@
+"""Data with a known truth: cameras, poses, points with noise, and pictures of targets."""
