@@ -92,18 +92,31 @@ def decompose(matrix: Array, xyz: Array | None = None) -> tuple[Array, Array, Ar
 
 
 def fit_plane(xyz: Array) -> tuple[Array, Array, Array]:
-    """The plane nearest to points (N, 3).
+    """The plane nearest to points (..., N, 3).
+
+    The directions are the eigenvectors of the scatter matrix, largest extent first, each with its largest
+    component positive (the normal follows from the other two).
 
     Returns
     -------
-    origin : (3,) array, the centroid
-    axes : (3, 3) array, a rotation whose columns are the two in-plane directions and the normal
-    spread : (3,) array, root mean square extent along those directions, descending
+    origin : (..., 3) array, the centroid
+    axes : (..., 3, 3) array, a rotation whose columns are the two in-plane directions and the normal
+    spread : (..., 3) array, root mean square extent along those directions, descending
     """
-    origin = xyz.mean(0)
-    _, s, vt = np.linalg.svd(xyz - origin, full_matrices=True)
-    spread = np.zeros(3)
-    spread[: len(s)] = s / np.sqrt(len(xyz))
-    axes = vt.T.copy()
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    origin = xyz.mean(-2)
+    centred = xyz - origin[..., None, :]
+    _, vectors = np.linalg.eigh(np.swapaxes(centred, -1, -2) @ centred)
+    axes = vectors[..., ::-1].copy()
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(-2)[..., None, :], -2)
+    axes *= np.where(largest < 0, -1.0, 1.0)
+    axes[..., 2] *= np.linalg.det(axes)[..., None]
+    # measured along the directions, not from the eigenvalues, whose roots keep half of the digits
+    spread = np.sqrt(((centred @ axes) ** 2).mean(-2))
     return origin, axes, spread
+
+
+def principal_spreads(points: Array) -> Array:
+    """Root mean square extents (..., d) of points (..., N, d) along principal directions, descending."""
+    centred = points - points.mean(-2)[..., None, :]
+    _, vectors = np.linalg.eigh(np.swapaxes(centred, -1, -2) @ centred)
+    return np.sqrt(((centred @ vectors[..., ::-1]) ** 2).mean(-2))

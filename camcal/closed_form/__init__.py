@@ -1,0 +1,10 @@
+"""Closed-form estimates: where a calibration starts, each a stage with its own figures.
+
+A new one is one file that offers `estimate(correspondences, skew=False) -> ClosedForm`, and one line here.
+"""
+
+CLOSED_FORMS = {
+    "central": "camcal.closed_form.central:estimate",
+    "dlt": "camcal.closed_form.dlt:estimate",
+    "zhang": "camcal.closed_form.zhang:estimate",
+}

@@ -1,0 +1,111 @@
+"""The direct linear transformation: projection matrices of views of points in space.
+
+Abdel-Aziz & Karara (1971); in homogeneous form with Hartley's normalisation as in Hartley & Zisserman,
+section 7.1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from camcal.closed_form import pose, shape
+from camcal.closed_form.base import ClosedForm, scaled
+from camcal.errors import EstimationError
+from camcal.geometry import projective
+from camcal.types import Correspondences, Poses
+
+Array = np.ndarray
+
+
+def dlt(xyz: Array, uv: Array, weights: Array | None = None) -> Array:
+    """The projection matrix M (3, 4) of points xyz (N, 3) and images uv (N, 2), of unit norm.
+
+    Positive depths m3·(x, y, z, 1) of the points' centroid fix the sign. N >= 6, not all on a plane.
+    """
+    w = None if weights is None else weights[None]
+    return projection_matrices(xyz[None], uv[None], w)[0]
+
+
+def projection_matrices(xyz: Array, uv: Array, weights: Array | None = None) -> Array:
+    """Projection matrices (V, 3, 4) of views with the same number of points; see `solve`."""
+    return solve(xyz, uv, weights)[0]
+
+
+def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, Array]:
+    """Minimise |A m| with |m| = 1 on normalised coordinates (Hartley & Zisserman, eq. 7.2 and algorithm 7.1).
+
+    Parameters
+    ----------
+    xyz : (V, N, 3) array
+    uv : (V, N, 2) array, px
+    weights : (V, N) array, optional
+        1 / sigma²
+
+    Returns
+    -------
+    matrices : (V, 3, 4) array
+        Of unit norm, the centroid of the points at a positive depth.
+    singular : (V, 12) array
+        Singular values of A, descending; the last but one is near 0 where the points leave more than one M.
+    """
+    t_xyz, t_uv = projective.normalisation(xyz), projective.normalisation(uv)
+    x = projective.homogeneous(xyz) @ np.swapaxes(t_xyz, 1, 2)
+    y = (projective.homogeneous(uv) @ np.swapaxes(t_uv, 1, 2))[..., :2]
+    views, count = x.shape[:2]
+    a = np.zeros((views, count, 2, 3, 4))
+    a[:, :, 0, 0] = a[:, :, 1, 1] = x
+    a[:, :, :, 2] = -y[..., None] * x[:, :, None]
+    if weights is not None:
+        a *= np.sqrt(weights / weights.mean(-1, keepdims=True))[..., None, None, None]
+    _, singular, vt = np.linalg.svd(a.reshape(views, 2 * count, 12), full_matrices=2 * count < 12)
+    m = vt[:, 11].reshape(views, 3, 4)
+    m = m * np.where(m[:, 2:, 3:] < 0, -1.0, 1.0)
+    m = np.linalg.inv(t_uv) @ m @ t_xyz
+    full = np.zeros((views, 12))
+    full[:, : singular.shape[1]] = singular
+    return m / np.linalg.norm(m, axis=(1, 2), keepdims=True), full
+
+
+def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
+    """K and poses from the projection matrix of each view of points in space.
+
+    With several such views K is the median of its entries over them; views of planes get their pose from it.
+    The skew that the matrices have is kept in K, whatever `skew` says: it is part of the figure.
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points or all on a line.
+    EstimationError
+        Where no view holds points in space.
+    """
+    form = shape.check(correspondences)
+    views = correspondences.views
+    spatial = np.flatnonzero(~form.planar)
+    if not len(spatial):
+        raise EstimationError(
+            "the points of every view lie on a plane; a DLT needs points in space.",
+            "Use the closed form 'zhang'.",
+        )
+    matrices, conditions = np.zeros((len(views), 3, 4)), np.zeros(len(views))
+    chosen = [views[i] for i in spatial]
+    for index, xyz, uv, w in shape.batches(chosen):
+        matrices[spatial[index]], singular = solve(xyz, uv, w)
+        conditions[spatial[index]] = singular[:, 0] / np.maximum(singular[:, 10], np.finfo(float).tiny)
+    parts = [projective.decompose(matrices[i], views[i].xyz) for i in spatial]
+    k = np.median([p[0] for p in parts], axis=0)
+    mirrored = any(p[3] for p in parts)
+    info: dict[str, Any] = {
+        "assumptions": [],
+        "condition": float(conditions.max()),
+        "mirrored": mirrored,
+        "degenerate": False,
+    }
+    if len(views) == 1:
+        poses = Poses(parts[0][1][None], parts[0][2][None])
+        return ClosedForm("dlt", k, poses, scaled(matrices[0]), info)
+    if len(spatial) > 1:
+        info["assumptions"] = [f"K is the median over {len(spatial)} views"]
+    return ClosedForm("dlt", k, pose.poses_for(k, correspondences), None, info)

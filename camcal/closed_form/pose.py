@@ -1,0 +1,217 @@
+"""Poses of views whose rays are known: linear starts and a few Gauss-Newton steps, all views at once.
+
+Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any lens can be taken off before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camcal.closed_form import shape
+from camcal.errors import DataError
+from camcal.geometry import homography, rotations
+from camcal.types import Correspondences, Poses, View
+
+Array = np.ndarray
+
+#: A planar start is tried besides the DLT below this ratio of extents: noise then rules the DLT's depths.
+SHALLOW = 0.2
+
+
+def initial_poses(
+    views_xyz: Sequence[Array],
+    views_ab: Sequence[Array],
+    views_sigma: Sequence[Array | None] | None = None,
+    steps: int = 6,
+) -> Poses:
+    """cam_from_board of each view from points and normalised image coordinates.
+
+    Points on a plane start from a homography (Zhang 2000, section 3.1) and from its second solution, the
+    plane's normal mirrored at the line of sight (Schweighofer & Pinz, Robust pose estimation from a planar
+    target, 2006); points in space from a DLT. Each start takes up to `steps` damped Gauss-Newton steps, the
+    lowest error wins.
+
+    Parameters
+    ----------
+    views_xyz : sequence of (N, 3) arrays
+    views_ab : sequence of (N, 2) arrays
+        x/z and y/z in the camera's frame.
+    views_sigma : sequence of (N,) arrays, optional
+        Standard deviations, of any common unit.
+    steps : int
+
+    Returns
+    -------
+    Poses
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points, or all on a line.
+    """
+    sigma = views_sigma if views_sigma is not None else [None] * len(views_xyz)
+    views = tuple(
+        View(str(i + 1), x, a, s) for i, (x, a, s) in enumerate(zip(views_xyz, views_ab, sigma, strict=True))
+    )
+    form = shape.check(Correspondences(views))
+    rotation, translation = np.zeros((len(views), 3, 3)), np.zeros((len(views), 3))
+    for index, xyz, ab, w in shape.batches(views):
+        for kind in (True, False):
+            rows = form.planar[index] == kind
+            which = index[rows]
+            if not len(which):
+                continue
+            r, t = _group(xyz[rows], ab[rows], w[rows], form, which, kind, steps)
+            rotation[which], translation[which] = r, t
+    if not np.isfinite(translation).all():
+        bad = views[int(np.flatnonzero(~np.isfinite(translation).all(1))[0])].id
+        raise DataError(
+            f"view {bad}: its points leave its pose open.", "Points in general position are needed."
+        )
+    return Poses(rotation, translation)
+
+
+def poses_for(matrix: Array, correspondences: Correspondences) -> Poses:
+    """cam_from_board of each view for a pinhole camera matrix (3, 3); see `initial_poses`."""
+    inverse = np.linalg.inv(matrix)
+    views = correspondences.views
+    return initial_poses(
+        [v.xyz for v in views],
+        [v.uv @ inverse[:2, :2].T + inverse[:2, 2] for v in views],
+        [v.sigma for v in views],
+    )
+
+
+def from_homographies(matrix: Array, h: Array) -> Poses:
+    """Poses of planes z = 0 from K (3, 3) and homographies (V, 3, 3) whose sign makes depths positive.
+
+    Zhang 2000, section 3.1; the rotation is the nearest one in the Frobenius norm (his appendix C).
+    """
+    m = np.linalg.inv(matrix) @ h
+    scale = 2 / (np.linalg.norm(m[..., 0], axis=-1) + np.linalg.norm(m[..., 1], axis=-1))
+    m = m * scale[:, None, None]
+    r = np.stack([m[..., 0], m[..., 1], np.cross(m[..., 0], m[..., 1])], -1)
+    return Poses(rotations.nearest(r), m[..., 2])
+
+
+def from_plane(poses: Poses, origins: Array, axes: Array) -> Poses:
+    """Poses of the data's frame from poses of planes: x_plane = axesᵀ (x - origin)."""
+    rotation = poses.rotations @ np.swapaxes(axes, -1, -2)
+    return Poses(rotation, poses.translations - np.einsum("vij,vj->vi", rotation, origins))
+
+
+def second_solution(poses: Poses) -> Poses:
+    """The other pose that explains a small planar target about its origin nearly as well.
+
+    Depth relative to the origin changes its sign along the line of sight d: R' = (I - 2 d dᵀ) R diag(1, 1,
+    -1).
+    """
+    d = poses.translations / np.linalg.norm(poses.translations, axis=-1, keepdims=True)
+    mirror = np.eye(3) - 2 * d[:, :, None] * d[:, None, :]
+    return Poses(mirror @ poses.rotations * np.array([1.0, 1.0, -1.0]), poses.translations)
+
+
+def _group(
+    xyz: Array, ab: Array, w: Array, form: shape.Shapes, which: Array, planar: bool, steps: int
+) -> tuple[Array, Array]:
+    """Poses of views with equally many points, all planar or all in space."""
+    origins, axes = form.origins[which], form.axes[which]
+    local = (xyz - origins[:, None]) @ axes
+    starts = []
+    if planar or (form.spreads[which, 2] < SHALLOW * form.spreads[which, 0]).any():
+        first = from_homographies(np.eye(3), homography.homographies(local[..., :2], ab, w))
+        starts += [first, second_solution(first)]
+    if not planar:
+        starts.append(_from_dlt(local, ab, w))
+    best_r, best_t = starts[0].rotations, starts[0].translations
+    best = np.full(len(which), np.inf)
+    for start in starts:
+        r, t, cost = polish(start, local, ab, w, steps)
+        better = cost < best
+        best_r = np.where(better[:, None, None], r, best_r)
+        best_t = np.where(better[:, None], t, best_t)
+        best = np.where(better, cost, best)
+    found = from_plane(Poses(best_r, best_t), origins, axes)
+    return found.rotations, found.translations
+
+
+def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
+    """Poses from the projection matrices of views in normalised coordinates, K = I."""
+    from camcal.closed_form.dlt import projection_matrices
+
+    p = projection_matrices(xyz, ab, w)
+    scale = np.linalg.norm(p[..., :3], axis=(1, 2)) / np.sqrt(3)
+    p = p / scale[:, None, None]
+    return Poses(rotations.nearest(p[..., :3]), p[..., 3])
+
+
+def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> tuple[Array, Array, Array]:
+    """Lower the reprojection error of each view by damped Gauss-Newton steps (Levenberg-Marquardt).
+
+    Parameters
+    ----------
+    poses : Poses of V views
+    xyz : (V, N, 3) array
+    ab : (V, N, 2) array, normalised coordinates
+    w : (V, N) array, weights
+    steps : int
+
+    Returns
+    -------
+    rotations (V, 3, 3), translations (V, 3), and the weighted sums of squares (V,); inf with a point behind
+    the camera.
+    """
+    r, t = poses.rotations, poses.translations
+    points, observed = np.swapaxes(xyz, 1, 2), np.swapaxes(ab, 1, 2)
+    state = _project(r, t, points, observed, w)
+    damping = np.full(len(r), 1e-6)
+    for _ in range(steps):
+        step = _step(state, w, damping)
+        trial_r, trial_t = rotations.exp(step[:, :3]) @ r, t + step[:, 3:]
+        trial = _project(trial_r, trial_t, points, observed, w)
+        better = trial[-1] < state[-1]
+        r = np.where(better[:, None, None], trial_r, r)
+        t = np.where(better[:, None], trial_t, t)
+        done = better & (state[-1] - trial[-1] <= 1e-9 * state[-1])
+        state = tuple(
+            np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+            for new, old in zip(trial, state, strict=True)
+        )
+        damping = np.where(better, damping / 10, damping * 100)
+        if done.all():
+            break
+    return r, t, state[-1]
+
+
+def _project(r: Array, t: Array, points: Array, observed: Array, w: Array) -> tuple[Array, ...]:
+    """Turned points (V, 3, N), inverse depths (V, 1, N), predictions and residuals (V, 2, N), costs (V,)."""
+    turned = r @ points
+    depth = turned[:, 2:] + t[:, 2, None, None]
+    in_front = (depth > 0).all((1, 2))
+    inverse = 1 / np.where(depth == 0, 1.0, depth)
+    predicted = (turned[:, :2] + t[:, :2, None]) * inverse
+    residual = predicted - observed
+    cost = np.where(in_front, np.einsum("vn,vkn,vkn->v", w, residual, residual), np.inf)
+    return turned, inverse, predicted, residual, cost
+
+
+def _step(state: tuple[Array, ...], w: Array, damping: Array) -> Array:
+    """The damped step (V, 6): rotation on the left, translation."""
+    turned, inverse, predicted, residual, _ = state
+    x, y, z = turned[:, 0], turned[:, 1], turned[:, 2]
+    i, u, v, zero = inverse[:, 0], predicted[:, 0], predicted[:, 1], np.zeros_like(w)
+    j = np.stack(
+        [
+            np.stack([-u * i * y, i * (z + u * x), -i * y, i, zero, -u * i], 1),
+            np.stack([-i * (z + v * y), v * i * x, i * x, zero, i, -v * i], 1),
+        ],
+        2,
+    )
+    weighted = (j * w[:, None, None]).reshape(len(w), 6, -1)
+    j = j.reshape(len(w), 6, -1)
+    n = weighted @ np.swapaxes(j, 1, 2)
+    g = weighted @ residual.reshape(len(w), -1, 1)
+    n = n + np.eye(6) * (damping[:, None] * np.einsum("vii->vi", n) + np.finfo(float).tiny)[:, None]
+    return -np.linalg.solve(n, g)[..., 0]
