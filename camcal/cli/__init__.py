@@ -7,6 +7,10 @@ imports nothing: the one-line help stands here, the command itself is loaded whe
 from __future__ import annotations
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
+    "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
+    "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
+    "simulate": ("camcal.cli.simulate:command", "Make points, rigs or pictures whose truth is known."),
     "list": (
         "camcal.cli.list_:command",
         "List the models, targets, optimizers, closed forms, formats or commands.",

@@ -32,7 +32,7 @@ def run(args: Sequence[str]) -> int:
     click's own `main` is not used: it turns ^C and a bare EOFError into the same `Abort`, and a broken
     pipe into exit code 1.
     """
-    state: dict[str, Any] = {"verbosity": 0}
+    state: dict[str, Any] = {"verbosity": 0, "args": list(args)}
     try:
         code = _invoke(list(args), state)
         sys.stdout.flush()  # a pipe that broke is noticed here, not in the interpreter's last breath

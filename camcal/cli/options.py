@@ -101,6 +101,21 @@ config_option = option(
     callback=read_config, metavar="FILE", help="Read options from FILE (YAML) instead of ./camcal.yaml.",
 )  # fmt: skip
 
+board_option = option(
+    "--board", type=params.BOARD, metavar="CxR",
+    help="Inner corners of the board, columns x rows, such as 9x6; found from the pictures where left out.",
+)  # fmt: skip
+square_option = option(
+    "--square", type=params.LENGTH, metavar="LENGTH",
+    help="Side of a square, such as 25mm; without it lengths are in squares.",
+)  # fmt: skip
+jobs_option = option(
+    "--jobs", "-j", type=click.IntRange(min=1), metavar="N",
+    help="Processes that read pictures; as many as there are cores by default.",
+)  # fmt: skip
+
+#: How a board is found in pictures.
+board_options = group_of(board_option, square_option, jobs_option)
 #: What a calibration is, whatever its input.
 calibration_options = group_of(
     model_option,

@@ -8,42 +8,32 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import click
-
-from camcal.errors import UsageError
 
 WIDTH_OFF_A_TERMINAL = 80
 
 
 def emit(document: Any, format: str, as_table: Callable[[], Any]) -> None:
-    """Write a result to stdout: exactly one JSON or YAML document, or the table that `as_table` makes."""
-    if format == "json":
-        import json
+    """Write a result to stdout: exactly one JSON or YAML document, or the table that `as_table` makes.
 
-        click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
-    elif format == "yaml":
-        import yaml
-
-        text = yaml.safe_dump(plain(document), sort_keys=False, allow_unicode=True, default_flow_style=None)
-        click.echo(text, nl=False)
-    else:
+    Parameters
+    ----------
+    document : dict or list
+        What `camcal.report.plain` takes: arrays and numpy scalars too.
+    format : str
+        "table", "json" or "yaml".
+    as_table : callable
+        Returns what rich can print: a string, a table, a group of them.
+    """
+    if format == "table":
         console().print(as_table())
+        return
+    from camcal.report.plain import plain
+    from camcal.report.yaml import dump_json, dump_yaml
 
-
-def plain(value: Any) -> Any:
-    """Turn arrays, numpy scalars, tuples and paths into what JSON and YAML hold; NaN and inf become null."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):  # numpy's arrays and scalars, without importing numpy
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
+    click.echo((dump_json if format == "json" else dump_yaml)(plain(document)), nl=False)
 
 
 def console(stderr: bool = False) -> Any:
@@ -75,23 +65,3 @@ def number(value: Any, digits: int = 6) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-
-
-def check_output(path: Path | None, force: bool) -> None:
-    """Refuse an output that exists or cannot be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        Where the file exists and `force` is not set, or its folder does not exist.
-    """
-    if path is None:
-        return
-    if path.is_dir():
-        raise UsageError(
-            f"--output: {path} is a folder; a file is needed.", f"Try: -o {path / 'report.yaml'}"
-        )
-    if path.exists() and not force:
-        raise UsageError(f"{path} exists.", "--force overwrites it; -o names another file.")
-    if not path.parent.is_dir():
-        raise UsageError(f"the folder {path.parent} does not exist.", f"Try: mkdir -p {path.parent}")

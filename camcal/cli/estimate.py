@@ -1,0 +1,37 @@
+"""`camcal estimate`: a camera from points and their images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import calibration_options, image_size_option, option, report_options
+from camcal.cli.verbosity import verbosity_options
+
+FILE = click.Path(path_type=Path)
+
+
+@click.command("estimate")
+@click.argument("points", nargs=-1, type=FILE, metavar="POINTS...")
+@option("--points3d", type=FILE, metavar="FILE", help="The points alone (X Y Z), with --points2d.")
+@option("--points2d", type=FILE, metavar="FILE", help="Their images alone (u v), in the same order.")
+@image_size_option
+@calibration_options
+@report_options
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int:
+    """Calibrate a camera from points of known position and where they were seen.
+
+    POINTS are tables with the columns view, X, Y, Z, u, v (a header may name them otherwise and add sigma
+    and id), or .npz files. Several files are several views, unless they have a view column.
+    """
+    from camcal.cli.job import calibrate_and_report, output_is_free
+
+    output_is_free(options)
+    from camcal.io.points import read_points
+
+    given = {name: options[name] for name in ("points3d", "points2d", "image_size")}
+    return calibrate_and_report(ctx, read_points(*points, **given), options)

@@ -1,0 +1,45 @@
+"""`camcal evaluate`: how well a known camera explains new points or pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import (
+    board_options,
+    image_size_option,
+    max_rms_option,
+    report_options,
+    robust_option,
+)
+from camcal.cli.verbosity import verbosity_options
+
+
+@click.command("evaluate")
+@click.argument("camera", type=click.Path(path_type=Path), metavar="CAMERA")
+@click.argument("data", nargs=-1, required=True, metavar="POINTS|IMAGES...")
+@board_options
+@image_size_option
+@robust_option
+@max_rms_option
+@report_options
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:
+    """Judge a camera on data that it was not calibrated with.
+
+    CAMERA is a report of camcal. Its intrinsics stay as they are, the pose of each view is fitted anew, and
+    what remains is reported as after a calibration.
+    """
+    from camcal.cli.job import deliver_solution, output_is_free, read_data
+
+    output_is_free(options)
+    from camcal.pipeline import evaluate
+    from camcal.report.document import load
+
+    known = load(camera).camera
+    found = read_data(data, options)
+    solution = evaluate(known, found, robust=options["robust"], max_rms=options["max_rms"])
+    return deliver_solution(ctx, solution, options)

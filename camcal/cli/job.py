@@ -1,0 +1,83 @@
+"""What the calibrating commands share: read, calibrate, report, exit code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from camcal.cli.output import console, emit
+from camcal.cli.settings import resolved_options
+from camcal.cli.verbosity import note, verbosity
+
+if TYPE_CHECKING:
+    from camcal.types import Correspondences, Solution
+
+CALIBRATION = ("model", "skew", "fix", "optimizer", "robust", "crosscheck", "max_rms", "seed")
+TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
+GATE_FELL = 1
+
+
+def output_is_free(options: dict[str, Any]) -> None:
+    """Raise a UsageError where `--output` cannot be written, before any work is done."""
+    from camcal.io.writing import check_writable
+
+    if options["output"] is not None:
+        check_writable(options["output"], options["force"])
+
+
+def read_data(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
+    """Read tables of points or pictures of a board, whichever the names say."""
+    if all(Path(path).suffix.lower() in TABLES for path in paths):
+        from camcal.io.points import read_points
+
+        return read_points(*paths, image_size=options["image_size"])
+    return read_pictures(paths, options)
+
+
+def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
+    """Find the board in pictures; `options` holds the values of `board_options`."""
+    from camcal.io.pictures import read_boards
+
+    return read_boards(paths, board=options["board"], square=options["square"], jobs=options["jobs"])
+
+
+def calibrate_and_report(
+    ctx: click.Context, correspondences: Correspondences, options: dict[str, Any]
+) -> int:
+    """Calibrate, write the report and show it; return 1 where the verdict is `fail`, else 0.
+
+    Parameters
+    ----------
+    options : dict
+        The values of `calibration_options` and `report_options`, by name.
+    """
+    from camcal.pipeline import calibrate
+
+    solution = calibrate(correspondences, **{name: options[name] for name in CALIBRATION})
+    return deliver_solution(ctx, solution, options)
+
+
+def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, Any]) -> int:
+    """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code."""
+    from camcal.report.document import document
+    from camcal.report.table import summary, tables
+    from camcal.report.yaml import write_report
+
+    report = document(solution, command=command_line(ctx), options=resolved_options(ctx))
+    output = options["output"]
+    if output is not None:
+        write_report(output, report, options["force"])
+    emit(report, options["format"], lambda: tables(report))
+    if verbosity() >= 0:
+        console(stderr=True).print(summary(report))
+    if output is not None:
+        note(f"Report written to {output}.")
+    return GATE_FELL if report["verdict"] == "fail" else 0
+
+
+def command_line(ctx: click.Context) -> list[str]:
+    """Return the words after `camcal`, as the user typed them, for the report."""
+    return ctx.find_root().ensure_object(dict).get("args", sys.argv[1:])
