@@ -1,0 +1,217 @@
+"""The only place that knows the order: data, closed form, refinement, judgement, cross-check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from camcal import lenses
+from camcal.closed_form import CLOSED_FORMS, shape
+from camcal.closed_form.base import ClosedForm
+from camcal.errors import DataError
+from camcal.evaluate import figures
+from camcal.geometry import projective
+from camcal.refine.optimizers.base import Options as Stopping
+from camcal.refine.parameters import apply_fixed
+from camcal.refine.poses import refine_poses
+from camcal.refine.solve import refine, residuals
+from camcal.registry import look_up
+from camcal.types import (
+    CalibrationWarning,
+    Camera,
+    Correspondences,
+    Poses,
+    SkippedView,
+    Solution,
+    Stage,
+)
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a calibration is told; the command line's options by the same names."""
+
+    model: str = "opencv5"
+    skew: bool = False
+    fix: Mapping[str, float | None] = field(default_factory=dict)
+    optimizer: str = "lm"
+    robust: str = "none"
+    crosscheck: bool = False
+    max_rms: float | None = None
+    seed: int = 0
+    stopping: Stopping = field(default_factory=Stopping)
+
+
+def calibrate(
+    correspondences: Correspondences,
+    model: str = "opencv5",
+    robust: str = "none",
+    on_event: OnEvent | None = None,
+    **options: Any,
+) -> Solution:
+    """Calibrate a camera.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+    model : str
+        A lens model, `camcal list models`.
+    robust : str
+        How outliers are treated: `none`.
+    on_event : callable, optional
+        Called with (name, details) at each stage.
+    **options
+        `skew`, `fix` (mapping name -> value or None), `optimizer`, `crosscheck`, `seed`: as on the command
+        line.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    UsageError
+        For an unknown model or parameter.
+    DataError
+        For correspondences that cannot be used.
+    EstimationError
+        Where they do not determine a camera.
+    """
+    told = Options(model=model, robust=robust, **options)
+    usable = leave_out_unusable(correspondences)
+    lens = lenses.make(told.model, told.skew)
+    begun = start(usable, told)
+    camera, fix = _first_camera(lens, begun, usable, told)
+    poses = begun.poses
+    solution = refine(camera, poses, usable, fix, told.optimizer, told.stopping)
+    solution = replace(solution, stages=(*begun.stages, _refine_stage(solution)), warnings=begun.warnings)
+    return solution
+
+
+def leave_out_unusable(correspondences: Correspondences) -> Correspondences:
+    """The correspondences without views that no closed form can take; these become `rejected`.
+
+    Raises
+    ------
+    DataError
+        Where none is left.
+    """
+    bad = shape.unusable(correspondences)
+    if len(bad) == len(correspondences.views):
+        shape.check(correspondences)  # raises, with the reason of the first view
+    if not bad:
+        return correspondences
+    views = correspondences.views
+    skipped = tuple(SkippedView(views[i].id, "rejected", reason) for i, reason in bad.items())
+    return replace(
+        correspondences,
+        views=tuple(v for i, v in enumerate(views) if i not in bad),
+        skipped=(*correspondences.skipped, *skipped),
+    )
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the closed forms end: a pinhole camera, poses, and how they were reached."""
+
+    matrix: np.ndarray
+    poses: Poses
+    stages: tuple[Stage, ...]
+    fix: Mapping[str, float | None]
+    warnings: tuple[CalibrationWarning, ...]
+
+
+def start(correspondences: Correspondences, told: Options) -> Start:
+    """Run the closed forms that the geometry of the data allows; the last is where the refinement starts."""
+    names, why = shape.choose(correspondences)
+    stages, found = [], None
+    for name in names:
+        begin = time.perf_counter()
+        found = look_up(CLOSED_FORMS, name, "closed form")(correspondences, told.skew)
+        stages.append(_closed_form_stage(found, correspondences, why, time.perf_counter() - begin))
+    if found is None:
+        raise DataError("no closed form suits these data.")
+    _refuse_mirrored(found)
+    fix, warnings = _assumed(found, correspondences)
+    return Start(found.matrix, found.poses, tuple(stages), fix, warnings)
+
+
+def _closed_form_stage(
+    found: ClosedForm, correspondences: Correspondences, why: str, seconds: float
+) -> Stage:
+    if found.projection_matrix is not None:
+        view = correspondences.views[0]
+        rms = figures.rms_point(projective.project(found.projection_matrix, view.xyz) - view.uv)
+    else:
+        lens = lenses.make("pinhole", skew=True)
+        camera = Camera(lens, lens.from_matrix(found.matrix))
+        rms = figures.rms_point(np.concatenate(residuals(camera, found.poses, correspondences)))
+    return Stage(
+        found.name,
+        rms,
+        found.matrix,
+        seconds,
+        projection_matrix=found.projection_matrix,
+        poses=found.poses,
+        info={"why": why, **found.info},
+    )
+
+
+def _refuse_mirrored(found: ClosedForm) -> None:
+    if found.info.get("mirrored"):
+        raise DataError(
+            "the frame of the points is left-handed (mirrored): the scene lies in front of the camera only "
+            "with a reflection.",
+            "Negate one axis of the points, for example Z, or swap two of them.",
+        )
+
+
+def _assumed(
+    found: ClosedForm, correspondences: Correspondences
+) -> tuple[dict[str, float | None], tuple[CalibrationWarning, ...]]:
+    """What a single view of a plane leaves open is held at the closed form's assumption, and said."""
+    held = {name: None for name in found.info.get("held", ())}
+    if not held or shape.distinct(correspondences.views) > 1:
+        return {}, ()
+    said = CalibrationWarning(
+        "single-view",
+        "one view of a plane does not determine the camera; assumed: "
+        + ", ".join(found.info["assumptions"])
+        + ".",
+        "Add views of the target from other directions.",
+    )
+    return held, (said,)
+
+
+def _first_camera(
+    lens: lenses.base.Lens, begun: Start, correspondences: Correspondences, told: Options
+) -> tuple[Camera, dict[str, float | None]]:
+    fix = {**begun.fix, **told.fix}
+    params = apply_fixed(lens, lens.from_matrix(begun.matrix), fix)
+    return Camera(lens, params, correspondences.image_size), fix
+
+
+def _refine_stage(solution: Solution) -> Stage:
+    matrix = solution.camera.matrix
+    single = len(solution.poses) == 1
+    projection = None
+    if single:
+        pose = solution.poses[0]
+        projection = projective.compose(matrix, pose.rotation, pose.translation)
+    return Stage(
+        "refine",
+        solution.rms_point,
+        matrix,
+        solution.fit.seconds,
+        projection_matrix=projection,
+        camera=solution.camera,
+        poses=solution.poses,
+        info={"converged": solution.fit.converged, "iterations": solution.fit.iterations},
+    )

@@ -1,0 +1,116 @@
+"""From a start to a `Solution`: the free parameters, the problem, the optimiser, the residuals."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.errors import DataError, EstimationError
+from camcal.refine.optimizers import OPTIMIZERS
+from camcal.refine.optimizers.base import OnStep, Options, Result
+from camcal.refine.parameters import apply_fixed, free_matrix
+from camcal.refine.problem import Problem
+from camcal.registry import look_up
+from camcal.types import Array, Camera, Correspondences, Fit, Poses, Solution
+
+
+def refine(
+    start: Camera,
+    poses: Poses,
+    correspondences: Correspondences,
+    fix: Mapping[str, float | None] | None = None,
+    optimizer: str = "lm",
+    options: Options | None = None,
+    inliers: Sequence[Array] | None = None,
+    weights: Sequence[Array] | None = None,
+    on_step: OnStep | None = None,
+) -> Solution:
+    """Estimate the camera and all poses by maximum likelihood, from a start.
+
+    Parameters
+    ----------
+    start : Camera
+    poses : Poses
+        cam_from_board of each view.
+    fix : mapping
+        Parameter -> value, or None to hold it where it starts; `aspect` holds fy / fx.
+    inliers : sequence of (N,) bool arrays, optional
+        Points to rest on; the others get residuals only.
+    weights : sequence of (N,) arrays, optional
+        Weights of the squared residuals in place of 1 / sigma²; as long as the views, all points.
+
+    Raises
+    ------
+    EstimationError
+        Where there are fewer observations than parameters, or the start does not project.
+    """
+    begin = time.perf_counter()
+    fix = fix or {}
+    lens, views = start.lens, correspondences.views
+    masks = tuple(np.ones(len(v), bool) for v in views) if inliers is None else tuple(inliers)
+    params = apply_fixed(lens, start.params, fix)
+    start = replace(start, params=params)
+    free = free_matrix(lens, params, fix)
+    kept = [v if m.all() else v.take(m) for v, m in zip(views, masks, strict=True)]
+    _check_count(kept, free)
+    kept_weights = None if weights is None else [w[m] for w, m in zip(weights, masks, strict=True)]
+    problem = Problem(lens, kept, free, kept_weights)
+    result: Result = look_up(OPTIMIZERS, optimizer, "optimizer")(
+        problem, problem.state(params, poses), options, on_step
+    )
+    found = replace(start, params=lens.normalise(result.state.params))
+    final = problem.poses(result.state)
+    return Solution(
+        camera=found,
+        poses=final,
+        correspondences=correspondences,
+        residuals=residuals(found, final, correspondences),
+        inliers=masks,
+        start=start,
+        free=free,
+        normal=result.blocks.normal(),
+        fit=_fit(optimizer, result, time.perf_counter() - begin),
+    )
+
+
+def residuals(camera: Camera, poses: Poses, correspondences: Correspondences) -> tuple[Array, ...]:
+    """Predicted - observed (N, 2) of every point of each view, px; NaN outside the lens's domain."""
+    views = correspondences.views
+    if not views:
+        return ()
+    ends = np.cumsum([len(v) for v in views])
+    cam, seen = np.empty((ends[-1], 3)), np.concatenate([v.uv for v in views])
+    for v, r, t, end in zip(views, poses.rotations, poses.translations, ends, strict=True):
+        np.matmul(v.xyz, r.T, out=cam[end - len(v) : end])
+        cam[end - len(v) : end] += t
+    return tuple(np.split(camera.project(cam) - seen, ends[:-1]))
+
+
+def _check_count(views: Sequence, free: Array) -> None:
+    if any(len(v) == 0 for v in views):
+        raise DataError("a view has no point left.", "Leave that view out.")
+    observed, unknown = 2 * sum(len(v) for v in views), free.shape[1] + 6 * len(views)
+    if observed < unknown:
+        raise EstimationError(
+            f"{observed // 2} points give {observed} coordinates for {unknown} unknowns "
+            f"({free.shape[1]} of the camera and {6 * len(views)} of the poses).",
+            "Add points or views, hold parameters (--fix), or choose a simpler model (--model pinhole).",
+        )
+
+
+def _fit(optimizer: str, result: Result, seconds: float) -> Fit:
+    return Fit(
+        optimizer=optimizer,
+        loss="linear",
+        iterations=result.iterations,
+        evaluations=result.evaluations,
+        converged=result.converged,
+        stop_reason=result.stop_reason,
+        cost=result.blocks.cost,
+        seconds=seconds,
+        trace=result.trace,
+        info=result.info,
+    )
