@@ -30,16 +30,14 @@ from camcal.cli.verbosity import verbosity_options
 def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:
     """Judge a camera on data that it was not calibrated with.
 
-    CAMERA is a report of camcal. Its intrinsics stay as they are, the pose of each view is fitted anew, and
-    what remains is reported as after a calibration.
+    CAMERA is a report of camcal, or a camera in OpenCV's YAML. Its intrinsics stay as they are, the pose of
+    each view is fitted anew, and what remains is reported as after a calibration.
     """
     from camcal.cli.job import deliver_solution, output_is_free, read_data
 
     output_is_free(options)
     from camcal.pipeline import evaluate
-    from camcal.report.document import load
+    from camcal.report.document import load_camera
 
-    known = load(camera).camera
-    found = read_data(data, options)
-    solution = evaluate(known, found, robust=options["robust"], max_rms=options["max_rms"])
+    solution = evaluate(load_camera(camera), read_data(data, options), robust=options["robust"])
     return deliver_solution(ctx, solution, options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from camcal.cli.verbosity import note, verbosity
 if TYPE_CHECKING:
     from camcal.types import Correspondences, Solution
 
-CALIBRATION = ("model", "skew", "fix", "optimizer", "robust", "crosscheck", "max_rms", "seed")
+CALIBRATION = ("model", "skew", "fix", "optimizer", "robust", "crosscheck", "seed")
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
 
@@ -62,14 +63,15 @@ def calibrate_and_report(
 
 def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, Any]) -> int:
     """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code."""
-    from camcal.report.document import document
+    from camcal.report.document import document, save
     from camcal.report.table import summary, tables
-    from camcal.report.yaml import write_report
 
-    report = document(solution, command=command_line(ctx), options=resolved_options(ctx))
+    # the gates of the verdict stand among the options
+    solution = replace(solution, options=resolved_options(ctx))
+    report = document(solution, command=command_line(ctx))
     output = options["output"]
     if output is not None:
-        write_report(output, report, options["force"])
+        save(output, report, options["force"])
     emit(report, options["format"], lambda: tables(report))
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))

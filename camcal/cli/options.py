@@ -23,6 +23,11 @@ def option(*names: str, **kwargs: Any) -> Decorator:
     long = next(name for name in names if name.startswith("--")).partition("/")[0]
     kwargs.setdefault("envvar", "CAMCAL_" + long.strip("-").replace("-", "_").upper())
     kwargs.setdefault("cls", SettingOption)
+    kind = kwargs.get("type")
+    if isinstance(
+        kind, (click.IntRange, click.FloatRange)
+    ):  # click calls them "integer range" and "float range"
+        kind.name = "whole number" if isinstance(kind, click.IntRange) else "number"
     return click.option(*names, **kwargs)
 
 

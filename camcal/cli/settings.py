@@ -13,11 +13,16 @@ The file feeds click's `default_map`, so that a flag or an environment variable 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
+
+from camcal.cli import COMMANDS
+from camcal.cli.params import PairType
+from camcal.registry import load
 
 DEFAULT_FILE = "camcal.yaml"
 ORIGIN = {
@@ -29,6 +34,7 @@ ORIGIN = {
 }
 #: Options of the run, not of its result: they stand neither in a configuration file nor in a report.
 NOT_SETTINGS = ("config", "help", "verbose", "quiet", "version")
+CONFIG = "camcal.config"  #: the key of the file that was read, in `ctx.meta`
 
 
 class SettingOption(click.Option):
@@ -63,14 +69,73 @@ def _readable(value: Any) -> Any:
     return str(value) if isinstance(value, Path) or hasattr(value, "unit") else value
 
 
-def read_config(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    """Read `--config FILE`, else ./camcal.yaml, into the context's default_map (a callback of `--config`)."""
+def read_config(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
+    """Feed `--config FILE`, else ./camcal.yaml, to the context's default_map (a callback of `--config`).
+
+    Raises
+    ------
+    UsageError
+        With file and line: not a configuration, an unknown key, a value of the wrong type.
+    """
     path = value or (Path(DEFAULT_FILE) if Path(DEFAULT_FILE).is_file() else None)
-    if path is not None:
-        raise NotImplementedError(path)
-    return path
+    if path is None or ctx.resilient_parsing:
+        return
+    from camcal.io.config import load_config, validate
+
+    config = load_config(path)
+    own = settings_of(ctx.command)
+    values = validate(config, _schema(config, ctx.command))
+    group = values.get(ctx.command.name or "")
+    shared = {name: held for name, held in values.items() if name in own and not isinstance(held, dict)}
+    ctx.default_map = {**shared, **(group if isinstance(group, dict) else {})}
+    ctx.meta[CONFIG] = config
 
 
-def place_of(ctx: click.Context, param: click.Parameter) -> str:
-    """Say where in the configuration file the option stands: `camcal.yaml:7: model`."""
-    return f"{DEFAULT_FILE}: {param.name}"
+def place_of(ctx: click.Context, option: click.Option) -> str:
+    """Say where in the configuration file an option stands: `camcal.yaml:7: square`."""
+    config, command, name = ctx.meta[CONFIG], ctx.command.name or "", option.name or ""
+    nested = config.where(command, name)
+    return f"{nested if nested != config.path else config.where(name)}: {name}"
+
+
+def settings_of(command: click.Command) -> dict[str, click.Option]:
+    """Return the options of a command that a configuration file may hold, by name."""
+    options = [p for p in command.params if isinstance(p, click.Option)]
+    return {option.name: option for option in options if option.name and option.name not in NOT_SETTINGS}
+
+
+def _schema(config: Mapping[str, Any], running: click.Command) -> dict[str, Any]:
+    """Return what a file may hold: the options of every command, and a group of keys for each command.
+
+    Where an option and a command have one name, the value in the file says which is meant: a group of keys
+    is the command's.
+    """
+    known = {name: load(path) for name, (path, _) in COMMANDS.items()}
+    options: dict[str, Any] = {}
+    groups: dict[str, Any] = {}
+    for name, command in {**known, str(running.name): running}.items():
+        groups[name] = {key: _entry(option) for key, option in settings_of(command).items()}
+        options |= groups[name]
+    groups = {name: keys for name, keys in groups.items() if keys}
+    clash = {name for name in groups if name in options and not isinstance(config.get(name), Mapping)}
+    return options | {name: keys for name, keys in groups.items() if name not in clash}
+
+
+def _entry(option: click.Option) -> Any:
+    """Return the schema entry of an option: what its value looks like in YAML."""
+    from camcal.io.config import AnyOf, Choice, ListOf, Text
+
+    kind = option.type
+    if option.is_flag:
+        return bool
+    if option.multiple:
+        return ListOf(Text())
+    if isinstance(kind, click.Choice):
+        return Choice(tuple(kind.choices))
+    if isinstance(kind, type(click.INT)):
+        return int
+    if isinstance(kind, type(click.FLOAT)):
+        return float
+    if isinstance(kind, PairType):
+        return AnyOf((Text(f"text such as {kind.example}"), ListOf(int)))
+    return Text()
