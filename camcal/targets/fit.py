@@ -1,0 +1,130 @@
+"""Levenberg–Marquardt for many small problems of the same shape at once: the corners of a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.targets import edge_model as model
+from camcal.targets.windows import Windows
+
+Array = np.ndarray
+
+ITERATIONS = 25
+SETTLED = 5e-4  #: px; a corner that moves less has converged
+LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
+MOST_BLUR = 30.0  #: px
+
+
+@dataclass(frozen=True)
+class Fits:
+    """The fitted corners.
+
+    Attributes
+    ----------
+    params : (K, 7) array
+        In the order of `edge_model`; the corner is relative to the window's origin.
+    covariance : (K, 2, 2) array
+        Of the corner, px², from the scatter of the residuals.
+    noise : (K,) array
+        Standard deviation of the residuals, grey levels.
+    converged : (K,) bool array
+    """
+
+    params: Array
+    covariance: Array
+    noise: Array
+    converged: Array
+
+
+def fit(windows: Windows, angles: Array, blur: Array, limits: tuple[float, float]) -> Fits:
+    """Fit the picture of a corner to each window.
+
+    Parameters
+    ----------
+    windows : Windows
+    angles : (K, 2) array
+        Directions of the edges' normals to start from, radians.
+    blur : (K,) array
+        Blur to start from, px.
+    limits : (low, high)
+        Grey values at which the picture is cut off: a pixel there says only that the value is at least so extreme.
+    """
+    count = len(windows.q)
+    params = _start(windows, angles, blur)
+    cost, normal, gradient = _normal_equations(windows, params, limits)
+    damping = np.full(count, 1e-3)
+    active = np.arange(count)
+    converged = np.zeros(count, bool)
+    for _ in range(ITERATIONS):
+        if not len(active):
+            break
+        step = _damped_step(*_held(normal[active], gradient[active], params[active]), damping[active])
+        trial = params[active] + step
+        trial[:, model.BLUR] = np.clip(trial[:, model.BLUR], LEAST_BLUR, MOST_BLUR)
+        new = _normal_equations(windows.take(active), trial, limits)
+        better = new[0] <= cost[active]
+        moved = np.abs(step[:, :2]).max(1)
+        took = active[better]
+        params[took] = trial[better]
+        cost[took], normal[took], gradient[took] = (a[better] for a in new)
+        damping[active] = np.where(better, np.maximum(0.15 * damping[active], 1e-9), 10 * damping[active])
+        done = (moved < SETTLED) | (damping[active] > 1e8)
+        converged[active[done & (moved < SETTLED)]] = True
+        active = active[~done]
+    freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
+    noise = np.sqrt(cost / freedom)
+    covariance = np.linalg.pinv(normal, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
+    return Fits(params, covariance, noise, converged)
+
+
+def _start(windows: Windows, angles: Array, blur: Array) -> Array:
+    """Offset and contrast by least squares, the corner at the origin."""
+    params = np.zeros((len(angles), model.COUNT))
+    params[:, model.ANGLE1], params[:, model.ANGLE2] = angles.T
+    params[:, model.BLUR] = blur
+    params[:, model.CONTRAST] = 1
+    shape = model.evaluate(windows.q, params)[1][:, model.CONTRAST] * windows.counts
+    number = windows.counts.sum(1)
+    mean_shape, mean_value = shape.sum(1) / number, windows.value.sum(1) / number
+    cross = (shape * windows.value).sum(1) / number - mean_shape * mean_value
+    contrast = cross / np.maximum((shape**2).sum(1) / number - mean_shape**2, 1e-6)
+    params[:, model.CONTRAST] = contrast
+    params[:, model.OFFSET] = mean_value - contrast * mean_shape
+    return params
+
+
+def _normal_equations(windows: Windows, params: Array, limits: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Sum of squares (K,), JᵀJ (K, 7, 7) and Jᵀr (K, 7); r = model - value."""
+    value, jacobian = model.evaluate(windows.q, params)
+    residual = value - windows.value
+    low, high = limits
+    cut_off = ((windows.value >= high) & (residual > 0)) | ((windows.value <= low) & (residual < 0))
+    ignored = cut_off | ~windows.counts
+    residual[ignored] = 0
+    jacobian[:, (model.OFFSET, model.CONTRAST)] *= ~ignored[:, None]
+    if (cut_off & windows.counts).any():
+        jacobian *= ~cut_off[:, None]
+    normal = np.matmul(jacobian, jacobian.transpose(0, 2, 1)).astype(float)
+    gradient = np.matmul(jacobian, residual[..., None])[..., 0].astype(float)
+    return np.einsum("kp,kp->k", residual, residual).astype(float), normal, gradient
+
+
+def _held(normal: Array, gradient: Array, params: Array) -> tuple[Array, Array]:
+    """Leave the blur out of the equations of those corners where it would fall below its least value."""
+    held = (params[:, model.BLUR] <= LEAST_BLUR) & (gradient[:, model.BLUR] > 0)
+    if held.any():
+        normal[held, model.BLUR] = 0
+        normal[held, :, model.BLUR] = 0
+        gradient[held, model.BLUR] = 0
+    return normal, gradient
+
+
+def _damped_step(normal: Array, gradient: Array, damping: Array) -> Array:
+    """Solve (JᵀJ + damping diag) step = -Jᵀr for each corner, scaled to a unit diagonal."""
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-12))
+    scaled = normal * scale[:, :, None] * scale[:, None, :]
+    diagonal = np.arange(model.COUNT)
+    scaled[:, diagonal, diagonal] = 1 + damping[:, None] + 1e-9
+    return -np.linalg.solve(scaled, (gradient * scale)[..., None])[..., 0] * scale

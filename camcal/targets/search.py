@@ -1,0 +1,161 @@
+"""Look for a checkerboard from coarse to fine: most boards are found on a picture of a third of a megapixel."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from camcal.targets import grid, lattice
+from camcal.targets.base import Miss
+from camcal.targets.candidates import find_candidates
+from camcal.targets.lattice import Lattice
+
+Array = np.ndarray
+
+LONG_SIDES = (640, 1280, 2560, 320)  #: px; what the picture is reduced to, in the order of trial
+SLOWER = 2.0  #: how much longer a pixel may take than at the level before
+LEAST_SIDE = 3  #: corners; a smaller grid is no board
+ENOUGH = 0.8  #: share of a board's corners that must be seen
+
+
+@dataclass(frozen=True)
+class Found:
+    """A grid in a picture.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        In px of the full picture.
+    factor : float
+        How many px of the picture are one px of the reduced picture it was found on: its error is a share of that.
+    open_ended : bool
+        Whether the board may go on beyond the picture's border.
+    """
+
+    lattice: Lattice
+    factor: float
+    open_ended: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether all corners are there and the board does not go on."""
+        return bool(self.lattice.present.all()) and not self.open_ended
+
+
+def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> Found | Miss:
+    """Find the largest grid of a picture, or one of a given size.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    seconds : float
+        Time it may take; a level that may not fit into it is left out.
+    size : (columns, rows), optional
+        Either way round.
+    """
+    began = time.perf_counter()
+    rate, best, in_time = 0.0, None, True
+    for factor in levels(gray.shape):
+        pixels = gray.size / factor**2
+        spent = time.perf_counter() - began
+        if rate and spent + SLOWER * rate * pixels > seconds:
+            in_time = False
+            continue
+        reduced = reduce(gray, factor)
+        for found in _at_level(reduced, factor, size):
+            if _fits(found, size):
+                return found
+            if best is None or found.lattice.present.sum() > best.lattice.present.sum():
+                best = found
+        rate = (time.perf_counter() - began - spent) / pixels
+    return _verdict(gray, best, size, in_time, seconds)
+
+
+def levels(shape: tuple[int, ...]) -> list[float]:
+    """Factors by which the picture is reduced, in the order of trial."""
+    longest = max(shape)
+    factors = [max(1.0, longest / side) for side in LONG_SIDES]
+    return list(dict.fromkeys(f for f in factors if min(shape) / f >= 16))
+
+
+def reduce(gray: Array, factor: float) -> Array:
+    """A smaller float32 picture with grey values of about 0 to 255."""
+    if factor > 1:
+        size = (max(1, round(gray.shape[1] / factor)), max(1, round(gray.shape[0] / factor)))
+        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    scale = 255.0 / max(float(gray.max()), 1.0) if gray.dtype == np.uint16 else 1.0
+    return gray.astype(np.float32) * np.float32(scale)
+
+
+def _at_level(reduced: Array, factor: float, size: tuple[int, int] | None) -> list[Found]:
+    """The grids of one reduced picture, the largest first."""
+    candidates = find_candidates(reduced)
+    pieces = grid.grow(*grid.neighbours(reduced, candidates))
+    least = 1 if size is None else 0.4 * size[0] * size[1]
+    found = []
+    for piece in [p for p in pieces if len(p) >= least][:4]:
+        full = lattice.complete(reduced, lattice.from_piece(piece, candidates.xy), candidates.weak)
+        cut = lattice.trimmed(full)
+        if min(cut.size) < LEAST_SIDE - (size is not None):
+            continue
+        if lattice.colour_sign(reduced, cut) == 0:
+            continue
+        found.append(Found(cut.scaled(factor), factor, _open_ended(cut, reduced.shape)))
+    return sorted(found, key=lambda f: -f.lattice.present.sum())
+
+
+def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
+    """Whether the next row beyond some side of the grid would lie (mostly) outside the picture."""
+    uv = found.uv
+    height, width = shape
+    for edge, inner in ((uv[0], uv[1]), (uv[-1], uv[-2]), (uv[:, 0], uv[:, 1]), (uv[:, -1], uv[:, -2])):
+        beyond = 2 * edge - inner
+        beyond = beyond[np.isfinite(beyond[:, 0])]
+        out = ((beyond < 2) | (beyond > np.array([width - 3, height - 3]))).any(1)
+        if len(beyond) and out.mean() > 0.3:
+            return True
+    return False
+
+
+def _fits(found: Found, size: tuple[int, int] | None) -> bool:
+    if size is None:
+        return found.whole
+    same = sorted(found.lattice.size) == sorted(size)
+    return same and bool(found.lattice.present.mean() >= ENOUGH)
+
+
+def _verdict(
+    gray: Array, best: Found | None, size: tuple[int, int] | None, in_time: bool, seconds: float
+) -> Found | Miss:
+    """What to say when no level brought just what was looked for."""
+    if best is not None and size is None:
+        return best
+    if best is not None and size is not None:
+        columns, rows = sorted(best.lattice.size, reverse=True)
+        wanted = f"{size[0]}x{size[1]}"
+        if best.open_ended:
+            seen = int(best.lattice.present.sum())
+            return Miss("cut-off", f"the board leaves the picture: {seen} of {size[0] * size[1]} corners are seen")
+        if (columns, rows) == tuple(sorted(size, reverse=True)):
+            return Miss("cut-off", f"only {best.lattice.present.mean():.0%} of the {wanted} corners are seen")
+        return Miss("other-size", f"the picture shows a board of {columns}x{rows} corners, not {wanted}")
+    if not in_time:
+        return Miss("time", f"no board was found within {seconds:g} s")
+    return _why_nothing(gray)
+
+
+def _why_nothing(gray: Array) -> Miss:
+    """The plainest reason why a picture shows no board, as far as it can be told."""
+    small = reduce(gray, max(1.0, max(gray.shape) / 640))
+    low, high = np.percentile(small, (2, 99))
+    if high < 30:
+        return Miss("too-dark", f"the picture is too dark: 99% of it is below {high:.0f} of 255")
+    if low > 240:
+        return Miss("too-bright", f"the picture is too bright: 98% of it is above {low:.0f} of 255")
+    fine = small - cv2.GaussianBlur(small, (0, 0), 2)
+    if np.percentile(np.abs(fine), 99.5) < 0.03 * (high - low):
+        return Miss("too-blurred", "the picture is too blurred: it shows no sharp edge")
+    return Miss("none", "no checkerboard was found")
