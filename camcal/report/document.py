@@ -1,0 +1,271 @@
+"""A solution as one plain document: `schema: camcal-report/1`. docs/report.md explains each key."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.closed_form.base import scaled
+from camcal.evaluate import figures
+from camcal.evaluate.covariance import Covariance, covariance
+from camcal.geometry import projective, rotations
+from camcal.report.embedded import encode
+from camcal.report.loading import load, load_camera
+from camcal.report.plain import plain
+from camcal.report.schema import SCHEMA
+from camcal.report.yaml import save
+from camcal.types import CalibrationWarning, Camera, Correspondences, Pose, Solution, Stage
+from camcal.version import __version__
+
+__all__ = ["document", "load", "load_camera", "save"]
+
+Array = np.ndarray
+
+
+def document(
+    solution: Solution,
+    *,
+    command: Sequence[str] = (),
+    options: Mapping[str, Any] | None = None,
+    warnings: Sequence[CalibrationWarning] = (),
+    failures: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Make the report of a solution, of plain Python types, in the order of the schema.
+
+    Parameters
+    ----------
+    solution : Solution
+    command : sequence of str
+        The words after `camcal`, as typed.
+    options : mapping, optional
+        `{name: {value, from}}`; without it the solution's own options.
+    warnings : sequence of CalibrationWarning
+        Besides the solution's.
+    failures : sequence of str
+        Gates that fell besides those that the solution itself shows (see `failed_gates`), each as a sentence.
+
+    Returns
+    -------
+    dict
+    """
+    data = solution.correspondences
+    accuracy = covariance(solution)
+    views, places = _views(solution)
+    fallen = [*failed_gates(solution), *failures]
+    made: dict[str, Any] = {
+        "schema": SCHEMA,
+        "tool": tool(),
+        "command": list(command),
+        "inputs": _inputs(data),
+        "options": dict(solution.options) if options is None else options,
+        "target": data.target,
+        "stages": [_stage(s) for s in solution.stages],
+        "camera": _camera(solution, accuracy),
+    }
+    if len(solution.poses) == 1:
+        made["projection_matrix"] = _projection_matrix(solution.camera, solution.poses[0])
+    made |= {
+        "views": views,
+        "fit": _fit(solution, accuracy),
+        "holdout": solution.holdout,
+        "crosscheck": list(solution.crosscheck),
+        "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
+        "verdict": "fail" if fallen else "pass",
+        "failures": fallen,
+        "data": encode(data.views, solution.inliers, places),
+    }
+    return plain(made)
+
+
+def tool() -> dict[str, str]:
+    """Versions of what made the report."""
+    import cv2
+
+    return {
+        "camcal": __version__,
+        "opencv": cv2.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def failed_gates(solution: Solution) -> list[str]:
+    """What makes the verdict `fail`: a cross-check that failed, an rms_point above the option `max_rms`."""
+    fallen = [
+        f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
+        for e in solution.crosscheck
+        if e["status"] == "fail"
+    ]
+    bound = solution.options.get("max_rms")
+    if isinstance(bound, Mapping):
+        bound = bound.get("value")
+    # written so that a NaN falls, too
+    if bound is not None and not solution.rms_point <= float(bound):
+        fallen.append(f"rms_point {solution.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
+    return fallen
+
+
+def _inputs(data: Correspondences) -> dict[str, Any]:
+    return {
+        "image_size": data.image_size,
+        "views": len(data.views) + len(data.skipped),
+        "points": data.point_count,
+        "files": list(data.files),
+    }
+
+
+def _stage(stage: Stage) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "name": stage.name,
+        "rms_point": stage.rms_point,
+        "seconds": stage.seconds,
+        "matrix": stage.matrix,
+    }
+    if stage.camera is not None:
+        entry["parameters"] = stage.camera.values
+    if stage.projection_matrix is not None:
+        entry["projection_matrix"] = scaled(stage.projection_matrix)
+    if stage.info:
+        entry["info"] = stage.info
+    return entry
+
+
+def _camera(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
+    camera = solution.camera
+    free = solution.free
+    fixed = ~np.any(free, axis=1)
+    entry: dict[str, Any] = {
+        "model": camera.lens.name,
+        "image_size": camera.image_size,
+        "pixel_center": "integer",
+        "matrix": camera.matrix,
+        "parameters": {
+            name: {
+                "value": float(camera.params[i]),
+                "sigma": None if fixed[i] else accuracy.sigmas[name],
+                "start": float(solution.start.params[i]),
+                "fixed": bool(fixed[i]),
+            }
+            for i, name in enumerate(camera.lens.names)
+        },
+    }
+    if not _is_selection(free):
+        entry["free_directions"] = free
+    entry["correlations"] = [{"pair": [a, b], "value": r} for a, b, r in accuracy.strong_correlations()]
+    return entry
+
+
+def _is_selection(free: Array) -> bool:
+    """Whether the free parameters are simply those that are not fixed, each for itself."""
+    return np.array_equal(free, np.eye(len(free))[:, free.any(1)])
+
+
+def _projection_matrix(camera: Camera, pose: Pose) -> Array:
+    return scaled(projective.compose(camera.matrix, pose.rotation, pose.translation))
+
+
+def _views(solution: Solution) -> tuple[list[dict[str, Any]], list[int]]:
+    """The entries of all views in the input's order, and where the used ones stand among them."""
+    data = solution.correspondences
+    entries = [_used_view(solution, i) for i in range(len(data.views))]
+    used = [e["id"] for e in entries]
+    entries += [_skipped(s.id, s.status, s.reason) for s in data.skipped]
+    order = _input_order([e["id"] for e in entries], data)
+    entries = [entries[i] for i in order]
+    places = [i for i, e in enumerate(entries) if e["status"] == "used"]
+    assert [entries[i]["id"] for i in places] == used  # `_input_order` keeps their order
+    quality = data.picture_quality
+    for entry in entries:
+        if entry["id"] in quality:
+            entry["quality"] = quality[entry["id"]]
+    return entries, places
+
+
+def _input_order(ids: list[str], data: Correspondences) -> list[int]:
+    """The order of the list of files where that names every view; else used views, then the rest."""
+    paths = [str(f["path"]).replace("\\", "/") for f in data.files]
+    by_path = {p: i for i, p in reversed(list(enumerate(paths)))}
+    by_name = {p.rpartition("/")[2]: i for i, p in reversed(list(enumerate(paths)))}
+    known = [by_path.get(v, by_name.get(v)) for v in ids]
+    plain_order = list(range(len(ids)))
+    if any(k is None for k in known) or len(set(known)) < len(known):
+        return plain_order
+    order = sorted(plain_order, key=lambda i: known[i] or 0)
+    kept = [i for i in order if i < len(data.views)]
+    return order if kept == sorted(kept) else plain_order
+
+
+def _used_view(solution: Solution, index: int) -> dict[str, Any]:
+    view = solution.correspondences.views[index]
+    residuals, inliers = solution.residuals[index], solution.inliers[index]
+    pose = solution.poses[index]
+    entry: dict[str, Any] = {
+        "id": view.id,
+        "status": "used",
+        "reason": None,
+        "points": len(view),
+        "rejected_points": int((~inliers).sum()),
+        "rms_point": figures.rms_point(residuals[inliers]),
+        "cam_from_board": {
+            "rotation_vector": rotations.log(pose.rotation),
+            "translation": pose.translation,
+        },
+    }
+    if not inliers.all():
+        entry["rejected"] = [
+            {
+                "row": int(row),
+                "id": None if view.point_ids is None else int(view.point_ids[row]),
+                "u": float(view.uv[row, 0]),
+                "v": float(view.uv[row, 1]),
+                "residual": residuals[row],
+            }
+            for row in np.flatnonzero(~inliers)
+        ]
+    return entry
+
+
+def _skipped(name: str, status: str, reason: str) -> dict[str, Any]:
+    return {
+        "id": name,
+        "status": status,
+        "reason": reason,
+        "points": 0,
+        "rejected_points": 0,
+        "rms_point": None,
+        "cam_from_board": None,
+    }
+
+
+def _fit(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
+    fit, all_points = solution.fit, figures.overall(solution)
+    used = all_points.points
+    return {
+        "optimizer": fit.optimizer,
+        "loss": fit.loss,
+        "iterations": fit.iterations,
+        "evaluations": fit.evaluations,
+        "converged": fit.converged,
+        "stop_reason": fit.stop_reason,
+        "cost": fit.cost,
+        "seconds": fit.seconds,
+        "rms_point": all_points.rms_point,
+        "rms_coord": all_points.rms_coord,
+        "sigma_hat": figures.sigma_hat(solution),
+        "sigma_0": figures.sigma_0(solution),
+        "median": all_points.median,
+        "p95": all_points.p95,
+        "max": all_points.max,
+        "points_used": used,
+        "points_rejected": solution.correspondences.point_count - used,
+        "free_parameters": solution.free_count,
+        "condition": accuracy.condition,
+        "info": fit.info,
+    }
+
+
+def _warning(warning: CalibrationWarning) -> dict[str, str]:
+    return {"code": warning.code, "message": warning.message, "hint": warning.hint}

@@ -1,0 +1,203 @@
+"""Reports and camera files read back: a `Solution`, or a `Camera` alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from camcal.errors import CamcalError, DataError
+from camcal.geometry import rotations
+from camcal.lenses import make
+from camcal.refine.problem import Problem
+from camcal.refine.solve import residuals
+from camcal.report import schema
+from camcal.report.embedded import decode
+from camcal.report.yaml import read_document
+from camcal.types import (
+    CalibrationWarning,
+    Camera,
+    Correspondences,
+    Fit,
+    NormalBlocks,
+    Poses,
+    SkippedView,
+    Solution,
+    Stage,
+)
+
+Array = np.ndarray
+
+#: the coefficients of OpenCV's files by their number
+_MODELS = {0: "pinhole", 4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
+
+
+def load(path: str | os.PathLike) -> Solution:
+    """Read a report back.
+
+    Camera, observations and masks are those that were written, to the last bit; residuals and normal blocks
+    are computed from them.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, no camcal report, of a newer schema, or damaged.
+    """
+    found = read_document(path)
+    schema.check(found, str(path))
+    return from_document(found, str(path))
+
+
+def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
+    """The solution of a document that `document` made."""
+    with _damage(source):
+        camera = _camera(found["camera"])
+        start, free = _start_and_free(found["camera"], camera)
+        entries = found["views"]
+        places, views, inliers = decode(found["data"], [e["id"] for e in entries])
+        poses = _poses([entries[i] for i in places])
+        problem = Problem(camera.lens, [v.take(m) for v, m in zip(views, inliers, strict=True)], free)
+        data = _correspondences(found, views, entries)
+        return Solution(
+            camera=camera,
+            poses=poses,
+            correspondences=data,
+            residuals=residuals(camera, poses, data),
+            inliers=tuple(inliers),
+            start=start,
+            free=free,
+            normal=_normal(problem, camera, poses),
+            fit=_fit(found["fit"]),
+            stages=tuple(_stage(s, camera) for s in found["stages"]),
+            warnings=tuple(CalibrationWarning(w["code"], w["message"], w["hint"]) for w in found["warnings"]),
+            options=found["options"],
+            crosscheck=tuple(found["crosscheck"]),
+            holdout=found["holdout"],
+        )
+
+
+def load_camera(path: str | os.PathLike) -> Camera:
+    """Read a camera from a camcal report or from OpenCV's own YAML (camera_matrix, distortion_coefficients).
+
+    Raises
+    ------
+    DataError
+        Where the file holds neither.
+    """
+    found = read_document(path)
+    source = str(path)
+    if "schema" in found:
+        schema.check(found, source)
+        with _damage(source):
+            return _camera(found["camera"])
+    if "camera_matrix" in found:
+        with _damage(source):
+            return _opencv_camera(found)
+    raise DataError(
+        f"'{source}' holds no camera: neither 'schema: {schema.SCHEMA}' nor 'camera_matrix'.",
+        "Give a camcal report or a file that cv2.FileStorage wrote.",
+    )
+
+
+@contextmanager
+def _damage(source: str) -> Any:
+    """Say of any missing or misshapen entry that the file is damaged."""
+    try:
+        yield
+    except CamcalError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        what = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
+        raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
+
+
+def _camera(entry: Mapping[str, Any]) -> Camera:
+    given = entry["parameters"]
+    lens = make(entry["model"], skew="skew" in given)
+    params = np.array([given[name]["value"] for name in lens.names], float)
+    size = entry["image_size"]
+    return Camera(lens, params, None if size is None else (int(size[0]), int(size[1])))
+
+
+def _start_and_free(entry: Mapping[str, Any], camera: Camera) -> tuple[Camera, Array]:
+    given = [entry["parameters"][name] for name in camera.lens.names]
+    start = np.array([p["start"] for p in given], float)
+    free = np.eye(len(given))[:, [not p["fixed"] for p in given]]
+    if "free_directions" in entry:
+        free = np.array(entry["free_directions"], float).reshape(len(given), -1)
+    return Camera(camera.lens, start, camera.image_size), free
+
+
+def _poses(entries: Sequence[Mapping[str, Any]]) -> Poses:
+    given = [e["cam_from_board"] for e in entries]
+    vectors = np.array([g["rotation_vector"] for g in given], float).reshape(-1, 3)
+    return Poses(rotations.exp(vectors), np.array([g["translation"] for g in given], float).reshape(-1, 3))
+
+
+def _correspondences(found: Mapping[str, Any], views: list, entries: list) -> Correspondences:
+    inputs, size = found["inputs"], found["inputs"]["image_size"]
+    return Correspondences(
+        tuple(views),
+        None if size is None else (int(size[0]), int(size[1])),
+        found["target"],
+        tuple(SkippedView(e["id"], e["status"], e["reason"]) for e in entries if e["status"] != "used"),
+        tuple(inputs["files"]),
+        {e["id"]: e["quality"] for e in entries if "quality" in e},
+    )
+
+
+def _normal(problem: Problem, camera: Camera, poses: Poses) -> NormalBlocks:
+    blocks = problem.linearise(problem.state(camera.params, poses))
+    if blocks is None:
+        raise DataError("a used point lies outside the lens's domain.", "The report is damaged.")
+    return blocks.normal()
+
+
+def _fit(entry: Mapping[str, Any]) -> Fit:
+    return Fit(
+        entry["optimizer"],
+        entry["loss"],
+        entry["iterations"],
+        entry["evaluations"],
+        entry["converged"],
+        entry["stop_reason"],
+        entry["cost"],
+        entry["seconds"],
+        info=entry["info"] or {},
+    )
+
+
+def _stage(entry: Mapping[str, Any], camera: Camera) -> Stage:
+    def array(value: Any) -> Array | None:
+        return None if value is None else np.array(value, float)
+
+    return Stage(
+        entry["name"],
+        float("nan") if entry["rms_point"] is None else entry["rms_point"],
+        array(entry["matrix"]),
+        entry["seconds"],
+        array(entry.get("projection_matrix")),
+        info=entry.get("info", {}),
+    )
+
+
+def _opencv_camera(found: Mapping[str, Any]) -> Camera:
+    matrix = _opencv_array(found["camera_matrix"]).reshape(3, 3)
+    bend = _opencv_array(found.get("distortion_coefficients", [])).ravel()
+    if len(bend) not in _MODELS:
+        raise DataError(
+            f"the file has {len(bend)} distortion coefficients; 0, 4, 5, 8, 12 or 14 are needed.",
+            "Is it the file of another camera model?",
+        )
+    lens = make(_MODELS[len(bend)], skew=matrix[0, 1] != 0)
+    params = lens.from_matrix(matrix)
+    params[lens.size - len(bend) :] = bend
+    size = (found.get("image_width"), found.get("image_height"))
+    return Camera(lens, params, None if None in size else (int(size[0]), int(size[1])))  # type: ignore[arg-type]
+
+
+def _opencv_array(entry: Any) -> Array:
+    return np.array(entry["data"] if isinstance(entry, Mapping) else entry, float)

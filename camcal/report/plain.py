@@ -1,0 +1,37 @@
+"""Turn what travels through camcal into plain Python types: what YAML and JSON hold without loss."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+
+def plain(value: Any) -> Any:
+    """Mappings, sequences, arrays, numpy's scalars, paths and dataclasses as dict, list, str and numbers.
+
+    Infinite values and NaN stay as they are: the writers know how each format says them.
+
+    Raises
+    ------
+    TypeError
+        For anything else: a report must not hold the `repr` of an object.
+    """
+    if value is None or isinstance(value, (str, bool)) or type(value) in (int, float):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if isinstance(value, PurePath):
+        return str(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, (int, float)):  # subclasses: enums and the like
+        return plain(float(value) if isinstance(value, float) else int(value))
+    raise TypeError(f"a report cannot hold a {type(value).__name__}")

@@ -1,0 +1,152 @@
+"""YAML and JSON of plain documents: exact numbers, short lists on one line, fast.
+
+What PyYAML does by itself and a report must not: `safe_dump` refuses np.float64 (documents are plain already,
+see `plain.py`), repeated objects become anchors (turned off), a matrix is spread over a line a number
+(flow style for what fits on a line). `1e-05` is written as `1.0e-05`, which YAML 1.1 reads as a number.
+Every float64 reads back as the same float64.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from camcal.errors import DataError
+from camcal.io.writing import atomic_write
+
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+#: a mapping or list that is this short, as text, stands on one line
+LINE = 96
+
+
+class ReportDumper(_Dumper):
+    """Key order kept, no anchors, short collections in flow style, long text as a block."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """No anchors: a repeated list is written twice."""
+        return True
+
+
+def _short(value: Any, room: int) -> int:
+    """The room that is left on a line after `value`; negative where it does not fit."""
+    if room < 0:
+        return room
+    if isinstance(value, dict):
+        for key, item in value.items():
+            room = _short(item, room - len(key) - 4)
+        return room
+    if isinstance(value, list):
+        for item in value:
+            room = _short(item, room - 2)
+        return room
+    return room - (len(value) + 2 if isinstance(value, str) else len(repr(value)))
+
+
+def _collection(dumper: Any, value: Any) -> Any:
+    kind = "map" if isinstance(value, dict) else "seq"
+    # rows of numbers stay together even where they are long
+    numbers = kind == "seq" and all(type(v) in (int, float) for v in value)
+    flow = not value or numbers or _short(value, LINE) >= 0
+    if kind == "map":
+        return dumper.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=flow)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=flow)
+
+
+def _text(dumper: Any, value: str) -> Any:
+    style = "|" if "\n" in value else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
+
+
+ReportDumper.add_representer(dict, _collection)
+ReportDumper.add_representer(list, _collection)
+ReportDumper.add_representer(str, _text)
+
+
+def dump_yaml(document: Any) -> str:
+    """The YAML text of a plain document (see `plain.py`), in the order of its keys."""
+    return yaml.dump(document, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
+
+
+def dump_json(document: Any) -> str:
+    """The JSON text of a plain document.
+
+    JSON has neither infinity nor NaN: infinity is written as the number 1e999, which readers with IEEE
+    doubles take as infinity again, and NaN as null.
+    """
+    marker = "\ue000inf"  # a private-use character: it stands in no text of a report
+    text = json.dumps(_finite(document, marker), ensure_ascii=False, indent=1, allow_nan=False)
+    return text.replace(f'"-{marker}"', "-1e999").replace(f'"{marker}"', "1e999") + "\n"
+
+
+def _finite(value: Any, marker: str) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v, marker) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v, marker) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else marker if value > 0 else "-" + marker
+    return value
+
+
+def save(document: dict[str, Any], path: str | os.PathLike, force: bool = False) -> None:
+    """Write a document as YAML, or as JSON where the file's name ends in `.json`; in full or not at all.
+
+    Raises
+    ------
+    UsageError
+        As `camcal.io.writing.atomic_write`.
+    """
+    as_json = Path(path).suffix.lower() == ".json"
+    atomic_write(path, dump_json(document) if as_json else dump_yaml(document), force)
+
+
+def read_document(path: str | os.PathLike) -> dict[str, Any]:
+    """Read a YAML or JSON file that holds a mapping.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, unreadable, not YAML, or no mapping.
+    """
+    source = Path(path)
+    try:
+        text = source.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DataError(f"there is no file '{source}'.", "Check the path.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not text"
+        raise DataError(f"cannot read '{source}': {reason}.", "A camcal report is a YAML file.") from error
+    found = _parse(text, source)
+    if not isinstance(found, dict):
+        raise DataError(f"'{source}' is no camera file: it holds no mapping.", "Give a camcal report.")
+    return found
+
+
+def _parse(text: str, source: Path) -> Any:
+    if text.lstrip().startswith("{"):
+        # JSON first: YAML 1.1 would take its 1e999 for a word
+        with contextlib.suppress(json.JSONDecodeError):
+            return json.loads(text)
+    try:
+        return yaml.load(_as_yaml(text), Loader=_Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark is not None else ""
+        raise DataError(f"'{source}' is not a YAML file: it breaks{where}.", "Is it damaged?") from error
+    except (RecursionError, ValueError) as error:
+        raise DataError(f"'{source}' cannot be read: {error}.", "Is it damaged?") from error
+
+
+def _as_yaml(text: str) -> str:
+    """OpenCV's files begin with `%YAML:1.0`, which YAML's grammar does not have, and tag their matrices."""
+    if text.startswith("%YAML:"):
+        text = text.partition("\n")[2]
+    return text.replace("!!opencv-matrix", "")

@@ -1,0 +1,272 @@
+"""The report: its keys, its exactness, reading back."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+import camcal
+from camcal.errors import DataError, UsageError
+from camcal.report.document import document, load, load_camera, save
+from camcal.report.plain import plain
+from camcal.report.yaml import dump_json, dump_yaml
+from camcal.types import CalibrationWarning, SkippedView
+from tests.solved import solved
+
+TOP = [
+    "schema",
+    "tool",
+    "command",
+    "inputs",
+    "options",
+    "target",
+    "stages",
+    "camera",
+    "views",
+    "fit",
+    "holdout",
+    "crosscheck",
+    "warnings",
+    "verdict",
+]
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return solved(views=4, fix={"k3": None, "aspect": None})
+
+
+def test_keys_stand_in_the_schemas_order(solution):
+    made = document(solution, command=["estimate", "x.csv"])
+    assert [k for k in made if k in TOP] == TOP
+    assert made["schema"] == "camcal-report/1"
+    assert set(made["tool"]) >= {"camcal", "opencv", "numpy", "python"}
+    assert set(made["camera"]["parameters"]["fx"]) == {"value", "sigma", "start", "fixed"}
+    assert {"rms_point", "rms_coord", "sigma_hat", "median", "p95", "max"} <= set(made["fit"])
+
+
+def test_fixed_parameters_have_no_sigma_and_free_ones_have(solution):
+    parameters = document(solution)["camera"]["parameters"]
+    assert parameters["k3"]["fixed"] and parameters["k3"]["sigma"] is None
+    assert not parameters["fx"]["fixed"] and parameters["fx"]["sigma"] > 0
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "json"])
+def test_a_report_reads_back_exactly(solution, tmp_path, suffix):
+    path = tmp_path / f"r.{suffix}"
+    save(document(solution), path)
+    back = load(path)
+    for a, b, m, n in zip(
+        solution.correspondences.views,
+        back.correspondences.views,
+        solution.inliers,
+        back.inliers,
+        strict=True,
+    ):
+        assert a.id == b.id
+        assert np.array_equal(a.xyz, b.xyz) and np.array_equal(a.uv, b.uv)
+        assert np.array_equal(a.point_ids, b.point_ids) and b.sigma is None
+        assert np.array_equal(m, n)
+    assert np.array_equal(back.camera.params, solution.camera.params)
+    assert np.array_equal(back.free, solution.free)
+    assert np.array_equal(back.start.params, solution.start.params)
+    assert back.camera.image_size == solution.camera.image_size
+    # poses pass through rotation vectors: a few units in the last place of 1e3 px
+    assert back.rms_point == pytest.approx(solution.rms_point, abs=1e-10)
+    assert np.allclose(back.normal.poses, solution.normal.poses, rtol=1e-8)
+    assert camcal.load(path).rms_point == back.rms_point
+
+
+def test_a_report_of_a_report_is_the_same(solution, tmp_path):
+    save(document(solution), tmp_path / "a.yaml")
+    first = document(load(tmp_path / "a.yaml"))
+    assert first["data"] == document(solution)["data"]
+    assert first["camera"]["matrix"] == document(solution)["camera"]["matrix"]
+
+
+def test_sigmas_ids_and_rejected_points_survive(tmp_path):
+    made = solved(views=3, sigma=np.linspace(0.1, 0.5, 54))
+    masks = [m.copy() for m in made.inliers]
+    masks[1][[3, 7]] = False
+    made = replace(made, inliers=tuple(masks))
+    doc = document(made)
+    assert doc["views"][1]["rejected_points"] == 2
+    assert [r["row"] for r in doc["views"][1]["rejected"]] == [3, 7]
+    assert doc["views"][1]["rejected"][0]["residual"] == made.residuals[1][3].tolist()
+    assert doc["fit"]["points_rejected"] == 2
+    save(doc, tmp_path / "r.yaml")
+    back = load(tmp_path / "r.yaml")
+    assert np.array_equal(back.correspondences.views[0].sigma, made.correspondences.views[0].sigma)
+    assert np.array_equal(back.inliers[1], masks[1])
+
+
+def test_skipped_views_stand_in_the_order_of_the_files(tmp_path):
+    made = solved(views=2)
+    data = replace(
+        made.correspondences,
+        skipped=(SkippedView("a.jpg", "not_found", "too dark"), SkippedView("c.jpg", "unreadable", "empty")),
+        views=tuple(
+            replace(v, id=n) for v, n in zip(made.correspondences.views, ("b.jpg", "d.jpg"), strict=True)
+        ),
+        files=tuple({"path": f"in/{n}.jpg", "sha256": "0"} for n in "abcd"),
+    )
+    doc = document(replace(made, correspondences=data))
+    assert [v["id"] for v in doc["views"]] == ["a.jpg", "b.jpg", "c.jpg", "d.jpg"]
+    assert [v["status"] for v in doc["views"]] == ["not_found", "used", "unreadable", "used"]
+    assert doc["inputs"]["views"] == 4 and doc["views"][0]["reason"] == "too dark"
+    save(doc, tmp_path / "r.yaml")
+    back = load(tmp_path / "r.yaml")
+    assert [v.id for v in back.correspondences.views] == ["b.jpg", "d.jpg"]
+    assert back.correspondences.skipped == data.skipped
+
+
+def test_a_single_view_carries_its_projection_matrix():
+    made = solved(model="pinhole", views=1, xyz=np.random.default_rng(0).uniform(-3, 3, (40, 3)), shift=0.5)
+    m = np.array(document(made)["projection_matrix"])
+    view = made.correspondences.views[0]
+    q = np.c_[view.xyz, np.ones(len(view))] @ m.T
+    rms = np.sqrt(np.square(q[:, :2] / q[:, 2:] - view.uv).sum(1).mean())
+    assert m[2, 3] == pytest.approx(1)
+    assert rms == pytest.approx(made.rms_point, abs=1e-9)
+    assert "projection_matrix" not in document(solved(views=2))
+
+
+def test_the_verdict_follows_the_gates(solution):
+    assert document(solution)["verdict"] == "pass"
+    assert document(solution, failures=["too bad"])["verdict"] == "fail"
+    strict = document(replace(solution, options={"max_rms": 0.01}))
+    assert strict["verdict"] == "fail" and "--max-rms" in strict["failures"][0]
+    entry = {"stage": "refine", "against": "cv2.calibrateCamera", "status": "fail", "why": "cv2 is lower"}
+    assert document(replace(solution, crosscheck=(entry,)))["verdict"] == "fail"
+
+
+def test_warnings_of_both_sources_are_listed(solution):
+    one = replace(solution, warnings=(CalibrationWarning("a", "b"),))
+    codes = [w["code"] for w in document(one, warnings=[CalibrationWarning("c", "d", "e")])["warnings"]]
+    assert codes == ["a", "c"]
+
+
+AWKWARD = [1e-5, 1e16, 1e-300, 0.1, -0.0, 123456789.123456789, 5e-324, float("inf"), float("-inf")]
+
+
+class TestYaml:
+    def test_numbers_keep_every_bit(self):
+        back = yaml.safe_load(dump_yaml({"x": AWKWARD}))["x"]
+        assert all(isinstance(b, float) for b in back)
+        assert [a.hex() for a in back] == [a.hex() for a in AWKWARD]
+
+    def test_json_keeps_them_too(self):
+        back = json.loads(dump_json({"x": AWKWARD, "n": float("nan")}))
+        assert [a.hex() for a in back["x"]] == [a.hex() for a in AWKWARD]
+        assert back["n"] is None
+
+    def test_words_that_yaml_takes_for_values_stay_words(self):
+        words = {
+            "a": "no",
+            "b": "1e-5",
+            "c": "null",
+            "d": "~",
+            "e": "12:30",
+            "f": "",
+            "g": "x: y",
+            "h": "été",
+        }
+        assert yaml.safe_load(dump_yaml(words)) == words
+
+    def test_a_matrix_has_a_row_a_line(self):
+        text = dump_yaml(
+            {"matrix": [[1.5, 0.0, 320.12345678901234], [0.0, 1.5, 240.12345678901234], [0.0, 0.0, 1.0]] * 2}
+        )
+        assert "- [1.5, 0.0, 320.1234567890123]\n" in text
+
+    def test_repeated_lists_are_no_anchors(self):
+        row = [1.0, 2.0]
+        assert "&" not in dump_yaml({"a": row, "b": row})
+
+    def test_numpy_becomes_plain(self):
+        found = plain(
+            {"a": np.float64(1e-5), "b": np.arange(2), "c": (np.bool_(True), None), "d": np.int64(3)}
+        )
+        assert yaml.safe_load(dump_yaml(found)) == {"a": 1e-5, "b": [0, 1], "c": [True, None], "d": 3}
+
+    def test_an_object_is_refused(self):
+        with pytest.raises(TypeError, match="cannot hold"):
+            plain({"a": object()})
+
+
+class TestBadFiles:
+    def test_missing(self, tmp_path):
+        with pytest.raises(DataError, match="no file"):
+            load(tmp_path / "absent.yaml")
+
+    @pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2\n", "\x00\x01", "{", "a: b: c"])
+    def test_not_a_report(self, tmp_path, text):
+        path = tmp_path / "r.yaml"
+        path.write_text(text)
+        with pytest.raises(DataError):
+            load(path)
+
+    def test_binary(self, tmp_path):
+        path = tmp_path / "r.yaml"
+        path.write_bytes(bytes(range(256)))
+        with pytest.raises(DataError, match="cannot read"):
+            load(path)
+
+    def test_another_schema(self, tmp_path, solution):
+        path = tmp_path / "r.yaml"
+        path.write_text("schema: somebody/1\n")
+        with pytest.raises(DataError, match="not a camcal report"):
+            load(path)
+        path.write_text(dump_yaml(document(solution) | {"schema": "camcal-report/2"}))
+        with pytest.raises(DataError, match="camcal-report/2"):
+            load(path)
+
+    @pytest.mark.parametrize("key", ["camera", "views", "fit", "data", "inputs", "stages"])
+    def test_a_missing_part(self, tmp_path, solution, key):
+        made = document(solution)
+        del made[key]
+        path = tmp_path / "r.yaml"
+        path.write_text(dump_yaml(made))
+        with pytest.raises(DataError, match=f"damaged: '{key}' is missing"):
+            load(path)
+
+    def test_cut_off_data(self, tmp_path, solution):
+        text = dump_yaml(document(solution))
+        path = tmp_path / "r.yaml"
+        path.write_text(text[: int(len(text) * 0.7)])
+        with pytest.raises(DataError, match="damaged"):
+            load(path)
+
+    def test_a_report_is_not_overwritten_unasked(self, tmp_path, solution):
+        path = tmp_path / "r.yaml"
+        path.write_text("mine")
+        with pytest.raises(UsageError):
+            save(document(solution), path)
+        assert path.read_text() == "mine"
+
+
+def test_an_opencv_file_is_a_camera(tmp_path):
+    import cv2
+
+    path = tmp_path / "cv.yml"
+    store = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    store.write("image_width", 640)
+    store.write("image_height", 480)
+    matrix = np.array([[533.1, 0, 320.5], [0, 534.2, 240.5], [0, 0, 1]])
+    store.write("camera_matrix", matrix)
+    store.write("distortion_coefficients", np.array([[-0.2, 0.1, 1e-5, 2e-4, 0.01]]))
+    store.release()
+    camera = load_camera(path)
+    assert camera.lens.name == "opencv5" and camera.image_size == (640, 480)
+    assert np.array_equal(camera.matrix, matrix)
+    assert camera.values["p1"] == 1e-5
+
+
+def test_a_camera_of_a_report(tmp_path, solution):
+    save(document(solution), tmp_path / "r.yaml")
+    assert np.array_equal(load_camera(tmp_path / "r.yaml").params, solution.camera.params)
+    (tmp_path / "x.yaml").write_text("a: 1\n")
+    with pytest.raises(DataError, match="no camera"):
+        load_camera(tmp_path / "x.yaml")
