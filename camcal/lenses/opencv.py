@@ -11,7 +11,10 @@ With a = x/z, b = y/z, s = a² + b²:
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+from numpy.polynomial import polynomial
 
 from camcal.lenses.base import Lens, OpenCVForm, Parameter, example_list, newton, no_options
 
@@ -109,17 +112,13 @@ class OpenCV(Lens):
         return u, params[1] * yd + params[3]
 
     def radius(self, params: Array) -> float:
-        """Radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf where it does neither.
-
-        The first positive root of the numerator of d(r f)/dr, or of the denominator of f.
-        """
+        """Radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf where it does neither."""
         k = self._coefficients(params)
-        num, den = np.poly1d([k[4], k[1], k[0], 1.0]), np.poly1d([k[7], k[6], k[5], 1.0])
-        s = np.poly1d([1.0, 0.0])
-        fold = num * den + 2 * s * (num.deriv() * den - num * den.deriv())
-        roots = np.concatenate([fold.roots, den.roots])
-        real = roots.real[(abs(roots.imag) < 1e-9 * (1 + abs(roots))) & (roots.real > 0)]
-        return float(np.sqrt(real.min())) if len(real) else np.inf
+        return _first_fold((1.0, k[0], k[1], k[4]), (1.0, k[5], k[6], k[7]))
+
+    def limit_angle(self, params: Array) -> float:
+        """The angle of `radius`."""
+        return float(np.arctan(self.radius(params)))
 
     def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
         """In front of the camera and within `radius`."""
@@ -301,6 +300,21 @@ class OpenCV(Lens):
             r = r[:-1]
         rd = np.maximum.accumulate(r * self._radial(k, r * r)[0])
         return np.interp(distorted, rd, r / rd)
+
+
+@lru_cache(maxsize=64)
+def _first_fold(num: tuple[float, ...], den: tuple[float, ...]) -> float:
+    """The first positive root, as a radius, of the numerator of d(r f)/dr or of the denominator of f.
+
+    num, den : coefficients of f = num / den in ascending powers of s = r².
+    """
+    n, d = np.trim_zeros(num, "b"), np.trim_zeros(den, "b")
+    dn, dd = polynomial.polyder(n), polynomial.polyder(d)
+    slope = polynomial.polysub(polynomial.polymul(dn, d), polynomial.polymul(n, dd))
+    fold = polynomial.polyadd(polynomial.polymul(n, d), polynomial.polymulx(2 * slope))
+    roots = np.concatenate([polynomial.polyroots(np.trim_zeros(fold, "b")), polynomial.polyroots(d)])
+    real = roots.real[(abs(roots.imag) < 1e-9 * (1 + abs(roots))) & (roots.real > 0)]
+    return float(np.sqrt(real.min())) if len(real) else np.inf
 
 
 def tilt_matrix(tau_x: float, tau_y: float) -> Array:

@@ -80,7 +80,6 @@ class _Group:
     xyz: Array  #: (G, 3, N) points relative to the view's centroid
     uv: Array  #: (G, 2, N)
     weights: Array | None  #: (G, 1, 1, N) square roots of the weights, None = 1
-    counts: Array  #: (G,) points without the filling
 
 
 class Problem:
@@ -103,14 +102,14 @@ class Problem:
         self.views = tuple(views)
         self.free = np.asarray(free, float)
         self.weights = weights if weights is not None else _default_weights(self.views)
-        self.offsets = np.array([v.xyz.mean(0) for v in self.views]).reshape(-1, 3)
+        self.offsets = np.array([v.xyz.sum(0) / len(v) for v in self.views]).reshape(-1, 3)
         self.rows = lens.size + 7
         self.groups = self._make_groups()
         largest = max((g.uv.shape[0] * g.uv.shape[2] for g in self.groups), default=0)
         self._buffer = np.empty(largest * 2 * self.rows)
-        scale = max((float(abs(v.uv).max()) for v in self.views), default=1.0)
+        scale = max((float(np.abs(g.uv).max()) for g in self.groups), default=1.0)
         #: a cost that rounding alone produces: a few units in the last place of each coordinate
-        self.rounding = 0.5 * sum(2 * len(v) for v in self.views) * (4 * np.finfo(float).eps * scale) ** 2
+        self.rounding = sum(len(v) for v in self.views) * (4 * np.finfo(float).eps * scale) ** 2
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
         """The same problem with other weights."""
@@ -227,25 +226,32 @@ class Problem:
         return groups
 
     def _group(self, members: Array) -> _Group:
-        counts = np.array([len(self.views[i]) for i in members])
-        n = int(counts.max())
-        weights = [
-            self.weights[i] if self.weights is not None else np.ones(len(self.views[i])) for i in members
-        ]
-        fill = [np.r_[np.arange(c), np.zeros(n - c, int)] for c in counts]
-        xyz = np.stack(
-            [(self.views[i].xyz - self.offsets[i])[f].T for i, f in zip(members, fill, strict=True)]
-        )
-        uv = np.stack([self.views[i].uv[f].T for i, f in zip(members, fill, strict=True)])
-        root = np.stack([np.r_[np.sqrt(w), np.zeros(n - len(w))] for w in weights])
-        plain = bool((root == 1.0).all())
+        chosen = [self.views[i] for i in members]
+        counts = np.array([len(v) for v in chosen])
+        xyz = _stacked([v.xyz for v in chosen], counts)
+        if self.weights is None and (counts == counts[0]).all():
+            root = None
+        else:
+            given = (
+                [np.ones(c) for c in counts] if self.weights is None else [self.weights[i] for i in members]
+            )
+            padded = np.zeros((len(members), counts.max()))
+            for row, w in zip(padded, given, strict=True):
+                row[: len(w)] = np.sqrt(w)
+            root = None if (padded == 1.0).all() else padded[:, None, None, :]
         return _Group(
             members,
-            np.ascontiguousarray(xyz),
-            np.ascontiguousarray(uv),
-            None if plain else root[:, None, None, :],
-            counts,
+            np.ascontiguousarray((xyz - self.offsets[members][:, None]).transpose(0, 2, 1)),
+            np.ascontiguousarray(_stacked([v.uv for v in chosen], counts).transpose(0, 2, 1)),
+            root,
         )
+
+
+def _stacked(arrays: list[Array], counts: Array) -> Array:
+    """Arrays (N, d) of views as one (G, max N, d), the shorter ones filled up with their first row."""
+    if (counts == counts[0]).all():
+        return np.stack(arrays)
+    return np.stack([np.r_[a, np.repeat(a[:1], counts.max() - len(a), 0)] for a in arrays])
 
 
 def _default_weights(views: Sequence[View]) -> list[Array] | None:
