@@ -1,0 +1,185 @@
+"""The report for people: tables for stdout, and a summary of verdict and warnings. 80 columns are enough.
+
+Both take the document, not the solution, so that a report read from a file shows the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+Document = Mapping[str, Any]
+
+#: more views than this are shown by their worst
+ALL_VIEWS = 24
+WORST_VIEWS = 10
+_STYLE = {"pass": "green", "fail": "bold red", "not_applicable": "dim", "used": "", "rejected": "yellow"}
+
+
+def tables(report: Document) -> RenderableType:
+    """Parameters, views, stages and cross-check of a report."""
+    parts = [_parameters(report), _fit(report["fit"]), _views(report["views"])]
+    if report["stages"]:
+        parts.append(_stages(report["stages"]))
+    if report["crosscheck"]:
+        parts.append(_crosscheck(report["crosscheck"]))
+    spaced: list[RenderableType] = []
+    for part in parts:
+        spaced += [part, Text("")]
+    return Group(*spaced[:-1])
+
+
+def summary(report: Document) -> RenderableType:
+    """The warnings with what to do, why a gate fell, and the verdict in a sentence, which comes last."""
+    lines: list[RenderableType] = []
+    for warning in report["warnings"]:
+        lines.append(
+            Text.assemble(("warning ", "yellow"), (warning["code"], "bold"), f": {warning['message']}")
+        )
+        if warning["hint"]:
+            lines.append(Padding(Text(warning["hint"]), (0, 0, 0, 2)))
+    for failure in report.get("failures", []):
+        lines.append(Text.assemble(("failed ", "bold red"), failure))
+    verdict = report["verdict"]
+    lines.append(Text.assemble((verdict.upper(), _STYLE[verdict]), f": {sentence(report)}"))
+    return Group(*lines)
+
+
+def sentence(report: Document) -> str:
+    """What was found, in one sentence."""
+    fit = report["fit"]
+    used = sum(v["status"] == "used" for v in report["views"])
+    said = (
+        f"{report['camera']['model']} from {count(fit['points_used'], 'point')} in {count(used, 'view')}, "
+        f"rms {number(fit['rms_point'])} px (95 % of the points below {number(fit['p95'])} px)"
+    )
+    if not fit["converged"]:
+        said += ", not converged"
+    entries = report["crosscheck"]
+    if entries:
+        agree = sum(e["status"] == "pass" for e in entries)
+        asked = sum(e["status"] != "not_applicable" for e in entries)
+        said += f"; OpenCV {report['tool']['opencv']} agrees in {agree} of {asked} cross-checks"
+    if report["warnings"]:
+        said += f"; {count(len(report['warnings']), 'warning')}"
+    return said + "."
+
+
+def count(n: int, noun: str) -> str:
+    """`1 view`, `2 views`."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """`digits` significant digits, so that columns line up; a dash for nothing."""
+    if value is None or math.isnan(value):
+        return "-"
+    return "0" if value == 0 else f"{value:#.{digits}g}".rstrip(".")
+
+
+def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
+    """A value and its sigma as text: sigma to two significant digits, the value to the same decimal place."""
+    if sigma is None or not math.isfinite(sigma) or sigma <= 0:
+        shown = "" if sigma is None or sigma == 0 else "undetermined" if math.isinf(sigma) else "-"
+        return f"{value:.6g}", shown
+    places = min(max(1 - math.floor(math.log10(sigma)), 0), 12)
+    return f"{value:.{places}f}", f"{sigma:.{places}f}" if places else f"{sigma:.0f}"
+
+
+def _table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
+    made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name in columns:
+        on_the_left = name == columns[0] or name in left
+        made.add_column(name, justify="left" if on_the_left else "right", no_wrap=True, overflow="ellipsis")
+    return made
+
+
+def _parameters(report: Document) -> Table:
+    camera = report["camera"]
+    size = "x".join(map(str, camera["image_size"] or ())) or "of unknown size"
+    made = _table(f"{camera['model']}, pictures {size}", "parameter", "value", "± sigma", "start")
+    for name, p in camera["parameters"].items():
+        value, sigma = with_sigma(p["value"], p["sigma"])
+        made.add_row(name, value, "fixed" if p["fixed"] else sigma, number(p["start"], 6))
+    return made
+
+
+def _fit(fit: Mapping[str, Any]) -> Table:
+    made = _table(
+        "reprojection error, px", "rms_point", "rms_coord", "sigma_hat", "median", "p95", "max", "points"
+    )
+    made.columns[0].justify = "right"
+    figures = [number(fit[k]) for k in ("rms_point", "rms_coord", "sigma_hat", "median", "p95", "max")]
+    rejected = fit["points_rejected"]
+    made.add_row(*figures, f"{fit['points_used']}" + (f" (+{rejected} rejected)" if rejected else ""))
+    return made
+
+
+def _views(views: Sequence[Mapping[str, Any]]) -> RenderableType:
+    used = [v for v in views if v["status"] == "used"]
+    title, shown = f"views ({len(used)} of {len(views)} used)", list(views)
+    if len(views) > ALL_VIEWS:
+        worst = sorted(used, key=lambda v: -_or_zero(v["rms_point"]))[:WORST_VIEWS]
+        others = [v for v in views if v["status"] != "used"]
+        shown = worst + others[:WORST_VIEWS]
+        title += f": the {len(worst)} worst" + (" and those left out" if others else "")
+        if len(others) > WORST_VIEWS:
+            title += f" (first {WORST_VIEWS})"
+    made = _table(title, "view", "points", "rms", "", left=[""])
+    made.columns[0].max_width = 30
+    made.columns[3].overflow, made.columns[3].no_wrap = "fold", False
+    top = max((_or_zero(v["rms_point"]) for v in used), default=0.0)
+    for v in shown:
+        note: RenderableType = Text("█" * round(16 * _or_zero(v["rms_point"]) / top) if top else "")
+        if v["status"] != "used":
+            said = v["status"].replace("_", " ") + (f": {v['reason']}" if v["reason"] else "")
+            note = Text(said, style=_STYLE.get(v["status"], "yellow"))
+        points = str(v["points"]) + (f" (-{v['rejected_points']})" if v["rejected_points"] else "")
+        made.add_row(escape(v["id"]), points, number(v["rms_point"]), note)
+    return made
+
+
+def _or_zero(value: float | None) -> float:
+    return 0.0 if value is None or math.isnan(value) else value
+
+
+def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
+    made = _table("stages", "stage", "rms", "fx", "fy", "cx", "cy", "skew", "ms")
+    for s in stages:
+        k = s["matrix"]
+        cells = (
+            ["-"] * 5
+            if k is None
+            else [number(k[i][j], 6) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2), (0, 1))]
+        )
+        made.add_row(
+            escape(s["name"]), number(s["rms_point"], 5), *cells, number(1e3 * _or_zero(s["seconds"]), 3)
+        )
+    return made
+
+
+def _crosscheck(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
+    made = _table(
+        "cross-check", "stage", "against", "status", "rms there", "difference px", left=["against", "status"]
+    )
+    reasons: list[RenderableType] = []
+    for e in entries:
+        status = e["status"]
+        there, difference = e.get("opencv") or {}, e.get("difference") or {}
+        made.add_row(
+            escape(e["stage"]),
+            escape(e["against"]),
+            Text(status.replace("_", " "), style=_STYLE[status]),
+            number(there.get("rms_point"), 6),
+            number(difference.get("projection_max_px"), 3),
+        )
+        if status != "pass" and e.get("why"):
+            reasons.append(Padding(Text(f"{e['stage']}: {e['why']}", style="dim"), (0, 0, 0, 2)))
+    return Group(made, *reasons)
