@@ -382,10 +382,11 @@ def _write_points(
 
 
 def _write_truth(path: Path, document: dict[str, Any], force: bool) -> None:
+    from camcal.io.writing import atomic_write
     from camcal.report.plain import plain
-    from camcal.report.yaml import write_report
+    from camcal.report.yaml import dump_yaml
 
-    write_report(path, plain(document), force)
+    atomic_write(path, dump_yaml(plain(document)), force)
 
 
 def _write_picture(path: Path, picture: Any, force: bool) -> None:
