@@ -69,11 +69,17 @@ class Lens(ABC):
     parameters : tuple of Parameter
         In the order of the parameter vector; the first four are fx, fy, cx, cy.
     has_skew : bool
+    default_fixed : tuple of str
+        Parameters that the model's gauge holds where they start, unless the user frees them.
+    neutral_curve : str
+        What the lens without distortion does: `perspective` (r = tan θ) or `equidistant` (r = θ).
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     has_skew: bool
+    default_fixed: tuple[str, ...] = ()
+    neutral_curve: str = "perspective"
 
     def __init__(self, name: str, distortion: Sequence[Parameter], skew: bool = False):
         self.name = name
@@ -128,6 +134,46 @@ class Lens(ABC):
     @abstractmethod
     def backward(self, params: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Unproject: (x, y, z) of a ray of any length, and the mask of pixels inside the domain."""
+
+    def limit_angle(self, params: Array) -> float:
+        """Half-angle of the domain about the optical axis, rad: up to there it has no fold and no pole.
+
+        By asking `inside` along a fan of directions; models that know it better override this.
+        """
+        low, high = 0.0, np.pi
+        for steps in (361, 101, 101, 101):
+            angles = np.linspace(low, high, steps)
+            with np.errstate(all="ignore"):
+                leaves = ~self._ring_inside(params, angles)
+            first = int(leaves.argmax()) if leaves.any() else steps - 1
+            low, high = angles[max(first - 1, 0)], angles[first]
+        return float(low)
+
+    def _ring_inside(self, params: Array, angles: Array) -> Array:
+        """Whether all directions at these angles (A,) from the axis are inside, (A,) bool."""
+        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        radius, z = np.sin(angles)[:, None], np.repeat(np.cos(angles)[:, None], len(turn), 1)
+        inside = self.inside(params, radius * np.cos(turn), radius * np.sin(turn), z)
+        return np.asarray(inside.all(1))
+
+    @classmethod
+    def variants(cls, name: str) -> tuple[str, ...]:
+        """Specs of `name` with the options that the contract tests should run besides the defaults."""
+        return (name,)
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """Values of the distortion parameters to begin from when the model is fitted to rays and pixels.
+
+        Parameters
+        ----------
+        rays : (N, 3) array of unit length
+        uv : (N, 2) array, px
+
+        Returns
+        -------
+        list of mappings, name -> value, the rest neutral; the camera matrix of each is found linearly.
+        """
+        return [{}]
 
     def nests(self) -> tuple[str, ...]:
         """Specs of the simpler models of which this one holds every camera, the closest first."""
@@ -214,6 +260,7 @@ class Lens(ABC):
             with np.errstate(all="ignore"):
                 valid = self.inside(params, x, y, z)
                 uv = np.stack(self.forward(params, x, y, z), -1)
+                valid &= np.isfinite(uv[:, 0]) & np.isfinite(uv[:, 1])
             uv[~valid] = np.nan
             return uv, valid
 
@@ -264,6 +311,7 @@ class Lens(ABC):
         with np.errstate(all="ignore"):
             valid = self.inside(params, x, y, z)[0]
             self.linearise(params, x, y, z, uv, d_xyz, d_params)
+            valid &= np.isfinite(uv[0]).all(0)
         out = uv[0].T.copy(), d_xyz[0].transpose(2, 1, 0).copy(), d_params[0].transpose(2, 1, 0).copy()
         for a in out:
             a[~valid] = np.nan

@@ -1,0 +1,219 @@
+"""The battery over every model of the table, its variants, with and without skew; and over wrong models."""
+
+import numpy as np
+import pytest
+
+from camcal import lenses
+from camcal.errors import UsageError
+from camcal.lenses.opencv import OpenCV
+from camcal.registry import load
+from tests.contracts import lens_battery as battery
+
+SPECS = [spec for name, path in lenses.LENSES.items() for spec in load(path).variants(name)]
+LENSES = [lenses.make(spec, skew) for spec in SPECS for skew in (False, True)]
+CAMERAS = [
+    pytest.param(lens, *camera, id=f"{lens.name}{'+skew' if lens.has_skew else ''}-{i}")
+    for lens in LENSES
+    for i, camera in enumerate(lens.examples())
+]
+each_lens = pytest.mark.parametrize("lens", LENSES, ids=repr)
+each_camera = pytest.mark.parametrize("lens, params, size", CAMERAS)
+
+
+def test_every_model_has_a_summary():
+    assert set(lenses.SUMMARIES) == set(lenses.LENSES)
+
+
+@each_lens
+def test_parameters(lens):
+    battery.check_parameters(lens)
+
+
+@each_lens
+def test_neutral_is_a_plain_camera(lens):
+    battery.check_neutral(lens)
+
+
+@each_lens
+def test_nesting(lens):
+    battery.check_nesting(lens)
+
+
+@each_camera
+def test_shapes(lens, params, size):
+    battery.check_shapes(lens, params, size)
+
+
+@each_camera
+def test_jacobians(lens, params, size):
+    battery.check_jacobians(lens, params, battery.directions(lens, params, size, 40))
+
+
+@each_camera
+def test_nothing_changes_along_a_ray(lens, params, size):
+    battery.check_euler(lens, params, size)
+
+
+@each_camera
+def test_linearise(lens, params, size):
+    battery.check_linearise(lens, params, size)
+
+
+@each_camera
+def test_round_trip(lens, params, size):
+    battery.check_round_trip(lens, params, size)
+
+
+@each_camera
+def test_whole_sphere(lens, params, size):
+    battery.check_whole_sphere(lens, params, size)
+
+
+@each_camera
+def test_outside(lens, params, size):
+    battery.check_outside(lens, params, size)
+
+
+@each_camera
+def test_centre(lens, params, size):
+    battery.check_centre(lens, params)
+
+
+@each_camera
+def test_prior(lens, params, size):
+    battery.check_prior(lens, params)
+
+
+@each_camera
+def test_opencv(lens, params, size):
+    battery.check_opencv(lens, params, size)
+
+
+@pytest.mark.parametrize("name", lenses.LENSES)
+def test_unknown_option(name):
+    with pytest.raises(UsageError) as error:
+        lenses.make(f"{name}:nonsense=3")
+    assert "nonsense" in error.value.message and error.value.hint
+
+
+def test_unknown_model():
+    with pytest.raises(UsageError, match="unknown model 'opencv6'"):
+        lenses.make("opencv6")
+
+
+# ---------------------------------------------------------------------------------------------- wrong models
+class _Wrong(OpenCV):
+    """opencv5 with one mistake; `catches` says which check must fall."""
+
+    catches = ""
+
+    def __init__(self):
+        super().__init__("opencv5")
+
+
+class WrongParameterDerivative(_Wrong):
+    catches = "jacobians"
+
+    def linearise(self, params, x, y, z, uv, d_xyz, d_params):
+        ok = super().linearise(params, x, y, z, uv, d_xyz, d_params)
+        d_params[:, 8] *= 1.0001
+        return ok
+
+
+class WrongPointDerivative(_Wrong):
+    catches = "euler"
+
+    def linearise(self, params, x, y, z, uv, d_xyz, d_params):
+        ok = super().linearise(params, x, y, z, uv, d_xyz, d_params)
+        d_xyz[:, 2] *= 1 + 1e-7
+        return ok
+
+
+class ForgetsARow(_Wrong):
+    catches = "linearise"
+
+    def linearise(self, params, x, y, z, uv, d_xyz, d_params):
+        kept = d_params[:, 6].copy()
+        ok = super().linearise(params, x, y, z, uv, d_xyz, d_params)
+        d_params[:, 6] = kept
+        return ok
+
+
+class NeverOutside(_Wrong):
+    catches = "whole_sphere"
+
+    def inside(self, params, x, y, z):
+        return z > 0
+
+
+class BehindIsInside(_Wrong):
+    catches = "outside"
+
+    def inside(self, params, x, y, z):
+        return x * x + y * y < (self.radius(params) * z) ** 2
+
+
+class LaxLinearise(_Wrong):
+    catches = "linearise"
+
+    def linearise(self, *args):
+        super().linearise(*args)
+        return True
+
+
+class RoughInverse(_Wrong):
+    catches = "round_trip"
+
+    def backward(self, params, u, v):
+        x, y, z, valid = super().backward(params, u, v)
+        return x * (1 + 1e-10), y, z, valid
+
+
+class WrongNeutral(_Wrong):
+    catches = "neutral"
+
+    def forward(self, params, x, y, z):
+        u, v = super().forward(params, x, y, z)
+        return u + 1e-6 * (v - params[3]), v
+
+
+class WrongNesting(_Wrong):
+    catches = "nesting"
+
+    def adopt(self, other, params):
+        out = super().adopt(other, params)
+        out[-1] += 1e-6
+        return out
+
+
+class SwappedForCv2(_Wrong):
+    catches = "opencv"
+
+    def opencv(self, params):
+        form = super().opencv(params)
+        form.distortion[[2, 3]] = form.distortion[[3, 2]]
+        return form
+
+
+def _run(check, lens):
+    params, size = lens.examples()[0]
+    arguments = {
+        "jacobians": (lens, params, battery.directions(lens, params, size)),
+        "neutral": (lens,),
+        "nesting": (lens,),
+        "centre": (lens, params),
+    }
+    getattr(battery, f"check_{check}")(*arguments.get(check, (lens, params, size)))
+
+
+@pytest.mark.parametrize("wrong", _Wrong.__subclasses__())
+def test_the_battery_catches_a_wrong_model(wrong):
+    _run(wrong.catches, OpenCV("opencv5"))
+    with pytest.raises(AssertionError):
+        _run(wrong.catches, wrong())
+
+
+def test_differences_are_sharper_than_the_tolerance():
+    exact = np.exp(0.3) * 500
+    got = battery.difference(lambda t: 500 * np.exp(0.3 + t), 1e-3)
+    assert abs(got - exact) / exact < battery.DERIVATIVE / 50
