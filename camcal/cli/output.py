@@ -40,9 +40,15 @@ def console(stderr: bool = False) -> Any:
     """Return a rich console: the terminal's width, or 80 columns where the stream is no terminal."""
     from rich.console import Console
 
+    class PipeConsole(Console):
+        """rich leaves the program by itself where a pipe breaks; camcal's boundary does that."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() else WIDTH_OFF_A_TERMINAL
-    return Console(file=stream, width=width, highlight=False, soft_wrap=False)
+    return PipeConsole(file=stream, width=width, highlight=False, soft_wrap=False)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> Any:

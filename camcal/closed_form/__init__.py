@@ -8,3 +8,9 @@ CLOSED_FORMS = {
     "dlt": "camcal.closed_form.dlt:estimate",
     "zhang": "camcal.closed_form.zhang:estimate",
 }
+
+SUMMARIES = {
+    "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
+    "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
+    "zhang": "views of a plane: homographies and the image of the absolute conic",
+}

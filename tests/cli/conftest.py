@@ -1,0 +1,51 @@
+"""Every test of the command line runs in an empty folder of its own and without CAMCAL_* variables."""
+
+import json
+import os
+
+import pytest
+
+from camcal.cli import COMMANDS
+from camcal.cli.boundary import run
+
+TOY = ("tests.cli.toy:command", "A command of the tests.")
+
+
+@pytest.fixture(autouse=True)
+def _clean_place(tmp_path, monkeypatch):
+    for name in [name for name in os.environ if name.startswith("CAMCAL_")]:
+        monkeypatch.delenv(name)
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def camcal(capsys):
+    """Run a command line in this process: `code, stdout, stderr = camcal("list", "models")`."""
+
+    def call(*args):
+        code = run([str(arg) for arg in args])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def toy(camcal, monkeypatch):
+    """Run the toy command."""
+    monkeypatch.setitem(COMMANDS, "toy", TOY)
+    return lambda *args: camcal("toy", *args)
+
+
+@pytest.fixture
+def resolved(toy):
+    """Return the resolved options of the toy command, `{name: {value, from}}`."""
+
+    def options(*args):
+        code, out, err = toy("show", *args)
+        assert code == 0, err
+        return json.loads(out)
+
+    return options

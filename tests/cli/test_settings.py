@@ -1,0 +1,155 @@
+"""flag > environment > file > default, and what is said of a bad value in each of them."""
+
+from pathlib import Path
+
+import pytest
+
+CONFIG = """\
+model: opencv8
+max-rms: 1
+fix: [p1, k3=0.1]
+image_size: [640, 480]
+toy:
+  max_rms: 0.5
+  crosscheck: false
+"""
+
+
+@pytest.fixture
+def config():
+    path = Path("camcal.yaml")
+    path.write_text(CONFIG)
+    return path
+
+
+def test_defaults(resolved):
+    found = resolved()
+    assert {entry["from"] for entry in found.values()} == {"default"}
+    assert found["model"]["value"] == "opencv5"
+    assert found["crosscheck"]["value"] is True
+    assert found["fix"]["value"] == {}
+    assert "config" not in found
+
+
+def test_file(resolved, config):
+    found = resolved()
+    assert found["model"] == {"value": "opencv8", "from": "file"}
+    assert found["max_rms"] == {"value": 0.5, "from": "file"}  # the command's own key wins over the top
+    assert found["crosscheck"] == {"value": False, "from": "file"}
+    assert found["fix"] == {"value": {"p1": None, "k3": 0.1}, "from": "file"}
+    assert found["image_size"] == {"value": [640, 480], "from": "file"}
+    assert found["seed"] == {"value": 0, "from": "default"}
+
+
+def test_environment_wins_over_file(resolved, config, monkeypatch):
+    for name, value in {"MODEL": "opencv4", "MAX_RMS": "2", "CROSSCHECK": "1", "FIX": "p2,k1=0"}.items():
+        monkeypatch.setenv(f"CAMCAL_{name}", value)
+    found = resolved()
+    assert found["model"] == {"value": "opencv4", "from": "env"}
+    assert found["max_rms"] == {"value": 2.0, "from": "env"}
+    assert found["crosscheck"] == {"value": True, "from": "env"}
+    assert found["fix"] == {"value": {"p2": None, "k1": 0.0}, "from": "env"}
+
+
+def test_flag_wins_over_all(resolved, config, monkeypatch):
+    monkeypatch.setenv("CAMCAL_MODEL", "opencv4")
+    monkeypatch.setenv("CAMCAL_CROSSCHECK", "0")
+    found = resolved(
+        "--model", "pinhole", "--crosscheck", "--fix", "k1", "--fix", "k2=1,p1", "--max-rms", "3"
+    )
+    assert found["model"] == {"value": "pinhole", "from": "flag"}
+    assert found["crosscheck"] == {"value": True, "from": "flag"}
+    assert found["fix"] == {"value": {"k1": None, "k2": 1.0, "p1": None}, "from": "flag"}
+    assert found["max_rms"] == {"value": 3.0, "from": "flag"}
+
+
+def test_a_named_file_replaces_the_one_of_the_folder(resolved, config, monkeypatch):
+    Path("other.yaml").write_text("seed: 7\n")
+    assert resolved("--config", "other.yaml")["seed"] == {"value": 7, "from": "file"}
+    assert resolved("--config", "other.yaml")["model"] == {"value": "opencv5", "from": "default"}
+    monkeypatch.setenv("CAMCAL_CONFIG", "other.yaml")
+    assert resolved()["seed"] == {"value": 7, "from": "file"}
+
+
+def test_keys_of_other_commands_are_known(resolved):
+    Path("camcal.yaml").write_text("points3d: a.csv\nestimate:\n  seed: 3\n")
+    assert resolved()["seed"]["value"] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("modle: pinhole\n", "Error: camcal.yaml:1: unknown key 'modle'.\n  Did you mean 'model'?\n"),
+        ("model: pinhole\ntoy:\n  seeed: 1\n", "Error: camcal.yaml:3: unknown key 'seeed'."),
+        ("seed: 1\nmodel: pinhole\nseed: 2\n", "Error: camcal.yaml:3: 'seed' is given a second time"),
+        ("seed: 1\nmodel: opencv6\n", "Error: camcal.yaml:2: model: unknown model 'opencv6'."),
+        ("\n\ntoy:\n  image-size: 640\n", "Error: camcal.yaml:4: image_size: '640' is not an image size"),
+        ("max_rms: much\n", "Error: camcal.yaml:1: 'max_rms' is 'much'; a number is needed."),
+        ("max_rms: -1\n", "Error: camcal.yaml:1: max_rms: -1.0 is not in the range x>0."),
+        ("seed: 1.5\n", "Error: camcal.yaml:1: 'seed' is '1.5'; a whole number is needed."),
+        ("skew: no\n", "Error: camcal.yaml:1: 'skew' is 'no'; true or false is needed."),
+        ("robust: nome\n", "Error: camcal.yaml:1: 'robust' is 'nome'; one of none"),
+        ("- a\n", "Error: camcal.yaml:1: "),
+        ("model: [\n", "Error: camcal.yaml:2: not valid YAML"),
+        ("config: other.yaml\n", "Error: camcal.yaml:1: unknown key 'config'."),
+    ],
+)
+def test_bad_file(toy, text, message):
+    Path("camcal.yaml").write_text(text)
+    code, out, err = toy("show")
+    assert (code, out) == (2, "")
+    assert err.startswith(message)
+
+
+def test_missing_file(toy):
+    code, _, err = toy("show", "--config", "absent.yaml")
+    assert code == 2
+    assert "absent.yaml" in err
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--image-size", "640"], "--image-size: '640' is not an image size; width x height in pixels"),
+        (["--image-size", "0x4"], "--image-size: 0x4: both numbers must be at least 1."),
+        (["--board", "9by6"], "--board: '9by6' is not a board; its inner corners, columns x rows"),
+        (["--board", "1x6"], "--board: 1x6: both numbers must be at least 2."),
+        (["--square", "25 parsec"], "--square: '25 parsec': unknown unit 'parsec'."),
+        (["--square", "wide"], "--square: 'wide' is not a length."),
+        (["--square", "-2mm"], "--square: '-2mm': a length must be positive."),
+        (["--square", "1e999"], "--square: '1e999': a length must be positive."),
+        (["--fix", "k1=x"], "--fix: k1=x: 'x' is not a number."),
+        (["--fix", "k1=nan"], "--fix: k1=nan: 'nan' is not a number."),
+        (["--fix", "k1="], "--fix: 'k1=' is not NAME or NAME=VALUE."),
+        (["--fix", "k1=1", "--fix", "k1=2"], "--fix: 'k1' is fixed twice, at different values."),
+        (["--max-rms", "x"], "--max-rms: 'x' is not a valid number."),
+        (["--seed", "-1"], "--seed: -1 is not in the range x>=0."),
+    ],
+)  # fmt: skip
+def test_bad_flag(toy, args, message):
+    code, out, err = toy("show", *args)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"Error: {message}")
+
+
+def test_bad_environment(toy, monkeypatch):
+    monkeypatch.setenv("CAMCAL_BOARD", "nine")
+    code, _, err = toy("show")
+    assert code == 2
+    assert err.startswith("Error: CAMCAL_BOARD: 'nine' is not a board")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("25mm", "25mm"), ("0.025 m", "0.025m"), ("25", "25"), ("1e1um", "10um"), ("1µm", "1um")],
+)
+def test_lengths(resolved, text, value):
+    assert resolved("--square", text)["square"]["value"] == value
+
+
+def test_quoted_yaml_values_and_numbers(resolved):
+    Path("camcal.yaml").write_text('square: 25\nimage_size: "640x480"\nfix: p1,p2\n')
+    found = resolved()
+    assert found["square"]["value"] == "25"
+    assert found["image_size"]["value"] == [640, 480]
+    assert found["fix"]["value"] == {"p1": None, "p2": None}

@@ -1,0 +1,46 @@
+"""A command that does what a test asks for: fails in a given way, or prints its resolved options as JSON."""
+
+import json
+import time
+
+import click
+
+from camcal import errors
+from camcal.cli import options
+from camcal.cli.settings import resolved_options
+from camcal.cli.verbosity import verbosity_options
+
+FAILURES = {
+    "camcal": errors.CamcalError("a gate fell.", "one thing to try\nand another"),
+    "usage": errors.UsageError("a contradiction.", "leave one out"),
+    "data": errors.DataError("2 images were found; 3 are needed."),
+    "estimation": errors.EstimationError("degenerate.", "tilt the board"),
+    "click": click.UsageError("Wrong use"),
+    "missing-file": FileNotFoundError(2, "No such file or directory", "there.csv"),
+    "interrupt": KeyboardInterrupt(),
+    "abort": click.Abort(),
+    "bug": ZeroDivisionError("division by zero\nsecond line"),
+    "end-of-file": EOFError("from a library, not from the user"),
+    "nameless-os-error": OSError(5, "Input/output error"),
+}
+
+
+@click.command("toy")
+@click.argument("what", default="show")
+@options.board_options
+@options.image_size_option
+@options.calibration_options
+@options.report_options
+@verbosity_options
+@click.pass_context
+def command(ctx, what, **values):
+    """Do what a test asks for."""
+    if what == "show":
+        click.echo(json.dumps(resolved_options(ctx), default=str))
+        return 0
+    if what == "sleep":
+        click.echo("ready")
+        time.sleep(60)
+    if what == "gate":
+        return 1
+    raise FAILURES[what]
