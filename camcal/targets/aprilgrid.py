@@ -1,10 +1,10 @@
 """AprilTag grids as Kalibr prints them: tags in rows, and a small black square at each crossing of the gaps.
 
-`aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm whose gaps are 0.3 of that; `aprilgrid:FILE.yaml` is Kalibr's own
-file, its lengths in metres. Tag 0 is at the lower left, ids go to the right, then up; `family=t36h11`, `border=2`
-and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down, with its origin at
-the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, counter-clockwise from the
-lower left, as Kalibr counts them. Each is the saddle between a tag and a small square.
+`aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm whose gaps are 0.3 of that; `aprilgrid:FILE.yaml` is Kalibr's
+own file, its lengths in metres. Tag 0 is at the lower left, ids go to the right, then up; `family=t36h11`,
+`border=2` and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down, its
+origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, from the lower
+left counter-clockwise, as Kalibr counts them. Each is the saddle between a tag and a small square.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CV2_CORNERS = np.array([1, 0, 3, 2])
 
 
 class AprilGrid(TagBoard):
-    """A grid of `columns` x `rows` tags; `square` is the side of a tag, `spacing` the gap as a share of it."""
+    """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a share of it."""
 
     kind = "aprilgrid"
 

@@ -1,8 +1,8 @@
 """ChArUco boards: a checkerboard whose white squares hold markers, so that every corner is identified.
 
 `charuco:9x7:40mm:20mm:4X4_100` has 9x7 squares of 40 mm with markers of 20 mm; `legacy` as a further argument
-is the layout of OpenCV before 4.6, which differs for an even number of rows. The frame is OpenCV's: origin at the
-outer corner of the upper left square; point ids are OpenCV's, row by row from 0 over the inner corners.
+is the layout of OpenCV before 4.6, which differs for an even number of rows. The frame is OpenCV's: origin at
+the outer corner of the upper left square; point ids are OpenCV's, row by row from 0 over the inner corners.
 """
 
 from __future__ import annotations

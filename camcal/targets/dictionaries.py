@@ -103,7 +103,7 @@ def detector(name: str, border: int = 1) -> Any:
 
 
 def detect(gray: Array, name: str, border: int = 1) -> tuple[Array, Array]:
-    """Markers that a picture shows: ids (K,) and corners (K, 4, 2), clockwise from the marker's own upper left."""
+    """Markers that a picture shows: ids (K,) and corners (K, 4, 2), clockwise from its own upper left."""
     corners, ids, _ = detector(name, border).detectMarkers(gray)
     if ids is None or not len(corners):
         return np.zeros(0, int), np.zeros((0, 4, 2))

@@ -1,8 +1,8 @@
 """How much of a small box of the board is black: the exact area, not a count of samples.
 
 A pattern of axis-aligned rectangles (checkerboards, tags) is looked up in the integral of its blackness,
-which is bilinear between the rectangles' edges, so that four readings give the exact mean over a box. Discs and
-polygons of other shapes are taken as half-planes at the scale of the box.
+which is bilinear between the rectangles' edges, so that four readings give the exact mean over a box. Discs
+and polygons of other shapes are taken as half-planes at the scale of the box.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What boards of identified markers share: finding the markers, then every corner near them.
 
-The markers' own corners are only a start. Those that fit to their neighbours give local homographies (no lens is
-assumed, so a wide angle does no harm), these say where each corner of the board lies, also beside a marker that
-was not read, and the corners are then fitted as the saddles of grey value that they are.
+The markers' own corners are only a start. Those that fit to their neighbours give local homographies (no lens
+is assumed, so a wide angle does no harm), these say where each corner of the board lies, also beside a marker
+that was not read, and the corners are then fitted as the saddles of grey value that they are.
 """
 
 from __future__ import annotations
@@ -82,13 +82,8 @@ class TagBoard(Target):
         return self._corners(gray, tags, corners)
 
     def _markers(self, picture: Array, factor: int) -> tuple[Array, Array]:
-        """Markers of this board (indices into `tag_ids`) that agree with each other, in px of the full picture."""
-        small = (
-            picture
-            if factor == 1
-            else cv2.resize(picture, None, fx=1 / factor, fy=1 / factor, interpolation=3)
-        )
-        ids, corners = dictionaries.detect(small, self.dictionary, self.border)
+        """Markers of this board (rows of `tag_ids`) that agree with each other, in px of the full picture."""
+        ids, corners = dictionaries.detect(reduced(picture, factor), self.dictionary, self.border)
         corners = (corners + 0.5) * factor - 0.5
         own = {int(tag): k for k, tag in enumerate(self.tag_ids)}
         rows = [i for i, tag in enumerate(ids) if int(tag) in own]
@@ -138,6 +133,13 @@ def reductions(shape: tuple[int, ...]) -> list[int]:
     return factors
 
 
+def reduced(picture: Array, factor: int) -> Array:
+    """The picture `factor` times smaller, area-sampled; pixel u of it is (u + 0.5) factor - 0.5 of the picture."""
+    if factor == 1:
+        return picture
+    return cv2.resize(picture, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+
+
 def _said(count: int, name: str) -> str:
     found = "no marker" if not count else "one marker"
     return f"{found} of {name} of this board was found; at least 2 that fit together are needed"
@@ -156,7 +158,7 @@ def consistent(board: Array, corners: Array) -> Array:
     h = homography.homographies(board, corners, steps=0)
     on_board, centre = board.mean(1), corners.mean(1)
     count = min(NEIGHBOURS + 1, len(board))
-    _, near = cKDTree(on_board).query(on_board, k=count)
+    near = np.asarray(cKDTree(on_board).query(on_board, k=count)[1])
     a = np.repeat(np.arange(len(board)), count - 1)
     b = near[:, 1:].ravel()
     expected = homography.transfer(h[a], on_board[b][:, None])[:, 0]
@@ -191,7 +193,7 @@ def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[A
         d uv / d point.
     """
     count = min(SUPPORT, len(board))
-    distance, near = cKDTree(board.mean(1)).query(points, k=count)
+    distance, near = (np.asarray(a) for a in cKDTree(board.mean(1)).query(points, k=count))
     ids = np.flatnonzero(distance[:, 0] < reach)
     near, distance = near[ids], distance[ids]
     weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest decides
