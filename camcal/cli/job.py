@@ -71,7 +71,7 @@ def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, 
     report = document(solution, command=command_line(ctx))
     output = options["output"]
     if output is not None:
-        save(output, report, options["force"])
+        save(report, output, options["force"])
     emit(report, options["format"], lambda: tables(report))
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import click
+
+from camcal.cli.verbosity import verbosity
 
 WIDTH_OFF_A_TERMINAL = 80
 
@@ -49,6 +52,23 @@ def console(stderr: bool = False) -> Any:
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() else WIDTH_OFF_A_TERMINAL
     return PipeConsole(file=stream, width=width, highlight=False, soft_wrap=False)
+
+
+@contextmanager
+def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
+    """Show on stderr how many of `total` are done; the body calls what it is given after each.
+
+    Off a terminal and with -q nothing is shown.
+    """
+    if not sys.stderr.isatty() or verbosity() < 0:
+        yield lambda: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda: bar.advance(task)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> Any:

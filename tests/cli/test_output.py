@@ -39,3 +39,18 @@ def test_notes_go_to_stderr(capsys):
     note("said")
     note("left out", 1)
     assert capsys.readouterr() == ("", "said\n")
+
+
+def test_no_animation_off_a_terminal(capsys):
+    with output.progress("reading", 3) as advance:
+        advance()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with output.progress("reading", 3) as advance:
+        advance()
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "reading" in said.err
