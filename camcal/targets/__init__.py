@@ -18,7 +18,7 @@ TARGETS = {
 SUMMARIES = {
     "checkerboard": "black and white squares; checkerboard:9x6:25mm = inner corners and side of a square",
     "charuco": "checkerboard with markers; charuco:9x7:40mm:20mm:4X4_100 = squares, side, marker, dictionary",
-    "aprilgrid": "Kalibr's grid of tags; aprilgrid:6x6:22mm:0.3 = tags, side, spacing; or aprilgrid:FILE.yaml",
+    "aprilgrid": "Kalibr's tags; aprilgrid:6x6:22mm:0.3 = tags, side, spacing; or aprilgrid:FILE.yaml",
 }
 
 

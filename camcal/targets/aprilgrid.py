@@ -2,9 +2,10 @@
 
 `aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm whose gaps are 0.3 of that; `aprilgrid:FILE.yaml` is Kalibr's
 own file, its lengths in metres. Tag 0 is at the lower left, ids go to the right, then up; `family=t36h11`,
-`border=2` and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down, its
-origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, from the lower
-left counter-clockwise, as Kalibr counts them. Each is the saddle between a tag and a small square.
+`border=2` and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down,
+its origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, from
+the lower left counter-clockwise, as Kalibr counts them. Each is the saddle between a tag and a small
+square.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ def reductions(shape: tuple[int, ...]) -> list[int]:
 
 
 def reduced(picture: Array, factor: int) -> Array:
-    """The picture `factor` times smaller, area-sampled; pixel u of it is (u + 0.5) factor - 0.5 of the picture."""
+    """The picture `factor` times smaller; pixel u of it is (u + 0.5) factor - 0.5 of the picture."""
     if factor == 1:
         return picture
     return cv2.resize(picture, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
