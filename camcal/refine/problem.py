@@ -10,7 +10,7 @@ batched product of that array with its own transpose gives every normal matrix, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,18 +26,29 @@ _ROW_BUDGET = 40_000
 
 @dataclass(frozen=True)
 class State:
-    """Where the iteration stands: parameters (P,), and per view rotation (V, 3, 3) and the image
-    (V, 3) of the view's centroid in the camera's frame.
+    """Where the iteration stands.
+
+    Attributes
+    ----------
+    params : (P,) array
+    rotations : (V, 3, 3) array
+    centres : (V, 3) array
+        The centroid of each view's points in the camera's frame.
+    shape : (B,) array
+        Coordinates of the board's shape, where that is estimated too.
     """
 
     params: Array
     rotations: Array
     centres: Array
+    shape: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step in the free parameters (F,) and the poses (V, 6) = (rotation on the left, translation)."""
+    """A step in the free parameters (F,), those of the board's shape last, and in the poses (V, 6) =
+    (rotation on the left, translation).
+    """
 
     intrinsics: Array
     poses: Array
@@ -73,7 +84,7 @@ class Blocks:
 
 
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """Views that are worked on together; shorter ones are filled up with points of weight 0."""
 
     members: Array  #: (G,) indices of the views
@@ -128,17 +139,19 @@ class Problem:
 
     def retract(self, state: State, step: Step) -> State:
         """Move: params + T δ, exp(δ) R, t + δ."""
+        own = self.free.shape[1]
         return State(
-            state.params + self.free @ step.intrinsics,
+            state.params + self.free @ step.intrinsics[:own],
             rotations.exp(step.poses[:, :3]) @ state.rotations,
             state.centres + step.poses[:, 3:],
+            state.shape + step.intrinsics[own:],
         )
 
     # ------------------------------------------------------------------ evaluation
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations at a state; None where a point leaves the lens's domain."""
         normal = self.view_normals(state)
-        return None if normal is None else self._blocks(normal, state)
+        return None if normal is None else self.blocks(normal, state)
 
     def view_normals(self, state: State, partly: bool = False) -> Array | None:
         """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
@@ -148,7 +161,7 @@ class Problem:
         normal = np.empty((len(self.views), self.rows, self.rows))
         with np.errstate(all="ignore"):
             for group in self.groups:
-                block = self._fill(group, state)
+                block = self.fill(group, state)
                 if block is not None:
                     flat = block.reshape(*block.shape[:2], -1)
                     normal[group.members] = flat @ flat.transpose(0, 2, 1)
@@ -158,19 +171,15 @@ class Problem:
                     return None
         return normal
 
-    def residuals(self, state: State) -> list[Array]:
-        """Predicted - observed (N, 2) of each view, px, unweighted; NaN outside the lens's domain."""
-        poses = self.poses(state)
-        return [
-            self.lens.project(state.params, v.xyz @ r.T + t)[0] - v.uv
-            for v, r, t in zip(self.views, poses.rotations, poses.translations, strict=True)
-        ]
+    def points(self, group: Group, state: State) -> Array:
+        """Points (G, 3, N) of a group relative to their views' centroids."""
+        return group.xyz
 
-    def _fill(self, group: _Group, state: State) -> Array | None:
+    def fill(self, group: Group, state: State) -> Array | None:
         """The rows (G, P + 6 + 1, 2, N) of a group: parameters, rotation, translation, residual."""
         size, p = group.uv.shape, self.lens.size
         block = self._buffer[: size[0] * self.rows * 2 * size[2]].reshape(size[0], self.rows, 2, size[2])
-        turned = state.rotations[group.members] @ group.xyz
+        turned = state.rotations[group.members] @ self.points(group, state)
         cam = turned + state.centres[group.members][:, :, None]
         x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))
         d_xyz = block[:, p + 3 : p + 6]
@@ -187,7 +196,8 @@ class Problem:
             block *= group.weights
         return block
 
-    def _blocks(self, normal: Array, state: State) -> Blocks | None:
+    def blocks(self, normal: Array, state: State) -> Blocks | None:
+        """Add the views up and pass to the free parameters."""
         p, free = self.lens.size, self.free
         own = normal[:, :p].sum(0)
         view_costs = 0.5 * normal[:, -1, -1]
@@ -210,7 +220,7 @@ class Problem:
         )
 
     # ------------------------------------------------------------------ groups
-    def _make_groups(self) -> list[_Group]:
+    def _make_groups(self) -> list[Group]:
         order = np.argsort([len(v) for v in self.views], kind="stable")
         groups, begin = [], 0
         while begin < len(order):
@@ -225,7 +235,7 @@ class Problem:
             begin = end
         return groups
 
-    def _group(self, members: Array) -> _Group:
+    def _group(self, members: Array) -> Group:
         chosen = [self.views[i] for i in members]
         counts = np.array([len(v) for v in chosen])
         xyz = _stacked([v.xyz for v in chosen], counts)
@@ -239,7 +249,7 @@ class Problem:
             for row, w in zip(padded, given, strict=True):
                 row[: len(w)] = np.sqrt(w)
             root = None if (padded == 1.0).all() else padded[:, None, None, :]
-        return _Group(
+        return Group(
             members,
             np.ascontiguousarray((xyz - self.offsets[members][:, None]).transpose(0, 2, 1)),
             np.ascontiguousarray(_stacked([v.uv for v in chosen], counts).transpose(0, 2, 1)),

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from camcal.errors import DataError, EstimationError
+from camcal.refine.board import BoardProblem, make_board, settle
 from camcal.refine.optimizers import OPTIMIZERS
 from camcal.refine.optimizers.base import OnStep, Options, Result
 from camcal.refine.parameters import apply_fixed, free_matrix
@@ -26,6 +29,7 @@ def refine(
     options: Options | None = None,
     inliers: Sequence[Array] | None = None,
     weights: Sequence[Array] | None = None,
+    board_shape: str = "flat",
     on_step: OnStep | None = None,
 ) -> Solution:
     """Estimate the camera and all poses by maximum likelihood, from a start.
@@ -41,6 +45,9 @@ def refine(
         Points to rest on; the others get residuals only.
     weights : sequence of (N,) arrays, optional
         Weights of the squared residuals in place of 1 / sigma²; as long as the views, all points.
+    board_shape : str
+        `flat` = as the correspondences say; `bowl`, `print` and `free` are estimated along. The solution's
+        correspondences then hold the points found, and `extras["board"]` the ideal ones with their ids.
 
     Raises
     ------
@@ -57,12 +64,23 @@ def refine(
     kept = [v if m.all() else v.take(m) for v, m in zip(views, masks, strict=True)]
     _check_count(kept, free)
     kept_weights = None if weights is None else [w[m] for w, m in zip(weights, masks, strict=True)]
-    problem = Problem(lens, kept, free, kept_weights)
+    board = None if board_shape == "flat" else make_board(kept, board_shape)
+    problem = (
+        Problem(lens, kept, free, kept_weights)
+        if board is None
+        else BoardProblem(lens, kept, free, board, kept_weights)
+    )
     result: Result = look_up(OPTIMIZERS, optimizer, "optimizer")(
         problem, problem.state(params, poses), options, on_step
     )
     found = replace(start, params=lens.normalise(result.state.params))
     final = problem.poses(result.state)
+    extras: dict[str, Any] = {}
+    if board is not None:
+        points, final = settle(board.points + board.expand(result.state.shape), board.points, final)
+        correspondences = _on_board(correspondences, board.points, points)
+        free = np.c_[free, np.zeros((len(free), board.size))]
+        extras["board"] = BoardResult(board.kind, board.points, points, board.size)
     return Solution(
         camera=found,
         poses=final,
@@ -73,7 +91,36 @@ def refine(
         free=free,
         normal=result.blocks.normal(),
         fit=_fit(optimizer, result, time.perf_counter() - begin),
+        extras=extras,
     )
+
+
+@dataclass(frozen=True)
+class BoardResult:
+    """The board that was found.
+
+    Attributes
+    ----------
+    kind : str
+    ideal : (M, 3) array
+        The points that the correspondences gave, unit of the data.
+    points : (M, 3) array
+        Where they are, in the frame and at the scale in which they are nearest to the ideal ones.
+    size : int
+        Number of parameters of the shape.
+    """
+
+    kind: str
+    ideal: Array
+    points: Array
+    size: int
+
+
+def _on_board(correspondences: Correspondences, ideal: Array, points: Array) -> Correspondences:
+    """The correspondences with the ideal points replaced by those found."""
+    tree = cKDTree(ideal)
+    views = [replace(v, xyz=points[tree.query(v.xyz)[1]]) for v in correspondences.views]
+    return replace(correspondences, views=tuple(views))
 
 
 def residuals(camera: Camera, poses: Poses, correspondences: Correspondences) -> tuple[Array, ...]:
