@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from camcal.errors import DataError
 
 BLOCK_BYTES = 1 << 21
@@ -23,19 +25,27 @@ _TEXT_HINT = "Give a CSV or text table of points, or an .npz file."
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive lines of a file; `numbers` holds the line number of each, or only that of the first.
+    """Consecutive lines of a file without its comments and blank lines.
 
-    Comments and blank lines are left out of `lines`; `comments` are those before the first line of a file's
-    first block, where a header may stand.
+    Attributes
+    ----------
+    lines : list of str
+    numbers : range or (n,) int array
+        The line number of each.
+    quoted : bool
+        Whether a double quote may stand in them.
+    comments : tuple of str
+        Of a file's first block, those before its first line: a header may stand there.
     """
 
     lines: list[str]
-    numbers: range | list[int]
+    numbers: range | np.ndarray
+    quoted: bool
     comments: tuple[str, ...] = ()
 
     def after(self, count: int) -> Block:
         """The block without its first `count` lines."""
-        return Block(self.lines[count:], self.numbers[count:])
+        return Block(self.lines[count:], self.numbers[count:], self.quoted)
 
 
 @dataclass
@@ -134,10 +144,11 @@ def _block(text: str, first: int) -> tuple[Block, int]:
     lines = raw
     if "#" in text:
         lines = _COMMENT.sub(lambda m: m[1] or "", text).split("\n")[: len(raw)]
-    numbers: range | list[int] = range(first, first + len(raw))
+    quoted = '"' in text
+    if all(lines) and not any(map(str.isspace, lines)):
+        return Block(lines, range(first, first + len(raw)), quoted), len(raw)
     keep = [i for i, line in enumerate(lines) if line and not line.isspace()]
-    if len(keep) == len(raw):
-        return Block(lines, numbers), len(raw)
     before = raw[: keep[0]] if keep else []
     comments = tuple(line.strip() for line in before if line.lstrip().startswith("#")) if first == 1 else ()
-    return Block([lines[i] for i in keep], [numbers[i] for i in keep], comments), len(raw)
+    numbers = np.array(keep, dtype=np.int64) + first
+    return Block([lines[i] for i in keep], numbers, quoted, comments), len(raw)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import NoReturn
 
@@ -43,7 +42,7 @@ class Table:
     values: Array
     view_names: tuple[str, ...]
     view_index: Array | None
-    line_starts: tuple[tuple[int, Sequence[int]], ...]
+    line_starts: tuple[tuple[int, range | Array], ...]
 
     def column(self, name: str) -> Array | None:
         """Return the column (N,), or None where the table has none of that name."""
@@ -52,7 +51,7 @@ class Table:
     def line_of(self, row: int) -> int:
         """The line number of a row in the file."""
         start, numbers = next(entry for entry in reversed(self.line_starts) if entry[0] <= row)
-        return numbers[row - start]
+        return int(numbers[row - start])
 
 
 def read_table(path: str, form: Form = POINTS) -> Table:
@@ -78,9 +77,8 @@ def read_table(path: str, form: Form = POINTS) -> Table:
         starts.append((rows, block.numbers))
         rows += len(numbers)
         if views:
-            for name in dict.fromkeys(views):
-                names.setdefault(name, len(names))
-            index.append(np.fromiter(map(names.__getitem__, views), np.int32, len(views)))
+            raw = {view: names.setdefault(view.strip(), len(names)) for view in dict.fromkeys(views)}
+            index.append(np.fromiter(map(raw.__getitem__, views), np.int32, len(views)))
     if layout is None or not values:
         found = "only comments and blank lines" if layout is None else "a header but no rows"
         raise DataError(f"{path}: {found}; points are needed.", "Is it the right file?")
@@ -91,19 +89,20 @@ def read_table(path: str, form: Form = POINTS) -> Table:
 
 def _parse(block: Block, layout: Layout, path: str) -> tuple[Array, list[str] | None]:
     """The numbers (n, C) and the views of the rows of a block."""
-    texts, views, separator = _without_view(block, layout)
+    place = layout.columns.index("view") if "view" in layout.columns else None
     columns = [c for c in layout.columns if c != "view"]
     try:
-        numbers = np.loadtxt(texts, delimiter=separator, comments=None, ndmin=2)
+        split = _split_fields if block.quoted else _split_lines
+        numbers, views = split(block.lines, layout, place)
     except ValueError:
         _diagnose(block, layout, path)
-    if numbers.shape != (len(block.lines), len(columns)) or not np.isfinite(numbers).all():
+    good = np.isfinite(numbers).all() and (views is None or all(map(str.strip, dict.fromkeys(views))))
+    if "sigma" in columns:
+        good = good and (numbers[:, columns.index("sigma")] > 0).all()
+    if "id" in columns:
+        good = good and is_id(numbers[:, columns.index("id")]).all()
+    if not good:
         _diagnose(block, layout, path)
-    if views and not all(views):
-        _diagnose(block, layout, path)
-    for role, ok in (("sigma", lambda a: a > 0), ("id", is_id)):
-        if role in columns and not np.all(ok(numbers[:, columns.index(role)])):
-            _diagnose(block, layout, path)
     return numbers, views
 
 
@@ -112,36 +111,34 @@ def is_id(values: Array) -> Array:
     return (np.rint(values) == values) & (np.abs(values) <= LARGEST_ID)
 
 
-def _without_view(block: Block, layout: Layout) -> tuple[list[str], list[str] | None, str | None]:
-    """The lines without their view, the views, and the separator of the lines returned."""
-    lines, separator = block.lines, layout.separator
-    place = layout.columns.index("view") if "view" in layout.columns else None
-    last = len(layout.columns) - 1
-    quoted = any(map(str.__contains__, lines, repeat('"')))
-    if quoted or place not in (None, 0, last):
-        return _split_all(block, layout, place)
-    views: list[str] | None = None
-    if place is not None and last:
-        cut = str.split if place == 0 else str.rsplit
-        pairs = [p if len(p) == 2 else (["", ""]) for p in map(cut, lines, repeat(separator), repeat(1))]
-        views = [p[0 if place == 0 else 1].strip() for p in pairs]
-        lines = [p[1 if place == 0 else 0] for p in pairs]
+def _split_lines(lines: list[str], layout: Layout, place: int | None) -> tuple[Array, list[str] | None]:
+    """Numbers and views of lines without quotes. Raises ValueError where a line is not as it should be."""
+    separator, width = layout.separator, len(layout.columns)
+    if separator is None:
+        widths = set(map(len, map(str.split, lines)))
+    else:
+        widths = {n + 1 for n in set(map(str.count, lines, repeat(separator)))}
+    if widths != {width}:  # loadtxt itself does not mind long rows where columns are picked
+        raise ValueError(widths)
+    views = None
+    if place == 0 and separator is not None:
+        views = [line.partition(separator)[0] for line in lines]
+    elif place is not None:
+        views = [line.split(separator, place + 1)[place] for line in lines]
     if layout.decimal_comma:
         lines = [line.replace(",", ".") for line in lines]
-    return lines, views, separator
+    picked = [i for i in range(width) if i != place]
+    return np.loadtxt(lines, delimiter=separator, comments=None, ndmin=2, usecols=picked), views
 
 
-def _split_all(
-    block: Block, layout: Layout, place: int | None
-) -> tuple[list[str], list[str] | None, str | None]:
-    """As `_without_view`, field by field, for quoted fields and a view in the midst."""
-    rows = [layout.split(line) for line in block.lines]
-    views = None
-    if place is not None:
-        views = [row.pop(place) if place < len(row) else "" for row in rows]
-    if layout.decimal_comma:
-        rows = [[field.replace(",", ".") for field in row] for row in rows]
-    return [",".join(row) for row in rows], views, ","
+def _split_fields(lines: list[str], layout: Layout, place: int | None) -> tuple[Array, list[str] | None]:
+    """As `_split_lines` for lines with quotes, field by field."""
+    rows = [layout.split(line) for line in lines]
+    if any(len(row) != len(layout.columns) for row in rows):
+        raise ValueError
+    views = None if place is None else [row.pop(place) for row in rows]
+    bare = replace(layout, separator=";" if layout.decimal_comma else ",", columns=("X",) * len(rows[0]))
+    return _split_lines([str(bare.separator).join(row) for row in rows], bare, None)[0], views
 
 
 def _diagnose(block: Block, layout: Layout, path: str) -> NoReturn:
