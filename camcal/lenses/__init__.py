@@ -16,6 +16,8 @@ LENSES = {
     "opencv8": "camcal.lenses.opencv:OpenCV",
     "opencv12": "camcal.lenses.opencv:OpenCV",
     "opencv14": "camcal.lenses.opencv:OpenCV",
+    "kb4": "camcal.lenses.kannala_brandt:KannalaBrandt",
+    "kb": "camcal.lenses.kannala_brandt:KannalaBrandt",
 }
 
 SUMMARIES = {
@@ -25,6 +27,8 @@ SUMMARIES = {
     "opencv8": "rational radial of six coefficients, decentering",
     "opencv12": "opencv8 with thin prism s1 to s4",
     "opencv14": "opencv12 with a tilted sensor (Scheimpflug)",
+    "kb4": "fisheye up to and beyond 180 degrees: odd polynomial of the angle, OpenCV's fisheye",
+    "kb": "kb:n, the same with n terms",
 }
 
 
