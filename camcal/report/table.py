@@ -107,7 +107,7 @@ def _parameters(report: Document) -> Table:
     made = _table(f"{camera['model']}, pictures {size}", "parameter", "value", "± sigma", "start")
     for name, p in camera["parameters"].items():
         value, sigma = with_sigma(p["value"], p["sigma"])
-        made.add_row(name, value, "fixed" if p["fixed"] else sigma, number(p["start"], 6))
+        made.add_row(name, value, "fixed" if p["fixed"] else sigma, f"{p['start']:.6g}")
     return made
 
 
