@@ -13,12 +13,16 @@ TARGETS = {
     "checkerboard": "camcal.targets.checkerboard:Checkerboard",
     "charuco": "camcal.targets.charuco:Charuco",
     "aprilgrid": "camcal.targets.aprilgrid:AprilGrid",
+    "circles": "camcal.targets.circles:Circles",
+    "asymmetric-circles": "camcal.targets.circles:AsymmetricCircles",
 }
 
 SUMMARIES = {
     "checkerboard": "black and white squares; checkerboard:9x6:25mm = inner corners and side of a square",
     "charuco": "checkerboard with markers; charuco:9x7:40mm:20mm:4X4_100 = squares, side, marker, dictionary",
     "aprilgrid": "Kalibr's tags; aprilgrid:6x6:22mm:0.3 = tags, side, spacing; or aprilgrid:FILE.yaml",
+    "circles": "discs in rows; circles:10x8:2.5mm = columns, rows, their distance (and :diameter)",
+    "asymmetric-circles": "staggered discs as OpenCV's; asymmetric-circles:4x11:20mm, the distance of rows",
 }
 
 
