@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,9 +15,9 @@ from camcal.closed_form.base import ClosedForm
 from camcal.errors import DataError
 from camcal.evaluate import figures
 from camcal.geometry import projective
+from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
 from camcal.refine.parameters import apply_fixed
-from camcal.refine.poses import refine_poses
 from camcal.refine.solve import refine, residuals
 from camcal.registry import look_up
 from camcal.types import (
@@ -43,6 +43,7 @@ class Options:
     fix: Mapping[str, float | None] = field(default_factory=dict)
     optimizer: str = "lm"
     robust: str = "none"
+    board_shape: str = "flat"
     crosscheck: bool = False
     max_rms: float | None = None
     seed: int = 0
@@ -64,7 +65,7 @@ def calibrate(
     model : str
         A lens model, `camcal list models`.
     robust : str
-        How outliers are treated: `none`.
+        How outliers are treated: `none`, `auto`, or the name of a loss.
     on_event : callable, optional
         Called with (name, details) at each stage.
     **options
@@ -86,13 +87,50 @@ def calibrate(
     """
     told = Options(model=model, robust=robust, **options)
     usable = leave_out_unusable(correspondences)
-    lens = lenses.make(told.model, told.skew)
-    begun = start(usable, told)
-    camera, fix = _first_camera(lens, begun, usable, told)
-    poses = begun.poses
-    solution = refine(camera, poses, usable, fix, told.optimizer, told.stopping)
-    solution = replace(solution, stages=(*begun.stages, _refine_stage(solution)), warnings=begun.warnings)
-    return solution
+    run = _Run(told, lenses.make(told.model, told.skew))
+    planar = shape.shapes(usable.views).planar.tolist()
+    solution = robustly.estimate(usable, run.begin, run.fit, planar, told.robust, told.seed)
+    if told.board_shape != "flat":
+        solution = run.with_shape(solution)
+    stages = (*run.begun.stages, _refine_stage(solution))
+    return replace(solution, stages=stages, warnings=run.begun.warnings)
+
+
+class _Run:
+    """One calibration under way: its options, and where its closed form ended."""
+
+    def __init__(self, told: Options, lens: lenses.base.Lens):
+        self.told, self.lens = told, lens
+        self.begun: Start
+        self.fix: dict[str, float | None] = dict(told.fix)
+
+    def begin(
+        self, correspondences: Correspondences, masks: Sequence[np.ndarray] | None
+    ) -> tuple[Correspondences, Camera, Poses]:
+        """The closed form, on some of the points."""
+        chosen = correspondences
+        if masks is not None:
+            kept = tuple(v.take(m) for v, m in zip(correspondences.views, masks, strict=True))
+            chosen = replace(correspondences, views=kept)
+        self.begun = start(chosen, self.told)
+        camera, self.fix = _first_camera(self.lens, self.begun, correspondences, self.told)
+        return correspondences, camera, self.begun.poses
+
+    def fit(self, start: Camera, poses: Poses, correspondences: Correspondences, **more: Any) -> Solution:
+        """The refinement with the options of this calibration."""
+        more.setdefault("options", self.told.stopping)
+        return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
+
+    def with_shape(self, solution: Solution) -> Solution:
+        """The same with the board's shape estimated along."""
+        found = self.fit(
+            solution.camera,
+            solution.poses,
+            solution.correspondences,
+            inliers=solution.inliers,
+            board_shape=self.told.board_shape,
+        )
+        return replace(found, start=solution.start)
 
 
 def leave_out_unusable(correspondences: Correspondences) -> Correspondences:
@@ -177,7 +215,7 @@ def _assumed(
     found: ClosedForm, correspondences: Correspondences
 ) -> tuple[dict[str, float | None], tuple[CalibrationWarning, ...]]:
     """What a single view of a plane leaves open is held at the closed form's assumption, and said."""
-    held = {name: None for name in found.info.get("held", ())}
+    held: dict[str, float | None] = dict.fromkeys(found.info.get("held", ()))
     if not held or shape.distinct(correspondences.views) > 1:
         return {}, ()
     said = CalibrationWarning(

@@ -329,6 +329,7 @@ class Solution:
     crosscheck: tuple[Mapping[str, Any], ...] = ()
     holdout: Mapping[str, Any] | None = None
     extras: Mapping[str, Any] = field(default_factory=dict)
+    weights: tuple[Array, ...] | None = None  #: of a robust loss, 0 to 1, (N,) a view
 
     @property
     def used_residuals(self) -> Array:
@@ -343,5 +344,5 @@ class Solution:
 
     @property
     def free_count(self) -> int:
-        """Number of estimated parameters, poses included."""
+        """Number of estimated parameters, poses and the board's shape included."""
         return self.free.shape[1] + 6 * len(self.poses)

@@ -1,0 +1,107 @@
+"""Which points and views do not belong: a stated test on the residuals.
+
+With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
+A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
+one run in a hundred rejects anything at all. s is the larger of that of all points and that of the point's
+view, so that a picture blurred more than the others is not taken apart; a view whose s exceeds FAR times
+that of the median view, or that loses more than half of its points, is rejected as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from camcal.refine.losses import robust_sigma
+from camcal.types import Array, Correspondences, View
+
+ALPHA = 0.01
+#: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
+_MEDIAN_EFFICIENCY = 0.48
+FAR = 5.0
+#: residuals below this part of the coordinates are the rounding of the input, not outliers
+_ROUNDING = 1e-7
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the test says.
+
+    Attributes
+    ----------
+    inliers : V arrays (N,) of bool
+    sigma : float
+        Robust scale of one coordinate: px, or of the given sigmas where there are some.
+    threshold : float
+        Largest |r| / s of a point that is kept, over all points.
+    bad_views : tuple of int
+        Views to be rejected as a whole.
+    """
+
+    inliers: tuple[Array, ...]
+    sigma: float
+    threshold: float
+    bad_views: tuple[int, ...]
+
+    @property
+    def rejected(self) -> int:
+        """Number of points that are not kept."""
+        return sum(int((~m).sum()) for m in self.inliers)
+
+
+def standardised(view: View, residual: Array) -> Array:
+    """Lengths (N,) of residuals in units of the view's sigmas, or px; inf where a point does not project."""
+    lengths = np.linalg.norm(residual, axis=1)
+    lengths = np.where(np.isfinite(lengths), lengths, np.inf)
+    return lengths if view.sigma is None else lengths / view.sigma
+
+
+def judge(correspondences: Correspondences, residuals: Sequence[Array], parameters: int) -> Verdict:
+    """Test the residuals (N, 2) of each view, px, after a fit of so many parameters."""
+    views = correspondences.views
+    lengths = [standardised(v, r) for v, r in zip(views, residuals, strict=True)]
+    every = np.concatenate(lengths)
+    n = len(every)
+    floor = _floor(views)
+    sigma = max(robust_sigma(every, parameters), floor)
+    own = np.array([robust_sigma(length, parameters * len(length) // n) for length in lengths])
+    threshold = cut(n, parameters)
+    usual = max(float(np.median(own)), sigma)
+    bad = set(np.flatnonzero(own > FAR * usual).tolist()) if len(views) > 2 else set()
+    masks = []
+    for i, length in enumerate(lengths):
+        mask = length <= threshold * max(sigma, min(own[i], FAR * usual))
+        if i in bad or mask.mean() < 0.5:
+            bad.add(i)
+            mask = np.zeros(len(length), bool)
+        masks.append(mask)
+    if len(bad) == len(views):
+        bad, masks = set(), [length <= threshold * sigma for length in lengths]
+    return Verdict(tuple(masks), sigma, threshold, tuple(sorted(bad)))
+
+
+def cut(points: int, parameters: int) -> float:
+    """The largest |r| / s that the test lets pass, for so many points and parameters."""
+    freedom = max(_MEDIAN_EFFICIENCY * (2 * points - parameters), 2.0)
+    return float(np.sqrt(2 * f_distribution.isf(ALPHA / points, 2, freedom)))
+
+
+def looks_gaussian(residuals: Array, sigma: float) -> bool:
+    """Whether root mean square and median of residuals (N, 2) tell of the same σ, within 4 deviations.
+
+    Contamination that hides its own points by widening the median shows here.
+    """
+    squares = np.einsum("ij,ij->i", residuals, residuals)
+    if not np.isfinite(squares).all():
+        return False
+    ratio = np.sqrt(squares.mean() / 2) / max(sigma, np.finfo(float).tiny)
+    return bool(ratio < 1.15 + 4 / np.sqrt(len(residuals)))
+
+
+def _floor(views: Sequence[View]) -> float:
+    scale = max(float(np.abs(v.uv).max()) for v in views)
+    sigmas = [float(np.median(v.sigma)) for v in views if v.sigma is not None]
+    return _ROUNDING * scale / (np.median(sigmas) if sigmas else 1.0)
