@@ -18,6 +18,12 @@ LENSES = {
     "opencv14": "camcal.lenses.opencv:OpenCV",
     "kb4": "camcal.lenses.kannala_brandt:KannalaBrandt",
     "kb": "camcal.lenses.kannala_brandt:KannalaBrandt",
+    "brown": "camcal.lenses.brown:Brown",
+    "ucm": "camcal.lenses.unified:Unified",
+    "eucm": "camcal.lenses.unified:Unified",
+    "ds": "camcal.lenses.double_sphere:DoubleSphere",
+    "mei": "camcal.lenses.mei:Mei",
+    "fov": "camcal.lenses.fov:FieldOfView",
 }
 
 SUMMARIES = {
@@ -29,6 +35,12 @@ SUMMARIES = {
     "opencv14": "opencv12 with a tilted sensor (Scheimpflug)",
     "kb4": "fisheye up to and beyond 180 degrees: odd polynomial of the angle, OpenCV's fisheye",
     "kb": "kb:n, the same with n terms",
+    "brown": "Brown-Conrady of any order: brown:radial=3,decentering=1,prism=0,centre=principal",
+    "ucm": "unified model: one sphere, 180 degrees and more",
+    "eucm": "enhanced unified model: an ellipsoid",
+    "ds": "double sphere",
+    "mei": "unified model with distortion k1 k2 p1 p2, OpenCV's omnidir",
+    "fov": "field of view (Devernay & Faugeras): one parameter",
 }
 
 
