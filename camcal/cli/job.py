@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from camcal.cli.output import console, emit
+from camcal.cli.output import console, emit, progress
 from camcal.cli.settings import resolved_options
 from camcal.cli.verbosity import note, verbosity
 
@@ -40,9 +41,22 @@ def read_data(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondence
 
 def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
     """Find the board in pictures; `options` holds the values of `board_options`."""
-    from camcal.io.pictures import read_boards
+    from camcal.io.images import detect_images
 
-    return read_boards(paths, board=options["board"], square=options["square"], jobs=options["jobs"])
+    told = {name: options[name] for name in ("target", "board", "square", "jobs", "cache")}
+    with progress("reading pictures") as show:
+
+        def tell(event: str, details: Mapping[str, Any]) -> None:
+            if event == "picture":
+                show(details["done"], details["count"])
+                if details["status"] != "found":
+                    note(f"{details['id']}: {details['reason']}", 1)
+            elif event == "board":
+                note("board: {columns}x{rows} inner corners, in {votes} of {of} pictures".format(**details))
+            elif event == "cache":
+                note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
+
+        return detect_images(paths, **told, on_event=tell)
 
 
 def calibrate_and_report(

@@ -54,6 +54,12 @@ def _optimizers() -> Any:
     return OPTIMIZERS
 
 
+def _targets() -> Any:
+    from camcal.targets import TARGETS
+
+    return TARGETS
+
+
 def _merge_fixed(ctx: click.Context, param: click.Parameter, values: tuple[dict, ...]) -> dict:
     """Merge repeated `--fix` into one; the type refuses a parameter held at two values."""
     parts = [(f"{name}={held}" if held is not None else name) for one in values for name, held in one.items()]
@@ -106,6 +112,10 @@ config_option = option(
     callback=read_config, metavar="FILE", help="Read options from FILE (YAML) instead of ./camcal.yaml.",
 )  # fmt: skip
 
+target_option = option(
+    "--target", type=params.SpecType("target", _targets), metavar="SPEC",
+    help="Target with its sizes, such as checkerboard:9x6:25mm; `camcal list targets` names them.",
+)  # fmt: skip
 board_option = option(
     "--board", type=params.BOARD, metavar="CxR",
     help="Inner corners of the board, columns x rows, such as 9x6; found from the pictures where left out.",
@@ -118,9 +128,12 @@ jobs_option = option(
     "--jobs", "-j", type=click.IntRange(min=1), metavar="N",
     help="Processes that read pictures; as many as there are cores by default.",
 )  # fmt: skip
+cache_option = option(
+    "--cache/--no-cache", default=True, show_default=True, help="Keep and reuse what was found in a picture."
+)
 
 #: How a board is found in pictures.
-board_options = group_of(board_option, square_option, jobs_option)
+board_options = group_of(target_option, board_option, square_option, jobs_option, cache_option)
 #: What a calibration is, whatever its input.
 calibration_options = group_of(
     model_option,

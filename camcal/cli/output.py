@@ -55,20 +55,20 @@ def console(stderr: bool = False) -> Any:
 
 
 @contextmanager
-def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show on stderr how many of `total` are done; the body calls what it is given after each.
+def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Show on stderr how far a job is; the body calls what it is given with (done, total).
 
     Off a terminal and with -q nothing is shown.
     """
     if not sys.stderr.isatty() or verbosity() < 0:
-        yield lambda: None
+        yield lambda done, total: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console(stderr=True), transient=True) as bar:
-        task = bar.add_task(label, total=total)
-        yield lambda: bar.advance(task)
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> Any:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, NoReturn
 
 import click
 
-LENGTH_UNITS = ("um", "mm", "cm", "m", "in")
+from camcal.errors import UsageError
 
 
 class Length(NamedTuple):
@@ -39,33 +40,47 @@ class CamcalType(click.ParamType):
         """Raise the error for a value that does not fit."""
         raise HintedError(message, hint, param=param, ctx=ctx)
 
+    @contextmanager
+    def own_words(self, param: click.Parameter | None, ctx: click.Context | None) -> Iterator[None]:
+        """Turn a UsageError of another room into the error of this parameter."""
+        try:
+            yield
+        except UsageError as error:
+            raise HintedError(error.message, error.hint, param=param, ctx=ctx) from error
 
-class PairType(CamcalType):
-    """Two whole numbers: `640x480`, or `[640, 480]` in YAML."""
 
-    def __init__(self, name: str, what: str, example: str, least: int):
-        self.name, self.what, self.example, self.least = name, what, example, least
+class SizeType(CamcalType):
+    """The size of a picture: `640x480`, or `[640, 480]` in YAML."""
+
+    name = "WxH"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, int]:
-        """Return the pair as (first, second)."""
-        if isinstance(value, str):
-            found = re.fullmatch(r"\s*(\d+)\s*[xX]\s*(\d+)\s*", value)
-            pair = found.groups() if found else ()
-        else:
-            pair = tuple(value) if isinstance(value, (list, tuple)) else ()
-        if len(pair) != 2 or not all(isinstance(n, str) or type(n) is int for n in pair):
-            self.refuse(f"{_shown(value)} is not {self.what}.", f"Try: {self.example}", param, ctx)
-        first, second = int(pair[0]), int(pair[1])
-        if min(first, second) < self.least:
-            self.refuse(
-                f"{first}x{second}: both numbers must be at least {self.least}.",
-                f"Try: {self.example}",
-                param,
-                ctx,
-            )
-        return first, second
+        """Return (width, height)."""
+        found = re.fullmatch(r"\s*(\d{1,7})\s*[xX]\s*(\d{1,7})\s*", _with_x(value))
+        if not found:
+            message = f"{_shown(value)} is not an image size; width x height in pixels is needed."
+            self.refuse(message, "Try: 640x480", param, ctx)
+        width, height = int(found[1]), int(found[2])
+        if min(width, height) < 1:
+            self.refuse(f"a picture of {width}x{height} has no pixels.", "Try: 640x480", param, ctx)
+        return width, height
+
+
+class BoardType(CamcalType):
+    """The size of a board in inner corners: `9x6`, or `[9, 6]` in YAML."""
+
+    name = "CxR"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (columns, rows)."""
+        from camcal.targets.base import parse_grid
+
+        with self.own_words(param, ctx):
+            return parse_grid(_with_x(value))
 
 
 class LengthType(CamcalType):
@@ -77,18 +92,10 @@ class LengthType(CamcalType):
         """Return the length as (value, unit)."""
         if isinstance(value, Length):
             return value
-        found = re.fullmatch(r"\s*([0-9.eE+-]+?)\s*([a-zA-Zµ]*)\s*", str(value))
-        size = _float(found[1]) if found else None
-        if found is None or size is None or isinstance(value, bool):
-            self.refuse(f"{_shown(value)} is not a length.", "Try: 25mm", param, ctx)
-        unit = found[2].replace("µ", "u") or "unit"
-        if unit not in (*LENGTH_UNITS, "unit"):
-            self.refuse(
-                f"{_shown(value)}: unknown unit '{unit}'.", f"Known: {', '.join(LENGTH_UNITS)}.", param, ctx
-            )
-        if not (math.isfinite(size) and size > 0):
-            self.refuse(f"{_shown(value)}: a length must be positive.", "Try: 25mm", param, ctx)
-        return Length(size, unit)
+        from camcal.targets.base import parse_length
+
+        with self.own_words(param, ctx):
+            return Length(*parse_length(str(value)))
 
 
 class FixType(CamcalType):
@@ -172,11 +179,16 @@ def _float(text: Any) -> float | None:
         return None
 
 
+def _with_x(value: Any) -> str:
+    """Write `[640, 480]` as `640x480`."""
+    return "x".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
 def _shown(value: Any) -> str:
     return f"'{value}'" if isinstance(value, str) else str(value)
 
 
-IMAGE_SIZE = PairType("WxH", "an image size; width x height in pixels is needed", "640x480", 1)
-BOARD = PairType("CxR", "a board; its inner corners, columns x rows, are needed", "9x6", 2)
+IMAGE_SIZE = SizeType()
+BOARD = BoardType()
 LENGTH = LengthType()
 FIX = FixType()

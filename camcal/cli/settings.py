@@ -21,7 +21,7 @@ import click
 from click.core import ParameterSource
 
 from camcal.cli import COMMANDS
-from camcal.cli.params import PairType
+from camcal.cli.params import BoardType, SizeType
 from camcal.registry import load
 
 DEFAULT_FILE = "camcal.yaml"
@@ -136,6 +136,6 @@ def _entry(option: click.Option) -> Any:
         return int
     if isinstance(kind, type(click.FLOAT)):
         return float
-    if isinstance(kind, PairType):
-        return AnyOf((Text(f"text such as {kind.example}"), ListOf(int)))
+    if isinstance(kind, (BoardType, SizeType)):
+        return AnyOf((Text(f"text such as {kind.name}"), ListOf(int)))
     return Text()

@@ -42,15 +42,15 @@ def test_notes_go_to_stderr(capsys):
 
 
 def test_no_animation_off_a_terminal(capsys):
-    with output.progress("reading", 3) as advance:
-        advance()
+    with output.progress("reading") as show:
+        show(1, 3)
     assert capsys.readouterr() == ("", "")
 
 
 def test_progress_on_a_terminal(capsys, monkeypatch):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with output.progress("reading", 3) as advance:
-        advance()
+    with output.progress("reading") as show:
+        show(1, 3)
     said = capsys.readouterr()
     assert said.out == ""
     assert "reading" in said.err
