@@ -12,13 +12,15 @@ from camcal.closed_form import dlt, shape
 from camcal.closed_form.base import ClosedForm
 from camcal.errors import EstimationError
 from camcal.geometry import projective
-from camcal.types import Correspondences, Poses
+from camcal.types import Correspondences, Poses, View
 
 Array = np.ndarray
 
 #: |m34| against the root mean square depth of the points: below it the origin lies in the plane of the
 #: camera's centre as far as 64-bit floats tell.
 NO_DEPTH = 1e-8
+#: ... and below this many standard deviations it cannot be told from 0.
+SIGNIFICANT = 3.0
 
 
 def Central(X: Array, Y: Array) -> Array:
@@ -107,7 +109,7 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
             "Use 'zhang' or 'dlt'.",
         )
     view = correspondences.views[0]
-    _require_m34(view.xyz, dlt.dlt(view.xyz, view.uv, None if view.sigma is None else view.sigma**-2.0))
+    _require_m34(view)
     m, condition = projection_matrix(view.xyz, view.uv, view.sigma)
     k, rotation, translation, mirrored = projective.decompose(m, view.xyz)
     info = {
@@ -120,17 +122,30 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     return ClosedForm("central", k, Poses(rotation[None], translation[None]), m, info)
 
 
-def _require_m34(xyz: Array, homogeneous: Array) -> None:
+def _require_m34(view: View) -> None:
     """Raise where the world's origin has no depth, so that M cannot be scaled to m34 = 1.
 
-    m34 of the homogeneous solution is compared with the root mean square of the points' m3·(x, y, z, 1):
-    both are depths, so the ratio depends neither on the unit nor on the scale of M.
+    m34 comes from the homogeneous solution, its standard deviation from the residuals of that. Both are
+    compared with the root mean square of the points' m3·(x, y, z, 1): these are depths, so the ratios depend
+    neither on the unit nor on the scale of M.
     """
-    depths = projective.homogeneous(xyz) @ homogeneous[2]
-    ratio = abs(homogeneous[2, 3]) / np.sqrt((depths**2).mean())
-    if ratio < NO_DEPTH:
+    weights = None if view.sigma is None else view.sigma[None] ** -2.0
+    a, t_xyz, _ = dlt.system(view.xyz[None], view.uv[None], weights)
+    _, singular, vt = np.linalg.svd(
+        np.concatenate([a[0], np.zeros((max(12 - a.shape[1], 0), 12))]), full_matrices=False
+    )
+    # normalised points have depths m3·T x, so m34 of the data is m3·T[:, 3]
+    to_m34 = np.concatenate([np.zeros(8), t_xyz[0, :, 3]])
+    depths = projective.homogeneous(view.xyz) @ t_xyz[0].T @ vt[11, 8:]
+    size = np.sqrt((depths**2).mean())
+    ratio = abs(vt[11] @ to_m34) / size
+    noise = singular[11] / np.sqrt(max(a.shape[1] - 11, 1))
+    sigma = (
+        noise * np.linalg.norm((vt[:11] @ to_m34) / np.maximum(singular[:11], np.finfo(float).tiny)) / size
+    )
+    if ratio < max(NO_DEPTH, SIGNIFICANT * sigma):
         raise EstimationError(
-            f"m34 is near 0 ({ratio:.1e} of the points' depth): the world's origin lies in the plane of the "
-            "camera's centre, and no matrix with m34 = 1 exists.",
+            f"m34 is near 0 ({ratio:.1e} ± {sigma:.1e} of the points' depth): the world's origin lies in the "
+            "plane of the camera's centre, and a matrix with m34 = 1 would be noise.",
             "Move the origin of the world, or use the closed form 'dlt'.",
         )

@@ -6,6 +6,7 @@ section 7.1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,12 @@ from camcal.closed_form import pose, shape
 from camcal.closed_form.base import ClosedForm, scaled
 from camcal.errors import EstimationError
 from camcal.geometry import projective
-from camcal.types import Correspondences, Poses
+from camcal.types import Correspondences, Poses, View
 
 Array = np.ndarray
+
+#: A singular value below this part of the largest counts as 0: what rounding leaves of it.
+UNDETERMINED = 1e-10
 
 
 def dlt(xyz: Array, uv: Array, weights: Array | None = None) -> Array:
@@ -50,6 +54,27 @@ def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, A
     singular : (V, 12) array
         Singular values of A, descending; the last but one is near 0 where the points leave more than one M.
     """
+    a, t_xyz, t_uv = system(xyz, uv, weights)
+    # zero rows where there are fewer equations than unknowns, so that all 12 right singular vectors come out
+    padded = np.concatenate([a, np.zeros((len(a), max(12 - a.shape[1], 0), 12))], 1)
+    _, singular, vt = np.linalg.svd(padded, full_matrices=False)
+    m = vt[:, 11].reshape(-1, 3, 4)
+    m = m * np.where(m[:, 2:, 3:] < 0, -1.0, 1.0)
+    m = np.linalg.inv(t_uv) @ m @ t_xyz
+    return m / np.linalg.norm(m, axis=(1, 2), keepdims=True), singular
+
+
+def system(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, Array, Array]:
+    """The equations A m = 0 on normalised coordinates.
+
+    Returns
+    -------
+    a : (V, 2N, 12) array
+        Rows scaled by the roots of the weights over their mean; unknowns m by rows.
+    t_xyz : (V, 4, 4) array
+    t_uv : (V, 3, 3) array
+        The normalisations: the matrix of the data is t_uv⁻¹ M t_xyz.
+    """
     t_xyz, t_uv = projective.normalisation(xyz), projective.normalisation(uv)
     x = projective.homogeneous(xyz) @ np.swapaxes(t_xyz, 1, 2)
     y = (projective.homogeneous(uv) @ np.swapaxes(t_uv, 1, 2))[..., :2]
@@ -59,13 +84,7 @@ def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, A
     a[:, :, :, 2] = -y[..., None] * x[:, :, None]
     if weights is not None:
         a *= np.sqrt(weights / weights.mean(-1, keepdims=True))[..., None, None, None]
-    _, singular, vt = np.linalg.svd(a.reshape(views, 2 * count, 12), full_matrices=2 * count < 12)
-    m = vt[:, 11].reshape(views, 3, 4)
-    m = m * np.where(m[:, 2:, 3:] < 0, -1.0, 1.0)
-    m = np.linalg.inv(t_uv) @ m @ t_xyz
-    full = np.zeros((views, 12))
-    full[:, : singular.shape[1]] = singular
-    return m / np.linalg.norm(m, axis=(1, 2), keepdims=True), full
+    return a.reshape(views, 2 * count, 12), t_xyz, t_uv
 
 
 def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
@@ -79,7 +98,7 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     DataError
         Where a view has too few points or all on a line.
     EstimationError
-        Where no view holds points in space.
+        Where no view holds points in space, where they leave the matrix open, or come out behind the camera.
     """
     form = shape.check(correspondences)
     views = correspondences.views
@@ -89,17 +108,13 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
             "the points of every view lie on a plane; a DLT needs points in space.",
             "Use the closed form 'zhang'.",
         )
-    matrices, conditions = np.zeros((len(views), 3, 4)), np.zeros(len(views))
-    chosen = [views[i] for i in spatial]
-    for index, xyz, uv, w in shape.batches(chosen):
-        matrices[spatial[index]], singular = solve(xyz, uv, w)
-        conditions[spatial[index]] = singular[:, 0] / np.maximum(singular[:, 10], np.finfo(float).tiny)
-    parts = [projective.decompose(matrices[i], views[i].xyz) for i in spatial]
+    matrices, condition = _matrices([views[i] for i in spatial])
+    parts = [projective.decompose(m, views[i].xyz) for m, i in zip(matrices, spatial, strict=True)]
     k = np.median([p[0] for p in parts], axis=0)
     mirrored = any(p[3] for p in parts)
     info: dict[str, Any] = {
         "assumptions": [],
-        "condition": float(conditions.max()),
+        "condition": condition,
         "mirrored": mirrored,
         "degenerate": False,
     }
@@ -109,3 +124,24 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     if len(spatial) > 1:
         info["assumptions"] = [f"K is the median over {len(spatial)} views"]
     return ClosedForm("dlt", k, pose.poses_for(k, correspondences), None, info)
+
+
+def _matrices(views: Sequence[View]) -> tuple[Array, float]:
+    """Projection matrices (V, 3, 4) of views of points in space, and the largest condition number."""
+    matrices, condition = np.zeros((len(views), 3, 4)), 0.0
+    for index, xyz, uv, w in shape.batches(views):
+        found, singular = solve(xyz, uv, w)
+        poor = index[singular[:, 10] <= UNDETERMINED * singular[:, 0]]
+        if len(poor):
+            raise EstimationError(
+                f"view '{views[poor[0]].id}': its {xyz.shape[1]} points leave the projection matrix open.",
+                "Points in general position are needed: 6 different ones, no 5 of 6 on a plane.",
+            )
+        depth = np.einsum("vnk,vk->vn", projective.homogeneous(xyz), found[:, 2])
+        behind = np.minimum((depth <= 0).sum(1), (depth >= 0).sum(1))
+        bad = np.flatnonzero(behind > shape.BEHIND * xyz.shape[1])
+        if len(bad):
+            raise shape.behind_camera(views[index[bad[0]]].id, int(behind[bad[0]]), xyz.shape[1])
+        matrices[index] = found
+        condition = max(condition, float((singular[:, 0] / singular[:, 10]).max()))
+    return matrices, condition

@@ -6,6 +6,7 @@ Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,11 +21,44 @@ Array = np.ndarray
 SHALLOW = 0.2
 
 
+#: The second planar solution is followed further where two steps bring its error below this multiple of the
+#: first's.
+RIVAL = 9.0
+
+
+#: A view has settled when a step changes its error by less than this part: enough to begin a refinement.
+SETTLED = 1e-6
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Poses of V views and their weighted sums of squares (V,)."""
+
+    poses: Poses
+    cost: Array
+
+    @classmethod
+    def none(cls, count: int) -> Polished:
+        """Poses of no use, of infinite cost."""
+        return cls(
+            Poses(np.tile(np.eye(3), (count, 1, 1)), np.full((count, 3), np.nan)), np.full(count, np.inf)
+        )
+
+    def or_better(self, other: Polished, rows: Array | slice = slice(None)) -> Polished:
+        """Take over `other`, which holds the views `rows`, wherever its cost is lower."""
+        r, t, cost = self.poses.rotations.copy(), self.poses.translations.copy(), self.cost.copy()
+        rows = np.arange(len(cost))[rows]
+        better = other.cost < cost[rows]
+        r[rows[better]], t[rows[better]] = other.poses.rotations[better], other.poses.translations[better]
+        cost[rows[better]] = other.cost[better]
+        return Polished(Poses(r, t), cost)
+
+
 def initial_poses(
     views_xyz: Sequence[Array],
     views_ab: Sequence[Array],
     views_sigma: Sequence[Array | None] | None = None,
-    steps: int = 6,
+    steps: int = 20,
 ) -> Poses:
     """cam_from_board of each view from points and normalised image coordinates.
 
@@ -121,20 +155,29 @@ def _group(
     local = (xyz - origins[:, None]) @ axes
     starts = []
     if planar or (form.spreads[which, 2] < SHALLOW * form.spreads[which, 0]).any():
-        first = from_homographies(np.eye(3), homography.homographies(local[..., :2], ab, w))
-        starts += [first, second_solution(first)]
+        starts.append(from_homographies(np.eye(3), homography.homographies(local[..., :2], ab, w)))
     if not planar:
         starts.append(_from_dlt(local, ab, w))
-    best_r, best_t = starts[0].rotations, starts[0].translations
-    best = np.full(len(which), np.inf)
+    best = Polished.none(len(which))
     for start in starts:
-        r, t, cost = polish(start, local, ab, w, steps)
-        better = cost < best
-        best_r = np.where(better[:, None, None], r, best_r)
-        best_t = np.where(better[:, None], t, best_t)
-        best = np.where(better, cost, best)
-    found = from_plane(Poses(best_r, best_t), origins, axes)
+        best = best.or_better(polish(start, local, ab, w, steps))
+    if planar:
+        best = _against_second(best, local, ab, w, steps)
+    found = from_plane(best.poses, origins, axes)
     return found.rotations, found.translations
+
+
+def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: int) -> Polished:
+    """Take the second planar solution where it is the better one.
+
+    A few steps tell the views where it stands a chance; only these are followed to the end.
+    """
+    second = polish(second_solution(best.poses), local, ab, w, 3)
+    rivals = np.flatnonzero(second.cost < RIVAL * best.cost)
+    if not len(rivals):
+        return best
+    second = polish(second.poses[rivals], local[rivals], ab[rivals], w[rivals], steps)
+    return best.or_better(second, rivals)
 
 
 def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
@@ -147,7 +190,7 @@ def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
     return Poses(rotations.nearest(p[..., :3]), p[..., 3])
 
 
-def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> tuple[Array, Array, Array]:
+def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polished:
     """Lower the reprojection error of each view by damped Gauss-Newton steps (Levenberg-Marquardt).
 
     Parameters
@@ -160,58 +203,66 @@ def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> tuple[A
 
     Returns
     -------
-    rotations (V, 3, 3), translations (V, 3), and the weighted sums of squares (V,); inf with a point behind
-    the camera.
+    Polished
+        Its cost is inf where a point is behind the camera.
     """
+    count = len(poses)
+    out_r, out_t, out_cost = poses.rotations.copy(), poses.translations.copy(), np.empty(count)
+    at = np.arange(count)  # which views are still under way
     r, t = poses.rotations, poses.translations
     points, observed = np.swapaxes(xyz, 1, 2), np.swapaxes(ab, 1, 2)
     state = _project(r, t, points, observed, w)
-    damping = np.full(len(r), 1e-6)
+    damping = np.full(count, 1e-4)
+    rounding = 1e-26 * w.sum(1)
     for _ in range(steps):
         step = _step(state, w, damping)
         trial_r, trial_t = rotations.exp(step[:, :3]) @ r, t + step[:, 3:]
         trial = _project(trial_r, trial_t, points, observed, w)
         better = trial[-1] < state[-1]
-        r = np.where(better[:, None, None], trial_r, r)
-        t = np.where(better[:, None], trial_t, t)
-        done = better & (state[-1] - trial[-1] <= 1e-9 * state[-1])
+        settled = (np.abs(state[-1] - trial[-1]) <= SETTLED * state[-1]) | (state[-1] < rounding)
+        r, t = np.where(better[:, None, None], trial_r, r), np.where(better[:, None], trial_t, t)
         state = tuple(
             np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
             for new, old in zip(trial, state, strict=True)
         )
         damping = np.where(better, damping / 10, damping * 100)
-        if done.all():
+        if settled.any():
+            done, go = at[settled], ~settled
+            out_r[done], out_t[done], out_cost[done] = r[settled], t[settled], state[-1][settled]
+            at, r, t, points, observed, w = (a[go] for a in (at, r, t, points, observed, w))
+            damping, rounding, state = damping[go], rounding[go], tuple(a[go] for a in state)
+        if not len(at):
             break
-    return r, t, state[-1]
+    out_r[at], out_t[at], out_cost[at] = r, t, state[-1]
+    return Polished(Poses(out_r, out_t), out_cost)
 
 
 def _project(r: Array, t: Array, points: Array, observed: Array, w: Array) -> tuple[Array, ...]:
-    """Turned points (V, 3, N), inverse depths (V, 1, N), predictions and residuals (V, 2, N), costs (V,)."""
+    """Turned points (V, 3, N), inverse depths (V, N), predictions and residuals (V, 2, N), costs (V,)."""
     turned = r @ points
-    depth = turned[:, 2:] + t[:, 2, None, None]
-    in_front = (depth > 0).all((1, 2))
+    depth = turned[:, 2] + t[:, 2, None]
     inverse = 1 / np.where(depth == 0, 1.0, depth)
-    predicted = (turned[:, :2] + t[:, :2, None]) * inverse
+    predicted = (turned[:, :2] + t[:, :2, None]) * inverse[:, None]
     residual = predicted - observed
-    cost = np.where(in_front, np.einsum("vn,vkn,vkn->v", w, residual, residual), np.inf)
-    return turned, inverse, predicted, residual, cost
+    cost = np.einsum("vn,vkn,vkn->v", w, residual, residual)
+    return turned, inverse, predicted, residual, np.where((depth > 0).all(1), cost, np.inf)
 
 
 def _step(state: tuple[Array, ...], w: Array, damping: Array) -> Array:
     """The damped step (V, 6): rotation on the left, translation."""
     turned, inverse, predicted, residual, _ = state
-    x, y, z = turned[:, 0], turned[:, 1], turned[:, 2]
-    i, u, v, zero = inverse[:, 0], predicted[:, 0], predicted[:, 1], np.zeros_like(w)
-    j = np.stack(
-        [
-            np.stack([-u * i * y, i * (z + u * x), -i * y, i, zero, -u * i], 1),
-            np.stack([-i * (z + v * y), v * i * x, i * x, zero, i, -v * i], 1),
-        ],
-        2,
-    )
+    x, y, z = turned[:, 0] * inverse, turned[:, 1] * inverse, turned[:, 2] * inverse
+    u, v = predicted[:, 0], predicted[:, 1]
+    j = np.zeros((len(w), 6, 2, w.shape[1]))
+    j[:, 0, 0], j[:, 0, 1] = -u * y, -z - v * y
+    j[:, 1, 0], j[:, 1, 1] = z + u * x, v * x
+    j[:, 2, 0], j[:, 2, 1] = -y, x
+    j[:, 3, 0] = j[:, 4, 1] = inverse
+    j[:, 5, 0], j[:, 5, 1] = -u * inverse, -v * inverse
     weighted = (j * w[:, None, None]).reshape(len(w), 6, -1)
-    j = j.reshape(len(w), 6, -1)
-    n = weighted @ np.swapaxes(j, 1, 2)
+    n = weighted @ np.swapaxes(j.reshape(len(w), 6, -1), 1, 2)
     g = weighted @ residual.reshape(len(w), -1, 1)
-    n = n + np.eye(6) * (damping[:, None] * np.einsum("vii->vi", n) + np.finfo(float).tiny)[:, None]
+    # damping in each parameter's own unit; the floor keeps a parameter without influence solvable
+    diagonal = np.einsum("vii->vi", n)
+    n = n + np.eye(6) * (damping[:, None] * diagonal + np.finfo(float).tiny)[:, None]
     return -np.linalg.solve(n, g)[..., 0]

@@ -1,7 +1,7 @@
 """Zhang's closed form: K from the homographies of planes, then their poses.
 
 Z. Zhang, A flexible new technique for camera calibration, PAMI 22 (2000). The boards may lie in any plane of
-their frame; nearly flat ones are projected onto their best plane.
+their frame; nearly flat ones are projected onto their best plane. docs/closed-forms.md has the equations.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.closed_form import pose, shape
+from camcal.closed_form import conic, pose, shape
 from camcal.closed_form.base import ClosedForm, scaled
 from camcal.errors import EstimationError
 from camcal.geometry import homography
@@ -19,8 +19,20 @@ from camcal.types import Correspondences
 
 Array = np.ndarray
 
-#: A singular value of the constraints below this part of the largest possible one counts as 0.
+#: A singular value below this part of the largest possible one counts as 0: what rounding leaves of it.
 UNDETERMINED = 1e-8
+#: A focal length with a larger relative standard deviation than this is not taken as determined.
+UNCERTAIN = 0.2
+#: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
+#: this factor (1 is expected of planes parallel to the image).
+VISIBLE = 3.0
+#: The principal point of a plausible camera, from the image's centre, in half diagonals.
+FAR_OUTSIDE = 2.0
+#: Planes whose normals differ by less than this, degrees, count as parallel: the second adds nothing to the
+#: first (Zhang 2000, section 4).
+PARALLEL = 3.0
+#: Noise of the image points where there are no more equations than unknowns to tell it, px.
+UNKNOWN_NOISE = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,85 +69,127 @@ LADDER = (
 )
 
 
-def constraints(h: Array) -> Array:
-    """The two equations per homography on the image of the absolute conic B = K⁻ᵀ K⁻¹ (Zhang 2000, eqs. 3-8).
+@dataclass(frozen=True)
+class Planes:
+    """Homographies of all views from their own planes, with what is known of their errors.
 
-    The image of the plane's circular points, c = h1 + i h2, lies on the conic: cᵀ B c = 0. Its real part is
-    h1ᵀBh1 - h2ᵀBh2, its imaginary part 2 h1ᵀBh2; taken together they do not depend on the axes in the plane.
-
-    Parameters
+    Attributes
     ----------
     h : (V, 3, 3) array
-
-    Returns
-    -------
-    (V, 2, 6) array of coefficients of (B11, B12, B22, B13, B23, B33)
+    covariances : (V, 9, 9) array
+        Of the entries of h by rows, noise included.
+    gap : float
+        The smallest gap of the homographies' equations.
+    perspective : float
+        Root mean square over views and axes of h3's slope against its standard deviation.
     """
-    c0, c1, c2 = np.moveaxis(h[..., 0] + 1j * h[..., 1], -1, 0)
-    q = np.stack([c0 * c0, 2 * c0 * c1, c1 * c1, 2 * c0 * c2, 2 * c1 * c2, c2 * c2], -1)
-    return np.stack([q.real, q.imag], 1)
 
-
-def camera_matrix(b: Array) -> Array | None:
-    """K from (B11, B12, B22, B13, B23, B33), of any sign; None where B is not positive definite.
-
-    B = λ K⁻ᵀ K⁻¹ is factored by Cholesky, which gives what Zhang's appendix B writes out.
-    """
-    conic = np.array([[b[0], b[1], b[3]], [b[1], b[2], b[4]], [b[3], b[4], b[5]]])
-    try:
-        lower = np.linalg.cholesky(conic * np.sign(conic[2, 2]))
-    except np.linalg.LinAlgError:
-        return None
-    k = np.linalg.inv(lower.T)
-    return k / k[2, 2]
+    h: Array
+    covariances: Array
+    gap: float
+    perspective: float
 
 
 def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
     """K and poses from views of planes.
 
     Where the views do not determine all of K, or noise leaves no real camera, assumptions are added one by
-    one (skew 0, one focal length, principal point at the image's centre); `info` names them and says why.
+    one (skew 0, one focal length, principal point at the image's centre). `info` holds `assumptions`,
+    `rejected` (why weaker assumptions were left), `condition` and `focal_uncertainty` of the equations that
+    were solved, `perspective` (against its noise), `tilt_spread_deg` (the largest angle of a plane against
+    the first), and `degenerate`: a sentence on why the data hardly determine the camera, or False.
 
     Raises
     ------
     DataError
         Where a view has too few points or all on a line.
     EstimationError
-        Where a view's points are not on a plane, where a single view is asked for a skew, and where nothing
-        is determined: all views fronto-parallel.
+        Where a view's points are not on a plane, where too few views are asked for a skew, and where nothing
+        is determined: all views parallel to the image.
     """
     form = shape.check(correspondences)
     views = correspondences.views
     if not form.planar.all():
         bad = views[int(np.flatnonzero(~form.planar)[0])].id
         raise EstimationError(
-            f"view '{bad}' holds points in space; Zhang's closed form takes planes.", "Use 'dlt'."
+            f"view '{bad}' holds points in space; Zhang's closed form takes planes.",
+            "Use the closed form 'dlt'.",
         )
     if skew:
         shape.require_determined(correspondences, ("fx", "fy", "cx", "cy", "skew"))
-    h, gap = _homographies(correspondences, form)
-    k, info = intrinsics(h, correspondences, skew)
-    poses = pose.from_plane(pose.from_homographies(k, h), form.origins, form.axes)
-    matrix = k @ np.c_[poses[0].rotation, poses[0].translation] if len(views) == 1 else None
-    info["homography_gap"] = float(gap.min())
-    return ClosedForm("zhang", k, poses, None if matrix is None else scaled(matrix), info)
-
-
-def _homographies(correspondences: Correspondences, form: shape.Shapes) -> tuple[Array, Array]:
-    """Homographies (V, 3, 3) from each view's own plane, and their gaps (V,)."""
-    count = len(correspondences)
-    h, gap = np.zeros((count, 3, 3)), np.zeros(count)
-    for index, xyz, uv, w in shape.batches(correspondences.views):
-        local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
-        h[index], gap[index], _ = homography.solve(local, uv, w)
-    open_ones = np.flatnonzero(~(gap > UNDETERMINED) | ~np.isfinite(h).all((1, 2)))
-    if len(open_ones):
-        raise EstimationError(
-            f"view '{correspondences.views[open_ones[0]].id}': its points leave the homography open "
-            "(4 points, no 3 of them on a line, are needed).",
-            "Remove the view, or give it more points.",
+    planes = _planes(correspondences, form)
+    k, info = _intrinsics(planes, correspondences, skew)
+    poses = pose.from_plane(pose.from_homographies(k, planes.h), form.origins, form.axes)
+    info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
+    if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
+        info["degenerate"] = (
+            f"all {len(views)} planes are parallel to each other within "
+            f"{info['tilt_spread_deg']:.1f} degrees: together they say no more than one view"
         )
-    return h, gap
+    matrix = None
+    if len(views) == 1:
+        matrix = scaled(k @ np.c_[poses.rotations[0], poses.translations[0]])
+    return ClosedForm("zhang", k, poses, matrix, info)
+
+
+def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
+    """The homography of each view from the axes of its own plane."""
+    views = correspondences.views
+    count = len(views)
+    h, covariances = np.zeros((count, 3, 3)), np.zeros((count, 9, 9))
+    gap, cost, peak = np.zeros(count), np.zeros(count), 0.0
+    for index, xyz, uv, w in shape.batches(views):
+        local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
+        h[index], gap[index], cost[index] = homography.solve(local, uv, w)
+        poor = index[~(gap[index] > UNDETERMINED)]
+        if len(poor):
+            raise EstimationError(
+                f"view '{views[poor[0]].id}': its points leave the homography open "
+                "(4 points, no 3 of them on a line, are needed).",
+                "Remove the view, or give it more points.",
+            )
+        _require_in_front([views[i].id for i in index], h[index], local)
+        peak = max(peak, np.abs(uv).max())
+        covariances[index] = homography.covariances(h[index], local, uv, w)
+    # what rounding leaves of exact data: 1e-10 of the coordinates, as measured with margin
+    covariances *= max(_variance(correspondences, cost.sum()), (1e-10 * peak) ** 2)
+    return Planes(h, covariances, float(gap.min()), _perspective(h, covariances))
+
+
+def _variance(correspondences: Correspondences, cost: float) -> float:
+    """The variance of unit weight, px², from the residuals of all homographies together."""
+    surplus = 2 * correspondences.point_count - 8 * len(correspondences)
+    if surplus > 0:
+        return cost / surplus
+    return UNKNOWN_NOISE**2 if correspondences.views[0].sigma is None else 1.0
+
+
+def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
+    """The largest angle between the normal of the first plane and another's, degrees."""
+    normals = np.einsum("vij,vj->vi", rotations, form.axes[..., 2])
+    normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
+    across = np.linalg.norm(np.cross(normals, normals[0]), axis=1)
+    return float(np.degrees(np.arctan2(across, normals @ normals[0]).max()))
+
+
+def _perspective(h: Array, covariances: Array) -> float:
+    """How far the planes' vanishing lines stand out of the noise; about 1 for fronto-parallel planes."""
+    slope = h[:, 2, :2] / h[:, 2, 2:]
+    jacobian = np.zeros((len(h), 2, 9))
+    jacobian[:, 0, 6] = jacobian[:, 1, 7] = 1 / h[:, 2, 2]
+    jacobian[:, :, 8] = -slope / h[:, 2, 2:]
+    noise = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
+    squares = np.einsum("vi,vi->v", slope, np.linalg.solve(noise, slope[..., None])[..., 0])
+    return float(np.sqrt(squares.mean() / 2))
+
+
+def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
+    """Raise where a plane's points come to lie on both sides of the camera."""
+    depth = np.einsum("vnk,vk->vn", local, h[:, 2, :2]) + h[:, 2, 2:]
+    behind = (depth <= 0).sum(1)
+    bad = np.flatnonzero(behind > shape.BEHIND * local.shape[1])
+    if len(bad):
+        raise shape.behind_camera(ids[bad[0]], int(behind[bad[0]]), local.shape[1])
 
 
 def image_centre(correspondences: Correspondences) -> tuple[Array, float, str]:
@@ -145,47 +199,79 @@ def image_centre(correspondences: Correspondences) -> tuple[Array, float, str]:
         return (size - 1) / 2, float(np.hypot(*size) / 2), "the centre of the image"
     low = np.min([v.uv.min(0) for v in correspondences.views], axis=0)
     high = np.max([v.uv.max(0) for v in correspondences.views], axis=0)
-    return (
-        (low + high) / 2,
-        float(np.hypot(*(high - low)) / 2),
-        "the middle of all image points (no image size is known)",
-    )
+    where = "the middle of all image points (no image size is known)"
+    return (low + high) / 2, float(np.hypot(*(high - low)) / 2), where
 
 
-def intrinsics(h: Array, correspondences: Correspondences, skew: bool) -> tuple[Array, dict[str, Any]]:
-    """K from homographies (V, 3, 3), with the fewest assumptions that leave a real, plausible camera."""
+def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) -> tuple[Array, dict[str, Any]]:
+    """K with the fewest assumptions that leave a real, plausible and determined camera."""
+    count = len(planes.h)
+    if planes.perspective < VISIBLE:
+        raise _fronto_parallel(
+            count,
+            f"their perspective is {planes.perspective:.1f} times its noise, at least {VISIBLE:g} is needed",
+        )
     centre, radius, where = image_centre(correspondences)
-    to_unit = np.array(
-        [[1 / radius, 0, -centre[0] / radius], [0, 1 / radius, -centre[1] / radius], [0, 0, 1]]
-    )
-    h = to_unit @ h
-    size = np.sqrt((h[..., :2] ** 2).sum((1, 2)) / 2)
-    equations = constraints(h / size[:, None, None]).reshape(-1, 6)
-    why: list[str] = []
+    to_unit = np.diag([1 / radius, 1 / radius, 1.0])
+    to_unit[:2, 2] = -centre / radius
+    # each homography scaled so that h1 and h2 have unit length on the average: equations of equal weight
+    h = to_unit @ planes.h
+    size = np.sqrt((h[..., :2] ** 2).sum((1, 2)) / 2)[:, None, None]
+    h = h / size
+    turn = np.kron(to_unit, np.eye(3))
+    covariances = turn @ (planes.covariances / size**2) @ turn.T
+    equations = conic.constraints(h)
+    rejected: list[str] = []
+    uncertain: tuple[Array, dict[str, Any]] | None = None
     for rung in LADDER[0 if skew else 1 :]:
         said = [a.format(centre=where) for a in rung.assumptions]
-        label = ", ".join(said) or "nothing assumed"
-        _, singular, vt = np.linalg.svd(equations @ rung.basis, full_matrices=True)
-        if len(singular) < rung.unknowns or singular[rung.unknowns - 1] < UNDETERMINED * np.sqrt(len(h)):
-            why.append(f"{label}: the views do not determine it")
-            continue
-        k = camera_matrix(rung.basis @ vt[-1])
+        x, singular = conic.smallest(equations.reshape(-1, 6) @ rung.basis)
+        b = rung.basis @ x
+        k, reason = _plausible(b, singular, rung, count)
         if k is None:
-            why.append(f"{label}: the conic is not positive definite")
+            rejected.append(f"{', '.join(said) or 'nothing assumed'}: {reason}")
             continue
-        if np.abs(k[:2, 2]).max() > 2:
-            why.append(f"{label}: the principal point is far outside the image")
-            continue
-        condition = float(singular[0] / singular[rung.unknowns - 1])
+        sigma = conic.focal_uncertainty(b, rung.basis, equations, conic.equation_noise(b, h, covariances))
         info = {
             "assumptions": said,
-            "rejected": why,
-            "condition": condition,
-            "degenerate": False,
+            "rejected": rejected,
+            "condition": float(singular[0] / singular[-2]),
+            "focal_uncertainty": sigma,
+            "homography_gap": planes.gap,
+            "perspective": planes.perspective,
             "mirrored": False,
+            "degenerate": f"the focal length is uncertain by {sigma:.0%}" if sigma > UNCERTAIN else False,
         }
-        return np.linalg.inv(to_unit) @ k, info
-    raise EstimationError(
-        f"{len(h)} view{'s' * (len(h) > 1)} of a plane, parallel to the image, leave the focal length open.",
+        found = np.linalg.inv(to_unit) @ k, info
+        if sigma <= UNCERTAIN:
+            return found
+        rejected.append(
+            f"{', '.join(said) or 'nothing assumed'}: the focal length is uncertain by {sigma:.0%}"
+        )
+        uncertain = found
+    if uncertain is None:
+        reason = rejected[-1].rsplit(": ", 1)[1]
+        raise _fronto_parallel(count, f"even with one focal length and a fixed principal point {reason}")
+    return uncertain
+
+
+def _plausible(b: Array, singular: Array, rung: Rung, count: int) -> tuple[Array | None, str]:
+    """K of a conic where it is determined, real and has its principal point near the image; else why not."""
+    if 2 * count < rung.unknowns:
+        return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
+    if singular[-2] < UNDETERMINED * np.sqrt(count):
+        return None, "the views leave it open"
+    k = conic.camera_matrix(b)
+    if k is None:
+        return None, "no real camera fits (the conic is not positive definite)"
+    if np.abs(k[:2, 2]).max() > FAR_OUTSIDE:
+        return None, "the principal point comes out far outside the image"
+    return k, ""
+
+
+def _fronto_parallel(count: int, found: str) -> EstimationError:
+    views = "1 view of a plane leaves" if count == 1 else f"{count} views of planes leave"
+    return EstimationError(
+        f"{views} the focal length open; too nearly parallel to the image: {found}.",
         "Tilt the target against the camera by 20 to 45 degrees, in different directions.",
     )

@@ -83,6 +83,36 @@ def solve(xy: Array, uv: Array, weights: Array | None = None, steps: int = 2) ->
         return h / np.linalg.norm(h, axis=(1, 2), keepdims=True), gap, cost / scale
 
 
+def covariances(h: Array, xy: Array, uv: Array, weights: Array | None = None) -> Array:
+    """Covariances (V, 9, 9) of the entries of homographies, by rows, at the scale h (V, 3, 3) has.
+
+    First order, from the Gauss-Newton normal matrix, for points whose coordinates have the variance 1 /
+    weight (1 px² without weights). The scale of h is the gauge: it does not vary.
+    """
+    t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
+    back = np.linalg.inv(t_uv)
+    x = _similar(t_xy, xy)
+    image = (t_uv @ h @ np.linalg.inv(t_xy)) @ x
+    h3 = np.linalg.inv(np.swapaxes(t_xy, 1, 2)) @ h[:, 2, :, None]
+    q = (1.0 if weights is None else weights) / image[:, 2] ** 2
+    u, v = image[:, :2].swapaxes(0, 1) / image[:, 2]
+    s, su, sv, sr = _normal_blocks(x[:, _FIRST] * x[:, _SECOND], q, u, v)
+    inverse = _solve(s, np.broadcast_to(np.eye(3), s.shape))
+    to_h1, to_h2 = inverse @ su, inverse @ sv
+    reduced = sr - su @ to_h1 - sv @ to_h2
+    third = _solve(_gauged(reduced, h3[..., 0]), np.broadcast_to(np.eye(3), s.shape))
+    unit = h3 / np.linalg.norm(h3, axis=1, keepdims=True)
+    free = np.eye(3) - unit @ np.swapaxes(unit, 1, 2)
+    third = free @ third @ free
+    through = np.concatenate([to_h1, to_h2, np.broadcast_to(np.eye(3), s.shape)], 1)
+    covariance = through @ third @ np.swapaxes(through, 1, 2)
+    covariance[:, :3, :3] += inverse
+    covariance[:, 3:6, 3:6] += inverse
+    # rows of H in px: H = back H' t_xy, so its entries are (back x t_xyᵀ) those of H'
+    to_px = np.einsum("vij,vlk->vikjl", back, t_xy).reshape(-1, 9, 9)
+    return t_uv[:, 0, 0, None, None] ** 2 * (to_px @ covariance @ np.swapaxes(to_px, 1, 2))
+
+
 def by_count(counts: Iterable[int]) -> Iterator[Array]:
     """Indices of the views that hold the same number of points, one array per number."""
     numbers = np.fromiter(counts, int)
@@ -102,15 +132,25 @@ def _similar(t: Array, points: Array) -> Array:
     return out
 
 
-def _moments(products: Array, factors: Array) -> Array:
-    """Second moments Σ f x xᵀ as (V, F, 3, 3), from products (V, 6, N) and factors (V, F, N)."""
-    return (factors @ np.swapaxes(products, 1, 2))[:, :, _SYMMETRIC]
+def _normal_blocks(products: Array, q: Array, u: Array, v: Array) -> Array:
+    """Second moments Σ f x xᵀ for f = q, qu, qv, q(u² + v²), as (4, V, 3, 3); products are (V, 6, N)."""
+    factors = np.empty((len(q), 4, q.shape[1]))
+    factors[:, 0], factors[:, 1], factors[:, 2] = q, q * u, q * v
+    factors[:, 3] = factors[:, 1] * u + factors[:, 2] * v
+    return np.moveaxis((factors @ np.swapaxes(products, 1, 2))[:, :, _SYMMETRIC], 1, 0)
+
+
+def _gauged(reduced: Array, h3: Array) -> Array:
+    """The reduced normal matrix (V, 3, 3), singular along h3 (V, 3), made regular there."""
+    unit = h3 / np.linalg.norm(h3, axis=-1, keepdims=True)
+    size = np.einsum("vii->v", reduced)
+    return reduced + size[:, None, None] * unit[:, :, None] * unit[:, None, :]
 
 
 def _algebraic(products: Array, y: Array, w: Array) -> tuple[Array, Array]:
     """Minimise Σ w |(h1·x - u h3·x, h2·x - v h3·x)|² with |h3| = 1; also the gap of the reduced equations."""
     u, v = y[:, 0], y[:, 1]
-    s, su, sv, sr = np.moveaxis(_moments(products, np.stack([w, w * u, w * v, w * (u * u + v * v)], 1)), 1, 0)
+    s, su, sv, sr = _normal_blocks(products, w, u, v)
     upper = _solve(s, np.concatenate([su, sv], -1))
     to_h1, to_h2 = upper[..., :3], upper[..., 3:]
     reduced = sr - su @ to_h1 - sv @ to_h2
@@ -135,7 +175,7 @@ def _gauss_newton(
     """The Gauss-Newton step of the homographies, orthogonal to h in the third row (its scale is free)."""
     u, v = predicted[:, 0], predicted[:, 1]
     q = w / depth**2
-    s, su, sv, sr = np.moveaxis(_moments(products, np.stack([q, q * u, q * v, q * (u * u + v * v)], 1)), 1, 0)
+    s, su, sv, sr = _normal_blocks(products, q, u, v)
     pull = residual * (w / depth)[:, None]
     g1, g2, g3 = np.moveaxis(
         np.stack([pull[:, 0], pull[:, 1], -u * pull[:, 0] - v * pull[:, 1]], 1) @ np.swapaxes(x, 1, 2), 1, 0
@@ -143,9 +183,7 @@ def _gauss_newton(
     upper = _solve(s, np.concatenate([su, sv, g1[..., None], g2[..., None]], -1))
     reduced = sr - su @ upper[..., :3] - sv @ upper[..., 3:6]
     right = g3 + np.einsum("vij,vj->vi", su, upper[..., 6]) + np.einsum("vij,vj->vi", sv, upper[..., 7])
-    h3 = h[:, 2] / np.linalg.norm(h[:, 2], axis=-1, keepdims=True)
-    gauge = np.einsum("vii->v", reduced)[:, None, None] * h3[:, :, None] * h3[:, None, :]
-    step3 = -_solve(reduced + gauge, right[..., None])[..., 0]
+    step3 = -_solve(_gauged(reduced, h[:, 2]), right[..., None])[..., 0]
     step1 = np.einsum("vij,vj->vi", upper[..., :3], step3) - upper[..., 6]
     step2 = np.einsum("vij,vj->vi", upper[..., 3:6], step3) - upper[..., 7]
     return np.stack([step1, step2, step3], 1)

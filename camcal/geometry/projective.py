@@ -19,6 +19,11 @@ def dehomogenise(points: Array) -> Array:
     return points[..., :-1] / points[..., -1:]
 
 
+def _mean(points: Array) -> Array:
+    """Centroids (..., d) of points (..., N, d); einsum sums a short last axis faster than mean."""
+    return np.einsum("...nd->...d", points) / points.shape[-2]
+
+
 def normalisation(points: Array) -> Array:
     """The similarity that brings points to centroid 0 and mean distance sqrt(d).
 
@@ -33,8 +38,9 @@ def normalisation(points: Array) -> Array:
     (..., d + 1, d + 1) array T; T @ homogeneous(x) is normalised. Scale 1 where all points coincide.
     """
     d = points.shape[-1]
-    centre = points.mean(-2)
-    distance = np.sqrt(((points - centre[..., None, :]) ** 2).sum(-1)).mean(-1)
+    centre = _mean(points)
+    centred = points - centre[..., None, :]
+    distance = np.sqrt(np.einsum("...nd,...nd->...n", centred, centred)).mean(-1)
     scale = np.where(distance > 0, np.sqrt(d) / np.where(distance > 0, distance, 1), 1.0)
     t = np.zeros((*points.shape[:-2], d + 1, d + 1))
     t[..., range(d), range(d)] = scale[..., None]
@@ -103,7 +109,7 @@ def fit_plane(xyz: Array) -> tuple[Array, Array, Array]:
     axes : (..., 3, 3) array, a rotation whose columns are the two in-plane directions and the normal
     spread : (..., 3) array, root mean square extent along those directions, descending
     """
-    origin = xyz.mean(-2)
+    origin = _mean(xyz)
     centred = xyz - origin[..., None, :]
     _, vectors = np.linalg.eigh(np.swapaxes(centred, -1, -2) @ centred)
     axes = vectors[..., ::-1].copy()
@@ -111,12 +117,16 @@ def fit_plane(xyz: Array) -> tuple[Array, Array, Array]:
     axes *= np.where(largest < 0, -1.0, 1.0)
     axes[..., 2] *= np.linalg.det(axes)[..., None]
     # measured along the directions, not from the eigenvalues, whose roots keep half of the digits
-    spread = np.sqrt(((centred @ axes) ** 2).mean(-2))
+    along = centred @ axes
+    spread = np.sqrt(np.einsum("...nd,...nd->...d", along, along) / xyz.shape[-2])
     return origin, axes, spread
 
 
 def principal_spreads(points: Array) -> Array:
-    """Root mean square extents (..., d) of points (..., N, d) along principal directions, descending."""
-    centred = points - points.mean(-2)[..., None, :]
-    _, vectors = np.linalg.eigh(np.swapaxes(centred, -1, -2) @ centred)
-    return np.sqrt(((centred @ vectors[..., ::-1]) ** 2).mean(-2))
+    """Root mean square extents (..., d) of points (..., N, d) along principal directions, descending.
+
+    Extents below 1e-8 of the largest are lost in the rounding of second moments.
+    """
+    centred = points - _mean(points)[..., None, :]
+    values = np.linalg.eigvalsh(np.swapaxes(centred, -1, -2) @ centred / points.shape[-2])
+    return np.sqrt(np.maximum(values[..., ::-1], 0))
