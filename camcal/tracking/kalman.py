@@ -1,0 +1,21 @@
+"""The Kalman filter on the 11 numbers of the projection matrix."""
+
+from __future__ import annotations
+
+from camcal.tracking import motion
+from camcal.tracking.base import TrackOptions
+from camcal.tracking.matrix_model import MatrixModel
+from camcal.tracking.recursive import Recursive
+
+
+class Kalman(Recursive):
+    """Random walk, or constant velocity, of Column(M).
+
+    The motion is stated in physical terms and carried over to the matrix by its derivative.
+    """
+
+    gains = ("kalman", "adaptive", "forgetting", "fixed", "mean")
+
+    def __init__(self, options: TrackOptions):
+        noise = motion.figures(options.motion, options.drift)
+        super().__init__(options, MatrixModel(), noise, options.gain or self.gains[0])

@@ -1,0 +1,52 @@
+"""The standard deviation of the image points, known or learnt from what no camera explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+#: degrees of freedom after which old frames are forgotten: 1 % of standard deviation
+MEMORY = 5000.0
+#: px; data without noise are not weighted higher than this
+FLOOR = 1e-6
+
+
+class Noise:
+    """Pooled variance of the residuals that a frame's own best camera leaves.
+
+    This part of a frame is independent of whether, and how well, the camera is tracked, so that the figure
+    stays true while the camera moves.
+
+    Attributes
+    ----------
+    sigma : float
+        px; a factor where points bring their own sigmas.
+    dof : float
+        Degrees of freedom that it rests on; inf where it is known.
+    """
+
+    def __init__(self, known: float | None = None):
+        self.known = known
+        self.sigma = known if known is not None else 1.0
+        self.dof = float("inf") if known is not None else 0.0
+
+    @property
+    def ready(self) -> bool:
+        """Whether `sigma` is more than a placeholder."""
+        return self.dof > 0
+
+    def add(self, squares: float, dof: int) -> None:
+        """Pool a sum of squared residuals, px² (or in units of the sigmas), of `dof` degrees of freedom."""
+        if self.known is not None or dof <= 0:
+            return
+        total = self.sigma**2 * self.dof + squares
+        self.sigma = max((total / (self.dof + dof)) ** 0.5, FLOOR)
+        self.dof = min(self.dof + dof, MEMORY)
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        return {"known": self.known, "sigma": self.sigma, "dof": self.dof}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """From a checkpoint."""
+        self.known, self.sigma, self.dof = state["known"], state["sigma"], state["dof"]

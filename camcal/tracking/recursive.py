@@ -1,0 +1,357 @@
+"""The recursion that the filters share: predict, gate, test, correct; begin anew after a change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from camcal.errors import CamcalError, EstimationError, UsageError
+from camcal.registry import look_up
+from camcal.tracking import GAINS, linear, motion, robust
+from camcal.tracking.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
+from camcal.tracking.detection import ChangeTest, normal_deviate
+from camcal.tracking.events import Alarm
+from camcal.tracking.linear import Compressed
+from camcal.tracking.model import Model
+from camcal.tracking.noise import Noise
+
+Array = np.ndarray
+
+#: frames that are waited for points which determine a camera
+PATIENCE = 10
+#: with a smaller part of the points near their prediction it is the camera that is off, not the points
+MAJORITY = 0.6
+#: frames after which the process noise is worked out anew from the current camera
+REFRESH = 32
+#: an iteration that moves the estimate by less than this part of a frame's standard deviation is the last
+SETTLED = 1e-3
+
+
+@dataclass(slots=True)
+class Reading:
+    """A frame at the prediction: its equations, the points in them, and its own fit where one was made."""
+
+    equations: Compressed
+    keep: Array
+    whitening: Any
+    innovation: float
+    alone: robust.Fit | None = None
+
+
+@dataclass(slots=True)
+class Verdict:
+    """What the change tests make of a frame; `innovation` is the lower Cholesky factor of S."""
+
+    nis: float
+    dof: int
+    score: float
+    cusum: float
+    test: str | None
+    since: int
+    innovation: Array
+
+
+class Recursive(Estimator):
+    """A filter over a model.
+
+    The state is an estimate with p local coordinates and, where the velocity is tracked, its velocity in
+    them; L (n, n) is the factor of its covariance, n = p or 2p.
+
+    Parameters
+    ----------
+    model : Model
+    noise : mapping of group -> float
+        The motion's figures; all zero for none.
+    gain : str
+        A name of `GAINS`.
+    iterations : int
+        Linearisations of a frame, at most; more than one needs a gain without memory.
+    """
+
+    def __init__(
+        self, options: TrackOptions, model: Model, noise: Mapping[str, float], gain: str, iterations: int = 1
+    ):
+        super().__init__(options)
+        self.model, self.figures, self.iterations = model, dict(noise), iterations
+        self.gain = look_up(GAINS, gain, "gain")(options)
+        if options.velocity and not self.gain.tracks_velocity:
+            raise UsageError(
+                f"the gain '{gain}' cannot follow a velocity.", "Use --gain kalman or --gain adaptive."
+            )
+        self.min_points = options.min_points or model.min_points
+        self.noise = Noise(options.sigma)
+        self.test = ChangeTest(options.false_alarm)
+        self.gate = float(chdtri(2, options.gate))
+        self.x: Any = None
+        self.factor = np.zeros((0, 0))
+        self.velocity: Array | None = None
+        self.waiting: list[Frame] = []
+        self._process = np.zeros((0, 0))
+        self._pushed = np.zeros((0, 0))  # the noise of the last prediction
+        self._age = 0
+
+    def _update(self, frame: Frame, step: float) -> State:
+        return self._wait(frame) if self.x is None else self._advance(frame, step)
+
+    # ------------------------------------------------------------------ the first estimate
+    def _wait(self, frame: Frame) -> State:
+        """Collect frames until their points determine a camera."""
+        self.waiting.append(frame)
+        joined = join(self.waiting)
+        try:
+            found = self._first(joined)
+        except EstimationError:
+            if len(self.waiting) >= PATIENCE:
+                raise
+            return State(frame.number, "waiting", points=len(frame))
+        self.waiting = []
+        self.noise.add(found.equations.rest * found.sigma**2, found.equations.dof)
+        self._adopt(found)
+        keep = found.keep[len(found.keep) - len(frame) :]
+        return self._report(frame, "started", keep, gain=1.0, a=found.equations.a)
+
+    def _first(self, frame: Frame) -> robust.Fit:
+        needed = self.model.start_points
+        if len(frame) < needed:
+            raise EstimationError(
+                f"{len(frame)} points in the first frames; {needed} are needed to start.",
+                "Give the first frames more points.",
+            )
+        if frame.sigma is not None and self.noise.known is None:
+            self.noise = Noise(1.0)
+        self.model.settle(frame)
+        x = self.model.start(frame)
+        found = robust.fit(self.model, x, frame, self.noise.known, self.gate, self.model.prior(x))
+        if found.keep.sum() < needed:
+            raise EstimationError(
+                f"{int(found.keep.sum())} of {len(frame)} points fit one camera; {needed} are needed.",
+                "Check which image point belongs to which point of the world.",
+            )
+        return found
+
+    def _adopt(self, found: robust.Fit) -> None:
+        """Go on from a camera fitted to one frame."""
+        p = self.model.size
+        self.x, self.factor = found.estimate, linear.triangle(found.factor.copy())
+        self.gain.begin(self.factor)
+        self._age = 0
+        self.test.reset()
+        if self.options.velocity:
+            self._refresh()
+            # nothing is known of the velocity but what the motion makes of it in a hundred frames
+            rows = np.hstack([10.0 * self._process, np.zeros((p, p))])
+            zero = np.zeros((p, p))
+            self.factor = np.block([[self.factor, zero], [zero, linear.triangle(rows)]])
+            self.velocity = np.zeros(p)
+
+    # ------------------------------------------------------------------ frame by frame
+    def _advance(self, frame: Frame, step: float) -> State:
+        self._predict(step)
+        if len(frame) < self.min_points:
+            return self._report(frame, "predicted")
+        reading = self._read(frame)
+        if reading is None:
+            return self._report(frame, "rejected")
+        verdict = self._examine(frame, reading)
+        if verdict.test is not None:
+            alone = reading.alone or self._alone(frame)
+            if alone is None:
+                return self._report(frame, "rejected")
+            return self._restart(frame, reading, verdict, alone)
+        equations = reading.equations
+        self.noise.add(equations.rest * self.noise.sigma**2, equations.dof)
+        granted = self._correct(frame, reading, verdict, step)
+        return self._report(frame, "updated", reading.keep, reading, verdict, granted, equations.a)
+
+    def _refresh(self) -> None:
+        if self._age % REFRESH == 0:
+            self._process = self.model.motion(self.x, self.figures)
+        self._age += 1
+
+    def _predict(self, step: float) -> None:
+        """Let `step` frames pass: random walk, or constant velocity with white acceleration."""
+        self._refresh()
+        q, p = self._process, self.model.size
+        if self.velocity is None:
+            self._pushed = np.sqrt(step) * q
+            if q.shape[1]:
+                self.factor = linear.triangle(np.hstack([self.factor, self._pushed]))
+            return
+        self.x = self.model.retract(self.x, step * self.velocity)
+        # the Cholesky factor of [[s³/3, s²/2], [s²/2, s]] (Bar-Shalom, Li & Kirubarajan 2001, eq. 6.2.2-12)
+        place, both = np.sqrt(step**3 / 3), np.sqrt(3 * step) / 2
+        moved = self.factor.copy()
+        moved[:p] += step * moved[p:]
+        self._pushed = np.block([[place * q, np.zeros_like(q)], [both * q, np.sqrt(step) / 2 * q]])
+        self.factor = linear.triangle(np.hstack([moved, self._pushed]))
+
+    def _read(self, frame: Frame) -> Reading | None:
+        """Gate the points; None where they fit neither the prediction nor a camera of their own."""
+        design, valid = self.model.linearise(self.x, frame)
+        sigma = self.noise.sigma
+        whitening = 1.0 / (sigma if frame.sigma is None else sigma * frame.sigma)
+        keep = self._near(design, valid, whitening)
+        alone = None
+        if np.count_nonzero(keep) < max(self.min_points, MAJORITY * len(frame)):
+            alone = self._alone(frame)
+            if alone is None:
+                return None
+            keep = alone.keep & valid
+            if np.count_nonzero(keep) < self.min_points:  # the prediction sees them behind the camera
+                keep = valid
+        rows = whitened_rows(design, keep, whitening)
+        residual = design[-1][:, keep]
+        innovation = float(np.sqrt((residual * residual).sum() / max(residual.shape[1], 1)))
+        return Reading(linear.compress(rows), keep, whitening, innovation, alone)
+
+    def _near(self, design: Array, valid: Array, whitening: Any) -> Array:
+        """Which points lie within the gate of their prediction, the prediction's own uncertainty included."""
+        p, n = self.model.size, design.shape[2]
+        spread = (self.factor[:p].T @ design[:p].reshape(p, -1)).reshape(-1, 2, n)
+        su, sv = spread[:, 0], spread[:, 1]
+        noise = 1.0 / (whitening * whitening)
+        uu = np.einsum("ij,ij->j", su, su) + noise
+        vv = np.einsum("ij,ij->j", sv, sv) + noise
+        uv = np.einsum("ij,ij->j", su, sv)
+        ru, rv = design[p]
+        distance = ru * ru * vv - 2 * ru * rv * uv + rv * rv * uu
+        return valid & (distance <= self.gate * (uu * vv - uv * uv))
+
+    def _examine(self, frame: Frame, reading: Reading) -> Verdict:
+        """Test the innovation; the covariance is inflated before where the gain asks for it."""
+        a, z = reading.equations.a, reading.equations.z
+        p = len(a)
+        self.factor = self.gain.inflate(self.factor, a, z)
+        half = innovation_factor(a, self.factor)
+        deviates = linear.solve_lower(half, z)
+        nis = float(deviates @ deviates)
+        dof = min(p, 2 * int(np.count_nonzero(reading.keep)))
+        score = normal_deviate(nis, dof, self.noise.dof)
+        since = self.test.since
+        test = self.test.step(frame.number, score)
+        since = since if since is not None else frame.number
+        return Verdict(nis, dof, score, self.test.sum, test, since, half)
+
+    def _correct(self, frame: Frame, reading: Reading, verdict: Verdict, step: float) -> float:
+        """Take the frame's correction, relinearised until it settles; the fraction of it that was granted."""
+        p = self.model.size
+        a, z, half = reading.equations.a, reading.equations.z, verdict.innovation
+        gain = self.gain(self.factor, a, half, step)
+        delta = gain @ z
+        for _ in range(1, self.iterations):
+            design, valid = self.model.linearise(self.model.retract(self.x, delta[:p]), frame)
+            a, z = linear.compress(whitened_rows(design, reading.keep & valid, reading.whitening))[:2]
+            half = innovation_factor(a, self.factor)
+            gain = self.gain(self.factor, a, half, step)
+            better = gain @ (z + a @ delta[:p])
+            moved, delta = better - delta, better
+            if np.abs(a @ moved[:p]).max() < SETTLED:
+                break
+        self.factor = linear.joseph(gain, a, self.factor)
+        self.x = self.model.retract(self.x, delta[:p])
+        if self.velocity is not None:
+            self.velocity = self.velocity + delta[p:]
+        return float(np.einsum("ij,ji->", a, gain[:p])) / p
+
+    # ------------------------------------------------------------------ after a change
+    def _alone(self, frame: Frame) -> robust.Fit | None:
+        """The camera that this frame alone shows, near the prediction or anywhere; None where there is none."""
+        reset = self.model.motion(self.x, motion.RESET)
+        prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
+        needed = max(self.min_points, len(frame) / 2)
+        for start in (lambda: self.x, lambda: self.model.start(frame)):
+            try:
+                x = start()
+                around = prior if x is self.x else self.model.prior(x)
+                found = robust.fit(self.model, x, frame, self.noise.sigma, self.gate, around)
+            except CamcalError:  # no camera from here; the caller reports a frame that fits none
+                continue
+            if found.keep.sum() >= needed:
+                return found
+        return None
+
+    def _restart(self, frame: Frame, reading: Reading, verdict: Verdict, alone: robust.Fit) -> State:
+        p = self.model.size
+        before = self.model.describe([self.x], [self.factor[:p]])
+        after = self.model.describe([alone.estimate], [alone.factor])
+        self.noise.add(alone.equations.rest * alone.sigma**2, alone.equations.dof)
+        self._adopt(alone)
+        assert verdict.test is not None
+        state = self._report(frame, "restarted", alone.keep, reading, verdict, 1.0, alone.equations.a)
+        state.changed = True
+        state.alarm = Alarm(frame.number, verdict.since, verdict.test, before, after)
+        return state
+
+    # ------------------------------------------------------------------ what is told
+    def _report(
+        self,
+        frame: Frame,
+        status: str,
+        keep: Array | None = None,
+        reading: Reading | None = None,
+        verdict: Verdict | None = None,
+        gain: float = 0.0,
+        a: Array | None = None,
+    ) -> State:
+        p = self.model.size
+        used = 0 if keep is None else int(np.count_nonzero(keep))
+        state = State(frame.number, status, self.x, self.factor[:p], len(frame), used)
+        state.gain, state.noise, state.cusum = gain, self.noise.sigma, self.test.sum
+        if a is not None:
+            worth = a @ self.factor[:p]
+            state.effective = p / float(np.einsum("ij,ij->", worth, worth))
+        if reading is not None and verdict is not None:
+            state.innovation, state.cusum = reading.innovation, verdict.cusum
+            state.nis, state.nis_dof, state.score = verdict.nis, verdict.dof, verdict.score
+        return state
+
+    def finish(self) -> list[State]:
+        """Nothing is held back; a stream that never showed a camera is an error."""
+        if self.x is None and self.waiting:
+            self._first(join(self.waiting))  # raises what stood in the way
+        return []
+
+    # ------------------------------------------------------------------ checkpoints
+    def state(self) -> dict[str, Any]:
+        """See `Estimator.state`."""
+        return {
+            **super().state(),
+            "x": None if self.x is None else self.model.pack(self.x),
+            "factor": self.factor,
+            "velocity": self.velocity,
+            "process": self._process,
+            "age": self._age,
+            "waiting": pack_frames(self.waiting),
+            "parts": {name: getattr(self, name).state() for name in ("model", "gain", "noise", "test")},
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """See `Estimator.restore`."""
+        super().restore(state)
+        for name, part in state["parts"].items():
+            getattr(self, name).restore(part)
+        self.x = None if state["x"] is None else self.model.unpack(state["x"])
+        self.factor, self.velocity = state["factor"], state["velocity"]
+        self._process, self._age = state["process"], state["age"]
+        self.waiting = unpack_frames(state["waiting"])
+
+
+def whitened_rows(design: Array, keep: Array, whitening: Any) -> Array:
+    """The kept points of a design, whitened, as the rows of `linear.compress`."""
+    rows = design * whitening
+    if not keep.all():
+        rows = rows[:, :, keep]
+    return rows.reshape(len(design), -1)
+
+
+def innovation_factor(a: Array, factor: Array) -> Array:
+    """The lower Cholesky factor of S = A P Aᵀ + I."""
+    p = len(a)
+    spread = a @ factor[:p]
+    s = spread @ spread.T
+    s.flat[:: p + 1] += 1.0
+    return linear.cholesky(s)

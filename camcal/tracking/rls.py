@@ -1,0 +1,21 @@
+"""Recursive least squares with a forgetting factor on Central and Column."""
+
+from __future__ import annotations
+
+from camcal.tracking.base import TrackOptions
+from camcal.tracking.matrix_model import MatrixModel
+from camcal.tracking.motion import GROUPS
+from camcal.tracking.recursive import Recursive
+
+
+class RecursiveLeastSquares(Recursive):
+    """Weighted least squares over all frames so far, the weight of a frame falling with its age.
+
+    It knows no motion: what follows a moving camera is the forgetting, and the covariance is that of the
+    noise alone, without the lag behind a camera that moves.
+    """
+
+    gains = ("forgetting", "fixed", "mean", "adaptive")
+
+    def __init__(self, options: TrackOptions):
+        super().__init__(options, MatrixModel(), dict.fromkeys(GROUPS, 0.0), options.gain or self.gains[0])
