@@ -1,0 +1,9 @@
+"""What camcal is compared with in cv2: one file per function of cv2.
+
+`CALIBRATORS` says which file runs which calibration function of cv2; a model names its function in
+`Lens.opencv`. Adding one = a file that offers `run(task, guess)` and a line here.
+"""
+
+CALIBRATORS = {
+    "calibrateCamera": "camcal.crosscheck.calibrate_camera:run",
+}
