@@ -62,10 +62,13 @@ class Miss:
         One of `none`, `time`, `too-dark`, `too-bright`, `too-blurred`, `too-small`, `other-size`, `cut-off`.
     message : str
         The same in words, for the report.
+    info : mapping
+        What the search found all the same: `size` (columns, rows) for `other-size`.
     """
 
     reason: str
     message: str
+    info: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ class Target(ABC):
     square : float
         Length of a cell (of a tag for a grid of tags, the distance of neighbours for circles), in `unit`.
     unit : str
-        `mm`, `cm`, `m`, `in`, or `square` where no length is known.
+        `um`, `mm`, `cm`, `m`, `in`; `unit` for a bare number, `square` where no length is known.
     """
 
     kind: str  #: name in the table
@@ -177,11 +180,11 @@ def parse_grid(text: str) -> tuple[int, int]:
     return columns, rows
 
 
-UNITS = ("mm", "cm", "m", "in")
+UNITS = ("um", "mm", "cm", "m", "in")
 
 
 def parse_length(text: str) -> tuple[float, str]:
-    """Read `25mm` as (25.0, "mm"); a bare number has the unit "square" (a length in units of nothing known).
+    """Read `25mm` as (25.0, "mm"); a bare number has the unit "unit".
 
     Raises
     ------
@@ -198,4 +201,4 @@ def parse_length(text: str) -> tuple[float, str]:
         raise UsageError(
             f"'{text}' is not a length.", f"Write a positive number and {', '.join(UNITS)} or no unit."
         )
-    return value, unit or "square"
+    return value, unit or "unit"

@@ -1,8 +1,8 @@
-"""Where a picture may show the corner of four squares: saddles of the grey value with four alternating sectors.
+"""Where a picture may show a corner of four squares: saddles of the grey value with four sectors.
 
-A saddle has a Hessian of negative determinant; the ring of pixels around it changes between bright and dark exactly
-four times, opposite sectors alike. The second test is that of Bennett & Lasenby, ChESS (2014), taken here as a count
-of sign changes, which also yields the directions of the two edges.
+A saddle has a Hessian of negative determinant; the ring of pixels around it changes between bright and dark
+exactly four times, opposite sectors alike. The second test is that of Bennett & Lasenby, ChESS (2014),
+taken here as a count of sign changes, which also yields the directions of the two edges.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _saddles(smooth: Array) -> Array:
     yy = cv2.sepFilter2D(smooth, cv2.CV_32F, one, second)
     xy = cv2.sepFilter2D(smooth, cv2.CV_32F, first, first)
     strength = xy * xy - xx * yy
-    # a corner of half-contrast b under a blur s has |Ixy| = (2/pi) b / s^2 at its centre; unsharp pictures have less
+    # a corner of half-contrast b under a blur s has |Ixy| = (2/pi) b / s^2 at its centre
     least = (0.25 * LEAST_CONTRAST) ** 2
     peak = cv2.dilate(strength, np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD), np.uint8))
     rows, cols = np.nonzero((strength >= peak) & (strength > least))

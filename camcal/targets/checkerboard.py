@@ -16,8 +16,8 @@ Array = np.ndarray
 class Checkerboard(Target):
     """A board of `columns` x `rows` inner corners; its first (top left) square is black.
 
-    Point 0 touches that square, so that a board of one odd and one even side has one orientation only; other boards
-    are turned so that the columns run as nearly to the right of the picture as they can.
+    Point 0 touches that square, so that a board of one odd and one even side has one orientation only;
+    other boards are turned so that the columns run as nearly to the right of the picture as they can.
     """
 
     kind = "checkerboard"
@@ -84,7 +84,7 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     lattice = turned.scaled(factor)
     if found.factor > 1.5:
         lattice = _fit_reduced(gray, lattice, found.factor)
-    ids = np.flatnonzero(lattice.present.ravel())
+    ids = np.flatnonzero(lattice.usable.ravel())
     uv, sides = lattice.uv.reshape(-1, 2)[ids], lattice.steps().reshape(-1, 2, 2)[ids]
     scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
     corners = saddle.refine(gray, uv, sides, blur=max(saddle.START_BLUR, 0.25 * found.factor), scale=scale)
@@ -95,7 +95,8 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
         reasons = [r for r in corners.reasons if r]
         commonest = max(set(reasons), key=reasons.count)
         reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")
-        return Miss(reason, f"a board was found, but of its corners {len(rejected)} cannot be used: {commonest}")
+        words = f"of the corners of a supposed board {len(rejected)} cannot be used: {commonest}"
+        return Miss(reason, words if reason != "none" else "no checkerboard was found")
     info = {
         "rejected": rejected,
         "square_px": float(np.median(np.linalg.norm(sides, axis=2))),
@@ -111,7 +112,7 @@ def _fit_reduced(gray: Array, lattice: Lattice, factor: float) -> Lattice:
     """Bring the corners to a fraction of a px of the picture, by a fit on the reduced one."""
     reduced = reduce(gray, factor)
     small = lattice.scaled(gray.shape[1] and reduced.shape[1] / gray.shape[1])
-    present = small.present
+    present = small.usable
     corners = saddle.refine(reduced, small.uv[present], small.steps()[present])
     uv = small.uv.copy()
     uv[present] = np.where(corners.good[:, None], corners.uv, uv[present])

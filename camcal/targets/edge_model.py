@@ -2,9 +2,10 @@
 
     I(q) = a + b erf(n1·(q - d) / (√2 s)) erf(n2·(q - d) / (√2 s))
 
-q are coordinates (px) in which both edges are straight, d the corner, n1 and n2 the normals of the edges, s the
-blur: the exact picture of a corner of two straight edges under a Gaussian blur that acts across each edge. (A blur
-of the plane gives this product exactly where the edges are at right angles, and closely elsewhere.)
+q are coordinates (px) in which both edges are straight, d the corner, n1 and n2 the normals of the edges, s
+the blur: the exact picture of a corner of two straight edges under a Gaussian blur that acts across each
+edge. (A blur of the plane gives this product exactly where the edges are at right angles, and closely
+elsewhere.)
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ from camcal.targets.windows import Windows
 Array = np.ndarray
 
 ITERATIONS = 25
-SETTLED = 5e-4  #: px; a corner that moves less has converged
+SETTLED = 5e-4  #: px; a corner that moves less is done
+STILL = 0.01  #: px; one that moves less when the iterations run out counts as converged all the same
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
 MOST_BLUR = 30.0  #: px
 
@@ -49,14 +50,15 @@ def fit(windows: Windows, angles: Array, blur: Array, limits: tuple[float, float
     blur : (K,) array
         Blur to start from, px.
     limits : (low, high)
-        Grey values at which the picture is cut off: a pixel there says only that the value is at least so extreme.
+        Grey values at which the picture is cut off: a pixel there says only that the value is at least so
+        extreme.
     """
     count = len(windows.q)
     params = _start(windows, angles, blur)
     cost, normal, gradient = _normal_equations(windows, params, limits)
     damping = np.full(count, 1e-3)
     active = np.arange(count)
-    converged = np.zeros(count, bool)
+    moved = np.full(count, np.inf)
     for _ in range(ITERATIONS):
         if not len(active):
             break
@@ -65,18 +67,16 @@ def fit(windows: Windows, angles: Array, blur: Array, limits: tuple[float, float
         trial[:, model.BLUR] = np.clip(trial[:, model.BLUR], LEAST_BLUR, MOST_BLUR)
         new = _normal_equations(windows.take(active), trial, limits)
         better = new[0] <= cost[active]
-        moved = np.abs(step[:, :2]).max(1)
+        moved[active] = np.abs(step[:, :2]).max(1)
         took = active[better]
         params[took] = trial[better]
         cost[took], normal[took], gradient[took] = (a[better] for a in new)
         damping[active] = np.where(better, np.maximum(0.15 * damping[active], 1e-9), 10 * damping[active])
-        done = (moved < SETTLED) | (damping[active] > 1e8)
-        converged[active[done & (moved < SETTLED)]] = True
-        active = active[~done]
+        active = active[(moved[active] >= SETTLED) & (damping[active] < 1e8)]
     freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
     noise = np.sqrt(cost / freedom)
     covariance = np.linalg.pinv(normal, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
-    return Fits(params, covariance, noise, converged)
+    return Fits(params, covariance, noise, moved < STILL)
 
 
 def _start(windows: Windows, angles: Array, blur: Array) -> Array:
@@ -95,7 +95,9 @@ def _start(windows: Windows, angles: Array, blur: Array) -> Array:
     return params
 
 
-def _normal_equations(windows: Windows, params: Array, limits: tuple[float, float]) -> tuple[Array, Array, Array]:
+def _normal_equations(
+    windows: Windows, params: Array, limits: tuple[float, float]
+) -> tuple[Array, Array, Array]:
     """Sum of squares (K,), JᵀJ (K, 7, 7) and Jᵀr (K, 7); r = model - value."""
     value, jacobian = model.evaluate(windows.q, params)
     residual = value - windows.value

@@ -1,8 +1,8 @@
 """From single corners to a grid: each corner's neighbours along its edges, then whole numbers as coordinates.
 
-No lens and no plane is assumed: two corners are neighbours when an edge of one leads to the other, bright and dark
-lie on the same sides at both ends, and the picture shows that edge between them. So a grid is found as well
-through a fisheye as on a bent sheet.
+No lens and no plane is assumed: two corners are neighbours when an edge of one leads to the other, bright
+and dark lie on the same sides at both ends, and the picture shows that edge between them. So a grid is
+found as well through a fisheye as on a bent sheet.
 """
 
 from __future__ import annotations
@@ -35,8 +35,7 @@ def neighbours(gray: Array, found: Candidates) -> tuple[Array, Array]:
     other, back = np.full((count, 4), -1), np.zeros((count, 4), int)
     if count < LEAST_NODES:
         return other, back
-    _, near = cKDTree(found.xy).query(found.xy, k=min(NEAREST + 1, count))
-    near = near[:, 1:]
+    near = np.asarray(cKDTree(found.xy).query(found.xy, k=min(NEAREST + 1, count))[1])[:, 1:]
     step = found.xy[near] - found.xy[:, None]
     direction = np.arctan2(step[..., 1], step[..., 0])
     own, own_miss = _closest_ray(found.rays[:, None], direction)
@@ -52,9 +51,9 @@ def neighbours(gray: Array, found: Candidates) -> tuple[Array, Array]:
         back[some, ray] = its[rows, first][some]
     mutual = other[other, back] == rows[:, None]  # -1 looks up the last row; masked by the next condition
     seen = np.where((other >= 0) & mutual, other, -1)
-    start, ray = np.nonzero(seen >= 0)
-    real = _edge_between(gray, found, start, seen[start, ray], ray % 2 == 0)
-    seen[start[~real], ray[~real]] = -1
+    start, along = np.nonzero(seen >= 0)
+    real = _edge_between(gray, found, start, seen[start, along], along % 2 == 0)
+    seen[start[~real], along[~real]] = -1
     return _in_squares(seen, back), back
 
 

@@ -36,9 +36,14 @@ class Lattice:
         """Which corners were found (rows, columns)."""
         return np.isfinite(self.uv[..., 0])
 
+    @property
+    def usable(self) -> Array:
+        """Which corners were found with enough neighbours to tell their directions (rows, columns)."""
+        return self.present & np.isfinite(self.steps()).all((-1, -2))
+
     def steps(self) -> Array:
-        """Steps (rows, columns, 2, 2) to the next corner along columns and rows, px; NaN where none is known."""
-        return np.stack([_step(self.uv, 1), _step(self.uv, 0)], 2)
+        """Steps (rows, columns, 2, 2) to the next corner along columns and rows, px; NaN if unknown."""
+        return _neighbour_steps(self.uv)
 
     def turned(self, quarters: int) -> Lattice:
         """The same corners numbered from another end."""
@@ -70,8 +75,8 @@ def _step(uv: Array, axis: int) -> Array:
 def complete(gray: Array, lattice: Lattice, places: Array, rounds: int = 6) -> Lattice:
     """Look for corners that are missing inside the grid or one step outside it.
 
-    Each is predicted from its neighbours and taken where a saddle lies near the prediction and the four squares
-    around it alternate as they should.
+    Each is predicted from its neighbours and taken where a saddle lies near the prediction and the four
+    squares around it alternate as they should.
 
     Parameters
     ----------
@@ -92,12 +97,12 @@ def complete(gray: Array, lattice: Lattice, places: Array, rounds: int = 6) -> L
         )
         if not len(row):
             break
-        distance, nearest = tree.query(guess[row, col])
+        distance, nearest = map(np.asarray, tree.query(guess[row, col]))
         side = np.linalg.norm(steps[row, col], axis=-1).min(-1)
         sign = colour_sign(gray, Lattice(uv))
         contrast = _corner_contrast(gray, places[nearest], steps[row, col])
         contrast *= np.where((row + col) % 2 == 0, 1, -1) * np.sign(sign)
-        good = (distance < REACH * side) & (contrast > 0.3 * abs(sign))
+        good = (distance < REACH * side) & (contrast > 0.4 * abs(sign))
         if not good.any():
             break
         uv[row[good], col[good]] = places[nearest[good]]
@@ -126,7 +131,7 @@ def _shifted(uv: Array, down: int, right: int) -> Array:
 
 
 def _predictions(uv: Array) -> Array:
-    """Where a corner should be by its neighbours: the mean of all straight lines and parallelograms that lead there."""
+    """Where a corner should be: the mean of the lines and parallelograms of neighbours that lead there."""
     guesses = []
     for down, right in ((0, 1), (1, 0)):
         one, other = _shifted(uv, down, right), _shifted(uv, -down, -right)
@@ -164,7 +169,7 @@ def _sample(gray: Array, at: Array) -> Array:
 
 
 def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
-    """By how much the squares down-right and up-left are brighter than the two others; 0 where they do not agree."""
+    """How much brighter the squares down-right and up-left are than the two others; 0 where unclear."""
     a, b = 0.3 * steps[..., 0, :], 0.3 * steps[..., 1, :]
     plus = _sample(gray, np.stack([uv + a + b, uv - a - b]))
     minus = _sample(gray, np.stack([uv + a - b, uv - a + b]))
@@ -172,22 +177,36 @@ def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
     return np.where(up > 0, up, np.where(down < 0, down, 0.0))
 
 
-def colour_sign(gray: Array, lattice: Lattice) -> float:
-    """Mean brightness of the squares of the parity of the first, less that of the others, grey levels.
-
-    Negative where the square between corners (0, 0) and (1, 1) is black.
-    """
-    uv = lattice.uv
+def _square_values(gray: Array, uv: Array) -> Array:
+    """Grey values (rows - 1, columns - 1) at the centres of the squares; NaN where a corner is missing."""
     centre = 0.25 * (uv[:-1, :-1] + uv[1:, :-1] + uv[:-1, 1:] + uv[1:, 1:])
     known = np.isfinite(centre[..., 0])
-    if not known.any():
+    value = np.full(known.shape, np.nan)
+    if known.any():
+        value[known] = _sample(gray, centre[known])
+    return value
+
+
+def colour_sign(gray: Array, lattice: Lattice) -> float:
+    """Median brightness of the squares of the parity of the first, less that of the others, grey levels.
+
+    Negative where the square between corners (0, 0) and (1, 1) is black; 0 where there is nothing to compare.
+    """
+    value = _square_values(gray, lattice.uv)
+    even = np.indices(value.shape).sum(0) % 2 == 0
+    known = np.isfinite(value)
+    if not (known & even).any() or not (known & ~even).any():
         return 0.0
-    value = _sample(gray, centre[known])
-    row, col = np.nonzero(known)
-    even = (row + col) % 2 == 0
-    if even.all() or not even.any():
-        return 0.0
-    return float(np.median(value[even]) - np.median(value[~even]))
+    return float(np.median(value[known & even]) - np.median(value[known & ~even]))
+
+
+def alternation(gray: Array, lattice: Lattice) -> float:
+    """Share of neighbouring squares that are as unlike as the colours of a checkerboard should be."""
+    value = _square_values(gray, lattice.uv)
+    sign = np.where(np.indices(value.shape).sum(0) % 2 == 0, 1, -1) * np.sign(colour_sign(gray, lattice))
+    steps = [(value[:, :-1] - value[:, 1:]) * sign[:, :-1], (value[:-1] - value[1:]) * sign[:-1]]
+    known = np.concatenate([s[np.isfinite(s)] for s in steps])
+    return float((known > 0.25 * np.median(known)).mean()) if len(known) and np.median(known) > 0 else 0.0
 
 
 def trimmed(lattice: Lattice) -> Lattice:
@@ -206,8 +225,9 @@ def trimmed(lattice: Lattice) -> Lattice:
 def oriented(gray: Array, lattice: Lattice, columns: int, rows: int) -> Lattice | None:
     """Turn a grid so that it has the wanted columns and rows and its first outer square is black.
 
-    Where that leaves more than one way, the columns run as nearly to the right of the picture as they can: a board
-    whose sides are both odd or both even looks the same after half a turn. None where the size does not match.
+    Where that leaves more than one way, the columns run as nearly to the right of the picture as they can:
+    a board whose sides are both odd or both even looks the same after half a turn. None where the size does
+    not match.
     """
     ways = [lattice.turned(k) for k in range(4)]
     ways = [w for w in ways if w.size == (columns, rows)]

@@ -1,7 +1,8 @@
 """Sub-pixel corners where four squares meet, by fitting the grey values of each corner's picture.
 
-The model is that of `edge_model`; all corners of a picture are fitted in one batch. Each fit yields a covariance from
-its own residuals, and a verdict: a corner that does not look like one is rejected with its reason.
+The model is that of `edge_model`; all corners of a picture are fitted in one batch. Each fit yields a
+covariance from its own residuals, and a verdict: a corner that does not look like one is rejected with its
+reason.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Corners:
 
 
 def grey_limits(gray: Array) -> tuple[float, float]:
-    """Grey values from which on a picture is cut off: black, and full scale (that of the data for 16 bits)."""
+    """Grey values where a picture is cut off: black, and full scale (that of the data for 16 bits)."""
     if gray.dtype == np.uint16:
         return 0.0, float(gray.max())
     return 0.0, 255.0
@@ -104,9 +105,7 @@ def edge_normals(sides: Array) -> Array:
     )
 
 
-def _judged(
-    windows: Windows, fits: Fits, sides: Array, angles: Array, half: float, scale: float
-) -> Corners:
+def _judged(windows: Windows, fits: Fits, sides: Array, angles: Array, half: float, scale: float) -> Corners:
     params = fits.params
     shift = np.linalg.norm(params[:, :2], axis=1)
     shortest = np.linalg.norm(sides, axis=2).min(1)

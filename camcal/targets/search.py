@@ -1,4 +1,4 @@
-"""Look for a checkerboard from coarse to fine: most boards are found on a picture of a third of a megapixel."""
+"""Look for a checkerboard from coarse to fine; most are found on a third of a megapixel."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ LONG_SIDES = (640, 1280, 2560, 320)  #: px; what the picture is reduced to, in t
 SLOWER = 2.0  #: how much longer a pixel may take than at the level before
 LEAST_SIDE = 3  #: corners; a smaller grid is no board
 ENOUGH = 0.8  #: share of a board's corners that must be seen
+HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, that are more than chance
+ALTERNATING = 0.9  #: share of the neighbouring squares that must differ as black and white
+NEARLY_ALL = 0.75  #: share of the corners of a side that shows where the board ends
 
 
 @dataclass(frozen=True)
@@ -30,9 +33,10 @@ class Found:
     lattice : Lattice
         In px of the full picture.
     factor : float
-        How many px of the picture are one px of the reduced picture it was found on: its error is a share of that.
+        How many px of the picture are one px of the reduced picture it was found on: its error is a share
+        of that.
     open_ended : bool
-        Whether the board may go on beyond the picture's border.
+        Whether the board may go on beyond the picture's border, or beyond a row that is half hidden.
     """
 
     lattice: Lattice
@@ -41,8 +45,11 @@ class Found:
 
     @property
     def whole(self) -> bool:
-        """Whether all corners are there and the board does not go on."""
-        return bool(self.lattice.present.all()) and not self.open_ended
+        """Whether the size is certain: nearly all corners are there and the board does not go on."""
+        present = self.lattice.present
+        edges = (present[0], present[-1], present[:, 0], present[:, -1])
+        full = present.mean() >= NEARLY_ALL and min(e.mean() for e in edges) >= NEARLY_ALL
+        return bool(full) and not self.open_ended
 
 
 def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> Found | Miss:
@@ -65,7 +72,8 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
             in_time = False
             continue
         reduced = reduce(gray, factor)
-        for found in _at_level(reduced, factor, size):
+        level = _at_level(reduced, factor, size)
+        for found in level[: 1 if size is None else None]:
             if _fits(found, size):
                 return found
             if best is None or found.lattice.present.sum() > best.lattice.present.sum():
@@ -91,7 +99,7 @@ def reduce(gray: Array, factor: float) -> Array:
 
 
 def _at_level(reduced: Array, factor: float, size: tuple[int, int] | None) -> list[Found]:
-    """The grids of one reduced picture, the largest first."""
+    """The grids of one reduced picture, the one that covers most of it first."""
     candidates = find_candidates(reduced)
     pieces = grid.grow(*grid.neighbours(reduced, candidates))
     least = 1 if size is None else 0.4 * size[0] * size[1]
@@ -101,10 +109,20 @@ def _at_level(reduced: Array, factor: float, size: tuple[int, int] | None) -> li
         cut = lattice.trimmed(full)
         if min(cut.size) < LEAST_SIDE - (size is not None):
             continue
-        if lattice.colour_sign(reduced, cut) == 0:
+        if lattice.alternation(reduced, cut) < ALTERNATING:
             continue
-        found.append(Found(cut.scaled(factor), factor, _open_ended(cut, reduced.shape)))
-    return sorted(found, key=lambda f: -f.lattice.present.sum())
+        goes_on = _open_ended(cut, reduced.shape) or _half_rows(full, cut)
+        found.append(Found(cut.scaled(factor), factor, goes_on))
+    return sorted(found, key=lambda f: -_area(f.lattice))
+
+
+def _area(found: Lattice) -> float:
+    """px² that the grid covers: what hangs in front counts, not its image on a screen behind."""
+    step = found.steps()[found.usable]
+    if not len(step):
+        return 0.0
+    square = step[:, 0, 0] * step[:, 1, 1] - step[:, 0, 1] * step[:, 1, 0]
+    return float(found.present.sum() * abs(np.median(square)))
 
 
 def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
@@ -120,6 +138,12 @@ def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
     return False
 
 
+def _half_rows(full: Lattice, cut: Lattice) -> bool:
+    """Whether a row was cut off that is too full to be chance: the board may go on there, hidden."""
+    extra = full.present.sum() - cut.present.sum()
+    return bool(extra > HALF_HIDDEN * min(cut.size))
+
+
 def _fits(found: Found, size: tuple[int, int] | None) -> bool:
     if size is None:
         return found.whole
@@ -131,17 +155,20 @@ def _verdict(
     gray: Array, best: Found | None, size: tuple[int, int] | None, in_time: bool, seconds: float
 ) -> Found | Miss:
     """What to say when no level brought just what was looked for."""
-    if best is not None and size is None:
+    if best is not None and size is None and best.lattice.present.mean() >= ENOUGH:
         return best
     if best is not None and size is not None:
         columns, rows = sorted(best.lattice.size, reverse=True)
         wanted = f"{size[0]}x{size[1]}"
-        if best.open_ended:
-            seen = int(best.lattice.present.sum())
-            return Miss("cut-off", f"the board leaves the picture: {seen} of {size[0] * size[1]} corners are seen")
+        seen = int(best.lattice.present.sum())
+        if best.open_ended and seen < size[0] * size[1]:
+            return Miss(
+                "cut-off", f"the board leaves the picture: {seen} of {size[0] * size[1]} corners are seen"
+            )
         if (columns, rows) == tuple(sorted(size, reverse=True)):
             return Miss("cut-off", f"only {best.lattice.present.mean():.0%} of the {wanted} corners are seen")
-        return Miss("other-size", f"the picture shows a board of {columns}x{rows} corners, not {wanted}")
+        words = f"the picture shows a board of {columns}x{rows} corners, not {wanted}"
+        return Miss("other-size", words, {"size": (columns, rows)})
     if not in_time:
         return Miss("time", f"no board was found within {seconds:g} s")
     return _why_nothing(gray)

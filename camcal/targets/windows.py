@@ -1,8 +1,8 @@
 """Which pixels around each corner take part in its fit.
 
-A window is a parallelogram in the picture, a share of a square to each side of the corner along the board's own
-directions, so that it holds no other edge however the board is tilted. Of a large window only the pixels near its
-two edges are kept: the others say nothing about where the edges are.
+A window is a parallelogram in the picture, a share of a square to each side of the corner along the board's
+own directions, so that it holds no other edge however the board is tilted. Of a large window only the
+pixels near its two edges are kept: the others say nothing about where the edges are.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
         px; pixels farther than this from both edges are left out.
     """
     height, width = gray.shape
-    half = np.broadcast_to(np.asarray(half, float), len(uv))
-    longest = np.linalg.norm(sides, axis=2).max(1) * half
-    half = half * np.minimum(1, LARGEST / np.maximum(longest, 1e-9))
-    radius = int(np.ceil((np.abs(sides).sum(1).max(1) * half).max(initial=1.0)))
+    share = np.broadcast_to(np.asarray(half, float), len(uv))
+    longest = np.linalg.norm(sides, axis=2).max(1) * share
+    share = share * np.minimum(1, LARGEST / np.maximum(longest, 1e-9))
+    radius = int(np.ceil((np.abs(sides).sum(1).max(1) * share).max(initial=1.0)))
     grid = np.arange(-radius, radius + 1)
     dx, dy = (a.ravel() for a in np.meshgrid(grid, grid))
     base = np.rint(uv).astype(int)
@@ -73,11 +73,11 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
     inverse = np.linalg.inv(sides.transpose(0, 2, 1)).astype(np.float32)  # px -> squares
     s = np.abs(inverse[:, 0, :1] * x + inverse[:, 0, 1:] * y)
     t = np.abs(inverse[:, 1, :1] * x + inverse[:, 1, 1:] * y)
-    limit = half.astype(np.float32)[:, None]
+    limit = share.astype(np.float32)[:, None]
     window = (s < limit) & (t < limit)
     per_square = 1 / np.linalg.norm(inverse, axis=2)  # px between opposite sides of a square
-    reach = (np.broadcast_to(reach, len(uv))[:, None] / per_square).astype(np.float32)
-    near = window & ((s < reach[:, :1]) | (t < reach[:, 1:]))
+    far = (np.broadcast_to(np.asarray(reach, float), len(uv))[:, None] / per_square).astype(np.float32)
+    near = window & ((s < far[:, :1]) | (t < far[:, 1:]))
     columns, rows = base[:, :1] + dx, base[:, 1:] + dy
     within = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     inside = (window & within).sum(1) / np.maximum(window.sum(1), 1)

@@ -1,0 +1,62 @@
+"""What was found in a picture, kept by the picture's own hash and the detector's options.
+
+An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and written anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError)
+
+
+def default_folder() -> Path:
+    """`$XDG_CACHE_HOME/camcal`, or `~/.cache/camcal` (XDG Base Directory Specification)."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    root = Path(base) if Path(base).is_absolute() else Path.home() / ".cache"
+    return root / "camcal" / "detections"
+
+
+def entry(folder: Path, picture_sha256: str, detector: str) -> Path:
+    """The file of a picture under one set of options; `detector` names the options and the version."""
+    options = hashlib.sha256(detector.encode()).hexdigest()[:16]
+    return folder / picture_sha256[:2] / f"{picture_sha256[2:]}-{options}.npz"
+
+
+def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
+    """The arrays and the values of an entry; None where there is none or it is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files if name != "values"}
+            values = json.loads(str(stored["values"][()]))
+    except DAMAGED:
+        return None
+    return (arrays, values) if isinstance(values, dict) else None
+
+
+def store(path: Path, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> str | None:
+    """Write an entry, complete or not at all; the reason where that is not possible."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path.parent)
+        with os.fdopen(handle, "wb") as stream:
+            np.savez(stream, allow_pickle=False, values=np.array(json.dumps(values)), **arrays)
+        Path(temporary).replace(path)
+    except OSError as error:
+        return error.strerror or str(error)
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink()
+    return None

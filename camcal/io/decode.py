@@ -1,0 +1,106 @@
+"""Pictures to grey arrays; whatever a file holds, the answer is a picture or a reason.
+
+The EXIF orientation is ignored on purpose: it is how the camera was held, not a property of its lens, and
+turned pixels would have another principal point. A picture without colour is read as it is; a colour
+picture becomes its luma.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+
+Array = np.ndarray
+
+MOST_PIXELS = 400_000_000  #: a picture with more is not decoded
+_FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+
+
+class UnreadableError(Exception):
+    """A file is no picture, or a damaged one; the text is the reason."""
+
+
+def decode_gray(data: bytes) -> Array:
+    """Decode the bytes of a picture file.
+
+    Returns
+    -------
+    (height, width) uint8 or uint16 array
+
+    Raises
+    ------
+    UnreadableError
+        With the reason in plain words.
+    """
+    if not data:
+        raise UnreadableError("the file is empty")
+    size = header_size(data)
+    if size and size[0] * size[1] > MOST_PIXELS:
+        raise UnreadableError(
+            f"{size[0]}x{size[1]} pixels are more than the {MOST_PIXELS // 10**6} million allowed"
+        )
+    cut = _truncated(data)
+    if cut:
+        raise UnreadableError(cut)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
+    except cv2.error as error:
+        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
+    except MemoryError as error:
+        raise UnreadableError("there is not enough memory to decode it") from error
+    if picture is None or picture.size == 0:
+        raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
+    return _as_integers(picture if picture.ndim == 2 else picture[..., 0])
+
+
+def _as_integers(picture: Array) -> Array:
+    """8 and 16 bits as they are; other kinds of numbers are scaled to 16 bits."""
+    if picture.dtype in (np.uint8, np.uint16):
+        return picture
+    values = np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    low, high = float(values.min()), float(values.max())
+    return ((values - low) * (65535.0 / max(high - low, 1e-30))).astype(np.uint16)
+
+
+def header_size(data: bytes) -> tuple[int, int] | None:
+    """(width, height) by the header of a PNG, BMP, PNM or JPEG file; None where it cannot be told."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n") and len(data) >= 24:
+        return struct.unpack(">II", data[16:24])
+    if data.startswith(b"BM") and len(data) >= 26:
+        width, height = struct.unpack("<ii", data[18:26])
+        return abs(width), abs(height)
+    if data[:2] in (b"P2", b"P3", b"P5", b"P6"):
+        words = [w for w in data[2:200].split() if w.isdigit()]
+        return (int(words[0]), int(words[1])) if len(words) >= 2 else None
+    if data.startswith(b"\xff\xd8"):
+        return _jpeg_size(data)
+    return None
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    """Walk the segments of a JPEG file to its frame header (ITU T.81, B.2.2)."""
+    at = 2
+    while at + 9 < len(data):
+        if data[at] != 0xFF:
+            return None
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        else:
+            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
+    return None
+
+
+def _truncated(data: bytes) -> str | None:
+    """Whether the end of a JPEG or PNG file is missing: decoders fill the gap with grey, in silence."""
+    if data.startswith(b"\xff\xd8"):
+        whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda") > 0
+        return None if whole else "the JPEG file is cut off: its end marker is missing"
+    if data.startswith(b"\x89PNG"):
+        return None if b"IEND" in data else "the PNG file is cut off: its end is missing"
+    return None

@@ -1,0 +1,94 @@
+"""Many pictures over several processes, which end with the program and on ^C."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+ALONE = 0.4  #: s; work of one process before others are thought of
+WORTH_IT = 1.5  #: s; starting processes costs about a third of that
+
+
+def map_unordered(
+    function: Callable[[T], R], items: Sequence[T], jobs: int | None, crashed: Callable[[T], R]
+) -> Iterator[tuple[int, R]]:
+    """Apply a function to items, in other processes where there is enough to do.
+
+    Parameters
+    ----------
+    function : callable
+        Importable, as the processes are started afresh.
+    jobs : int or None
+        Number of processes; None for one per processor.
+    crashed : callable
+        What stands for the result of an item that kills its process.
+
+    Yields
+    ------
+    index, result : in the order in which they are done
+    """
+    jobs = jobs or usable_processors()
+    began, index = time.perf_counter(), 0
+    for index, item in enumerate(items):
+        spent = time.perf_counter() - began
+        left = spent / max(index, 1) * (len(items) - index)
+        if jobs > 1 and spent > ALONE and left > WORTH_IT and len(items) - index > 1:
+            break
+        yield index, function(item)
+    else:
+        return
+    rest = range(index, len(items))
+    lost = yield from _in_pool(function, items, rest, min(jobs, len(rest)))
+    for (
+        number
+    ) in lost:  # one of these killed its process: each alone, so that the others are not lost with it
+        again = yield from _in_pool(function, items, [number], 1)
+        if again:
+            yield number, crashed(items[number])
+
+
+def usable_processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int], jobs: int) -> Any:
+    """Yield (index, result); return the indices that a broken pool has lost."""
+    before = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker)
+    lost: list[int] = []
+    finished = False
+    try:
+        futures: dict[Future, int] = {pool.submit(function, items[i]): i for i in rest}
+        for future in as_completed(futures):
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                lost.append(futures[future])
+                continue
+            yield futures[future], result
+        finished = True
+    finally:
+        pool.shutdown(wait=finished, cancel_futures=True)
+        if not finished:  # ^C, or the caller has stopped: nothing is left running
+            for child in set(multiprocessing.active_children()) - before:
+                child.terminate()
+                child.join(2)
+    return sorted(lost)
+
+
+def _start_worker() -> None:
+    """Leave ^C to the parent, and the processors to the other workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import cv2
+
+    cv2.setNumThreads(1)
