@@ -162,7 +162,7 @@ def _majority_board(
         if seen:
             columns, rows = Counter(seen).most_common(1)[0][0]
             raise DataError(
-                f"{len(seen)} of {len(outcomes)} pictures show a checkerboard, but too few show where it ends, "
+                f"{len(seen)} of {len(outcomes)} pictures show a checkerboard, but too few show its end, "
                 "or they do not agree on its size.",
                 f"Say its size in inner corners, as in --board {columns}x{rows}.",
             )
