@@ -56,6 +56,12 @@ POINTS_3D = Form(
 POINTS_2D = Form(("u", "v"), ("view", "id", "u", "v", "sigma"), {2: ("u", "v")}, "2 (u v)")
 
 
+def shown(text: str) -> str:
+    """A field as a message shows it: one short line of printable signs."""
+    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text.strip())
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
 def plain(name: str) -> str:
     """The name without case, blanks, signs, and a unit in brackets."""
     return re.sub(r"\(.*?\)|\[.*?\]|[^0-9a-z]", "", name.strip().lower())
@@ -84,17 +90,17 @@ def from_header(names: list[str], form: Form, where: str) -> tuple[str, ...]:
     for name in names:
         role = role_of(name, form)
         if role is None:
-            raise DataError(f"{where}: unknown column '{name.strip()}'.", _hint(name, form))
+            raise DataError(f"{where}: unknown column '{shown(name)}'.", _hint(name, form))
         if role in roles:
-            first = names[roles.index(role)].strip()
+            first = shown(names[roles.index(role)])
             raise DataError(
-                f"{where}: the columns '{first}' and '{name.strip()}' both mean {role}; one is needed.",
+                f"{where}: the columns '{first}' and '{shown(name)}' both mean {role}; one is needed.",
                 "Name the columns " + ",".join(form.allowed) + ".",
             )
         roles.append(role)
     missing = [role for role in form.needed if role not in roles]
     if missing:
-        found = ", ".join(n.strip() for n in names)
+        found = ", ".join(map(shown, names))
         raise DataError(
             f"{where}: the header ({found}) lacks {' and '.join(missing)}.",
             "Name the columns " + ",".join(form.allowed) + "; " + _optional(form) + " may be left out.",

@@ -20,11 +20,15 @@ _BLANK_FIELD = re.compile(r'"(?:[^"]|"")*"(?=\s|$)|\S+')
 
 @dataclass(frozen=True)
 class Layout:
-    """The separator (None for blanks) and the columns; `skip` lines of header precede the rows."""
+    """The separator (None for blanks) and the columns; `skip` lines of header precede the rows.
+
+    `header` says whether the file names its columns.
+    """
 
     separator: str | None
     columns: tuple[str, ...]
     skip: int
+    header: bool
 
     @property
     def decimal_comma(self) -> bool:
@@ -90,18 +94,19 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
     where = f"{path}:{block.numbers[0]}"
     if form is POINTS:
         if not any(numeric[0]):
-            return Layout(separator, from_header(rows[0], form, where), 1)
+            return Layout(separator, from_header(rows[0], form, where), 1, True)
         skip, columns = 0, None
     else:
         skip, columns = _skip_header(rows, numeric, form)
         if skip == len(rows):
             raise DataError(f"{path}: a header but no rows of numbers.", "Is it the right file?")
     columns = columns or _commented_header(block.comments, len(rows[skip]), form)
+    header = columns is not None
     if columns is None:
         texts_first = [not any(n[:1]) for n in numeric]
         first = [not all(texts_first)] + numeric[skip][1:]
         columns = without_header(rows[skip], first, form, f"{path}:{block.numbers[skip]}")
-    return Layout(separator, columns, skip)
+    return Layout(separator, columns, skip, header)
 
 
 def find_separator(line: str) -> str | None:
@@ -125,7 +130,8 @@ def _skip_header(
     """How many rows of header there are, and the columns if one of these rows names them all."""
     columns: tuple[str, ...] | None = None
     for index, (row, is_num) in enumerate(zip(rows, numeric, strict=True)):
-        if any(is_num) and (columns or is_num[0] or len(row) in form.headless):
+        like_data = len(row) in form.headless and 2 * sum(is_num) >= len(row)  # perhaps with one wrong field
+        if any(is_num) and (columns or is_num[0] or like_data):
             return index, columns
         if columns is None:
             columns = _known(row, form)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.errors import DataError
-from camcal.io.columns import POINTS_2D, POINTS_3D
+from camcal.io.columns import POINTS_2D, POINTS_3D, shown
 from camcal.io.table import Table, read_table
 
 ROW_HINT = "Row i of one file belongs to row i of the other."
@@ -46,6 +46,7 @@ def read_pair(points3d: str, points2d: str) -> tuple[Table, list[Table]]:
         values=np.hstack([world.values[:, keep], image.values]),
         view_names=named.view_names,
         view_index=named.view_index,
+        header=True,  # which file is which was said
     )
     return joined, [world, image]
 
@@ -56,7 +57,7 @@ def _check_same_ids(world: Table, image: Table) -> None:
         return
     row = int(np.flatnonzero(a != b)[0])
     raise DataError(
-        f"{world.path}:{world.line_of(row)} has id {a[row]:.0f}, {image.path}:{image.line_of(row)} has id "
+        f"{world.where(row)} has id {a[row]:.0f}, {image.where(row)} has id "
         f"{b[row]:.0f}; the same id is needed.",
         ROW_HINT,
     )
@@ -76,7 +77,7 @@ def _check_same_views(world: Table, image: Table) -> None:
         return
     row = int(np.flatnonzero(~same)[0])
     raise DataError(
-        f"{world.path}:{world.line_of(row)} has view '{world.view_names[a[row]]}', "
-        f"{image.path}:{image.line_of(row)} has view '{image.view_names[b[row]]}'; the same view is needed.",
+        f"{world.where(row)} has view '{shown(world.view_names[a[row]])}', "
+        f"{image.where(row)} has view '{shown(image.view_names[b[row]])}'; the same view is needed.",
         ROW_HINT,
     )

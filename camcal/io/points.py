@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from camcal.errors import UsageError
+from camcal.errors import DataError, UsageError
+from camcal.io.archive import read_archive
+from camcal.io.checks import check_duplicates, check_not_swapped
 from camcal.io.columns import POINTS
 from camcal.io.pairs import read_pair
 from camcal.io.table import Table, read_table
@@ -54,18 +57,64 @@ def read_points(
                 "points come from tables of X Y Z u v, or from one file of 3D and one of 2D points.",
                 "Give --points3d and --points2d and no other file, or give neither.",
             )
-        table, parts = read_pair(os.fspath(points3d), os.fspath(points2d))
-        files = [{"path": part.path, "sha256": part.sha256} for part in parts]
-        return Correspondences.from_views(views_of(table), image_size, files=tuple(files))
+        joined, parts = read_pair(os.fspath(points3d), os.fspath(points2d))
+        return _collect([joined], parts, image_size)
     if not paths:
         raise UsageError("no file of points is given.", "Name a CSV file, or --points3d and --points2d.")
+    tables: list[Table] = []
+    for given in paths:
+        path = os.fspath(given)
+        if any(Path(path).absolute() == Path(t.path).absolute() for t in tables):
+            raise UsageError(f"'{path}' is given twice.", "Each file is read once.")
+        if path.lower().endswith(".npz"):
+            table, own_size = read_archive(path)
+            image_size = _same_size(image_size, own_size, path)
+        else:
+            table = read_table(path, POINTS)
+        tables.append(table)
+    return _collect(tables, tables, image_size)
+
+
+def _same_size(
+    size: tuple[int, int] | None, own: tuple[int, int] | None, path: str
+) -> tuple[int, int] | None:
+    if size is None or own is None or tuple(size) == own:
+        return size or own
+    raise DataError(
+        f"{path}: pictures of {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+        "One camera has one image size.",
+    )
+
+
+def _collect(tables: list[Table], files: list[Table], size: tuple[int, int] | None) -> Correspondences:
+    """The views of all tables, checked, under names that differ."""
     views: list[View] = []
-    files = []
-    for path in paths:
-        table = read_table(os.fspath(path), POINTS)
-        views.extend(views_of(table))
-        files.append({"path": table.path, "sha256": table.sha256})
-    return Correspondences.from_views(views, image_size, files=tuple(files))
+    sources: list[str] = []
+    for table in tables:
+        check_not_swapped(table)
+        check_duplicates(table)
+        own = views_of(table)
+        views += own
+        sources += [table.path] * len(own)
+    listed = tuple({"path": table.path, "sha256": table.sha256} for table in files)
+    return Correspondences.from_views(_told_apart(views, sources), size, files=listed)
+
+
+def _told_apart(views: list[View], sources: list[str]) -> list[View]:
+    """The views with the file before a name that several files have: left.csv:1, right.csv:1."""
+    for prefix in (lambda path: Path(path).name, str):
+        count = Counter(view.id for view in views)
+        views = [
+            replace(view, id=_prefixed(view.id, prefix(path))) if count[view.id] > 1 else view
+            for view, path in zip(views, sources, strict=True)
+        ]
+    return views
+
+
+def _prefixed(name: str, prefix: str) -> str:
+    """The name after its file; a view that is named by its file takes the longer name of the file."""
+    last = name.removeprefix(f"{Path(prefix).name}:")
+    return prefix if last == Path(prefix).name else f"{prefix}:{last}"
 
 
 def views_of(table: Table) -> list[View]:
@@ -79,8 +128,13 @@ def views_of(table: Table) -> list[View]:
             if column is not None:
                 target[:, k] = column
     sigma, ids = table.column("sigma"), table.column("id")
-    ids = None if ids is None else ids.astype(np.int64)
-    whole = View(Path(table.path).name, xyz, uv, sigma, ids)
+    whole = View(
+        Path(table.path).name,
+        xyz,
+        uv,
+        None if sigma is None else sigma.copy(),  # a column of the table would keep all of it in memory
+        None if ids is None else ids.astype(np.int64),
+    )
     if table.view_index is None:
         return [whole]
     index = table.view_index

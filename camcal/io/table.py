@@ -10,7 +10,7 @@ import numpy as np
 
 from camcal.errors import DataError
 from camcal.io.blocks import Block, TextFile
-from camcal.io.columns import POINTS, Form
+from camcal.io.columns import POINTS, Form, shown
 from camcal.io.layout import Layout, find_layout
 
 Array = np.ndarray
@@ -33,7 +33,11 @@ class Table:
     view_index : (N,) int array or None
         Which name each row has.
     line_starts : tuple of (first row, line numbers)
-        For `line_of`; one entry per block.
+        For `where`; one entry per block; empty for an archive.
+    header : bool
+        Whether the file names its columns.
+    shape : tuple of int
+        Of the rows in an archive: (N,) or (V, N).
     """
 
     path: str
@@ -42,16 +46,24 @@ class Table:
     values: Array
     view_names: tuple[str, ...]
     view_index: Array | None
-    line_starts: tuple[tuple[int, range | Array], ...]
+    line_starts: tuple[tuple[int, range | Array], ...] = ()
+    header: bool = True
+    shape: tuple[int, ...] = ()
 
     def column(self, name: str) -> Array | None:
         """Return the column (N,), or None where the table has none of that name."""
         return self.values[:, self.columns.index(name)] if name in self.columns else None
 
-    def line_of(self, row: int) -> int:
-        """The line number of a row in the file."""
+    def where(self, row: int) -> str:
+        """The file and the place of a row in it, for messages."""
+        return f"{self.path}:{self.row_name(row).removeprefix('line ')}"
+
+    def row_name(self, row: int) -> str:
+        """The place of a row: `line 7`, or `row [6]` of an archive's arrays, from 0."""
+        if not self.line_starts:
+            return f"row {[int(i) for i in np.unravel_index(row, self.shape)]}"
         start, numbers = next(entry for entry in reversed(self.line_starts) if entry[0] <= row)
-        return int(numbers[row - start])
+        return f"line {numbers[row - start]}"
 
 
 def read_table(path: str, form: Form = POINTS) -> Table:
@@ -77,14 +89,24 @@ def read_table(path: str, form: Form = POINTS) -> Table:
         starts.append((rows, block.numbers))
         rows += len(numbers)
         if views:
-            raw = {view: names.setdefault(view.strip(), len(names)) for view in dict.fromkeys(views)}
+            plain = str if block.quoted else str.strip  # blanks in quotes belong to the name
+            raw = {view: names.setdefault(plain(view), len(names)) for view in dict.fromkeys(views)}
             index.append(np.fromiter(map(raw.__getitem__, views), np.int32, len(views)))
     if layout is None or not values:
         found = "only comments and blank lines" if layout is None else "a header but no rows"
         raise DataError(f"{path}: {found}; points are needed.", "Is it the right file?")
     columns = tuple(c for c in layout.columns if c != "view")
     joined = np.concatenate(index) if index else None
-    return Table(path, source.sha256, columns, np.concatenate(values), tuple(names), joined, tuple(starts))
+    return Table(
+        path,
+        source.sha256,
+        columns,
+        np.concatenate(values),
+        tuple(names),
+        joined,
+        tuple(starts),
+        layout.header,
+    )
 
 
 def _parse(block: Block, layout: Layout, path: str) -> tuple[Array, list[str] | None]:
@@ -160,26 +182,22 @@ def _diagnose(block: Block, layout: Layout, path: str) -> NoReturn:
 
 def _check_field(field: str, role: str, layout: Layout, where: str) -> None:
     if role == "view":
-        if not field:
+        if not field.strip():
             raise DataError(f"{where}: the view is empty; a name is needed.", "Fill in the view.")
         return
     if not layout.is_number(field):
-        found = f"'{_short(field)}' is not a number" if field else "an empty field"
+        found = f"'{shown(field)}' is not a number" if field else "an empty field"
         raise DataError(f"{where}: {role}: {found}; a number is needed.", "Correct or remove that row.")
     value = float(field.replace(",", ".") if layout.decimal_comma else field)
     if not np.isfinite(value):
         raise DataError(
-            f"{where}: {role} is {_short(field)}; a finite number is needed.",
+            f"{where}: {role} is {shown(field)}; a finite number is needed.",
             "Remove that row.",
         )
     if role == "sigma" and value <= 0:
         raise DataError(
-            f"{where}: sigma is {_short(field)}; a number above 0 is needed.",
+            f"{where}: sigma is {shown(field)}; a number above 0 is needed.",
             "sigma is the standard deviation of u and of v, px; leave the column out where it is not known.",
         )
     if role == "id" and not is_id(np.array(value)):
-        raise DataError(f"{where}: id is {_short(field)}; a whole number is needed.", "Number the points.")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 40 else text[:37] + "..."
+        raise DataError(f"{where}: id is {shown(field)}; a whole number is needed.", "Number the points.")

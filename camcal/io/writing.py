@@ -106,7 +106,7 @@ def _rows(view: View) -> Iterator[list[float]]:
 
 def _quoted(name: str) -> str:
     """The name as a CSV field; quoted also where a reader would strip it or take it for a comment."""
-    if not name or any(c in name for c in "\r\n\0"):
+    if not name.strip() or any(c in name for c in "\r\n\0"):
         raise UsageError(
             f"the view name {name!r} cannot be written to a CSV file.", "Names are one line and not empty."
         )
