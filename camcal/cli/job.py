@@ -17,7 +17,17 @@ from camcal.cli.verbosity import note, verbosity
 if TYPE_CHECKING:
     from camcal.types import Correspondences, Solution
 
-CALIBRATION = ("model", "skew", "fix", "optimizer", "robust", "crosscheck", "seed")
+CALIBRATION = (
+    "model",
+    "skew",
+    "fix",
+    "optimizer",
+    "robust",
+    "board_shape",
+    "crosscheck",
+    "max_rms",
+    "seed",
+)
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
 

@@ -60,6 +60,18 @@ def _targets() -> Any:
     return TARGETS
 
 
+def _robust_methods() -> Any:
+    from camcal.refine.robust import METHODS
+
+    return METHODS
+
+
+def _board_shapes() -> Any:
+    from camcal.refine.board import KINDS
+
+    return ("flat", *KINDS)
+
+
 def _merge_fixed(ctx: click.Context, param: click.Parameter, values: tuple[dict, ...]) -> dict:
     """Merge repeated `--fix` into one; the type refuses a parameter held at two values."""
     parts = [(f"{name}={held}" if held is not None else name) for one in values for name, held in one.items()]
@@ -79,12 +91,15 @@ image_size_option = option(
     "--image-size", type=params.IMAGE_SIZE, metavar="WxH", help="Size of the pictures in px, such as 640x480."
 )
 robust_option = option(
-    "--robust",
-    type=params.Word(["none"]),
-    default="none",
-    show_default=True,
-    help="How outliers are treated.",
-)
+    "--robust", type=params.SpecType("robust method", _robust_methods), default="none", show_default=True,
+    metavar="METHOD",
+    help="What is done about outliers: none, auto (which looks for them first), or the name of a loss.",
+)  # fmt: skip
+board_shape_option = option(
+    "--board-shape", type=params.SpecType("board shape", _board_shapes), default="flat", show_default=True,
+    metavar="SHAPE",
+    help="The board's shape: flat as designed, or estimated too: bowl, print, or free (each point).",
+)  # fmt: skip
 optimizer_option = option(
     "--optimizer", type=params.SpecType("optimizer", _optimizers), default="lm", show_default=True,
     metavar="NAME", help="What minimises the reprojection error; `camcal list optimizers` names them.",
@@ -141,6 +156,7 @@ calibration_options = group_of(
     fix_option,
     optimizer_option,
     robust_option,
+    board_shape_option,
     crosscheck_option,
     max_rms_option,
     seed_option,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, NoReturn
 
@@ -134,15 +134,15 @@ class FixType(CamcalType):
 class SpecType(CamcalType):
     """A name of one of the tables, with arguments after a colon: `brown:radial=3`. The table is read late."""
 
-    def __init__(self, kind: str, table: Callable[[], Mapping[str, Any]], extra: tuple[str, ...] = ()):
-        self.name, self.kind, self.table, self.extra = kind, kind, table, extra
+    def __init__(self, kind: str, table: Callable[[], Iterable[str]]):
+        self.name, self.kind, self.table = kind, kind, table
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the text as it is, once its name is known."""
         from camcal.registry import suggestion
 
         name = str(value).partition(":")[0].strip()
-        known = [*self.table(), *self.extra]
+        known = list(self.table())
         if name not in known:
             hint = suggestion(name, known) or f"Known: {', '.join(known)}."
             self.refuse(f"unknown {self.kind} '{name}'.", hint, param, ctx)
@@ -152,8 +152,7 @@ class SpecType(CamcalType):
         """Offer the names of the table."""
         from click.shell_completion import CompletionItem
 
-        names = [*self.table(), *self.extra]
-        return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in self.table() if name.startswith(incomplete)]
 
 
 class Word(click.Choice):

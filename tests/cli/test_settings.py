@@ -88,7 +88,10 @@ def test_keys_of_other_commands_are_known(resolved):
         ("max_rms: -1\n", "Error: camcal.yaml:1: max_rms: -1.0 is not in the range x>0."),
         ("seed: 1.5\n", "Error: camcal.yaml:1: 'seed' is '1.5'; a whole number is needed."),
         ("skew: no\n", "Error: camcal.yaml:1: 'skew' is 'no'; true or false is needed."),
-        ("robust: nome\n", "Error: camcal.yaml:1: 'robust' is 'nome'; one of none"),
+        (
+            "robust: nome\n",
+            "Error: camcal.yaml:1: robust: unknown robust method 'nome'.\n  Did you mean 'none'?",
+        ),
         ("- a\n", "Error: camcal.yaml:1: "),
         ("model: [\n", "Error: camcal.yaml:2: not valid YAML"),
         ("config: other.yaml\n", "Error: camcal.yaml:1: unknown key 'config'."),
