@@ -54,13 +54,19 @@ class SettingOption(click.Option):
 
 
 def resolved_options(ctx: click.Context) -> dict[str, dict[str, Any]]:
-    """Return `{name: {value, from}}` of each option; `from` is flag, env, file or default."""
+    """Return `{name: {value, from}}` of each option; `from` is flag, env, file or default.
+
+    Where a configuration file was read, `config` says which.
+    """
     resolved = {}
     for param in ctx.command.params:
         if isinstance(param, click.Option) and param.name in ctx.params and param.name not in NOT_SETTINGS:
             source = ctx.get_parameter_source(param.name)
             origin = ORIGIN[source] if source else "default"
             resolved[param.name] = {"value": _readable(ctx.params[param.name]), "from": origin}
+    if CONFIG in ctx.meta:
+        source = ctx.get_parameter_source("config")
+        resolved["config"] = {"value": ctx.meta[CONFIG].path, "from": ORIGIN[source] if source else "default"}
     return resolved
 
 

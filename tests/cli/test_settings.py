@@ -39,6 +39,7 @@ def test_file(resolved, config):
     assert found["fix"] == {"value": {"p1": None, "k3": 0.1}, "from": "file"}
     assert found["image_size"] == {"value": [640, 480], "from": "file"}
     assert found["seed"] == {"value": 0, "from": "default"}
+    assert found["config"] == {"value": "camcal.yaml", "from": "default"}
 
 
 def test_environment_wins_over_file(resolved, config, monkeypatch):
@@ -69,6 +70,7 @@ def test_a_named_file_replaces_the_one_of_the_folder(resolved, config, monkeypat
     assert resolved("--config", "other.yaml")["model"] == {"value": "opencv5", "from": "default"}
     monkeypatch.setenv("CAMCAL_CONFIG", "other.yaml")
     assert resolved()["seed"] == {"value": 7, "from": "file"}
+    assert resolved()["config"] == {"value": "other.yaml", "from": "env"}
 
 
 def test_keys_of_other_commands_are_known(resolved):
