@@ -1,8 +1,9 @@
 """Losses by name, as weights of iteratively reweighted least squares.
 
 A loss acts on the length of a point's residual vector, u = |r| / (c σ), with weight w(u) = ρ'(u) / u
-(Holland & Welsch 1977; Zhang, Parameter estimation techniques, 1997, table 1). The constants c give an asymptotic
-efficiency of 95 % on Gaussian noise in *two* coordinates: with E over the Rayleigh distribution of |r| / σ,
+(Holland & Welsch 1977; Zhang, Parameter estimation techniques, 1997, table 1). The constants c give an
+asymptotic efficiency of 95 % on Gaussian noise in *two* coordinates: with E over the Rayleigh distribution of
+|r| / σ,
 
     efficiency = E[w + ½ |r| w']² / ½ E[w² |r|²] = 0.95                                                  (1)
 

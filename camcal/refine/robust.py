@@ -157,9 +157,13 @@ def reweight(solution: Solution, fit: Fit, loss: Loss, rounds: int = 60) -> Solu
     return replace(solution, weights=None if weights is None else tuple(weights), fit=fitted)
 
 
-def reject(solution: Solution, fit: Fit) -> Solution:
-    """Reject by `outliers.judge` and fit the rest, until no point changes sides."""
-    correspondences, camera, poses = solution.correspondences, solution.camera, solution.poses
+def reject(solution: Solution, fit: Fit, correspondences: Correspondences | None = None) -> Solution:
+    """Reject by `outliers.judge` and fit the rest, until no point changes sides.
+
+    `correspondences` are what `fit` is given, where they are not those of the solution (an ideal board, when
+    the fit estimates its shape).
+    """
+    correspondences = correspondences or solution.correspondences
     current, seen = solution, set()
     for _ in range(_ROUNDS):
         verdict = _judge(current)
@@ -168,35 +172,32 @@ def reject(solution: Solution, fit: Fit) -> Solution:
             break
         seen.add(key)
         if verdict.bad_views:
-            correspondences, poses, verdict = _without(current, verdict)
+            keep = np.array([i for i in range(len(current.poses)) if i not in verdict.bad_views])
+            correspondences = _without(correspondences, current, verdict)
+            masks = [verdict.inliers[i] for i in keep]
             seen.clear()
+            current = fit(current.camera, current.poses[keep], correspondences, inliers=masks)
         else:
-            poses = current.poses
-        camera = current.camera
-        current = fit(camera, poses, correspondences, inliers=verdict.inliers)
+            current = fit(current.camera, current.poses, correspondences, inliers=verdict.inliers)
     return replace(current, weights=None)
 
 
 def _without(
-    solution: Solution, verdict: outliers.Verdict
-) -> tuple[Correspondences, Poses, outliers.Verdict]:
-    """Leave out the views that are rejected as a whole."""
-    bad = set(verdict.bad_views)
-    keep = [i for i in range(len(solution.poses)) if i not in bad]
-    views = solution.correspondences.views
+    correspondences: Correspondences, solution: Solution, verdict: outliers.Verdict
+) -> Correspondences:
+    """Leave out the views that are rejected as a whole, each with its reason."""
+    bad, views, lengths = set(verdict.bad_views), correspondences.views, _lengths(solution)
+    usual = np.median(np.concatenate(lengths))
     skipped = tuple(
         SkippedView(
             views[i].id,
             "rejected",
-            f"does not fit the other views: median residual {np.median(_lengths(solution)[i]):.3g} "
-            f"against {verdict.sigma * 1.18:.3g}",
+            f"does not fit the other views: median residual {np.median(lengths[i]):.3g} against {usual:.3g}",
         )
         for i in sorted(bad)
     )
-    rest = replace(
-        solution.correspondences,
-        views=tuple(views[i] for i in keep),
-        skipped=(*solution.correspondences.skipped, *skipped),
+    return replace(
+        correspondences,
+        views=tuple(v for i, v in enumerate(views) if i not in bad),
+        skipped=(*correspondences.skipped, *skipped),
     )
-    kept = replace(verdict, inliers=tuple(verdict.inliers[i] for i in keep), bad_views=())
-    return rest, solution.poses[np.array(keep)], kept

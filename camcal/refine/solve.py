@@ -78,7 +78,7 @@ def refine(
     extras: dict[str, Any] = {}
     if board is not None:
         points, final = settle(board.points + board.expand(result.state.shape), board.points, final)
-        correspondences = _on_board(correspondences, board.points, points)
+        correspondences = on_board(correspondences, board.points, points)
         free = np.c_[free, np.zeros((len(free), board.size))]
         extras["board"] = BoardResult(board.kind, board.points, points, board.size)
     return Solution(
@@ -116,8 +116,8 @@ class BoardResult:
     size: int
 
 
-def _on_board(correspondences: Correspondences, ideal: Array, points: Array) -> Correspondences:
-    """The correspondences with the ideal points replaced by those found."""
+def on_board(correspondences: Correspondences, ideal: Array, points: Array) -> Correspondences:
+    """The correspondences with the ideal points (M, 3) replaced by those found (M, 3)."""
     tree = cKDTree(ideal)
     views = [replace(v, xyz=points[tree.query(v.xyz)[1]]) for v in correspondences.views]
     return replace(correspondences, views=tuple(views))
