@@ -24,6 +24,9 @@ LENSES = {
     "ds": "camcal.lenses.double_sphere:DoubleSphere",
     "mei": "camcal.lenses.mei:Mei",
     "fov": "camcal.lenses.fov:FieldOfView",
+    "division": "camcal.lenses.division:Division",
+    "scaramuzza": "camcal.lenses.division:Scaramuzza",
+    "radial-profile": "camcal.lenses.radial_profile:RadialProfile",
 }
 
 SUMMARIES = {
@@ -41,6 +44,9 @@ SUMMARIES = {
     "ds": "double sphere",
     "mei": "unified model with distortion k1 k2 p1 p2, OpenCV's omnidir",
     "fov": "field of view (Devernay & Faugeras): one parameter",
+    "division": "division:n (Fitzgibbon), n terms; division:n,direction=distort for the reciprocal series",
+    "scaramuzza": "scaramuzza:n, depth as a polynomial of degree n in the image radius",
+    "radial-profile": "radial-profile:n,centre=principal: any smooth growing curve, a spline of n intervals",
 }
 
 

@@ -12,6 +12,8 @@ Array = np.ndarray
 #: A root counts as real where its imaginary part is below this part of its size: a double root, which is
 #: where a fold appears, is only known to the root of the rounding, 1e-8.
 REAL = 1e-7
+#: relative error at which the inverse of a curve cannot get better, and up to which it counts as found
+ROUNDING, SOLVED = 2e-16, 1e-12
 
 
 def first_root(ascending: Array, top: float = np.inf) -> float:
@@ -28,15 +30,12 @@ def first_root(ascending: Array, top: float = np.inf) -> float:
 
 
 def invert(
-    function: Callable[[Array], tuple[Array, Array]],
-    top: float,
-    target: Array,
-    knots: int = 129,
-    iterations: int = 12,
+    function: Callable[[Array], tuple[Array, Array]], top: float, target: Array, knots: int = 129
 ) -> tuple[Array, Array]:
     """Solve f(t) = target for t in [0, top], where f(0) = 0 and f grows.
 
-    Interpolation in a table of f, then Newton; a step that would leave the interval stops at its end.
+    Interpolation in a table of f, then Newton; where that has not converged in a few steps (next to a fold or
+    a pole), Newton within a shrinking bracket.
 
     Parameters
     ----------
@@ -52,26 +51,46 @@ def invert(
     grid = np.linspace(0.0, top, knots)
     values = np.maximum.accumulate(function(grid)[0])
     t = np.interp(target, values, grid)
-    size = float(values[-1])
-    last = np.inf
-    for _ in range(iterations):
+    reachable = (target >= 0) & (target <= values[-1])
+    fine = np.maximum(1.0, np.minimum(np.abs(target), values[-1]))
+    error = np.inf
+    for _ in range(5):
         f, slope = function(t)
         f -= target
-        worst = float(np.nanmax(np.where(target <= size, np.abs(f), 0.0), initial=0.0))
-        if not worst > 1e-15 * size or not worst < 0.5 * last:
+        last, error = error, float(np.max(np.abs(f) / fine, where=reachable, initial=0.0))
+        if error <= ROUNDING or last <= 1e-8:  # quadratic: the step after 1e-8 has ended at rounding
             break
-        last = worst
         f /= slope
         t -= f
         np.clip(t, 0.0, top, out=t)
-    return t, (target <= size) & (np.abs(function(t)[0] - target) <= 1e-11 * max(size, 1.0))
+    if not error <= SOLVED:
+        t, f = _bracketed(function, top, target, t, reachable)
+    return t, reachable & (np.abs(f) <= SOLVED * fine)
 
 
-def memo(owner: Any, k: Array, compute: Callable[[Array], float]) -> float:
+def _bracketed(
+    function: Callable[[Array], tuple[Array, Array]], top: float, target: Array, t: Array, reachable: Array
+) -> tuple[Array, Array]:
+    """Newton with bisection where it would leave its bracket: (t, f - target)."""
+    t = np.where(reachable & np.isfinite(t), t, 0.5 * top)
+    low, high = np.zeros_like(t), np.full_like(t, top)
+    for _ in range(60):
+        f, slope = function(t)
+        f = f - target
+        low, high = np.where(f < 0, t, low), np.where(f > 0, t, high)
+        step = t - f / slope
+        step = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        if not (np.abs(step - t)[reachable] > 1e-16 * top).any():
+            break
+        t = step
+    return t, function(t)[0] - target
+
+
+def memo(owner: Any, k: Array, compute: Callable[[Array], float], what: str = "limit") -> float:
     """`compute(k)`, remembered on `owner` for the last k: a limit is asked for once per block of points."""
     key = k.tobytes()
-    last = owner.__dict__.get("_memo")
+    last = owner.__dict__.get(f"_memo_{what}")
     if last is None or last[0] != key:
         last = (key, compute(k))
-        owner.__dict__["_memo"] = last
+        owner.__dict__[f"_memo_{what}"] = last
     return last[1]

@@ -120,8 +120,7 @@ class InverseRadialLens(RadialLens):
         return memo(self, k, self._limit)
 
     def _limit(self, k: Array) -> float:
-        reach = min(self.reach(k), 1e150)
-        return min(float(self.ray_angle(k, np.array([reach]))[0][0]), ALMOST_PI)
+        return min(float(self.ray_angle(k, np.array([self.reach(k)]))[0][0]), ALMOST_PI)
 
     def curve(self, k: Array, r: Array, z: Array) -> Array:
         """Solve θ(R) = atan2(r, z), in t = atan R, in which θ is close to linear."""

@@ -95,7 +95,7 @@ def check_jacobians(lens: Lens, params: Array, xyz: Array) -> None:
     for i, name in enumerate(lens.names):
         # a step that moves the picture by hundredths of a px: the domain must not move across a point
         largest = np.abs(d_params[:, :, i]).max()
-        unit = np.eye(lens.size)[i] * (20 / largest if largest > 1 else 20)
+        unit = np.eye(lens.size)[i] * (20 / largest if largest >= 1 else 0.05)
         numeric = difference(lambda t, unit=unit: lens.project(params + t * unit, xyz)[0], 1e-3)
         analytic = d_params[:, :, i] * unit[i]
         _close(analytic, numeric, 20.0, f"d/d{name}")
