@@ -21,6 +21,7 @@ MOST_SLENDER = 6.0  #: ratio of the axes: a tilt of 80 degrees
 AREA_TOLERANCE = 0.13  #: how far the area of an outline may be from that of its ellipse
 MOST_DISCS = 3000
 EVEN = 0.25  #: how far the four neighbours of a seed may be from equal distances and right angles
+CONCENTRIC = 0.3  #: of the smaller radius; two outlines with centres as close as that are one disc
 STRAY = 0.3  #: how far a disc may be from where its neighbour expects it, of a step
 SEEDS = 12
 
@@ -49,11 +50,11 @@ class Discs:
 
 
 def find_discs(gray: Array) -> Discs:
-    """Dark ellipses of a grey uint8 picture, by outlines under adaptive thresholds of two sizes."""
+    """Dark ellipses of a grey uint8 picture, by outlines under adaptive thresholds of three sizes."""
     side = max(gray.shape)
     smooth = cv2.GaussianBlur(gray, (0, 0), 0.8)
     found: list[tuple[Array, Array]] = []
-    for window in (side // 24, side // 8):
+    for window in (side // 24, side // 8, side // 3):
         size = 2 * (max(window, 10) // 2) + 1
         dark = cv2.adaptiveThreshold(smooth, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, size, 8)
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
@@ -111,9 +112,11 @@ def _distinct(discs: Discs) -> Discs:
         return discs
     gone = np.zeros(len(discs), bool)
     tree = cKDTree(discs.centre)
-    for i, close in enumerate(tree.query_ball_point(discs.centre, 0.5 * size)):
+    for i, close in enumerate(tree.query_ball_point(discs.centre, CONCENTRIC * size)):
         if not gone[i]:
-            gone[[j for j in close if j > i]] = True
+            inner = np.array([j for j in close if j > i], int)
+            apart = np.linalg.norm(discs.centre[inner] - discs.centre[i], axis=1)
+            gone[inner[apart < CONCENTRIC * size[inner]]] = True
     return discs.take(~gone)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -27,6 +28,10 @@ NEIGHBOURS = 8  #: markers around one that it is compared with
 SUPPORT = 4  #: markers that say where a corner is
 WINDOW_SHARE = 0.85  #: of the space around a corner that its fit uses; the rest bears the error of the start
 START_BLUR = 1.5  #: px; the starts come from markers whose corners are off by a px or two
+ROUNDS = 8  #: of fitting the neighbours of what is known
+LOCAL_POINTS = 12  #: known points whose homography says where another is
+LEAST_GAP = 1e-3  #: of a homography's equations; below it the points stand in a row
+STRAY = 0.5  #: of the window; farther off than that, a fitted point is another corner
 LEAST_POINTS = 4  #: fewer say nothing of a pose
 AGREE = 0.3  #: how far a marker may be from where its neighbour expects it, of their distance
 REACH = 1.2  #: pitches from a corner to the nearest marker that was read
@@ -92,29 +97,140 @@ class TagBoard(Target):
         return tags[keep], corners[rows][keep]
 
     def _corners(self, gray: Array, tags: Array, corners: Array) -> Detection | Miss:
-        """Fit every point near the markers; what was rejected stands in the detection's info."""
-        ids, uv, jacobian = locate(self.points[:, :2], self.tag_corners[tags], corners, REACH * self.pitch)
-        inside = in_picture(uv, gray.shape)
-        ids, uv, jacobian = ids[inside], uv[inside], jacobian[inside]
+        """Fit every point near the markers, then those near fitted points, until no more are found."""
+        points = self.points[:, :2]
+        known = Known.of(len(points))
+        ids, uv, jacobian = locate(points, self.tag_corners[tags], corners, REACH * self.pitch)
+        for _ in range(ROUNDS):
+            inside = in_picture(uv, gray.shape)
+            ids, uv, jacobian = ids[inside], uv[inside], jacobian[inside]
+            if not len(ids) or not known.add(ids, self._fit(gray, ids, uv, jacobian), jacobian):
+                break
+            known.drop_strays(points, self.window)
+            ids, uv, jacobian = known.neighbours(points, REACH * self.pitch)
+        found = np.flatnonzero(known.good)
+        if len(found) < LEAST_POINTS:
+            return Miss(
+                "none", f"{len(tags)} markers were found, but only {len(found)} corners could be fitted"
+            )
+        scale = grey_scale(gray)
+        info = {
+            "rejected": {i: r for i, r in sorted(known.reasons.items()) if not known.good[i]},
+            "markers": len(tags),
+            "square_px": float(np.median(np.linalg.norm(known.jacobian[found], axis=1)) * self.square),
+            "blur_px": float(np.median(known.blur[found])),
+            "contrast": float(np.median(np.abs(known.contrast[found])) * 255 / scale),
+            "noise": float(np.median(known.noise[found]) * 255 / scale),
+            "covariance": known.covariance[found],
+        }
+        sigma = np.sqrt(0.5 * np.trace(known.covariance[found], axis1=1, axis2=2))
+        return Detection(found, known.uv[found], sigma, info)
+
+    def _fit(self, gray: Array, ids: Array, uv: Array, jacobian: Array) -> saddle.Corners:
         # the window as a share of a fictitious square, whose sides the fit judges distances by
         sides = np.swapaxes(jacobian, 1, 2) * (self.window / saddle.HALF)
-        scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
-        first = saddle.refine(gray, uv, sides, WINDOW_SHARE * saddle.HALF, START_BLUR, scale)
-        good = first.good
-        if good.sum() < LEAST_POINTS:
-            return Miss(
-                "none", f"{len(tags)} markers were found, but only {good.sum()} corners could be fitted"
-            )
-        info = {
-            "rejected": {int(i): r for i, r in zip(ids, first.reasons, strict=True) if r},
-            "markers": len(tags),
-            "square_px": float(np.median(np.linalg.norm(jacobian, axis=1)) * self.square),
-            "blur_px": float(np.median(first.blur[good])),
-            "contrast": float(np.median(np.abs(first.contrast[good])) * 255 / scale),
-            "noise": float(np.median(first.noise[good]) * 255 / scale),
-            "covariance": first.covariance[good],
-        }
-        return Detection(ids[good], first.uv[good], first.sigma[good], info)
+        return saddle.refine(gray, uv, sides, WINDOW_SHARE * saddle.HALF, START_BLUR, grey_scale(gray))
+
+
+@dataclass
+class Known:
+    """What is known so far of each point of a board: arrays over all M points, valid where `good`."""
+
+    good: Array
+    uv: Array
+    jacobian: Array
+    covariance: Array
+    blur: Array
+    contrast: Array
+    noise: Array
+    reasons: dict[int, str]
+
+    @classmethod
+    def of(cls, count: int) -> Known:
+        """Nothing known of `count` points."""
+        one, two, square = np.zeros(count), np.zeros((count, 2)), np.zeros((count, 2, 2))
+        return cls(one > 0, two, square, square.copy(), one.copy(), one.copy(), one.copy(), {})
+
+    def add(self, ids: Array, found: saddle.Corners, jacobian: Array) -> int:
+        """Take the good ones of newly fitted points; how many those are."""
+        good = found.good
+        rows = ids[good]
+        self.good[rows] = True
+        self.uv[rows], self.covariance[rows], self.jacobian[rows] = (
+            found.uv[good],
+            found.covariance[good],
+            jacobian[good],
+        )
+        self.blur[rows], self.contrast[rows], self.noise[rows] = (
+            found.blur[good],
+            found.contrast[good],
+            found.noise[good],
+        )
+        self.reasons |= {int(i): r for i, r in zip(ids, found.reasons, strict=True) if r}
+        return int(good.sum())
+
+    def drop_strays(self, points: Array, window: float) -> None:
+        """Reject points that are not where their neighbours alone put them."""
+        rows = np.flatnonzero(self.good)
+        if len(rows) <= LOCAL_POINTS:
+            return
+        uv, jacobian, certain = from_points(points[rows], points[rows], self.uv[rows], leave_out=True)
+        room = np.linalg.norm(jacobian, axis=1).min(1) * window
+        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > np.maximum(STRAY * room, 1.5))
+        self.good[rows[stray]] = False
+        self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
+
+    def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
+        """Where the points within `reach` of good ones must be: ids, uv and d uv / d point."""
+        rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
+        if len(rows) < 4 or not len(open_):
+            return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
+        near = np.asarray(cKDTree(points[rows]).query(points[open_])[0]) < reach
+        ids = open_[near]
+        uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
+        return ids[certain], uv[certain], jacobian[certain]
+
+
+def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) -> tuple[Array, Array, Array]:
+    """Map points of the board by the homographies of the nearest known points.
+
+    Parameters
+    ----------
+    at : (N, 2) array
+        Points to map.
+    points, uv : (K, 2) arrays
+        Known points and their images.
+    leave_out : bool
+        Whether `at` is `points`, and each is to be mapped by the others only.
+
+    Returns
+    -------
+    uv : (N, 2) array
+    jacobian : (N, 2, 2) array
+    certain : (N,) bool array
+        Where the nearest points determine a homography: not where they stand in a row.
+    """
+    skip = int(leave_out)
+    count = min(LOCAL_POINTS, len(points) - skip)
+    if not len(at) or count < 4:
+        return np.zeros((len(at), 2)), np.zeros((len(at), 2, 2)), np.zeros(len(at), bool)
+    near = np.asarray(cKDTree(points).query(at, k=count + skip)[1])[:, skip:]
+    h, gap, _ = homography.solve(points[near], uv[near], steps=1)
+    image, jacobian = transfer(h, at)
+    return image, jacobian, (gap > LEAST_GAP) & np.isfinite(image).all(1)
+
+
+def transfer(h: Array, at: Array) -> tuple[Array, Array]:
+    """Images (N, 2) of points (N, 2), each under its own homography (N, 3, 3), with Jacobians (N, 2, 2)."""
+    with np.errstate(all="ignore"):
+        image = np.einsum("nij,nj->ni", h, np.c_[at, np.ones(len(at))])
+        uv = image[:, :2] / image[:, 2:]
+        return uv, (h[:, :2, :2] - uv[:, :, None] * h[:, 2:, :2]) / image[:, 2:, None]
+
+
+def grey_scale(gray: Array) -> float:
+    """The grey value of white: 255, or the brightest of 16 bits."""
+    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
 
 
 def to_8_bits(gray: Array) -> Array:
@@ -200,11 +316,7 @@ def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[A
     h = homography.homographies(
         board[near].reshape(len(ids), -1, 2), corners[near].reshape(len(ids), -1, 2), weights, steps=1
     )
-    x = np.c_[points[ids], np.ones(len(ids))]
-    image = np.einsum("nij,nj->ni", h, x)
-    uv = image[:, :2] / image[:, 2:]
-    jacobian = (h[:, :2, :2] - uv[:, :, None] * h[:, 2:, :2]) / image[:, 2:, None]
-    return ids, uv, jacobian
+    return ids, *transfer(h, points[ids])
 
 
 def in_picture(uv: Array, shape: tuple[int, ...]) -> Array:
