@@ -160,9 +160,9 @@ def eliminate_poses(normal: NormalBlocks) -> ReducedPoses:
 
 def reduce(normal: NormalBlocks, poses: ReducedPoses) -> Array:
     """Equation (1), (F, F)."""
-    f = len(normal.intrinsics)
-    coupling = normal.coupling.transpose(1, 0, 2).reshape(f, -1)
-    reduced = normal.intrinsics - coupling @ poses.gain.reshape(-1, f)
+    f, rows = len(normal.intrinsics), 6 * len(normal.poses)  # f = 0 where the camera is known
+    coupling = normal.coupling.transpose(1, 0, 2).reshape(f, rows)
+    reduced = normal.intrinsics - coupling @ poses.gain.reshape(rows, f)
     return (reduced + reduced.T) / 2
 
 

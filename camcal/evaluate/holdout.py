@@ -79,10 +79,10 @@ def k_fold(
         test = np.arange(fold, count, folds)
         train = np.setdiff1d(np.arange(count), test)
         try:
-            solution = refit(_take(correspondences, train), poses[train], [inliers[i] for i in train])
+            solution = refit(_take(correspondences, train), poses[train], [inliers[int(i)] for i in train])
         except CamcalError:
             return None  # too few views are left to say anything
-        kept = [correspondences.views[i].take(inliers[i]) for i in test]
+        kept = [correspondences.views[i].take(inliers[int(i)]) for i in test]
         held = replace(correspondences, views=tuple(kept))
         for i, r in zip(test, judge(solution, held, poses[test]), strict=True):
             found[int(i)] = r

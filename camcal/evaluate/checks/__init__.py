@@ -1,0 +1,49 @@
+"""Conditions that make a calibration less than it seems, each a warning with a code, what was found and a
+hint.
+
+A check is a function `Facts -> iterable of CalibrationWarning` and a line in `CHECKS`. Every threshold stands
+beside its reason; tests hold it against degenerate data (it must speak) and good data (it must not).
+"""
+
+from __future__ import annotations
+
+from camcal.evaluate.checks import coverage, fit, lens, parameters, views
+from camcal.evaluate.checks.facts import Facts
+from camcal.types import CalibrationWarning, Solution
+
+CHECKS = (
+    fit.not_converged,
+    views.single_view,
+    views.few_views,
+    views.fronto_parallel,
+    views.duplicates,
+    views.mirrored,
+    parameters.undetermined,
+    parameters.weak,
+    parameters.correlated,
+    lens.outside_domain,
+    lens.fold_in_image,
+    coverage.poor,
+    coverage.outside_image,
+    fit.little_redundancy,
+    fit.outliers,
+    fit.large_residuals,
+    fit.systematic,
+)
+
+
+def check(solution: Solution) -> tuple[CalibrationWarning, ...]:
+    """All warnings on a solution besides those it carries already, the gravest kinds first.
+
+    Parameters
+    ----------
+    solution : Solution
+
+    Returns
+    -------
+    tuple of CalibrationWarning
+        A code that the solution carries is not said again.
+    """
+    known = {w.code for w in solution.warnings}
+    facts = Facts(solution)
+    return tuple(w for one in CHECKS for w in one(facts) if w.code not in known)
