@@ -10,6 +10,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
+    "track": ("camcal.cli.track:command", "Follow a camera that changes with time."),
     "simulate": ("camcal.cli.simulate:command", "Make points, rigs or pictures whose truth is known."),
     "list": (
         "camcal.cli.list_:command",

@@ -18,6 +18,7 @@ TABLES: dict[str, tuple[str, str]] = {
     "targets": ("camcal.targets", "TARGETS"),
     "optimizers": ("camcal.refine.optimizers", "OPTIMIZERS"),
     "closed-forms": ("camcal.closed_form", "CLOSED_FORMS"),
+    "estimators": ("camcal.tracking", "ESTIMATORS"),
     "formats": ("camcal.formats", "FORMATS"),
     "commands": ("camcal.cli", "COMMANDS"),
 }
@@ -44,7 +45,7 @@ def _own_text(value: object) -> str:
 def command(kind: str, format: str) -> None:
     """List what there is of one KIND, with a line on each.
 
-    KIND is models, targets, optimizers, closed-forms, formats or commands.
+    KIND is models, targets, optimizers, closed-forms, estimators, formats or commands.
     """
     found = entries(kind)
     emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))

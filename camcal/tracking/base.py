@@ -13,6 +13,7 @@ from camcal.errors import UsageError
 
 if TYPE_CHECKING:
     from camcal.tracking.events import Alarm
+    from camcal.tracking.model import Model
     from camcal.types import Camera
 
 Array = np.ndarray
@@ -147,8 +148,10 @@ class TrackOptions:
     skew : bool
     camera : Camera or None
         Where K and the distortion start, for the estimators on K, R, t.
-    fixed : tuple of str
-        Parameters of the lens that are held; `intrinsics` holds all.
+    fixed : mapping of name -> value or None
+        Parameters of the lens that are held, at a value or where they start; `intrinsics` holds all.
+    learn_noise : bool
+        Estimate the noise factor also where the points bring sigmas.
     iterations : int
         Relinearisations of a frame, at most.
     window : int
@@ -169,7 +172,8 @@ class TrackOptions:
     model: str = "pinhole"
     skew: bool = False
     camera: Camera | None = None
-    fixed: tuple[str, ...] = ()
+    fixed: Mapping[str, float | None] = field(default_factory=dict)
+    learn_noise: bool = False
     iterations: int = 4
     window: int = 10
 
@@ -204,8 +208,11 @@ class Estimator(ABC):
         Frames that were not newer than the one before, in number or time: they change nothing.
     """
 
+    model: Model
     #: whether the states of `update` are provisional, and those of `finish`, for all frames, final
     offline = False
+    #: fields of `TrackOptions` that mean something to it, besides those that mean something to all
+    takes: frozenset[str] = frozenset()
     #: gains that the estimator can work with, its own first
     gains: tuple[str, ...] = ()
 

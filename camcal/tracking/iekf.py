@@ -20,15 +20,14 @@ def physical_model(options: TrackOptions) -> PhysicalModel:
     """
     if options.camera is not None:
         return PhysicalModel(options.camera.lens, options.camera.params, options.fixed)
-    held = [name for name in options.fixed if name != "aspect"]
-    lens = lenses.make(options.model, options.skew)
-    free_start = {"fx", "fy", "cx", "cy", "skew", "intrinsics"}
-    if bad := [name for name in held if name in free_start]:
-        raise UsageError(
-            f"{bad[0]} is to be held, but its value is not given.",
-            "Give the camera: --camera CALIBRATION.yaml",
-        )
-    return PhysicalModel(lens, None, options.fixed)
+    from_data = ("fx", "fy", "cx", "cy", "intrinsics")
+    for name, value in options.fixed.items():
+        if name in from_data and value is None:
+            raise UsageError(
+                f"{name} is to be held, but its value is not given.",
+                "Give the camera (--camera CALIBRATION.yaml) or the value (--fix cx=320).",
+            )
+    return PhysicalModel(lenses.make(options.model, options.skew), None, options.fixed)
 
 
 class IteratedKalman(Recursive):
@@ -38,6 +37,9 @@ class IteratedKalman(Recursive):
     38 (1993).
     """
 
+    takes = frozenset(
+        ("gain", "alpha", "motion", "drift", "velocity", "model", "skew", "camera", "fixed", "iterations")
+    )
     gains: tuple[str, ...] = ("kalman", "adaptive", "fixed")
 
     def __init__(self, options: TrackOptions):

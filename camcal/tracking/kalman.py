@@ -14,6 +14,7 @@ class Kalman(Recursive):
     The motion is stated in physical terms and carried over to the matrix by its derivative.
     """
 
+    takes = frozenset(("gain", "forgetting", "alpha", "motion", "drift", "velocity"))
     gains = ("kalman", "adaptive", "forgetting", "fixed", "mean")
 
     def __init__(self, options: TrackOptions):

@@ -27,12 +27,17 @@ class Model(ABC):
         The fewest points to start from.
     extra_names : tuple of str
         What it has beyond K, R, t.
+    lens_name : str
+        The lens model of its cameras.
+    has_skew : bool
     """
 
     size: int
     min_points: int
     start_points: int
     extra_names: tuple[str, ...] = ()
+    lens_name = "pinhole"
+    has_skew = True
 
     @abstractmethod
     def linearise(self, x: Any, frame: Frame) -> tuple[Array, Array]:

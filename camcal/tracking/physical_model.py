@@ -15,7 +15,7 @@ from camcal.closed_form.pose import initial_poses
 from camcal.errors import EstimationError
 from camcal.geometry import projective, rotations
 from camcal.lenses.base import Lens
-from camcal.refine.parameters import free_matrix
+from camcal.refine.parameters import apply_fixed, free_matrix
 from camcal.tracking import decompose, start
 from camcal.tracking.base import Frame
 from camcal.tracking.decompose import Cameras
@@ -48,17 +48,24 @@ class PhysicalModel(Model):
     lens : Lens
     params : (P,) array or None
         A known camera to start from.
-    fixed : sequence of str
-        Parameters of the lens that are held; `intrinsics` holds all, `aspect` ties fy to fx.
+    fixed : mapping of name -> value or None
+        Parameters of the lens that are held, at a value or where they start; `intrinsics` holds all, `aspect`
+        ties fy to fx.
     """
 
-    def __init__(self, lens: Lens, params: Array | None = None, fixed: Sequence[str] = ()):
-        names = lens.names if "intrinsics" in fixed else tuple(fixed)
-        self.lens, self.params = lens, params
-        self.fix: dict[str, float | None] = dict.fromkeys(names)
+    def __init__(
+        self, lens: Lens, params: Array | None = None, fixed: Mapping[str, float | None] | None = None
+    ):
+        self.fix = dict(fixed or {})
+        if "intrinsics" in self.fix:
+            del self.fix["intrinsics"]
+            self.fix = {**dict.fromkeys(lens.names), **self.fix}
+        self.lens = lens
+        self.lens_name, self.has_skew = lens.name, lens.has_skew
+        self.params = None if params is None else apply_fixed(lens, params, self.fix)
         self.bend = 5 if lens.has_skew else 4
         self.extra_names = lens.names[self.bend :]
-        self._set_free(lens.neutral if params is None else params)
+        self._set_free(lens.neutral if self.params is None else self.params)
         self.size = self.count + 6
         self.min_points = max(3, -(-self.size // 2))
         self.start_points = 6 if params is None else 4
@@ -137,7 +144,7 @@ class PhysicalModel(Model):
         if self.params is None:
             matrix = start.projection_matrix(frame.xyz, frame.uv)
             k, rotation, translation = decompose.split(matrix)
-            params = self.lens.from_matrix(k)
+            params = apply_fixed(self.lens, self.lens.from_matrix(k), self.fix)
             self._set_free(params)
             return Physical(params, rotation, translation)
         pose = self._pose(frame)

@@ -121,7 +121,7 @@ class Recursive(Estimator):
                 f"{len(frame)} points in the first frames; {needed} are needed to start.",
                 "Give the first frames more points.",
             )
-        if frame.sigma is not None and self.noise.known is None:
+        if frame.sigma is not None and self.noise.known is None and not self.options.learn_noise:
             self.noise = Noise(1.0)
         self.model.settle(frame)
         x = self.model.start(frame)
@@ -259,7 +259,7 @@ class Recursive(Estimator):
 
     # ------------------------------------------------------------------ after a change
     def _alone(self, frame: Frame) -> robust.Fit | None:
-        """The camera that this frame alone shows, near the prediction or anywhere; None where there is none."""
+        """The camera of this frame alone, near the prediction or anywhere; None where there is none."""
         reset = self.model.motion(self.x, motion.RESET)
         prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
         needed = max(self.min_points, len(frame) / 2)

@@ -16,6 +16,7 @@ class RecursiveLeastSquares(Recursive):
     """
 
     gains = ("forgetting", "fixed", "mean", "adaptive")
+    takes = frozenset(("gain", "forgetting", "alpha"))
 
     def __init__(self, options: TrackOptions):
         super().__init__(options, MatrixModel(), dict.fromkeys(GROUPS, 0.0), options.gain or self.gains[0])

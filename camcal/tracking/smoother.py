@@ -26,6 +26,7 @@ class Smoother(IteratedKalman):
     """
 
     gains = ("kalman",)
+    takes = IteratedKalman.takes - {"alpha"}
     offline = True
 
     def __init__(self, options: TrackOptions):

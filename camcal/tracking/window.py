@@ -40,13 +40,12 @@ class Window(IteratedKalman):
     """
 
     gains = ("kalman",)
+    takes = IteratedKalman.takes - {"alpha", "velocity"} | {"window"}
 
     def __init__(self, options: TrackOptions):
-        super().__init__(options)
         if options.velocity:
-            raise UsageError(
-                "the window does not track a velocity.", "Use --method iekf or smoother for that."
-            )
+            raise UsageError("the window does not track a velocity.", "Use --method iekf or smoother.")
+        super().__init__(options)
         self.entries: list[Entry] = []
         self.anchor: Any = None
         self.anchor_factor = np.zeros((0, 0))

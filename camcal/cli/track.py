@@ -1,0 +1,276 @@
+"""`camcal track`: a camera that changes with time, followed frame by frame."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+from click.core import ParameterSource
+
+from camcal.cli.options import board_options
+from camcal.cli.track_options import FROM_FILE, FROM_PIPE, method_options, run_options
+from camcal.cli.verbosity import note, verbosity_options
+
+if TYPE_CHECKING:
+    from camcal.tracking.base import Frame, TrackOptions
+    from camcal.tracking.follow import Summary
+
+CHANGED = 1
+
+
+@click.command("track")
+@click.argument("frames", nargs=-1, required=True, metavar="FRAMES")
+@method_options
+@run_options
+@board_options
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
+    """Follow a camera that changes with time, and say when it has changed.
+
+    FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where
+    each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
+    The answer has a row a frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
+    """
+    from camcal.tracking.follow import Follower
+
+    _check_files(options)
+    estimator, track_options = _estimator(ctx, frames, options)
+    live = frames == ("-",)
+    output = _output(estimator.model, options, live)
+    follower = Follower(
+        estimator,
+        output,
+        on_change=lambda change: note(f"{change.message}."),
+        hold=options["reorder"],
+        state=options["state"],
+        every=options["state_every"] or (FROM_PIPE if live else FROM_FILE),
+        options=_must_match(options, track_options),
+    )
+    if options["state"] is not None and options["state"].is_file():
+        follower.resume()
+    try:
+        summary = follower.run(_frames(frames, options))
+        output.finish()
+    except BaseException:  # also on ^C: no table that looks complete
+        output.discard()
+        raise
+    return _deliver(ctx, summary, follower, options)
+
+
+# ------------------------------------------------------------------ before the run
+def _check_files(options: dict[str, Any]) -> None:
+    """Refuse outputs that cannot be written, before any work is done."""
+    from camcal.errors import UsageError
+    from camcal.io.writing import check_writable
+
+    resumes = options["state"] is not None and options["state"].is_file()
+    if options["output"] is not None:
+        check_writable(options["output"], options["force"] or resumes)
+    if options["report"] is not None:
+        check_writable(options["report"], options["force"] or resumes)
+    if options["state"] is not None:
+        check_writable(options["state"], force=True)
+    if options["plots"] is not None:
+        from camcal.tracking.plots import require_matplotlib
+
+        if options["output"] is None:
+            raise UsageError("plots are drawn from the table, and it goes to stdout.", "Give -o FILE too.")
+        require_matplotlib()
+
+
+def _estimator(
+    ctx: click.Context, frames: tuple[str, ...], options: dict[str, Any]
+) -> tuple[Any, TrackOptions]:
+    """Make the estimator; refuse options that it would ignore."""
+    from dataclasses import fields
+
+    from camcal.errors import UsageError
+    from camcal.registry import look_up
+    from camcal.tracking import ESTIMATORS
+    from camcal.tracking.base import TrackOptions
+
+    method = options["method"] or ("iekf" if options["camera"] is not None else "kalman")
+    options["method"] = method
+    cls = look_up(ESTIMATORS, method, "method")
+    own = {"fix": "fixed"}
+    special = {own.get(p.name or "", p.name): p for p in ctx.command.params}
+    known = {f.name for f in fields(TrackOptions)}
+    for name in sorted(known - cls.takes - _FOR_ALL):
+        given = ctx.get_parameter_source(special[name].name or "")
+        if given not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, None):
+            flag = max(special[name].opts, key=len)
+            takers = [m for m, path in ESTIMATORS.items() if name in look_up({m: path}, m, "method").takes]
+            raise UsageError(
+                f"{flag} means nothing to the method '{method}'.", f"It is for {', '.join(takers)}."
+            )
+    values = {n: options[next((k for k, v in own.items() if v == n), n)] for n in known}
+    if options["camera"] is not None:
+        values["camera"] = _camera(ctx, options)
+    values["drift"] = _drift(options["drift"])
+    if not _is_table(frames):
+        values["learn_noise"] = True
+    made = TrackOptions(**values)
+    return cls(made), made
+
+
+_FOR_ALL = frozenset(("sigma", "learn_noise", "gate", "false_alarm", "min_points", "rate"))
+
+
+def _drift(given: dict[str, float | None] | None) -> dict[str, float]:
+    from camcal.errors import UsageError
+
+    for group, value in (given or {}).items():
+        if value is None:
+            raise UsageError(f"--drift {group}: a value is needed.", "Try: --drift focal=1e-5,rotation=0.01")
+    return {group: value for group, value in (given or {}).items() if value is not None}
+
+
+def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
+    from camcal.errors import UsageError
+    from camcal.report.document import load_camera
+
+    for name in ("model", "skew"):
+        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise UsageError(f"--{name} and --camera were both given.", "The lens is that of the camera.")
+    return load_camera(options["camera"])
+
+
+def _must_match(options: dict[str, Any], track: TrackOptions) -> dict[str, Any]:
+    """What has to be the same when a run is taken up again."""
+    from dataclasses import asdict
+
+    values = {k: v for k, v in asdict(track).items() if k != "camera"} if track.camera is None else {}
+    if track.camera is not None:
+        values = {f: getattr(track, f) for f in track.__dataclass_fields__ if f != "camera"}
+        values["camera"] = [track.camera.lens.name, track.camera.params.tolist()]
+    output = None if options["output"] is None else str(options["output"].resolve())
+    return {
+        "method": options["method"],
+        **values,
+        "reorder": options["reorder"],
+        "format": _format(options),
+        "covariance": options["covariance"],
+        "output": output,
+    }
+
+
+# ------------------------------------------------------------------ in and out
+def _is_table(frames: tuple[str, ...]) -> bool:
+    return len(frames) == 1 and (
+        frames[0] == "-" or Path(frames[0]).suffix.lower() in (".csv", ".txt", ".tsv", ".dat")
+    )
+
+
+def _frames(frames: tuple[str, ...], options: dict[str, Any]) -> Iterable[Frame]:
+    if not _is_table(frames):
+        return _from_pictures(frames, options)
+    if frames[0] == "-":
+        return _from_stream(sys.stdin.buffer, "stdin")
+    from camcal.io.blocks import open_binary
+
+    return _from_stream(open_binary(frames[0]), frames[0])
+
+
+def _from_stream(stream: BinaryIO, name: str) -> Iterator[Frame]:
+    from camcal.tracking.stream import FrameReader
+
+    with stream:
+        yield from FrameReader(stream, name)
+
+
+def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[Frame]:
+    from camcal.cli.job import read_pictures
+    from camcal.tracking.pictures import frames_of
+
+    return frames_of(read_pictures(paths, options))
+
+
+def _format(options: dict[str, Any]) -> str:
+    if options["format"] is not None:
+        return options["format"]
+    path = options["output"]
+    return "jsonl" if path is not None and path.suffix.lower() in (".jsonl", ".ndjson") else "csv"
+
+
+def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
+    from camcal.tracking.output import Output
+    from camcal.tracking.table import Table
+
+    return Output(
+        Table(model, options["covariance"]),
+        _format(options),
+        options["output"],
+        growing=live or options["state"] is not None,
+        block=1 if live else 256,
+    )
+
+
+# ------------------------------------------------------------------ after the run
+def _deliver(ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any]) -> int:
+    """Say on stderr what the run amounts to, write report and plots; the exit code."""
+    for line in _said(summary):
+        note(line)
+    failed = options["fail_on_change"] and summary.change_count > 0
+    if options["report"] is not None:
+        _write_report(ctx, summary, follower, options, failed)
+    if options["plots"] is not None:
+        from camcal.tracking.plots import draw
+
+        reference = None if options["reference"] is None else _reference(options["reference"])
+        for path in draw(options["output"], options["plots"], reference, options["force"]):
+            note(f"Plot written to {path}.")
+    return CHANGED if failed else 0
+
+
+def _said(summary: Summary) -> Iterator[str]:
+    counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
+    yield f"{summary.frames} frames ({counts}); {summary.used} of {summary.points} points used."
+    if summary.ignored:
+        yield f"{summary.ignored} frames came late or twice and were ignored."
+    shown = [c.message for c in summary.changes[:10]]
+    more = summary.change_count - len(shown)
+    yield f"Changes: {summary.change_count}" + ("." if not shown else ":")
+    yield from (f"  {message}" for message in shown)
+    if more > 0 and shown:
+        yield f"  and {more} more"
+
+
+def _write_report(
+    ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any], failed: bool
+) -> None:
+    from camcal.cli.job import command_line
+    from camcal.cli.settings import resolved_options
+    from camcal.report.document import save, tool
+    from camcal.report.plain import plain
+    from camcal.report.schema import SCHEMA
+    from camcal.tracking.summary import document
+
+    made = {
+        "schema": SCHEMA,
+        "tool": tool(),
+        "command": command_line(ctx),
+        "inputs": {"image_size": None, "frames": summary.frames, "points": summary.points},
+        "options": resolved_options(ctx),
+        **document(summary, follower.estimator, options["method"]),
+        "verdict": "fail" if failed else "pass",
+    }
+    save(plain(made), options["report"], options["force"] or options["state"] is not None)
+    note(f"Report written to {options['report']}.")
+
+
+def _reference(path: Path) -> Any:
+    import numpy as np
+
+    from camcal.errors import DataError
+    from camcal.report.yaml import read_document
+
+    matrix = np.array(read_document(path).get("projection_matrix") or (), float)
+    if matrix.shape != (3, 4):
+        raise DataError(
+            f"'{path}' holds no projection_matrix.", "Give a report of a single view or of `track`."
+        )
+    return matrix
