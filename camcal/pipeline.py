@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from camcal import lenses
 from camcal.closed_form import CLOSED_FORMS, shape
 from camcal.closed_form.base import ClosedForm
 from camcal.errors import DataError
-from camcal.evaluate import figures
+from camcal.evaluate import board_shape, figures
 from camcal.geometry import projective
 from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
@@ -85,7 +86,10 @@ def calibrate(
     EstimationError
         Where they do not determine a camera.
     """
-    told = Options(model=model, robust=robust, **options)
+    return _calibrate(correspondences, Options(model=model, robust=robust, **options))
+
+
+def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
     usable = leave_out_unusable(correspondences)
     run = _Run(told, lenses.make(told.model, told.skew))
     planar = shape.shapes(usable.views).planar.tolist()
@@ -93,7 +97,10 @@ def calibrate(
     if told.board_shape != "flat":
         solution = run.with_shape(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
-    return replace(solution, stages=stages, warnings=run.begun.warnings)
+    solution = replace(solution, stages=stages, warnings=run.begun.warnings)
+    if told.crosscheck:
+        solution = replace(solution, crosscheck=run.crosscheck(solution))
+    return solution
 
 
 class _Run:
@@ -121,16 +128,36 @@ class _Run:
         more.setdefault("options", self.told.stopping)
         return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
 
-    def with_shape(self, solution: Solution) -> Solution:
-        """The same with the board's shape estimated along."""
-        found = self.fit(
-            solution.camera,
-            solution.poses,
-            solution.correspondences,
-            inliers=solution.inliers,
-            board_shape=self.told.board_shape,
-        )
-        return replace(found, start=solution.start)
+    def with_shape(self, flat: Solution) -> Solution:
+        """The solution with the board's shape estimated along, where that is to be believed."""
+        ideal = flat.correspondences
+
+        def fit(kind: str, data: Correspondences, poses: Poses, inliers: Sequence[np.ndarray]) -> Solution:
+            return self.fit(flat.camera, poses, data, inliers=inliers, board_shape=kind)
+
+        if self.told.board_shape == "auto":
+            best, trials = board_shape.choose(flat, ideal, fit)
+        else:
+            shaped = fit(self.told.board_shape, ideal, flat.poses, flat.inliers)
+            best, trials = (
+                board_shape.Trial(self.told.board_shape, shaped, board_shape.p_value(flat, shaped), None),
+                (),
+            )
+        if best.kind == "flat" or self.told.robust == "none":
+            return replace(board_shape.with_shape(best, trials), start=flat.start)
+        # a flat board's misfit may have made outliers of good points: judge them again
+        again = robustly.reject(best.solution, partial(self.fit, board_shape=best.kind), ideal)
+        return replace(board_shape.with_shape(replace(best, solution=again), trials), start=flat.start)
+
+    def crosscheck(self, solution: Solution) -> tuple[Mapping[str, Any], ...]:
+        """Every stage against cv2, which is loaded only here."""
+        from camcal.crosscheck.run import crosscheck
+
+        def rerun(correspondences: Correspondences, skew: bool) -> Solution:
+            told = replace(self.told, robust="none", crosscheck=False, skew=skew, board_shape="flat")
+            return _calibrate(correspondences, told)
+
+        return crosscheck(solution, rerun)
 
 
 def leave_out_unusable(correspondences: Correspondences) -> Correspondences:

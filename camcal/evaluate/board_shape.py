@@ -25,8 +25,8 @@ from camcal.types import Array, Correspondences, Poses, Solution
 
 #: a shape is believed below this p-value ...
 SIGNIFICANT = 0.01
-#: ... if the hold-out error is below this part of that of any simpler board: 2 % is what the choice of the folds
-#: alone moves it by on a dozen views
+#: ... if the hold-out error is below this part of that of any simpler board: on a dozen views, the choice of
+#: the folds alone moves it by 2 %
 BETTER = 0.98
 #: simple shapes first
 CANDIDATES = ("bowl", "free")
@@ -99,8 +99,8 @@ def described(trial: Trial, trials: Sequence[Trial], square: float) -> dict[str,
     Returns
     -------
     dict
-        kind, points [[X, Y, Z], ...] in the order of the board's corners, rms_offset, max_offset, p_value, words,
-        and the hold-out error of each kind that was tried.
+        kind, points [[X, Y, Z], ...] in the order of the board's corners, rms_offset, max_offset, p_value,
+        words, and the hold-out error of each kind that was tried.
     """
     board = trial.solution.extras.get("board")
     said: dict[str, Any] = {"kind": trial.kind, "p_value": trial.p_value}

@@ -148,7 +148,8 @@ class OpenCV(Lens):
             partials = self._plane_derivatives(k, a, b, s, f, slope)
             self._coefficient_rows(rows, a, b, s, f, inverse, fx, fy)
         else:
-            inside, partials = True, (a, b, 1.0, 0.0, 1.0)
+            one = np.ones_like(a)
+            inside, partials = True, (a, b, one, np.zeros_like(a), one)
         xd, yd, xa, cross, yb = partials[:5]
         ya = partials[5] if len(partials) > 5 else cross
         ix, iy = fx * iz, fy * iz
