@@ -35,10 +35,13 @@ def constraints(h: Array) -> Array:
 
 def smallest(equations: Array) -> tuple[Array, Array]:
     """The unit vector x that minimises |A x| for A (M, k), and all k singular values, descending."""
-    k = equations.shape[1]
-    padded = np.concatenate([equations, np.zeros((max(k - len(equations), 0), k))])
-    _, singular, vt = np.linalg.svd(padded, full_matrices=False)
+    _, singular, vt = np.linalg.svd(_padded(equations), full_matrices=False)
     return vt[-1], singular
+
+
+def _padded(a: Array) -> Array:
+    """Zero rows below A (M, k) where there are fewer rows than columns."""
+    return np.concatenate([a, np.zeros((max(a.shape[1] - len(a), 0), a.shape[1]))])
 
 
 def camera_matrix(b: Array) -> Array | None:
@@ -55,51 +58,67 @@ def camera_matrix(b: Array) -> Array | None:
     return k / k[2, 2]
 
 
-def equation_noise(b: Array, h: Array, covariances: Array) -> Array:
-    """Covariances (V, 2, 2) of the equations at b, from those of the homographies' entries (V, 9, 9).
+def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> float:
+    """How far the less certain focal length may be off, relative to it: standard deviation and bias together.
 
-    d(cᵀBc) = 2 (Bc)ᵀ dc, dc = dh1 + i dh2.
-    """
-    gradient = 2 * (h[..., 0] + 1j * h[..., 1]) @ b[_ORDER]
-    entries = (gradient[:, :, None] * np.array([1, 1j, 0])).reshape(-1, 9)
-    g = np.stack([entries.real, entries.imag], 1)
-    return g @ covariances @ np.swapaxes(g, 1, 2)
-
-
-def focal_uncertainty(b: Array, basis: Array, equations: Array, noise: Array) -> float:
-    """First-order relative standard deviation of the less certain focal length.
+    Both to first order, of the b that minimises |A b| with |b| = 1: the noise of the homographies gives the
+    equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which drags b by -(AᵀA)⁺ M b: where
+    the planes hardly tilt, that is the larger part.
 
     Parameters
     ----------
     b : (6,) array
         The estimate, in the span of `basis` (6, k).
-    equations : (V, 2, 6) array
-    noise : (V, 2, 2) array
-        Their covariances at b.
+    h : (V, 3, 3) array
+    covariances : (V, 9, 9) array
+        Of the entries of h by rows.
 
     Returns
     -------
     float
-        Enlarged by the root of the reduced chi-square of the equations where that exceeds 1: what the noise
-        does not explain (the lens's distortion, or a breakdown of first order) counts as well. inf where the
-        equations do not determine b.
+        The deviation is enlarged by the root of the reduced chi-square of the equations where that exceeds
+        1: what noise does not explain (the lens's distortion, a breakdown of first order) counts as well.
+        inf where the equations do not determine b.
     """
-    trace = np.einsum("vii->v", noise)
-    floor = np.finfo(float).eps * trace.max() + np.finfo(float).tiny
-    white = np.linalg.inv(np.linalg.cholesky(noise + floor * np.eye(2))) @ equations
-    a = white.reshape(-1, 6) @ basis
+    jacobian = _coefficient_jacobian(h)
+    gradient = np.einsum("vrij,i->vrj", jacobian, b)  # of the residuals, with respect to the entries of h
+    spread = gradient @ covariances
+    noise = spread @ np.swapaxes(gradient, 1, 2)
+    a = constraints(h) @ basis
     x = np.linalg.lstsq(basis, b, rcond=None)[0]
-    # directions that leave the scale of b alone
-    tangent = np.linalg.svd(x[None], full_matrices=True)[2][1:].T
-    free = tangent.shape[1]
-    padded = np.concatenate([a @ tangent, np.zeros((free, free))])
-    _, singular, vt = np.linalg.svd(padded, full_matrices=False)
+    tangent = np.linalg.svd(x[None], full_matrices=True)[2][1:].T  # the scale of b is free
+    along = a @ tangent
+    _, singular, vt = np.linalg.svd(_padded(along.reshape(-1, along.shape[2])), full_matrices=False)
     if singular[-1] <= np.finfo(float).eps * singular[0]:
         return np.inf
-    variances = ((_log_focal_jacobian(b) @ basis @ tangent @ (vt.T / singular)) ** 2).sum(1)
-    surplus = len(a) - free
-    misfit = float(((a @ x) ** 2).sum()) / surplus if surplus > 0 else 1.0
-    return float(np.sqrt(variances.max() * max(misfit, 1.0)))
+    to_focal = _log_focal_jacobian(b) @ basis @ tangent @ (vt.T / singular**2) @ vt
+    # the estimate's response to the residuals of each view, (V, 2 focal lengths, 2 residuals)
+    response = np.swapaxes(along @ to_focal.T, 1, 2)
+    variance = np.einsum("vfr,vrs,vfs->f", response, noise, response)
+    dragged = np.einsum("vrij,vrj->i", jacobian, spread)
+    bias = to_focal @ tangent.T @ basis.T @ dragged
+    return float(np.sqrt(variance * _misfit(a @ x, noise, len(x) - 1) + bias**2).max())
+
+
+def _misfit(residuals: Array, noise: Array, unknowns: int) -> float:
+    """The reduced chi-square of residuals (V, 2) of covariances (V, 2, 2), at least 1."""
+    surplus = residuals.size - unknowns
+    if surplus <= 0:
+        return 1.0
+    floor = np.finfo(float).eps * np.einsum("vii->v", noise).max() + np.finfo(float).tiny
+    solved = np.linalg.solve(noise + floor * np.eye(2), residuals[..., None])[..., 0]
+    return max(float((residuals * solved).sum()) / surplus, 1.0)
+
+
+def _coefficient_jacobian(h: Array) -> Array:
+    """Derivatives (V, 2, 6, 9) of the constraints' coefficients with respect to the entries of h by rows."""
+    c = h[..., 0] + 1j * h[..., 1]
+    by_c = np.zeros((len(h), 6, 3), complex)
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        by_c[:, _ORDER[i, j], i] += (1 if i == j else 2) * c[:, j]
+        by_c[:, _ORDER[i, j], j] += (1 if i == j else 2) * c[:, i]
+    by_h = (by_c[..., None] * np.array([1, 1j, 0])).reshape(-1, 6, 9)
+    return np.stack([by_h.real, by_h.imag], 1)
 
 
 def _log_focal_jacobian(b: Array) -> Array:

@@ -15,17 +15,21 @@ from camcal.closed_form import conic, pose, shape
 from camcal.closed_form.base import ClosedForm, scaled
 from camcal.errors import EstimationError
 from camcal.geometry import homography
-from camcal.types import Correspondences
+from camcal.types import Correspondences, Poses
 
 Array = np.ndarray
 
 #: A singular value below this part of the largest possible one counts as 0: what rounding leaves of it.
 UNDETERMINED = 1e-8
+#: A homography whose gap is below this is open: second moments keep half of the digits.
+OPEN = 1e-6
 #: A focal length with a larger relative standard deviation than this is not taken as determined.
 UNCERTAIN = 0.2
 #: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
 #: this factor (1 is expected of planes parallel to the image).
 VISIBLE = 3.0
+#: Below this a view's pose has a second minimum nearly as good, and both are searched.
+AMBIGUOUS = 10.0
 #: The principal point of a plausible camera, from the image's centre, in half diagonals.
 FAR_OUTSIDE = 2.0
 #: Planes whose normals differ by less than this, degrees, count as parallel: the second adds nothing to the
@@ -80,14 +84,19 @@ class Planes:
         Of the entries of h by rows, noise included.
     gap : float
         The smallest gap of the homographies' equations.
-    perspective : float
-        Root mean square over views and axes of h3's slope against its standard deviation.
+    perspective : (V,) array
+        Root mean square over both axes of h3's slope against its standard deviation.
     """
 
     h: Array
     covariances: Array
     gap: float
-    perspective: float
+    perspective: Array
+
+    @property
+    def visible(self) -> float:
+        """The perspective of all views together."""
+        return float(np.sqrt((self.perspective**2).mean()))
 
 
 def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
@@ -120,6 +129,7 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     planes = _planes(correspondences, form)
     k, info = _intrinsics(planes, correspondences, skew)
     poses = pose.from_plane(pose.from_homographies(k, planes.h), form.origins, form.axes)
+    poses = _choose_minima(poses, np.flatnonzero(planes.perspective < AMBIGUOUS), k, correspondences)
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
     if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
@@ -132,6 +142,17 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     return ClosedForm("zhang", k, poses, matrix, info)
 
 
+def _choose_minima(poses: Poses, weak: Array, k: Array, correspondences: Correspondences) -> Poses:
+    """Search both minima of the poses of views with little perspective; homographies take either by noise."""
+    if not len(weak):
+        return poses
+    views = tuple(correspondences.views[i] for i in weak)
+    found = pose.poses_for(k, Correspondences(views))
+    r, t = poses.rotations.copy(), poses.translations.copy()
+    r[weak], t[weak] = found.rotations, found.translations
+    return Poses(r, t)
+
+
 def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
     """The homography of each view from the axes of its own plane."""
     views = correspondences.views
@@ -140,8 +161,9 @@ def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
     gap, cost, peak = np.zeros(count), np.zeros(count), 0.0
     for index, xyz, uv, w in shape.batches(views):
         local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
-        h[index], gap[index], cost[index] = homography.solve(local, uv, w)
-        poor = index[~(gap[index] > UNDETERMINED)]
+        equations = homography.Equations.of(local, uv, w)
+        h[index], gap[index], cost[index] = equations.solve(steps=1)
+        poor = index[~(gap[index] > OPEN)]
         if len(poor):
             raise EstimationError(
                 f"view '{views[poor[0]].id}': its points leave the homography open "
@@ -150,7 +172,7 @@ def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
             )
         _require_in_front([views[i].id for i in index], h[index], local)
         peak = max(peak, np.abs(uv).max())
-        covariances[index] = homography.covariances(h[index], local, uv, w)
+        covariances[index] = equations.covariances(h[index])
     # what rounding leaves of exact data: 1e-10 of the coordinates, as measured with margin
     covariances *= max(_variance(correspondences, cost.sum()), (1e-10 * peak) ** 2)
     return Planes(h, covariances, float(gap.min()), _perspective(h, covariances))
@@ -172,7 +194,7 @@ def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
     return float(np.degrees(np.arctan2(across, normals @ normals[0]).max()))
 
 
-def _perspective(h: Array, covariances: Array) -> float:
+def _perspective(h: Array, covariances: Array) -> Array:
     """How far the planes' vanishing lines stand out of the noise; about 1 for fronto-parallel planes."""
     slope = h[:, 2, :2] / h[:, 2, 2:]
     jacobian = np.zeros((len(h), 2, 9))
@@ -180,7 +202,7 @@ def _perspective(h: Array, covariances: Array) -> float:
     jacobian[:, :, 8] = -slope / h[:, 2, 2:]
     noise = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
     squares = np.einsum("vi,vi->v", slope, np.linalg.solve(noise, slope[..., None])[..., 0])
-    return float(np.sqrt(squares.mean() / 2))
+    return np.sqrt(squares / 2)
 
 
 def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
@@ -206,10 +228,10 @@ def image_centre(correspondences: Correspondences) -> tuple[Array, float, str]:
 def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) -> tuple[Array, dict[str, Any]]:
     """K with the fewest assumptions that leave a real, plausible and determined camera."""
     count = len(planes.h)
-    if planes.perspective < VISIBLE:
+    if planes.visible < VISIBLE:
         raise _fronto_parallel(
             count,
-            f"their perspective is {planes.perspective:.1f} times its noise, at least {VISIBLE:g} is needed",
+            f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed",
         )
     centre, radius, where = image_centre(correspondences)
     to_unit = np.diag([1 / radius, 1 / radius, 1.0])
@@ -222,7 +244,7 @@ def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) ->
     covariances = turn @ (planes.covariances / size**2) @ turn.T
     equations = conic.constraints(h)
     rejected: list[str] = []
-    uncertain: tuple[Array, dict[str, Any]] | None = None
+    best: tuple[Array, dict[str, Any]] | None = None
     for rung in LADDER[0 if skew else 1 :]:
         said = [a.format(centre=where) for a in rung.assumptions]
         x, singular = conic.smallest(equations.reshape(-1, 6) @ rung.basis)
@@ -231,28 +253,28 @@ def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) ->
         if k is None:
             rejected.append(f"{', '.join(said) or 'nothing assumed'}: {reason}")
             continue
-        sigma = conic.focal_uncertainty(b, rung.basis, equations, conic.equation_noise(b, h, covariances))
+        sigma = conic.focal_uncertainty(b, rung.basis, h, covariances)
         info = {
             "assumptions": said,
             "rejected": rejected,
             "condition": float(singular[0] / singular[-2]),
             "focal_uncertainty": sigma,
             "homography_gap": planes.gap,
-            "perspective": planes.perspective,
+            "perspective": planes.visible,
             "mirrored": False,
             "degenerate": f"the focal length is uncertain by {sigma:.0%}" if sigma > UNCERTAIN else False,
         }
-        found = np.linalg.inv(to_unit) @ k, info
+        if best is None or sigma < best[1]["focal_uncertainty"]:
+            best = np.linalg.inv(to_unit) @ k, info
         if sigma <= UNCERTAIN:
-            return found
+            return best
         rejected.append(
             f"{', '.join(said) or 'nothing assumed'}: the focal length is uncertain by {sigma:.0%}"
         )
-        uncertain = found
-    if uncertain is None:
+    if best is None:
         reason = rejected[-1].rsplit(": ", 1)[1]
         raise _fronto_parallel(count, f"even with one focal length and a fixed principal point {reason}")
-    return uncertain
+    return best
 
 
 def _plausible(b: Array, singular: Array, rung: Rung, count: int) -> tuple[Array | None, str]:

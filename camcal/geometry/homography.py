@@ -8,6 +8,7 @@ Computation of Homographies, BMVC 2005); the moments of all views come from one 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,71 +47,145 @@ def homographies(xy: Array, uv: Array, weights: Array | None = None, steps: int 
 
 
 def solve(xy: Array, uv: Array, weights: Array | None = None, steps: int = 2) -> tuple[Array, Array, Array]:
-    """Homographies as `homographies` gives them, with what is needed to judge them.
+    """Homographies as `homographies` gives them, with what is needed to judge them; see `Equations.solve`."""
+    return Equations.of(xy, uv, weights).solve(steps)
 
-    Returns
-    -------
-    h : (V, 3, 3) array
-    gap : (V,) array
-        The second smallest singular value of the (reduced) equations against the largest; near 0 where the
-        points leave more than one homography.
-    cost : (V,) array
-        Weighted sum of squared residuals, px².
+
+@dataclass(frozen=True)
+class Equations:
+    """Points of V views in normalised coordinates, laid out so that the points' axis is contiguous.
+
+    Attributes
+    ----------
+    x : (V, 3, N) array
+        Homogeneous points of the plane.
+    y : (V, 3, N) array
+        Homogeneous image points.
+    products : (V, 6, N) array
+        The different products of two coordinates of x.
+    w : (V, N) array
+        Weights.
+    t_xy, t_uv : (V, 3, 3) arrays
+        The normalising similarities.
     """
-    t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
-    x = _similar(t_xy, xy)
-    y = _similar(t_uv, uv)
-    w = np.ones(x.shape[::2]) if weights is None else weights / weights.mean(-1, keepdims=True)
-    products = x[:, _FIRST] * x[:, _SECOND]
-    with np.errstate(all="ignore"):  # degenerate views become NaN here and show in the gap
-        h, gap = _algebraic(products, y, w)
-        residual, u, depth = _residuals(h, x, y)
-        cost = np.einsum("vn,vkn,vkn->v", w, residual, residual)
-        for _ in range(steps):
-            trial = h + _gauss_newton(h, x, products, residual, u, depth, w)
-            new_residual, new_u, new_depth = _residuals(trial, x, y)
-            new_cost = np.einsum("vn,vkn,vkn->v", w, new_residual, new_residual)
-            better = new_cost < cost
-            if not better.any():
-                break
-            pick = better[:, None, None]
-            h, residual = np.where(pick, trial, h), np.where(pick, new_residual, residual)
-            u, depth = np.where(pick, new_u, u), np.where(better[:, None], new_depth, depth)
-            cost = np.where(better, new_cost, cost)
-        h = h * np.where(h[:, 2:, 2:] < 0, -1.0, 1.0)
-        scale = t_uv[:, 0, 0] ** 2 / (1.0 if weights is None else weights.mean(-1))
-        h = np.linalg.inv(t_uv) @ h @ t_xy
-        return h / np.linalg.norm(h, axis=(1, 2), keepdims=True), gap, cost / scale
 
+    x: Array
+    y: Array
+    products: Array
+    w: Array
+    t_xy: Array
+    t_uv: Array
 
-def covariances(h: Array, xy: Array, uv: Array, weights: Array | None = None) -> Array:
-    """Covariances (V, 9, 9) of the entries of homographies, by rows, at the scale h (V, 3, 3) has.
+    @classmethod
+    def of(cls, xy: Array, uv: Array, weights: Array | None = None) -> Equations:
+        """Normalise points xy (V, N, 2), their images uv (V, N, 2) and take weights (V, N) = 1 / sigma²."""
+        t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
+        x = _similar(t_xy, xy)
+        w = np.ones(xy.shape[:2]) if weights is None else weights
+        return cls(x, _similar(t_uv, uv), x[:, _FIRST] * x[:, _SECOND], w, t_xy, t_uv)
 
-    First order, from the Gauss-Newton normal matrix, for points whose coordinates have the variance 1 /
-    weight (1 px² without weights). The scale of h is the gauge: it does not vary.
-    """
-    t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
-    back = np.linalg.inv(t_uv)
-    x = _similar(t_xy, xy)
-    image = (t_uv @ h @ np.linalg.inv(t_xy)) @ x
-    h3 = np.linalg.inv(np.swapaxes(t_xy, 1, 2)) @ h[:, 2, :, None]
-    q = (1.0 if weights is None else weights) / image[:, 2] ** 2
-    u, v = image[:, :2].swapaxes(0, 1) / image[:, 2]
-    s, su, sv, sr = _normal_blocks(x[:, _FIRST] * x[:, _SECOND], q, u, v)
-    inverse = _solve(s, np.broadcast_to(np.eye(3), s.shape))
-    to_h1, to_h2 = inverse @ su, inverse @ sv
-    reduced = sr - su @ to_h1 - sv @ to_h2
-    third = _solve(_gauged(reduced, h3[..., 0]), np.broadcast_to(np.eye(3), s.shape))
-    unit = h3 / np.linalg.norm(h3, axis=1, keepdims=True)
-    free = np.eye(3) - unit @ np.swapaxes(unit, 1, 2)
-    third = free @ third @ free
-    through = np.concatenate([to_h1, to_h2, np.broadcast_to(np.eye(3), s.shape)], 1)
-    covariance = through @ third @ np.swapaxes(through, 1, 2)
-    covariance[:, :3, :3] += inverse
-    covariance[:, 3:6, 3:6] += inverse
-    # rows of H in px: H = back H' t_xy, so its entries are (back x t_xyᵀ) those of H'
-    to_px = np.einsum("vij,vlk->vikjl", back, t_xy).reshape(-1, 9, 9)
-    return t_uv[:, 0, 0, None, None] ** 2 * (to_px @ covariance @ np.swapaxes(to_px, 1, 2))
+    def solve(self, steps: int) -> tuple[Array, Array, Array]:
+        """The algebraic estimate and Gauss-Newton steps; one that does not lower a view's error is not taken.
+
+        Returns
+        -------
+        h : (V, 3, 3) array
+        gap : (V,) array
+            The second smallest singular value of the reduced equations against the size of the unreduced
+            ones; near 0 where the points leave more than one homography.
+        cost : (V,) array
+            Weighted sum of squared residuals, px².
+        """
+        with np.errstate(all="ignore"):  # degenerate views become NaN here and show in the gap
+            h, gap = self._algebraic()
+            state: tuple[Array, ...] = self._residuals(h)
+            for _ in range(steps):
+                trial = h + self._gauss_newton(h, *state[:3])
+                new = self._residuals(trial)
+                better = new[3] < state[3]
+                if not better.any():
+                    break
+                if better.all():
+                    h, state = trial, new
+                else:
+                    pick = better[:, None, None]
+                    h = np.where(pick, trial, h)
+                    state = tuple(np.where(_like(better, a), a, b) for a, b in zip(new, state, strict=True))
+            h = h * np.where(h[:, 2:, 2:] < 0, -1.0, 1.0)
+            h = np.linalg.inv(self.t_uv) @ h @ self.t_xy
+            h = h / np.linalg.norm(h, axis=(1, 2), keepdims=True)
+            return h, gap, state[3] / self.t_uv[:, 0, 0] ** 2
+
+    def covariances(self, h: Array) -> Array:
+        """Covariances (V, 9, 9) of the entries of homographies, by rows, at the scale h (V, 3, 3) has.
+
+        First order, from the Gauss-Newton normal matrix, for image coordinates of variance 1 / weight (1 px²
+        without weights). The scale of h is the gauge: it does not vary.
+        """
+        back = np.linalg.inv(self.t_uv)
+        normalised = self.t_uv @ h @ np.linalg.inv(self.t_xy)
+        image = normalised @ self.x
+        u, v = image[:, 0] / image[:, 2], image[:, 1] / image[:, 2]
+        s, su, sv, sr = self._normal_blocks(self.w / image[:, 2] ** 2, u, v)
+        eye = np.broadcast_to(np.eye(3), s.shape)
+        inverse = _solve(s, eye)
+        to_h1, to_h2 = inverse @ su, inverse @ sv
+        unit = normalised[:, 2, :, None] / np.linalg.norm(normalised[:, 2], axis=1)[:, None, None]
+        free = eye - unit @ np.swapaxes(unit, 1, 2)
+        third = free @ _solve(_gauged(sr - su @ to_h1 - sv @ to_h2, normalised[:, 2]), eye) @ free
+        through = np.concatenate([to_h1, to_h2, eye], 1)
+        covariance = through @ third @ np.swapaxes(through, 1, 2)
+        covariance[:, :3, :3] += inverse
+        covariance[:, 3:6, 3:6] += inverse
+        # H in px is back H' t_xy; its entries, by rows, are (back x t_xyᵀ) times those of H'
+        to_px = (back[:, :, None, :, None] * np.swapaxes(self.t_xy, 1, 2)[:, None, :, None, :]).reshape(
+            -1, 9, 9
+        )
+        return self.t_uv[:, :1, :1] ** 2 * (to_px @ covariance @ np.swapaxes(to_px, 1, 2))
+
+    def _normal_blocks(self, q: Array, u: Array, v: Array) -> Array:
+        """Second moments Σ f x xᵀ for f = q, qu, qv, q(u² + v²), as (4, V, 3, 3)."""
+        factors = np.empty((len(q), 4, q.shape[1]))
+        factors[:, 0], factors[:, 1], factors[:, 2] = q, q * u, q * v
+        factors[:, 3] = factors[:, 1] * u + factors[:, 2] * v
+        moments = factors @ np.swapaxes(self.products, 1, 2)
+        return np.moveaxis(moments[:, :, _SYMMETRIC], 1, 0)
+
+    def _algebraic(self) -> tuple[Array, Array]:
+        """Minimise Σ w |(h1·x - u h3·x, h2·x - v h3·x)|² with |h3| = 1; also the gap of the equations."""
+        s, su, sv, sr = self._normal_blocks(self.w, self.y[:, 0], self.y[:, 1])
+        upper = _solve(s, np.concatenate([su, sv], -1))
+        to_h1, to_h2 = upper[..., :3], upper[..., 3:]
+        reduced = sr - su @ to_h1 - sv @ to_h2
+        finite = np.isfinite(reduced).all((1, 2))
+        values, vectors = np.linalg.eigh(np.where(finite[:, None, None], reduced, 0.0))
+        h3 = vectors[..., :1]
+        # against the equations before the elimination: of three points nothing but rounding is left after it
+        gap = np.sqrt(np.maximum(values[:, 1], 0) / np.einsum("vii->v", sr))
+        h = np.swapaxes(np.concatenate([to_h1 @ h3, to_h2 @ h3, h3], 2), 1, 2)
+        return h, np.where(finite, gap, 0.0)
+
+    def _residuals(self, h: Array) -> tuple[Array, Array, Array, Array]:
+        """Predicted - observed (V, 2, N), predictions, depths (V, N), weighted sums of squares (V,)."""
+        image = h @ self.x
+        predicted = image[:, :2] / image[:, 2:]
+        residual = predicted - self.y[:, :2]
+        return residual, predicted, image[:, 2], np.einsum("vn,vkn,vkn->v", self.w, residual, residual)
+
+    def _gauss_newton(self, h: Array, residual: Array, predicted: Array, depth: Array) -> Array:
+        """The Gauss-Newton step of the homographies, orthogonal to h in the third row (its scale is free)."""
+        u, v = predicted[:, 0], predicted[:, 1]
+        s, su, sv, sr = self._normal_blocks(self.w / depth**2, u, v)
+        pulls = np.empty((len(u), 3, u.shape[1]))
+        pulls[:, :2] = residual * (self.w / depth)[:, None]
+        pulls[:, 2] = -u * pulls[:, 0] - v * pulls[:, 1]
+        g = pulls @ np.swapaxes(self.x, 1, 2)
+        upper = _solve(s, np.concatenate([su, sv, g[:, 0, :, None], g[:, 1, :, None]], -1))
+        to_h1, to_h2, first, second = upper[..., :3], upper[..., 3:6], upper[..., 6:7], upper[..., 7:]
+        reduced = sr - su @ to_h1 - sv @ to_h2
+        right = g[:, 2, :, None] + su @ first + sv @ second
+        third = -_solve(_gauged(reduced, h[:, 2]), right)
+        return np.swapaxes(np.concatenate([to_h1 @ third - first, to_h2 @ third - second, third], 2), 1, 2)
 
 
 def by_count(counts: Iterable[int]) -> Iterator[Array]:
@@ -132,14 +207,6 @@ def _similar(t: Array, points: Array) -> Array:
     return out
 
 
-def _normal_blocks(products: Array, q: Array, u: Array, v: Array) -> Array:
-    """Second moments Σ f x xᵀ for f = q, qu, qv, q(u² + v²), as (4, V, 3, 3); products are (V, 6, N)."""
-    factors = np.empty((len(q), 4, q.shape[1]))
-    factors[:, 0], factors[:, 1], factors[:, 2] = q, q * u, q * v
-    factors[:, 3] = factors[:, 1] * u + factors[:, 2] * v
-    return np.moveaxis((factors @ np.swapaxes(products, 1, 2))[:, :, _SYMMETRIC], 1, 0)
-
-
 def _gauged(reduced: Array, h3: Array) -> Array:
     """The reduced normal matrix (V, 3, 3), singular along h3 (V, 3), made regular there."""
     unit = h3 / np.linalg.norm(h3, axis=-1, keepdims=True)
@@ -147,57 +214,18 @@ def _gauged(reduced: Array, h3: Array) -> Array:
     return reduced + size[:, None, None] * unit[:, :, None] * unit[:, None, :]
 
 
-def _algebraic(products: Array, y: Array, w: Array) -> tuple[Array, Array]:
-    """Minimise Σ w |(h1·x - u h3·x, h2·x - v h3·x)|² with |h3| = 1; also the gap of the reduced equations."""
-    u, v = y[:, 0], y[:, 1]
-    s, su, sv, sr = _normal_blocks(products, w, u, v)
-    upper = _solve(s, np.concatenate([su, sv], -1))
-    to_h1, to_h2 = upper[..., :3], upper[..., 3:]
-    reduced = sr - su @ to_h1 - sv @ to_h2
-    finite = np.isfinite(reduced).all((1, 2))
-    values, vectors = np.linalg.eigh(np.where(finite[:, None, None], reduced, 0.0))
-    h3 = vectors[..., 0]
-    gap = np.sqrt(np.maximum(values[:, 1], 0) / np.maximum(values[:, 2], np.finfo(float).tiny))
-    h = np.stack([np.einsum("vij,vj->vi", m, h3) for m in (to_h1, to_h2)] + [h3], 1)
-    return h, np.where(finite, gap, 0.0)
-
-
-def _residuals(h: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Predicted - observed (V, 2, N), the predictions, and the depths (V, N)."""
-    image = h @ x
-    predicted = image[:, :2] / image[:, 2:]
-    return predicted - y[:, :2], predicted, image[:, 2]
-
-
-def _gauss_newton(
-    h: Array, x: Array, products: Array, residual: Array, predicted: Array, depth: Array, w: Array
-) -> Array:
-    """The Gauss-Newton step of the homographies, orthogonal to h in the third row (its scale is free)."""
-    u, v = predicted[:, 0], predicted[:, 1]
-    q = w / depth**2
-    s, su, sv, sr = _normal_blocks(products, q, u, v)
-    pull = residual * (w / depth)[:, None]
-    g1, g2, g3 = np.moveaxis(
-        np.stack([pull[:, 0], pull[:, 1], -u * pull[:, 0] - v * pull[:, 1]], 1) @ np.swapaxes(x, 1, 2), 1, 0
-    )
-    upper = _solve(s, np.concatenate([su, sv, g1[..., None], g2[..., None]], -1))
-    reduced = sr - su @ upper[..., :3] - sv @ upper[..., 3:6]
-    right = g3 + np.einsum("vij,vj->vi", su, upper[..., 6]) + np.einsum("vij,vj->vi", sv, upper[..., 7])
-    step3 = -_solve(_gauged(reduced, h[:, 2]), right[..., None])[..., 0]
-    step1 = np.einsum("vij,vj->vi", upper[..., :3], step3) - upper[..., 6]
-    step2 = np.einsum("vij,vj->vi", upper[..., 3:6], step3) - upper[..., 7]
-    return np.stack([step1, step2, step3], 1)
+def _like(mask: Array, values: Array) -> Array:
+    """A mask (V,) shaped to select views of values (V, ...)."""
+    return mask.reshape(-1, *[1] * (values.ndim - 1))
 
 
 def _solve(a: Array, b: Array) -> Array:
     """Solve a x = b for symmetric (V, 3, 3) by the adjugate; NaN or inf where a is singular."""
-    adjugate = np.stack(
-        [
-            np.cross(a[:, 1], a[:, 2]),
-            np.cross(a[:, 2], a[:, 0]),
-            np.cross(a[:, 0], a[:, 1]),
-        ],
-        -1,
-    )
-    determinant = np.einsum("vi,vi->v", a[:, 0], adjugate[..., 0])
+    (p, q, r), (t, u), v = a[:, 0].T, a[:, 1, 1:].T, a[:, 2, 2]
+    adjugate = np.empty_like(a)
+    adjugate[:, 0, 0], adjugate[:, 1, 1], adjugate[:, 2, 2] = t * v - u * u, p * v - r * r, p * t - q * q
+    adjugate[:, 0, 1] = adjugate[:, 1, 0] = r * u - q * v
+    adjugate[:, 0, 2] = adjugate[:, 2, 0] = q * u - r * t
+    adjugate[:, 1, 2] = adjugate[:, 2, 1] = q * r - p * u
+    determinant = p * adjugate[:, 0, 0] + q * adjugate[:, 0, 1] + r * adjugate[:, 0, 2]
     return (adjugate @ b) / determinant[:, None, None]

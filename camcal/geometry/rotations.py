@@ -126,11 +126,13 @@ def from_euler(alpha: float, beta: float, theta: float) -> Array:
 def to_euler(rotation: Array) -> tuple[float, float, float]:
     """The angles (alpha, beta, theta) of `from_euler`, rad; beta in [-π/2, π/2].
 
-    At beta = ±π/2 only the difference or sum of the others is determined; theta is then 0.
+    At beta = ±π/2 only the difference or the sum of the others is determined; theta is then 0. Near there
+    alpha is taken from what the other two leave of the matrix, so that `from_euler` gives it back.
     """
-    r = rotation
+    r = np.asarray(rotation, float)
     cos_beta = np.hypot(r[0, 0], r[1, 0])
-    beta = np.arctan2(-r[2, 0], cos_beta)
-    if cos_beta < 1e-12:
-        return float(np.arctan2(-r[1, 2], r[1, 1])), float(beta), 0.0
-    return float(np.arctan2(r[2, 1], r[2, 2])), float(beta), float(np.arctan2(r[1, 0], r[0, 0]))
+    theta = np.arctan2(r[1, 0], r[0, 0]) if cos_beta > 4 * np.finfo(float).eps else 0.0
+    c, s = np.cos(theta), np.sin(theta)
+    # the second row of Rz(-theta) R = Ry Rx is (0, cos alpha, -sin alpha)
+    alpha = np.arctan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1])
+    return float(alpha), float(np.arctan2(-r[2, 0], cos_beta)), float(theta)

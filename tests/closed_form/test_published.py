@@ -38,5 +38,5 @@ def test_course_matrix():
         ]
     )
     m = found.projection_matrix / np.linalg.norm(found.projection_matrix)
-    # one unit of the last printed digit: the points are clicked by hand and the course's constraint is not known
+    # one unit of the last printed digit: points clicked by hand, and the course's normalisation is unknown
     np.testing.assert_allclose(m, course, rtol=0, atol=1.0e-4)
