@@ -13,6 +13,7 @@ from camcal.cli.options import (
     max_rms_option,
     report_options,
     robust_option,
+    seed_option,
 )
 from camcal.cli.verbosity import verbosity_options
 
@@ -24,6 +25,7 @@ from camcal.cli.verbosity import verbosity_options
 @image_size_option
 @robust_option
 @max_rms_option
+@seed_option
 @report_options
 @verbosity_options
 @click.pass_context
@@ -36,8 +38,11 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.cli.job import deliver_solution, output_is_free, read_data
 
     output_is_free(options)
-    from camcal.pipeline import evaluate
+    from camcal.evaluate.known_camera import evaluate
+    from camcal.pipeline import leave_out_unusable
     from camcal.report.document import load_camera
 
-    solution = evaluate(load_camera(camera), read_data(data, options), robust=options["robust"])
+    known = load_camera(camera)
+    found = leave_out_unusable(read_data(data, options))
+    solution = evaluate(known, found, options["robust"], options["seed"])
     return deliver_solution(ctx, solution, options)
