@@ -58,6 +58,12 @@ def camera_matrix(b: Array) -> Array | None:
     return k / k[2, 2]
 
 
+def equation_noise(b: Array, h: Array, covariances: Array) -> Array:
+    """Covariances (V, 2, 2) of the constraints' residuals at b (6,), from those of the entries of h."""
+    gradient = np.einsum("vrij,i->vrj", _coefficient_jacobian(h), b)
+    return gradient @ covariances @ np.swapaxes(gradient, 1, 2)
+
+
 def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> float:
     """How far the less certain focal length may be off, relative to it: standard deviation and bias together.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.closed_form import conic, pose, shape
+from camcal.closed_form import ladder, pose, shape
 from camcal.closed_form.base import ClosedForm, scaled
 from camcal.errors import EstimationError
 from camcal.geometry import homography
@@ -19,58 +19,18 @@ from camcal.types import Correspondences, Poses
 
 Array = np.ndarray
 
-#: A singular value below this part of the largest possible one counts as 0: what rounding leaves of it.
-UNDETERMINED = 1e-8
 #: A homography whose gap is below this is open: second moments keep half of the digits.
 OPEN = 1e-6
-#: A focal length with a larger relative standard deviation than this is not taken as determined.
-UNCERTAIN = 0.2
 #: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
 #: this factor (1 is expected of planes parallel to the image).
 VISIBLE = 3.0
 #: Below this a view's pose has a second minimum nearly as good, and both are searched.
 AMBIGUOUS = 10.0
-#: The principal point of a plausible camera, from the image's centre, in half diagonals.
-FAR_OUTSIDE = 2.0
 #: Planes whose normals differ by less than this, degrees, count as parallel: the second adds nothing to the
 #: first (Zhang 2000, section 4).
 PARALLEL = 3.0
 #: Noise of the image points where there are no more equations than unknowns to tell it, px.
 UNKNOWN_NOISE = 0.1
-
-
-@dataclass(frozen=True)
-class Rung:
-    """A set of assumptions on K: which vectors b = (B11, B12, B22, B13, B23, B33) it allows.
-
-    `basis` (6, k) spans them, in image coordinates whose origin is the image's centre.
-    """
-
-    basis: Array
-    assumptions: tuple[str, ...]
-
-    @property
-    def unknowns(self) -> int:
-        """How many entries of K it leaves free."""
-        return self.basis.shape[1] - 1
-
-
-def _basis(*groups: tuple[int, ...]) -> Array:
-    basis = np.zeros((6, len(groups)))
-    for column, entries in enumerate(groups):
-        basis[list(entries), column] = 1
-    return basis
-
-
-_CENTRE, _SQUARE = "the principal point is {centre}", "one focal length, fx = fy"
-#: From the fewest assumptions to the most.
-LADDER = (
-    Rung(_basis((0,), (1,), (2,), (3,), (4,), (5,)), ()),
-    Rung(_basis((0,), (2,), (3,), (4,), (5,)), ("skew is 0",)),
-    Rung(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE)),
-    Rung(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE)),
-    Rung(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE)),
-)
 
 
 @dataclass(frozen=True)
@@ -214,81 +174,39 @@ def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
         raise shape.behind_camera(ids[bad[0]], int(behind[bad[0]]), local.shape[1])
 
 
-def image_centre(correspondences: Correspondences) -> tuple[Array, float, str]:
-    """The image's centre (2,) and half diagonal, px, and in words where they are from."""
-    if correspondences.image_size is not None:
-        size = np.array(correspondences.image_size, float)
-        return (size - 1) / 2, float(np.hypot(*size) / 2), "the centre of the image"
-    low = np.min([v.uv.min(0) for v in correspondences.views], axis=0)
-    high = np.max([v.uv.max(0) for v in correspondences.views], axis=0)
-    where = "the middle of all image points (no image size is known)"
-    return (low + high) / 2, float(np.hypot(*(high - low)) / 2), where
-
-
 def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) -> tuple[Array, dict[str, Any]]:
-    """K with the fewest assumptions that leave a real, plausible and determined camera."""
+    """K with the fewest assumptions that leave a real, plausible and determined camera, and its figures."""
     count = len(planes.h)
     if planes.visible < VISIBLE:
-        raise _fronto_parallel(
-            count,
-            f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed",
-        )
-    centre, radius, where = image_centre(correspondences)
-    to_unit = np.diag([1 / radius, 1 / radius, 1.0])
-    to_unit[:2, 2] = -centre / radius
+        found = f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed"
+        raise _fronto_parallel(count, found)
+    to_unit, where = ladder.unit_coordinates(correspondences)
     # each homography scaled so that h1 and h2 have unit length on the average: equations of equal weight
     h = to_unit @ planes.h
     size = np.sqrt((h[..., :2] ** 2).sum((1, 2)) / 2)[:, None, None]
     h = h / size
     turn = np.kron(to_unit, np.eye(3))
     covariances = turn @ (planes.covariances / size**2) @ turn.T
-    equations = conic.constraints(h)
-    rejected: list[str] = []
-    best: tuple[Array, dict[str, Any]] | None = None
-    for rung in LADDER[0 if skew else 1 :]:
-        said = [a.format(centre=where) for a in rung.assumptions]
-        x, singular = conic.smallest(equations.reshape(-1, 6) @ rung.basis)
-        b = rung.basis @ x
-        k, reason = _plausible(b, singular, rung, count)
-        if k is None:
-            rejected.append(f"{', '.join(said) or 'nothing assumed'}: {reason}")
-            continue
-        sigma = conic.focal_uncertainty(b, rung.basis, h, covariances)
-        info = {
-            "assumptions": said,
-            "rejected": rejected,
-            "condition": float(singular[0] / singular[-2]),
-            "focal_uncertainty": sigma,
-            "homography_gap": planes.gap,
-            "perspective": planes.visible,
-            "mirrored": False,
-            "degenerate": f"the focal length is uncertain by {sigma:.0%}" if sigma > UNCERTAIN else False,
-        }
-        if best is None or sigma < best[1]["focal_uncertainty"]:
-            best = np.linalg.inv(to_unit) @ k, info
-        if sigma <= UNCERTAIN:
-            return best
-        rejected.append(
-            f"{', '.join(said) or 'nothing assumed'}: the focal length is uncertain by {sigma:.0%}"
-        )
-    if best is None:
-        reason = rejected[-1].rsplit(": ", 1)[1]
+    best, weighted = ladder.climb(h, covariances, skew, where), False
+    if best.uncertainty > ladder.UNCERTAIN and count > 1:
+        other = ladder.climb_weighted(h, covariances, skew, where)
+        if other.uncertainty < best.uncertainty:
+            best, weighted = other, True
+    if best.matrix is None:
+        reason = best.rejected[-1].rsplit(": ", 1)[1]
         raise _fronto_parallel(count, f"even with one focal length and a fixed principal point {reason}")
-    return best
-
-
-def _plausible(b: Array, singular: Array, rung: Rung, count: int) -> tuple[Array | None, str]:
-    """K of a conic where it is determined, real and has its principal point near the image; else why not."""
-    if 2 * count < rung.unknowns:
-        return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
-    if singular[-2] < UNDETERMINED * np.sqrt(count):
-        return None, "the views leave it open"
-    k = conic.camera_matrix(b)
-    if k is None:
-        return None, "no real camera fits (the conic is not positive definite)"
-    if np.abs(k[:2, 2]).max() > FAR_OUTSIDE:
-        return None, "the principal point comes out far outside the image"
-    return k, ""
+    uncertain = f"the focal length is uncertain by {best.uncertainty:.0%}"
+    return np.linalg.inv(to_unit) @ best.matrix, {
+        "assumptions": list(best.assumptions),
+        "rejected": list(best.rejected),
+        "condition": best.condition,
+        "focal_uncertainty": best.uncertainty,
+        "views_weighted": weighted,
+        "homography_gap": planes.gap,
+        "perspective": planes.visible,
+        "mirrored": False,
+        "degenerate": uncertain if best.uncertainty > ladder.UNCERTAIN else False,
+    }
 
 
 def _fronto_parallel(count: int, found: str) -> EstimationError:

@@ -173,13 +173,30 @@ def test_swapped_points_come_out_behind_the_camera():
         zhang.estimate(Correspondences(views, image_size=scenes.SIZE))
 
 
-def test_poses_of_views_with_little_perspective_are_searched():
-    points = scenes.board() * 0.2
-    near = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW, noise=0.2)
-    turns = np.random.default_rng(1).normal(size=(60, 3)) * 0.5
-    far = scenes.scene(points, turns, scenes.K_NO_SKEW, noise=0.2)
-    both = Correspondences(near.correspondences.views + far.correspondences.views, image_size=scenes.SIZE)
-    found = zhang.estimate(both)
-    off = rotations.angle_between(found.poses.rotations[8:], far.poses.rotations) > 0.2
-    # a single-view pose is wrong by more than that on 5 in 100 such views when taken from its homography
-    assert off.sum() <= 1
+def near_and_far_boards(seed):
+    near = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW, noise=0.2, seed=seed)
+    turns = np.random.default_rng(seed).normal(size=(60, 3)) * 0.5
+    far = scenes.scene(scenes.board() * 0.1, turns, scenes.K_NO_SKEW, noise=0.2, seed=seed, distance=0.8)
+    views = near.correspondences.views + far.correspondences.views
+    return Correspondences(views, image_size=scenes.SIZE), far.poses
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_poses_of_views_with_little_perspective_are_searched(seed, monkeypatch):
+    both, poses = near_and_far_boards(seed)
+
+    def wrong():
+        found = zhang.estimate(both).poses.rotations[8:]
+        return int((rotations.angle_between(found, poses.rotations) > 0.2).sum())
+
+    searched = wrong()
+    monkeypatch.setattr(zhang, "AMBIGUOUS", 0.0)
+    # of 60 views about 40 are off by more than that when taken from their homographies
+    assert searched < 0.3 * wrong()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_far_boards_do_not_drown_near_ones(seed):
+    found = zhang.estimate(near_and_far_boards(seed)[0])
+    assert found.info["views_weighted"] and found.info["degenerate"] is False
+    assert abs(found.matrix[0, 0] / 1000 - 1) < 0.05
