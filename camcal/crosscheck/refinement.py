@@ -27,6 +27,7 @@ from camcal.crosscheck.base import (
     entry,
 )
 from camcal.crosscheck.calibrate_camera import task_of
+from camcal.errors import CamcalError
 from camcal.evaluate.covariance import eliminate_poses, reduce
 from camcal.evaluate.difference import Difference, difference, image_grid
 from camcal.evaluate.figures import sigma_0
@@ -52,13 +53,19 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
         return [entry(STAGE, against, "not_applicable", why)]
     unlike, data, skew = _unlike(solution)
     if not unlike:
-        return [compare(solution, against)]
+        shaped = "board" in solution.extras
+        return [compare(solution, against, "both with the board as estimated" if shaped else "")]
     entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(unlike)}")]
     if rerun is not None:
         remarks = ["without skew in both"] if skew else []
         if data is not solution.correspondences:
             remarks.append(f"over the {data.point_count} points that were kept, with unit weights in both")
-        entries.append(compare(rerun(data, False), against, " and ".join(remarks)))
+        try:
+            again = rerun(data, False)
+        except CamcalError as error:
+            why = f"{' and '.join(remarks)} there is no camera: {error}"
+            return [*entries, entry(STAGE, against, "not_applicable", why)]
+        entries.append(compare(again, against, " and ".join(remarks)))
     return entries
 
 

@@ -10,7 +10,13 @@ With residuals r_i (predicted - observed, px) of the N points that a solution re
 
 median, p95 and max are those of the lengths |r_i|. Without given sigmas w_i = 1 and (4) is (3). With them
 sigma_0 is a pure number, the factor by which the given sigmas are too small (photogrammetry's standard error
-of unit weight).
+of unit weight). A robust loss weights each point once more, by v_i from its length in units of sigma_i, l_i;
+the covariance of such an estimate is (Huber, Robust Statistics, 1981, section 7.6, for residuals of two
+coordinates)
+
+    sigma_0² = mean(v) Σ v_i² l_i² / (2N - p) / mean(v + ½ l dv/dl)²                              (5)
+
+over the normal matrix that has the v_i in it; with v = 1 this is (4).
 """
 
 from __future__ import annotations
@@ -19,9 +25,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.refine.losses import LOSSES, robust_sigma
 from camcal.types import Solution
 
 Array = np.ndarray
+
+#: relative step of the central difference in (5); a loss has kinks, so that more digits would be vain
+_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -65,14 +75,30 @@ def sigma_hat(solution: Solution) -> float:
 
 
 def sigma_0(solution: Solution) -> float:
-    """Equation (4); NaN where the redundancy is not positive."""
-    total = 0.0
+    """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive."""
+    lengths = standard_lengths(solution)
+    if solution.weights is None:
+        return _per_redundancy(solution, float(lengths @ lengths))
+    weights = np.concatenate([w[m] for w, m in zip(solution.weights, solution.inliers, strict=True)])
+    loss = LOSSES[solution.fit.loss]
+    u = lengths / (loss.constant * robust_sigma(lengths, solution.free_count))
+    slope = (loss.weight(u * (1 + _STEP)) - loss.weight(u * (1 - _STEP))) / (2 * _STEP)
+    bread = float(np.mean(weights + slope / 2))
+    if not bread > 0:
+        return float("nan")
+    squares = float(np.square(weights * lengths).sum())
+    return _per_redundancy(solution, weights.mean() * squares) / bread
+
+
+def standard_lengths(solution: Solution) -> Array:
+    """Lengths (N,) of the residuals of the used points, each in units of its given sigma (else px)."""
+    parts = []
     for view, r, used in zip(
         solution.correspondences.views, solution.residuals, solution.inliers, strict=True
     ):
-        scaled = r if view.sigma is None else r / view.sigma[:, None]
-        total += float(np.square(scaled[used]).sum())
-    return _per_redundancy(solution, total)
+        length = np.sqrt(np.einsum("ij,ij->i", r[used], r[used]))
+        parts.append(length if view.sigma is None else length / view.sigma[used])
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def _per_redundancy(solution: Solution, squares: float) -> float:

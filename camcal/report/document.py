@@ -75,7 +75,7 @@ def document(
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",
         "failures": fallen,
-        "data": encode(data.views, solution.inliers, places),
+        "data": encode(data.views, solution.inliers, places, solution.weights),
     }
     return plain(made)
 
@@ -135,7 +135,8 @@ def _stage(stage: Stage) -> dict[str, Any]:
 
 def _camera(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
     camera = solution.camera
-    free = solution.free
+    # columns of zeros belong to the board's shape, which `target` holds
+    free = solution.free[:, solution.free.any(0)]
     fixed = ~np.any(free, axis=1)
     entry: dict[str, Any] = {
         "model": camera.lens.name,

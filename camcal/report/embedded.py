@@ -2,10 +2,10 @@
 
     data: {encoding: zlib+base64, dtype: float64, byteorder: little, columns: [...], rows: n, text: ...}
 
-The text holds the columns one after the other (each `rows` little-endian doubles), compressed by zlib.
-`view` is an index into the report's `views`, `id` the number of the target's point (-1: none), `sigma` NaN
-where none was given, `used` 0 for a rejected point. Rows stand in the order of the views, and of the points
-in each.
+The text holds the columns one after the other (each `rows` little-endian doubles), compressed by zlib. `view`
+is an index into the report's `views`, `id` the number of the target's point (-1: none), `sigma` NaN where
+none was given, `used` 0 for a rejected point; a column `weight` follows where a robust loss weighted the
+points. Rows stand in the order of the views, and of the points in each.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import base64
 import binascii
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,22 @@ from camcal.types import View
 Array = np.ndarray
 
 COLUMNS = ("view", "id", "X", "Y", "Z", "u", "v", "sigma", "used")
+WEIGHT = "weight"
 ENCODING = "zlib+base64"
 _WRAP = 100
 
 
-def encode(views: Sequence[View], used: Sequence[Array], places: Sequence[int]) -> dict[str, Any]:
-    """The `data` entry of views and their masks of used points; `places` are their indices in the report."""
+def encode(
+    views: Sequence[View],
+    used: Sequence[Array],
+    places: Sequence[int],
+    weights: Sequence[Array] | None = None,
+) -> dict[str, Any]:
+    """The `data` entry of views, masks of used points and weights; `places` are the indices in the report."""
     counts = [len(v) for v in views]
     rows = sum(counts)
-    table = np.empty((len(COLUMNS), rows), "<f8")
+    columns = COLUMNS if weights is None else (*COLUMNS, WEIGHT)
+    table = np.empty((len(columns), rows), "<f8")
     table[0] = np.repeat(np.asarray(places, float), counts)
     if rows:
         table[1] = np.concatenate([_or(v.point_ids, -1.0, len(v)) for v in views])
@@ -40,13 +48,15 @@ def encode(views: Sequence[View], used: Sequence[Array], places: Sequence[int]) 
         table[5:7] = np.concatenate([v.uv for v in views]).T
         table[7] = np.concatenate([_or(v.sigma, np.nan, len(v)) for v in views])
         table[8] = np.concatenate(list(used))
+        if weights is not None:
+            table[9] = np.concatenate(list(weights))
     text = base64.b64encode(zlib.compress(table.tobytes(), 6)).decode("ascii")
     wrapped = "\n".join(text[i : i + _WRAP] for i in range(0, len(text), _WRAP)) + "\n"
     return {
         "encoding": ENCODING,
         "dtype": "float64",
         "byteorder": "little",
-        "columns": list(COLUMNS),
+        "columns": list(columns),
         "rows": rows,
         "text": wrapped,
     }
@@ -56,21 +66,24 @@ def _or(values: Array | None, default: float, count: int) -> Array:
     return np.full(count, default) if values is None else np.asarray(values, float)
 
 
-def decode(data: Mapping[str, Any], ids: Sequence[str]) -> tuple[list[int], list[View], list[Array]]:
-    """The views and masks of a `data` entry; the inverse of `encode`.
+@dataclass(frozen=True)
+class Observations:
+    """What `decode` finds: per used view its place in the report, the view, its mask, perhaps its weights."""
+
+    places: list[int]
+    views: list[View]
+    used: list[Array]
+    weights: list[Array] | None
+
+
+def decode(data: Mapping[str, Any], ids: Sequence[str]) -> Observations:
+    """The observations of a `data` entry; the inverse of `encode`.
 
     Parameters
     ----------
     data : mapping
     ids : sequence of str
         The ids of the report's `views`.
-
-    Returns
-    -------
-    places : list of int
-        Index in the report of each view.
-    views : list of View
-    used : list of (N,) bool arrays
 
     Raises
     ------
@@ -91,7 +104,8 @@ def decode(data: Mapping[str, Any], ids: Sequence[str]) -> tuple[list[int], list
         sigma = None if np.isnan(table["sigma"][rows]).all() else table["sigma"][rows].copy()
         views.append(View(ids[place[begin]], xyz[rows], uv[rows], sigma, point_ids))
         used.append(table["used"][rows] > 0)
-    return place[starts].tolist(), views, used
+    weights = np.split(table[WEIGHT], starts[1:]) if WEIGHT in table else None
+    return Observations(place[starts].tolist(), views, used, weights)
 
 
 def _table(data: Mapping[str, Any]) -> dict[str, Array]:

@@ -12,10 +12,11 @@ import numpy as np
 from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.lenses import make
+from camcal.refine.board import BoardProblem, make_board
 from camcal.refine.problem import Problem
-from camcal.refine.solve import residuals
+from camcal.refine.solve import BoardResult, residuals
 from camcal.report import schema
-from camcal.report.embedded import decode
+from camcal.report.embedded import Observations, decode
 from camcal.report.yaml import read_document
 from camcal.types import (
     CalibrationWarning,
@@ -57,25 +58,28 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
         camera = _camera(found["camera"])
         start, free = _start_and_free(found["camera"], camera)
         entries = found["views"]
-        places, views, inliers = decode(found["data"], [e["id"] for e in entries])
-        poses = _poses([entries[i] for i in places])
-        problem = Problem(camera.lens, [v.take(m) for v, m in zip(views, inliers, strict=True)], free)
-        data = _correspondences(found, views, entries)
+        seen = decode(found["data"], [e["id"] for e in entries])
+        poses = _poses([entries[i] for i in seen.places])
+        data = _correspondences(found, seen.views, entries)
+        board = _board(found["target"], seen)
+        normal = _normal(camera, free, poses, seen, board)
         return Solution(
             camera=camera,
             poses=poses,
             correspondences=data,
             residuals=residuals(camera, poses, data),
-            inliers=tuple(inliers),
+            inliers=tuple(seen.used),
             start=start,
-            free=free,
-            normal=_normal(problem, camera, poses),
+            free=np.c_[free, np.zeros((len(free), len(normal.intrinsics) - free.shape[1]))],
+            normal=normal,
             fit=_fit(found["fit"]),
-            stages=tuple(_stage(s, camera) for s in found["stages"]),
+            stages=tuple(_stage(s) for s in found["stages"]),
             warnings=tuple(CalibrationWarning(w["code"], w["message"], w["hint"]) for w in found["warnings"]),
             options=found["options"],
             crosscheck=tuple(found["crosscheck"]),
             holdout=found["holdout"],
+            extras={} if board is None else {"board": board},
+            weights=None if seen.weights is None else tuple(seen.weights),
         )
 
 
@@ -149,7 +153,29 @@ def _correspondences(found: Mapping[str, Any], views: list, entries: list) -> Co
     )
 
 
-def _normal(problem: Problem, camera: Camera, poses: Poses) -> NormalBlocks:
+def _board(target: Mapping[str, Any] | None, seen: Observations) -> BoardResult | None:
+    """The estimated shape of the board, where the report has one."""
+    shape = (target or {}).get("shape") or {}
+    if shape.get("kind", "flat") == "flat" or "ideal" not in shape:
+        return None
+    square = float((target or {}).get("square") or 1.0)
+    points, ideal = (np.array(shape[k], float) * square for k in ("points", "ideal"))
+    return BoardResult(shape["kind"], ideal, points, make_board(seen.views, shape["kind"]).size)
+
+
+def _normal(
+    camera: Camera, free: Array, poses: Poses, seen: Observations, board: BoardResult | None
+) -> NormalBlocks:
+    """The normal equations at the solution; with a board's shape, in offsets from the shape found."""
+    kept = [v.take(m) for v, m in zip(seen.views, seen.used, strict=True)]
+    weights = None
+    if seen.weights is not None:
+        pairs = zip(kept, seen.weights, seen.used, strict=True)
+        weights = [w[m] if v.sigma is None else w[m] / v.sigma**2 for v, w, m in pairs]
+    if board is None:
+        problem = Problem(camera.lens, kept, free, weights)
+    else:
+        problem = BoardProblem(camera.lens, kept, free, make_board(kept, board.kind), weights)
     blocks = problem.linearise(problem.state(camera.params, poses))
     if blocks is None:
         raise DataError("a used point lies outside the lens's domain.", "The report is damaged.")
@@ -170,7 +196,7 @@ def _fit(entry: Mapping[str, Any]) -> Fit:
     )
 
 
-def _stage(entry: Mapping[str, Any], camera: Camera) -> Stage:
+def _stage(entry: Mapping[str, Any]) -> Stage:
     def array(value: Any) -> Array | None:
         return None if value is None else np.array(value, float)
 

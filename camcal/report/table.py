@@ -167,7 +167,7 @@ def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
 
 def _crosscheck(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
     made = _table(
-        "cross-check", "stage", "against", "status", "rms there", "difference px", left=["against", "status"]
+        "cross-check", "stage", "against", "status", "rms of cv2", "apart, px", left=["against", "status"]
     )
     reasons: list[RenderableType] = []
     for e in entries:
