@@ -81,7 +81,13 @@ def calibrate_and_report(
     """
     from camcal.pipeline import calibrate
 
-    solution = calibrate(correspondences, **{name: options[name] for name in CALIBRATION})
+    told = {name: options[name] for name in CALIBRATION}
+    if told["board_shape"].lower().endswith((".yaml", ".yml")):
+        from camcal.report.board import on_known_board
+
+        correspondences = on_known_board(correspondences, told["board_shape"])
+        told["board_shape"] = "flat"
+    solution = calibrate(correspondences, **told)
     return deliver_solution(ctx, solution, options)
 
 

@@ -69,7 +69,7 @@ def _robust_methods() -> Any:
 def _board_shapes() -> Any:
     from camcal.refine.board import KINDS
 
-    return ("flat", *KINDS)
+    return ("flat", *KINDS, "auto")
 
 
 def _merge_fixed(ctx: click.Context, param: click.Parameter, values: tuple[dict, ...]) -> dict:
@@ -91,14 +91,15 @@ image_size_option = option(
     "--image-size", type=params.IMAGE_SIZE, metavar="WxH", help="Size of the pictures in px, such as 640x480."
 )
 robust_option = option(
-    "--robust", type=params.SpecType("robust method", _robust_methods), default="none", show_default=True,
+    "--robust", type=params.SpecType("robust method", _robust_methods), default="auto", show_default=True,
     metavar="METHOD",
     help="What is done about outliers: none, auto (which looks for them first), or the name of a loss.",
 )  # fmt: skip
 board_shape_option = option(
-    "--board-shape", type=params.SpecType("board shape", _board_shapes), default="flat", show_default=True,
-    metavar="SHAPE",
-    help="The board's shape: flat as designed, or estimated too: bowl, print, or free (each point).",
+    "--board-shape", type=params.ShapeType("board shape", _board_shapes), default="flat", show_default=True,
+    metavar="SHAPE|REPORT",
+    help="The board's shape: flat as designed; estimated too: bowl, print, free (each point), or auto, which "
+    "believes a shape only if views held out do; or the report that found it.",
 )  # fmt: skip
 optimizer_option = option(
     "--optimizer", type=params.SpecType("optimizer", _optimizers), default="lm", show_default=True,

@@ -155,6 +155,16 @@ class SpecType(CamcalType):
         return [CompletionItem(name) for name in self.table() if name.startswith(incomplete)]
 
 
+class ShapeType(SpecType):
+    """A kind of board shape, or the report (a YAML file) that holds one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the kind, or the path as it is."""
+        if str(value).lower().endswith((".yaml", ".yml")):
+            return str(value)
+        return super().convert(value, param, ctx)
+
+
 class Word(click.Choice):
     """One of a few words; the error names the closest one, or all of them."""
 

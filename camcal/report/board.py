@@ -1,0 +1,44 @@
+"""The shape of a board that an earlier report found, for the next calibration with the same board."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.errors import DataError
+from camcal.refine.solve import on_board
+from camcal.report.yaml import read_document
+from camcal.types import Correspondences
+
+#: a point of the board counts as one of the report's within this part of a square
+_SAME = 1e-3
+
+
+def on_known_board(correspondences: Correspondences, path: str | os.PathLike) -> Correspondences:
+    """Put the points of a board where a report's `target.shape` says they are.
+
+    Raises
+    ------
+    DataError
+        Where the report holds no shape, or that of another board.
+    """
+    target = read_document(path).get("target") or {}
+    shape = target.get("shape") or {}
+    if "points" not in shape:
+        raise DataError(
+            f"{path} holds no board shape; a report that found one is needed.",
+            "Make one with --board-shape free or auto.",
+        )
+    square = float((correspondences.target or {}).get("square") or target.get("square") or 1.0)
+    ideal, points = np.array(shape["ideal"], float) * square, np.array(shape["points"], float) * square
+    for view in correspondences.views:
+        gaps = np.linalg.norm(view.xyz[:, None] - ideal[None], axis=2).min(1)
+        if gaps.max() > _SAME * square:
+            raise DataError(
+                f"{path} holds the shape of another board: it lacks points of view '{view.id}'.",
+                "Give the report that was made with this board.",
+            )
+    used = {**dict(correspondences.target or {}), "shape": {**shape, "kind": "known", "from": str(path)}}
+    return replace(on_board(correspondences, ideal, points), target=used)
