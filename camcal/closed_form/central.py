@@ -1,7 +1,8 @@
 """The estimator of Barranco & Medel: the projection matrix with m34 = 1 by a pseudo-inverse.
 
 R. Barranco-Gutiérrez and J. Medel-Juárez, Digital Camera Calibration Analysis Using Perspective Projection
-Matrix (2009). `Central` and `Column` carry the paper's names.
+Matrix (2009). `Central` and `Column` carry the paper's names. Numbers in
+parentheses are those of docs/closed-forms.md.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ SIGNIFICANT = 3.0
 
 
 def Central(X: Array, Y: Array) -> Array:
-    """The matrix C (2N, 11) of the linear system C Column(M) = Column(Y), for m34 = 1.
+    """The matrix C (2N, 11) of the linear system C Column(M) = Column(Y) (2), for m34 = 1.
 
     Parameters
     ----------
@@ -71,9 +72,9 @@ def Column(M: Array, order: str = "rows") -> Array:
 
 
 def projection_matrix(xyz: Array, uv: Array, sigma: Array | None = None) -> tuple[Array, float]:
-    """M (3, 4) with m34 = 1 from Column(M) = C⁺ Column(Y) (theorem, eq. 4), and the condition number of C.
+    """M (3, 4) with m34 = 1 from Column(M) = C⁺ Column(Y) (3), and the condition number of C.
 
-    The paper forms (CᵀC)⁻¹ Cᵀ, whose condition number is that of C squared; here the same least squares
+    The paper's theorem (its eq. 4) forms (CᵀC)⁻¹ Cᵀ, whose condition number is that of C squared; here the same least squares
     solution comes from the singular value decomposition of C.
 
     Parameters

@@ -14,7 +14,7 @@ _ORDER = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
 
 
 def constraints(h: Array) -> Array:
-    """The two equations that each homography gives on B = K⁻ᵀ K⁻¹ (Zhang 2000, eqs. 3-8).
+    """The two equations (9) that each homography gives on B = K⁻ᵀ K⁻¹ (Zhang 2000, eqs. 3-8).
 
     The image of the plane's circular points, c = h1 + i h2, lies on the conic: cᵀ B c = 0. The real part is
     h1ᵀBh1 - h2ᵀBh2, the imaginary part 2 h1ᵀBh2; with the factor 2 the sum of their squares does not depend
@@ -34,7 +34,7 @@ def constraints(h: Array) -> Array:
 
 
 def smallest(equations: Array) -> tuple[Array, Array]:
-    """The unit vector x that minimises |A x| for A (M, k), and all k singular values, descending."""
+    """The unit vector x that minimises |A x| (10) for A (M, k), and all k singular values, descending."""
     _, singular, vt = np.linalg.svd(_padded(equations), full_matrices=False)
     return vt[-1], singular
 
@@ -47,7 +47,7 @@ def _padded(a: Array) -> Array:
 def camera_matrix(b: Array) -> Array | None:
     """K from b (6,), of any scale and sign; None where B is not positive definite.
 
-    B = λ K⁻ᵀ K⁻¹ is factored by Cholesky, which gives what Zhang's appendix B writes out.
+    B = λ K⁻ᵀ K⁻¹ is factored by Cholesky (11), which gives what Zhang's appendix B writes out.
     """
     conic = b[_ORDER]
     try:
@@ -67,9 +67,9 @@ def equation_noise(b: Array, h: Array, covariances: Array) -> Array:
 def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> float:
     """How far the less certain focal length may be off, relative to it: standard deviation and bias together.
 
-    Both to first order, of the b that minimises |A b| with |b| = 1: the noise of the homographies gives the
-    equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which drags b by -(AᵀA)⁺ M b: where
-    the planes hardly tilt, that is the larger part.
+    Both to first order (13), of the b that minimises |A b| with |b| = 1: the noise of the homographies gives
+    the equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which drags b by -(AᵀA)⁺ M b:
+    where the planes hardly tilt, that is the larger part.
 
     Parameters
     ----------

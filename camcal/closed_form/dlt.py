@@ -38,7 +38,9 @@ def projection_matrices(xyz: Array, uv: Array, weights: Array | None = None) -> 
 
 
 def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, Array]:
-    """Minimise |A m| with |m| = 1 on normalised coordinates (Hartley & Zisserman, eq. 7.2 and algorithm 7.1).
+    """Minimise |A m| with |m| = 1 on normalised coordinates (docs/closed-forms.md, eq. 4).
+
+    Hartley & Zisserman, eq. 7.2 and algorithm 7.1.
 
     Parameters
     ----------

@@ -2,7 +2,8 @@
 
 The equations of a homography fall into three blocks, one per row, that share a single matrix of second
 moments. The two upper rows are eliminated, which leaves a 3x3 problem per view (Harker & O'Leary,
-Computation of Homographies, BMVC 2005); the moments of all views come from one batched product.
+Computation of Homographies, BMVC 2005; docs/closed-forms.md, eqs. 7 and 8); the moments of all views come
+from one batched product.
 """
 
 from __future__ import annotations

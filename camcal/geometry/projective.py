@@ -94,7 +94,7 @@ def decompose(matrix: Array, xyz: Array | None = None) -> tuple[Array, Array, Ar
         m = -m
     k, rotation = rq(m[:, :3])
     translation = np.linalg.solve(k, m[:, 3])
-    return k / k[2, 2], rotations.nearest(rotation), translation, mirrored
+    return k / k[2, 2] + 0.0, rotations.nearest(rotation), translation, mirrored
 
 
 def fit_plane(xyz: Array) -> tuple[Array, Array, Array]:
