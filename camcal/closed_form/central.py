@@ -74,8 +74,8 @@ def Column(M: Array, order: str = "rows") -> Array:
 def projection_matrix(xyz: Array, uv: Array, sigma: Array | None = None) -> tuple[Array, float]:
     """M (3, 4) with m34 = 1 from Column(M) = C⁺ Column(Y) (3), and the condition number of C.
 
-    The paper's theorem (its eq. 4) forms (CᵀC)⁻¹ Cᵀ, whose condition number is that of C squared; here the same least squares
-    solution comes from the singular value decomposition of C.
+    The paper's theorem (its eq. 4) forms (CᵀC)⁻¹ Cᵀ, whose condition number is that of C squared; here the
+    same least squares solution comes from the singular value decomposition of C.
 
     Parameters
     ----------

@@ -24,10 +24,14 @@ FAR_OUTSIDE = 2.0
 
 @dataclass(frozen=True)
 class Rung:
-    """A set of assumptions: `basis` (6, k) spans the b = (B11, B12, B22, B13, B23, B33) that they allow."""
+    """A set of assumptions: `basis` (6, k) spans the b = (B11, B12, B22, B13, B23, B33) that they allow.
+
+    `held` are the same in the names that `--fix` takes, the skew left out.
+    """
 
     basis: Array
     assumptions: tuple[str, ...]
+    held: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> int:
@@ -46,9 +50,9 @@ _CENTRE, _SQUARE = "the principal point is {centre}", "one focal length, fx = fy
 LADDER = (
     Rung(_basis((0,), (1,), (2,), (3,), (4,), (5,)), ()),
     Rung(_basis((0,), (2,), (3,), (4,), (5,)), ("skew is 0",)),
-    Rung(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE)),
-    Rung(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE)),
-    Rung(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE)),
+    Rung(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE), ("aspect",)),
+    Rung(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE), ("cx", "cy")),
+    Rung(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE), ("aspect", "cx", "cy")),
 )
 
 
@@ -60,6 +64,8 @@ class Found:
     ----------
     matrix : (3, 3) array or None
     assumptions : tuple of str
+    held : tuple of str
+        What of K was assumed, in the names that `--fix` takes, the skew left out.
     rejected : tuple of str
         The weaker assumptions that were tried, each with what was wrong.
     condition : float
@@ -70,6 +76,7 @@ class Found:
 
     matrix: Array | None = None
     assumptions: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
     rejected: tuple[str, ...] = ()
     condition: float = np.inf
     uncertainty: float = np.inf
@@ -109,7 +116,8 @@ def climb(h: Array, covariances: Array, skew: bool, where: str) -> Found:
             continue
         uncertainty = conic.focal_uncertainty(b, rung.basis, h, covariances)
         if best.matrix is None or uncertainty < best.uncertainty:
-            best = Found(k, said, tuple(rejected), float(singular[0] / singular[-2]), uncertainty)
+            condition = float(singular[0] / singular[-2])
+            best = Found(k, said, rung.held, tuple(rejected), condition, uncertainty)
         if uncertainty <= UNCERTAIN:
             return best
         rejected.append(f"{label}: the focal length is uncertain by {uncertainty:.0%}")

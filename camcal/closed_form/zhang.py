@@ -63,10 +63,18 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     """K and poses from views of planes.
 
     Where the views do not determine all of K, or noise leaves no real camera, assumptions are added one by
-    one (skew 0, one focal length, principal point at the image's centre). `info` holds `assumptions`,
-    `rejected` (why weaker assumptions were left), `condition` and `focal_uncertainty` of the equations that
-    were solved, `perspective` (against its noise), `tilt_spread_deg` (the largest angle of a plane against
-    the first), and `degenerate`: a sentence on why the data hardly determine the camera, or False.
+    one (skew 0, one focal length, principal point at the image's centre).
+
+    Returns
+    -------
+    ClosedForm
+        Its `info` holds, besides `mirrored` and `condition` (of the equations that were solved):
+
+        - `assumptions`, and `held`: the same as `--fix` names them, without the skew;
+        - `rejected`: why weaker assumptions were left;
+        - `focal_uncertainty`, relative; `perspective`, against its noise; `views_weighted`;
+        - `tilt_spread_deg`: the largest angle of a plane against the first;
+        - `degenerate`: a sentence on why the data hardly determine the camera, or False.
 
     Raises
     ------
@@ -198,6 +206,7 @@ def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) ->
     uncertain = f"the focal length is uncertain by {best.uncertainty:.0%}"
     return np.linalg.inv(to_unit) @ best.matrix, {
         "assumptions": list(best.assumptions),
+        "held": list(best.held),
         "rejected": list(best.rejected),
         "condition": best.condition,
         "focal_uncertainty": best.uncertainty,

@@ -51,6 +51,7 @@ def test_one_view_with_the_principal_point_at_the_centre():
     found = zhang.estimate(scene.correspondences)
     np.testing.assert_allclose(found.matrix, centred, atol=1e-6)
     assert "the principal point is the centre of the image" in found.info["assumptions"]
+    assert found.info["held"] == ["cx", "cy"]
     assert scenes.pose_error(found.poses, scene.poses)[0] < 1e-9
 
 
