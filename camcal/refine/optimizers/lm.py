@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from camcal.errors import EstimationError
 from camcal.refine.optimizers.base import OnStep, Options, Result
-from camcal.refine.problem import Problem, State
+from camcal.refine.problem import Blocks, Problem, State
 from camcal.refine.schur import Reduced
 
 #: damping at the start, relative to the diagonal: nearly Gauss-Newton, as the closed forms start close by
 START = 1e-4
 #: below this a damping changes no digit of a step that matters
-SMALLEST = 1e-11
+SMALLEST = 1e-14
 #: above this a step no longer moves anything
 LARGEST = 1e12
+#: predicted decreases below this part of the cost are lost in the rounding of its sum
+_NOISE = 1e-12
+
+
+@dataclass
+class _Damping:
+    """Marquardt's λ: it falls quickly, but cautiously for a while after a step that failed.
+
+    In the curved, narrow valleys of the larger models a λ that always falls quickly is too small every other
+    step, and half of the work is thrown away.
+    """
+
+    value: float = START
+    since_failure: int = 99
+    growth: float = 10.0
+
+    def succeeded(self, gain: float) -> None:
+        """`gain` is the decrease against the predicted one."""
+        self.since_failure += 1
+        self.growth = 10.0 if self.since_failure > 3 else 4.0
+        factor = 1.0 if gain < 0.75 else (0.01 if self.since_failure > 3 else 0.3)
+        self.value = max(self.value * (3.0 if gain < 0.25 else factor), SMALLEST)
+
+    def failed(self) -> None:
+        """A rejected step: more damping, faster each time."""
+        self.value = max(self.value, 1e-12) * self.growth
+        self.growth = 4.0 if self.since_failure else min(self.growth * 2.0, 1e3)
+        self.since_failure = 0
 
 
 def minimise(
@@ -21,8 +51,8 @@ def minimise(
     """Minimise the problem's cost from a state.
 
     Every trial is linearised at once, as nearly all are accepted; a rejected one costs its derivatives.
-    Stops where the predicted decrease is below `options.tolerance` of the cost (or below rounding), so that
-    no steps are spent on differences that the arithmetic does not resolve.
+    Stops where the decrease that the *undamped* model predicts is below `options.tolerance` of the cost (or
+    below rounding): a damped step may promise little in the middle of a valley.
 
     Raises
     ------
@@ -37,39 +67,45 @@ def minimise(
             "outside the lens model's domain.",
             "Try a simpler model, or one for wide lenses: --model kb4.",
         )
-    damping, growth = START, 10.0
-    trace, evaluations = [blocks.cost], 1
+    damping, trace, evaluations = _Damping(), [blocks.cost], 1
+
+    def ended(converged: bool, reason: str, iterations: int) -> Result:
+        return Result(state, blocks, converged, reason, iterations, evaluations, tuple(trace))
+
     for iteration in range(1, options.max_iterations + 1):
-        solved = Reduced(blocks, damping).step()
+        solved = Reduced(blocks, damping.value).step()
         if solved is None:
-            damping, growth = damping * growth, growth * 2
-            if damping > LARGEST:
-                return Result(state, blocks, False, "singular", iteration, evaluations, tuple(trace))
+            damping.failed()
+            if damping.value > LARGEST:
+                return ended(False, "singular", iteration)
             continue
         step, predicted = solved
-        if predicted <= options.tolerance * blocks.cost + problem.rounding:
-            return Result(state, blocks, True, "predicted decrease", iteration, evaluations, tuple(trace))
+        enough = options.tolerance * blocks.cost + problem.rounding
+        if predicted <= enough:
+            if _undamped(blocks, predicted) <= 10 * enough:
+                return ended(True, "predicted decrease", iteration)
+            if damping.since_failure == 0:
+                return ended(False, "the lens's domain ends here", iteration)
         trial = problem.retract(state, step)
         trial_blocks = problem.linearise(trial)
         evaluations += 1
         gain = (blocks.cost - trial_blocks.cost) / predicted if trial_blocks is not None else -1.0
         if trial_blocks is not None and gain > 1e-4:
             state, blocks = trial, trial_blocks
-            growth = 10.0
-            if gain > 0.5:
-                damping = max(damping * (0.01 if gain > 0.9 else 0.1), SMALLEST)
-            elif gain < 0.25:
-                damping *= 10.0
+            damping.succeeded(gain)
             trace.append(blocks.cost)
             if on_step:
                 on_step(iteration, blocks.cost)
-        elif predicted <= 1e-11 * blocks.cost and damping <= 1e-3:
-            # nearly an undamped step, and rounding in the cost hides what it gains
-            return Result(state, blocks, True, "rounding", iteration, evaluations, tuple(trace))
+        elif predicted <= _NOISE * blocks.cost and _undamped(blocks, predicted) <= 100 * _NOISE * blocks.cost:
+            return ended(True, "rounding", iteration)
         else:
-            damping, growth = max(damping, 1e-8) * growth, growth * 2
-            if damping > LARGEST:
-                return Result(
-                    state, blocks, False, "no step decreases the cost", iteration, evaluations, tuple(trace)
-                )
-    return Result(state, blocks, False, "iterations", options.max_iterations, evaluations, tuple(trace))
+            damping.failed()
+            if damping.value > LARGEST:
+                return ended(False, "no step decreases the cost", iteration)
+    return ended(False, "iterations", options.max_iterations)
+
+
+def _undamped(blocks: Blocks, damped: float) -> float:
+    """The decrease that the model predicts without damping; the damped one where that cannot be solved."""
+    solved = Reduced(blocks, 0.0).step()
+    return damped if solved is None else solved[1]
