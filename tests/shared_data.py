@@ -1,4 +1,4 @@
-"""Where the reference data stands: beside the project or in $CAMCAL_DATA; tests that need it skip without it."""
+"""Where the reference data is: beside the project or in $CAMCAL_DATA; tests that need it skip without it."""
 
 import os
 from pathlib import Path
