@@ -15,6 +15,7 @@ from camcal.closed_form import CLOSED_FORMS, shape
 from camcal.closed_form.base import ClosedForm
 from camcal.errors import DataError
 from camcal.evaluate import board_shape, figures
+from camcal.evaluate.checks import check
 from camcal.geometry import projective
 from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
@@ -45,6 +46,7 @@ class Options:
     optimizer: str = "lm"
     robust: str = "none"
     board_shape: str = "flat"
+    checks: bool = True
     crosscheck: bool = False
     max_rms: float | None = None
     seed: int = 0
@@ -70,8 +72,8 @@ def calibrate(
     on_event : callable, optional
         Called with (name, details) at each stage.
     **options
-        `skew`, `fix` (mapping name -> value or None), `optimizer`, `crosscheck`, `seed`: as on the command
-        line.
+        `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `seed`: as on
+        the command line; `checks=False` leaves out the search for reasons to warn.
 
     Returns
     -------
@@ -98,6 +100,8 @@ def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
         solution = run.with_shape(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
     solution = replace(solution, stages=stages, warnings=run.begun.warnings)
+    if told.checks:
+        solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
     if told.crosscheck:
         solution = replace(solution, crosscheck=run.crosscheck(solution))
     return solution
@@ -154,7 +158,9 @@ class _Run:
         from camcal.crosscheck.run import crosscheck
 
         def rerun(correspondences: Correspondences, skew: bool) -> Solution:
-            told = replace(self.told, robust="none", crosscheck=False, skew=skew, board_shape="flat")
+            told = replace(
+                self.told, robust="none", checks=False, crosscheck=False, skew=skew, board_shape="flat"
+            )
             return _calibrate(correspondences, told)
 
         return crosscheck(solution, rerun)
