@@ -6,7 +6,7 @@ import contextlib
 import csv
 import io
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -137,25 +137,20 @@ def _reason(error: OSError) -> str:
 
 def _replace(target: Path, data: bytes, force: bool) -> None:
     """Write to a temporary file beside the target and rename it; leave nothing behind where that fails."""
-    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
-    handle, name = tempfile.mkstemp(prefix=f".{target.name[:40]}.", suffix=".part", dir=target.parent)
-    temporary = Path(name)
+    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(8)}.part")
+    # The system takes the umask off 0o666, as for any new file; O_EXCL: never somebody else's file.
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.chmod(mode)
-        if not force and target.exists():
-            raise FileExistsError(target)
+        if target.exists():
+            if not force:
+                raise FileExistsError(target)
+            temporary.chmod(target.stat().st_mode & 0o777)
         temporary.replace(target)
     except BaseException:  # also on ^C: the half-written file must go
         with contextlib.suppress(FileNotFoundError):
             temporary.unlink()
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

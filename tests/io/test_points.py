@@ -1,12 +1,14 @@
 """Correspondences from text tables."""
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from camcal.errors import DataError, UsageError
+from camcal.io.columns import POINTS, role_of
 from camcal.io.points import read_points
 from camcal.io.writing import write_points
 from camcal.types import Correspondences, View
@@ -230,3 +232,23 @@ def test_blocks_join_without_a_seam(tmp_path):
     order = np.argsort(np.array([0, 1, 2])[np.arange(50_000) % 3], kind="stable")
     assert np.array_equal(np.concatenate([v.xyz for v in c.views[:3]]), values[order, :3])
     assert np.array_equal(np.concatenate([v.uv for v in c.views[:3]]), values[order, 3:])
+
+
+def test_the_examples_of_the_documentation(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "input-formats.md").read_text()
+    first, second = (
+        read_points(written(tmp_path, block)) for block in re.findall(r"```csv\n(.*?)```", text, re.S)
+    )
+    assert [(v.id, len(v)) for v in first.views] == [("left01.jpg", 2), ("left02.jpg", 1)]
+    assert [(v.id, v.uv.tolist()) for v in second.views] == [
+        ("board; first", [[244.45, 94.09], [274.62, 92.22]])
+    ]
+
+
+def test_the_names_of_columns_in_the_documentation(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "input-formats.md").read_text()
+    rows = re.findall(r"^\| `(\w+)`(?:, `(\w+)`)? \|[^|]*\|([^|]*)\|[^|]*\|$", text, re.M)
+    assert [row[0] for row in rows] == ["view", "X", "Z", "u", "sigma", "id"]
+    for first, second, others in rows:
+        for name in re.findall(r"\w+", " ".join(re.findall(r"`([^`]*)`", others))):
+            assert role_of(name, POINTS) in (first, second), name
