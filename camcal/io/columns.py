@@ -121,9 +121,10 @@ def without_header(row: list[str], numeric: list[bool], form: Form, where: str) 
         return ("view", "X", "Y", "u", "v")
     if count in form.headless:
         return form.headless[count]
+    pair = "; or give two files, --points3d and --points2d" if form is POINTS and count in (2, 3) else ""
     raise DataError(
         f"{where}: {count} column{'s' * (count != 1)} found; without a header {form.said} are needed.",
-        "Give the file a first row that names its columns: " + ",".join(form.allowed) + ".",
+        "Give the file a first row that names its columns: " + ",".join(form.allowed) + pair + ".",
     )
 
 
