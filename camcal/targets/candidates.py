@@ -54,9 +54,11 @@ def find_candidates(gray: Array) -> Candidates:
     weak = _saddles(smooth)
     rays = np.zeros((len(weak), 4))
     contrast = np.zeros(len(weak))
+    left = np.arange(len(weak))
     for radius in RINGS:  # the directions come from the widest ring that still shows four sectors
-        good, angles, difference = _sectors(smooth, weak, radius)
-        rays[good], contrast[good] = angles, difference
+        good, angles, difference = _sectors(smooth, weak[left], radius)
+        left = left[good]
+        rays[left], contrast[left] = angles, difference
     good = contrast > LEAST_CONTRAST
     return Candidates(weak[good], rays[good], contrast[good], weak)
 

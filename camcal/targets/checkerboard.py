@@ -8,9 +8,12 @@ from camcal.errors import UsageError
 from camcal.targets import saddle
 from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, parse_grid, parse_length
 from camcal.targets.lattice import Lattice, oriented
+from camcal.targets.local_map import board_from_corners
 from camcal.targets.search import Found, reduce, search
 
 Array = np.ndarray
+
+LEAST_GOOD = 0.5  #: share of the corners that must stand the fit
 
 
 class Checkerboard(Target):
@@ -84,36 +87,65 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     lattice = turned.scaled(factor)
     if found.factor > 1.5:
         lattice = _fit_reduced(gray, lattice, found.factor)
-    ids = np.flatnonzero(lattice.usable.ravel())
-    uv, sides = lattice.uv.reshape(-1, 2)[ids], lattice.steps().reshape(-1, 2, 2)[ids]
-    scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
-    corners = saddle.refine(gray, uv, sides, blur=max(saddle.START_BLUR, 0.25 * found.factor), scale=scale)
-    good = corners.good
-    missing = {int(i): "not seen" for i in np.setdiff1d(np.arange(columns * rows), ids)}
-    rejected = missing | {int(i): r for i, r in zip(ids, corners.reasons, strict=True) if r}
-    if good.sum() < max(4, 0.5 * columns * rows):
-        reasons = [r for r in corners.reasons if r]
-        commonest = max(set(reasons), key=reasons.count)
-        reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")
-        words = f"of the corners of a supposed board {len(rejected)} cannot be used: {commonest}"
-        return Miss(reason, words if reason != "none" else "no checkerboard was found")
+    ids, corners, reasons = sharp_corners(gray, lattice, max(saddle.START_BLUR, 0.25 * found.factor))
+    everywhere = range(columns * rows)
+    rejected = {i: reasons.get(i, "not seen") for i in everywhere if i not in set(ids.tolist())}
+    if len(ids) < max(4, LEAST_GOOD * columns * rows):
+        return _unusable(rejected)
+    steps = lattice.steps().reshape(-1, 2, 2)[ids]
+    scale = 255 / saddle.white_level(gray)
     info = {
         "rejected": rejected,
-        "square_px": float(np.median(np.linalg.norm(sides, axis=2))),
-        "blur_px": float(np.median(corners.blur[good])),
-        "contrast": float(np.median(np.abs(corners.contrast[good])) * 255 / scale),
-        "noise": float(np.median(corners.noise[good]) * 255 / scale),
-        "covariance": corners.covariance[good],
+        "square_px": float(np.median(np.linalg.norm(steps, axis=2))),
+        "blur_px": float(np.median(corners.blur)),
+        "contrast": float(np.median(corners.contrast) * scale),
+        "noise": float(np.median(corners.noise) * scale),
+        "covariance": corners.covariance,
     }
-    return Detection(ids[good], corners.uv[good], corners.sigma[good], info)
+    return Detection(ids, corners.uv, corners.sigma, info)
+
+
+def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, saddle.Corners, dict[int, str]]:
+    """Fit the corners of a grid: first each for itself, then with what they tell of each other.
+
+    Returns
+    -------
+    ids : (N,) int array
+    corners : Corners
+        The good ones, in the order of `ids`.
+    reasons : dict
+        Why the others were rejected, by id.
+    """
+    ids = np.flatnonzero(lattice.usable.ravel())
+    rejected: dict[int, str] = {}
+    sides = lattice.steps().reshape(-1, 2, 2)
+    corners = saddle.refine(gray, lattice.uv.reshape(-1, 2)[ids], sides[ids], blur=blur)
+    for again in (True, False):
+        rejected |= {int(i): r for i, r in zip(ids, corners.reasons, strict=True) if r}
+        ids, corners = ids[corners.good], corners.take(corners.good)
+        if not again or len(ids) < 4:
+            break
+        uv = np.full((lattice.uv.shape[0] * lattice.uv.shape[1], 2), np.nan)
+        uv[ids] = corners.uv
+        corners = saddle.sharpen(gray, corners, sides[ids], board_from_corners(uv.reshape(lattice.uv.shape)))
+    return ids, corners, rejected
+
+
+def _unusable(rejected: dict[int, str]) -> Miss:
+    """What to say of a grid whose corners do not stand the fit."""
+    reasons = list(rejected.values())
+    commonest = max(set(reasons), key=reasons.count)
+    reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")
+    words = f"{len(rejected)} corners of the board cannot be used: {commonest}"
+    return Miss(reason, words if reason != "none" else "no checkerboard was found")
 
 
 def _fit_reduced(gray: Array, lattice: Lattice, factor: float) -> Lattice:
     """Bring the corners to a fraction of a px of the picture, by a fit on the reduced one."""
     reduced = reduce(gray, factor)
-    small = lattice.scaled(gray.shape[1] and reduced.shape[1] / gray.shape[1])
-    present = small.usable
-    corners = saddle.refine(reduced, small.uv[present], small.steps()[present])
+    small = lattice.scaled(reduced.shape[1] / gray.shape[1])
+    usable = small.usable
+    corners = saddle.refine(reduced, small.uv[usable], small.steps()[usable])
     uv = small.uv.copy()
-    uv[present] = np.where(corners.good[:, None], corners.uv, uv[present])
+    uv[usable] = np.where(corners.good[:, None], corners.uv, uv[usable])
     return Lattice(uv).scaled(gray.shape[1] / reduced.shape[1])

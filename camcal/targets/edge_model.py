@@ -1,11 +1,15 @@
 """The grey values around the corner of four squares, and their derivatives, for many corners at once.
 
-    I(q) = a + b erf(n1·(q - d) / (√2 s)) erf(n2·(q - d) / (√2 s))
+    I(q) = a + b S(u1, u2),   u1 = n1·(q - d),   u2 = n2·(q - d)
 
-q are coordinates (px) in which both edges are straight, d the corner, n1 and n2 the normals of the edges, s
-the blur: the exact picture of a corner of two straight edges under a Gaussian blur that acts across each
-edge. (A blur of the plane gives this product exactly where the edges are at right angles, and closely
-elsewhere.)
+q are coordinates (px) in which both edges are straight, d the corner, n1 and n2 the normals of the edges. S
+is the product of signs sign(u1) sign(u2) under a Gaussian blur s: the product of error functions E(u1)
+E(u2) where the edges are at right angles. Where they are not, the blur acts on both with the correlation r
+= n1·n2, and
+
+    S = sum over k of r^k / k! s^2k E^(k)(u1) E^(k)(u2)
+
+(Mehler's expansion), of which four terms are taken.
 """
 
 from __future__ import annotations
@@ -66,8 +70,13 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
     edge1, slope1 = step(u1, params[:, BLUR])
     edge2, slope2 = step(u2, params[:, BLUR])
     contrast = p[:, CONTRAST, None]
-    slope1 *= edge2 * contrast
-    slope2 *= edge1 * contrast
+    oblique, both = _oblique(u1, u2, slope1, slope2, p)
+    slope1 *= edge2
+    slope1 -= both * u1
+    slope1 *= contrast
+    slope2 *= edge1
+    slope2 -= both * u2
+    slope2 *= contrast
     jacobian = np.empty((len(q), COUNT, q.shape[2]), np.float32)
     np.add(slope1 * -cos1, slope2 * -cos2, out=jacobian[:, DX])
     np.add(slope1 * -sin1, slope2 * -sin2, out=jacobian[:, DY])
@@ -75,8 +84,25 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
     np.multiply(slope2, cos2 * y - sin2 * x, out=jacobian[:, ANGLE2])
     jacobian[:, OFFSET] = 1
     np.multiply(edge1, edge2, out=jacobian[:, CONTRAST])
+    jacobian[:, CONTRAST] += oblique
     slope1 *= u1
     slope2 *= u2
     np.add(slope1, slope2, out=jacobian[:, BLUR])
     jacobian[:, BLUR] *= -1 / p[:, BLUR, None]
     return p[:, OFFSET, None] + contrast * jacobian[:, CONTRAST], jacobian
+
+
+def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tuple[Array, Array]:
+    """The terms k = 1 to 3 of the expansion, and r E'(u1) E'(u2), for the derivative of the first."""
+    r = np.cos(p[:, ANGLE1, None] - p[:, ANGLE2, None])
+    variance = p[:, BLUR, None] ** 2
+    both = bell1 * bell2
+    both *= r
+    product = u1 * u2
+    terms = product * (np.float32(0.5) * r)
+    third = (u1 * u1 - variance) * (u2 * u2 - variance)
+    third *= r * r / (6 * variance)
+    terms += third
+    terms += variance
+    terms *= both
+    return terms, both

@@ -39,22 +39,22 @@ class Fits:
     converged: Array
 
 
-def fit(windows: Windows, angles: Array, blur: Array, limits: tuple[float, float]) -> Fits:
+def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: float = SETTLED) -> Fits:
     """Fit the picture of a corner to each window.
 
     Parameters
     ----------
     windows : Windows
-    angles : (K, 2) array
-        Directions of the edges' normals to start from, radians.
-    blur : (K,) array
-        Blur to start from, px.
+    start : (K, 7) array
+        Parameters to start from.
     limits : (low, high)
         Grey values at which the picture is cut off: a pixel there says only that the value is at least so
         extreme.
+    settled : float
+        px; a corner that moves less is done.
     """
     count = len(windows.q)
-    params = _start(windows, angles, blur)
+    params = start.copy()
     cost, normal, gradient = _normal_equations(windows, params, limits)
     damping = np.full(count, 1e-3)
     active = np.arange(count)
@@ -72,15 +72,23 @@ def fit(windows: Windows, angles: Array, blur: Array, limits: tuple[float, float
         params[took] = trial[better]
         cost[took], normal[took], gradient[took] = (a[better] for a in new)
         damping[active] = np.where(better, np.maximum(0.15 * damping[active], 1e-9), 10 * damping[active])
-        active = active[(moved[active] >= SETTLED) & (damping[active] < 1e8)]
+        active = active[(moved[active] >= settled) & (damping[active] < 1e8)]
     freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
     noise = np.sqrt(cost / freedom)
     covariance = np.linalg.pinv(normal, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
     return Fits(params, covariance, noise, moved < STILL)
 
 
-def _start(windows: Windows, angles: Array, blur: Array) -> Array:
-    """Offset and contrast by least squares, the corner at the origin."""
+def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
+    """Parameters (K, 7) to start from: offset and contrast by least squares, the corner at the origin.
+
+    Parameters
+    ----------
+    angles : (K, 2) array
+        Directions of the edges' normals, radians.
+    blur : (K,) array
+        px.
+    """
     params = np.zeros((len(angles), model.COUNT))
     params[:, model.ANGLE1], params[:, model.ANGLE2] = angles.T
     params[:, model.BLUR] = blur

@@ -12,13 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.targets import edge_model as model
-from camcal.targets.fit import Fits, fit
-from camcal.targets.windows import Windows, cut
+from camcal.targets.fit import Fits, first_guess, fit
+from camcal.targets.light import evened, slopes
+from camcal.targets.local_map import BoardFromPixel
+from camcal.targets.windows import Windows, cut, straightened
 
 Array = np.ndarray
 
-HALF = 0.35  #: of a square; half-width of the window of the first pass, small enough for curved edges
+HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
+WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known
 START_BLUR = 1.0  #: px
+ROUGH = 0.01  #: px; a first fit that moves less is done
+MOST_BLUR = 0.3  #: of a square
 LEAST_INSIDE = 0.75  #: share of the window that must lie in the picture
 LEAST_CONTRAST = 2.0  #: grey levels of 255
 MOST_MISFIT = 0.22  #: residual as a share of the contrast; noise of 10 levels on a contrast of 60 gives 0.17
@@ -36,10 +41,8 @@ class Corners:
         px.
     covariance : (K, 2, 2) array
         px².
-    blur : (K,) array
-        Standard deviation of the blur across the edges, px.
-    contrast : (K,) array
-        Half the difference of bright and dark; negative where the first square is dark.
+    params : (K, 7) array
+        Of the fits, in the order of `edge_model`; the corner's own two are relative to `uv`, so 0.
     noise : (K,) array
         Standard deviation of the residuals, grey levels.
     reasons : tuple of str
@@ -48,8 +51,7 @@ class Corners:
 
     uv: Array
     covariance: Array
-    blur: Array
-    contrast: Array
+    params: Array
     noise: Array
     reasons: tuple[str, ...]
 
@@ -63,18 +65,41 @@ class Corners:
         """Standard deviation (K,) in each coordinate, px: the root of the mean variance."""
         return np.sqrt(0.5 * np.trace(self.covariance, axis1=1, axis2=2))
 
+    @property
+    def blur(self) -> Array:
+        """Standard deviation (K,) of the blur across the edges, px."""
+        return self.params[:, model.BLUR]
+
+    @property
+    def contrast(self) -> Array:
+        """Half the difference (K,) of bright and dark, grey levels."""
+        return np.abs(self.params[:, model.CONTRAST])
+
+    def take(self, rows: Array) -> Corners:
+        """Only some of the corners (a mask or indices)."""
+        reasons = tuple(np.array(self.reasons, object)[rows])
+        return Corners(self.uv[rows], self.covariance[rows], self.params[rows], self.noise[rows], reasons)
+
 
 def grey_limits(gray: Array) -> tuple[float, float]:
     """Grey values where a picture is cut off: black, and full scale (that of the data for 16 bits)."""
-    if gray.dtype == np.uint16:
-        return 0.0, float(gray.max())
-    return 0.0, 255.0
+    return 0.0, white_level(gray)
+
+
+def white_level(gray: Array) -> float:
+    """Grey value of full scale."""
+    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
 
 
 def refine(
-    gray: Array, uv: Array, sides: Array, half: float = HALF, blur: float = START_BLUR, scale: float = 255.0
+    gray: Array,
+    uv: Array,
+    sides: Array,
+    half: float = HALF,
+    blur: float = START_BLUR,
+    scale: float | None = None,
 ) -> Corners:
-    """Fit all corners of a picture.
+    """Fit all corners of a picture, edges taken for straight and the light for even within a window.
 
     Parameters
     ----------
@@ -86,16 +111,42 @@ def refine(
     half : float
         Half-width of the windows, of a square.
     blur : float
-        Blur to start from, px: at least the error of `uv`.
-    scale : float
-        Grey value of white, to judge the contrast by.
+        Blur to start from, px: at least half the error of `uv`.
+    scale : float, optional
+        Grey value of white, to judge the contrast by; full scale where left out.
     """
-    shortest = np.linalg.norm(sides, axis=2).min(1)
+    if not len(uv):
+        return _nothing()
     windows = cut(gray, uv, sides, half, 4 * blur + 3)
-    angles = edge_normals(sides)
-    start = np.minimum(blur, 0.2 * shortest)
-    fits = fit(windows, angles, start, grey_limits(gray))
-    return _judged(windows, fits, sides, angles, half, scale)
+    start = np.minimum(blur, 0.2 * np.linalg.norm(sides, axis=2).min(1))
+    guess = first_guess(windows, edge_normals(sides), start)
+    fits = fit(windows, guess, grey_limits(gray), settled=ROUGH)
+    return _judged(windows, fits, sides, half, scale or white_level(gray))
+
+
+def sharpen(
+    gray: Array, known: Corners, sides: Array, board_from_pixel: BoardFromPixel, half: float = WIDER_HALF
+) -> Corners:
+    """Fit corners again, with the edges' curvature and the slope of the light known.
+
+    Parameters
+    ----------
+    known : Corners
+        Of an earlier fit, all of them good.
+    sides : (K, 2, 2) array
+        Steps to the next corner along columns and rows, px.
+    board_from_pixel : callable
+        From px (K, P, 2) around the K corners to coordinates in which the edges are straight.
+    """
+    if not len(known.uv):
+        return known
+    limits = grey_limits(gray)
+    windows = cut(gray, known.uv, sides, half, 4 * known.blur + 2)
+    windows = straightened(windows, sides, half, board_from_pixel)
+    offset = known.params[:, model.OFFSET]
+    slope = slopes(known.uv, offset, known.contrast)
+    windows = evened(windows, slope, offset, known.contrast, limits)
+    return _judged(windows, fit(windows, known.params, limits), sides, half, white_level(gray))
 
 
 def edge_normals(sides: Array) -> Array:
@@ -105,32 +156,31 @@ def edge_normals(sides: Array) -> Array:
     )
 
 
-def _judged(windows: Windows, fits: Fits, sides: Array, angles: Array, half: float, scale: float) -> Corners:
+def _judged(windows: Windows, fits: Fits, sides: Array, half: float, scale: float) -> Corners:
     params = fits.params
     shift = np.linalg.norm(params[:, :2], axis=1)
     shortest = np.linalg.norm(sides, axis=2).min(1)
-    turn = np.abs((params[:, 2:4] - angles + np.pi / 2) % np.pi - np.pi / 2).max(1)
+    turn = np.abs((params[:, 2:4] - edge_normals(sides) + np.pi / 2) % np.pi - np.pi / 2).max(1)
     contrast = np.abs(params[:, model.CONTRAST])
     variance = 0.5 * np.trace(fits.covariance, axis1=1, axis2=2)
     misfit = fits.noise / np.maximum(contrast, 1e-9)
-    usual = np.median(misfit) if len(misfit) else 0.0
+    usual = np.median(misfit)
     tests = {  # the first that fails is the reason
         "at the border of the picture": windows.inside < LEAST_INSIDE,
         "too little contrast": contrast < LEAST_CONTRAST * scale / 255,
-        "blurred away": params[:, model.BLUR] > 0.3 * shortest,
+        "blurred away": params[:, model.BLUR] > MOST_BLUR * shortest,
         "not where its neighbours say": shift > np.maximum(0.5 * half * shortest, 1.5),
         "edges do not follow the board": turn > MOST_TURN,
-        "does not look like a corner": (misfit > max(MOST_MISFIT, 3 * usual)) | (misfit > 3 * usual + 0.1),
+        "does not look like a corner": misfit > np.where(usual < MOST_MISFIT / 3, MOST_MISFIT, 3 * usual),
         "uncertain": ~fits.converged | ~(variance < MOST_SIGMA**2),
     }
     reasons = np.full(len(params), "", object)
     for reason, failed in reversed(tests.items()):
         reasons[failed] = reason
-    return Corners(
-        windows.origin + params[:, :2],
-        fits.covariance,
-        params[:, model.BLUR],
-        params[:, model.CONTRAST],
-        fits.noise,
-        tuple(str(r) for r in reasons),
-    )
+    uv = windows.origin + params[:, :2]
+    params = np.c_[np.zeros((len(params), 2)), params[:, 2:]]
+    return Corners(uv, fits.covariance, params, fits.noise, tuple(str(r) for r in reasons))
+
+
+def _nothing() -> Corners:
+    return Corners(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, model.COUNT)), np.zeros(0), ())

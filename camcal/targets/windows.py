@@ -11,9 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.targets.local_map import BoardFromPixel
+
 Array = np.ndarray
 
 LARGEST = 32  #: px; half the side of the largest window
+STENCIL = np.linspace(-1, 1, 5)  #: of the half-width; where the map to the board is asked for
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
 
 
@@ -82,6 +85,48 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
     within = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     inside = (window & within).sum(1) / np.maximum(window.sum(1), 1)
     return _pack(gray, uv, (x, y), (columns, rows), near & within, inside)
+
+
+def straightened(windows: Windows, sides: Array, half: float, board_from_pixel: BoardFromPixel) -> Windows:
+    """Replace the pixels' coordinates by ones in which the board's edges are straight.
+
+    They are those on the board, brought to px by the map's derivative at the origin: there they agree with
+    the picture's in place, direction and scale. The map is asked for a few points of each window; a cubic
+    through these gives the others. Windows in which the map has no value are left as they are.
+
+    Parameters
+    ----------
+    sides, half
+        As for `cut`.
+    board_from_pixel : callable
+        px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
+    """
+    share = half * np.minimum(1, LARGEST / np.maximum(half * np.linalg.norm(sides, axis=2).max(1), 1e-9))
+    stencil = np.stack(np.meshgrid(STENCIL, STENCIL), -1).reshape(-1, 2)
+    offset = (stencil * share[:, None, None]) @ sides
+    board = board_from_pixel(windows.origin[:, None] + offset)
+    known: Array = np.isfinite(board).all((1, 2))
+    board = np.where(known[:, None, None], board, offset)
+    scale = share * np.linalg.norm(sides, axis=2).max(1)
+    x, y = np.moveaxis(offset / scale[:, None, None], -1, 0)
+    design = np.stack([x**0, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], -1)
+    transposed = design.transpose(0, 2, 1)
+    cubic = np.linalg.solve(transposed @ design, transposed @ board)
+    derivative = cubic[:, 1:3].transpose(0, 2, 1)
+    bend = np.linalg.solve(derivative, cubic[:, 3:].transpose(0, 2, 1)) * scale[:, None, None]
+    return Windows(windows.origin, _bent(windows, scale, bend), windows.value, windows.counts, windows.inside)
+
+
+def _bent(windows: Windows, scale: Array, bend: Array) -> Array:
+    """Add the quadratic and cubic terms, `bend` (K, 2, 7) times monomials of q / `scale`, to q."""
+    x, y = np.moveaxis(windows.q * np.where(windows.counts, 1 / scale[:, None], 0)[:, None], 1, 0)
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    terms = np.empty((len(x), 7, x.shape[1]), np.float32)
+    for i, (a, b) in enumerate(((x, x), (x, y), (y, y))):
+        np.multiply(a, b, out=terms[:, i])
+    for i, (a, b) in enumerate(((0, x), (0, y), (2, x), (2, y)), 3):
+        np.multiply(terms[:, a], b, out=terms[:, i])
+    return windows.q + np.matmul(bend.astype(np.float32), terms)
 
 
 def _pack(gray: Array, origin: Array, xy: tuple, at: tuple, keep: Array, inside: Array) -> Windows:

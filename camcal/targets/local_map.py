@@ -1,0 +1,102 @@
+"""Maps from the picture to the board in which the board's edges are straight, made from the corners alone.
+
+A homography carries the perspective; what is left, the lens and the bending of the sheet, varies so slowly
+that a cubic through the corners around each corner describes it well within half a square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from camcal.geometry.homography import homographies
+
+Array = np.ndarray
+
+#: from px (K, P, 2) near each of K corners to coordinates (K, P, 2) in which edges are straight, in squares
+BoardFromPixel = Callable[[Array], Array]
+
+SPAN = 5  #: corners to each side of the block from which a corner's map is made
+STEEPEST = 4.0  #: largest ratio of depths for which one homography is trusted
+MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+RIDGE = 1e-9  #: keeps the equations solvable where corners are missing in a line
+CUBIC, QUADRATIC, LINEAR = 10, 6, 3  #: number of monomials
+
+
+def board_from_corners(uv: Array) -> BoardFromPixel:
+    """A map for each corner that is present, in the order of `uv[present]`.
+
+    Parameters
+    ----------
+    uv : (rows, columns, 2) array
+        Corners, px; NaN where one is missing.
+    """
+    rows, columns = uv.shape[:2]
+    present = np.isfinite(uv[..., 0])
+    board = np.stack(np.meshgrid(np.arange(columns, dtype=float), np.arange(rows, dtype=float)), -1)
+    flat = _perspective(uv[present], board[present])
+    near = np.full_like(uv, np.nan)
+    near[present] = flat(uv[present])
+    centre, coefficients = _cubics(near, board, present)
+
+    def map_pixels(pixels: Array) -> Array:
+        offset = flat(pixels) - centre[:, None]
+        return _powers(offset) @ coefficients
+
+    return map_pixels
+
+
+def _perspective(uv: Array, board: Array) -> Callable[[Array], Array]:
+    """The homography from the picture to the board; an affinity where that is too steep to trust."""
+    h = homographies(uv[None], board[None])[0]
+    depth = uv @ h[2, :2] + h[2, 2]
+    if not np.isfinite(h).all() or depth.min() <= 0 or depth.max() > STEEPEST * depth.min():
+        design = np.c_[uv, np.ones(len(uv))]
+        affine = np.linalg.lstsq(design, board, rcond=None)[0]
+        h = np.vstack([affine.T, [0, 0, 1]])
+
+    def apply(pixels: Array) -> Array:
+        return (pixels @ h[:2, :2].T + h[:2, 2]) / (pixels @ h[2, :2] + h[2, 2])[..., None]
+
+    return apply
+
+
+def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
+    """Centres (K, 2) and coefficients (K, 10, 2) of the polynomials from `near` to `board`."""
+    rows, columns = present.shape
+    at = np.argwhere(present)
+    height, width = min(SPAN, rows), min(SPAN, columns)
+    top = np.clip(at[:, 0] - height // 2, 0, rows - height)
+    left = np.clip(at[:, 1] - width // 2, 0, columns - width)
+    r = (top[:, None, None] + np.arange(height)[None, :, None] + np.zeros((1, 1, width), int)).reshape(
+        len(at), -1
+    )
+    c = (left[:, None, None] + np.arange(width)[None, None, :] + np.zeros((1, height, 1), int)).reshape(
+        len(at), -1
+    )
+    weight = present[r, c].astype(float)
+    centre = near[present]
+    x = np.where(weight[..., None] > 0, near[r, c] - centre[:, None], 0.0)
+    y = np.where(weight[..., None] > 0, board[r, c], 0.0)
+    degree = _terms(weight.sum(1), min(height, width))
+    design = _powers(x) * weight[..., None]
+    coefficients = np.zeros((len(at), len(MONOMIALS), 2))
+    for terms in np.unique(degree):
+        k = np.flatnonzero(degree == terms)
+        a = design[k][..., :terms]
+        transposed = a.transpose(0, 2, 1)
+        coefficients[k, :terms] = np.linalg.solve(transposed @ a + RIDGE * np.eye(terms), transposed @ y[k])
+    return centre, coefficients
+
+
+def _terms(number: Array, side: int) -> Array:
+    """How many monomials so many corners, in a block of so many to the side, can carry."""
+    terms = np.where(number >= 14, CUBIC, np.where(number >= 8, QUADRATIC, LINEAR))
+    return np.minimum(terms, CUBIC if side >= 4 else QUADRATIC if side >= 3 else LINEAR)
+
+
+def _powers(x: Array) -> Array:
+    """Monomials (..., 10) of the points (..., 2)."""
+    a, b = x[..., 0], x[..., 1]
+    return np.stack([a**i * b**j for i, j in MONOMIALS], -1)
