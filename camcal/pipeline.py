@@ -13,7 +13,7 @@ import numpy as np
 from camcal import lenses
 from camcal.closed_form import CLOSED_FORMS, shape
 from camcal.closed_form.base import ClosedForm
-from camcal.errors import DataError
+from camcal.errors import DataError, EstimationError
 from camcal.evaluate import board_shape, figures
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
@@ -96,6 +96,9 @@ def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
     run = _Run(told, lenses.make(told.model, told.skew))
     planar = shape.shapes(usable.views).planar.tolist()
     solution = robustly.estimate(usable, run.begin, run.fit, planar, told.robust, told.seed)
+    if not all(m.all() for m in solution.inliers):
+        # the stages of the report are those of the points that the solution rests on
+        run.begin(solution.correspondences, solution.inliers)
     if told.board_shape != "flat":
         solution = run.with_shape(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
@@ -203,19 +206,27 @@ def start(correspondences: Correspondences, told: Options) -> Start:
     """Run the closed forms that the geometry of the data allows; the last is where the refinement starts."""
     names, why = shape.choose(correspondences)
     stages, found = [], None
+    failed: dict[str, str] = {}
     for name in names:
+        estimate = look_up(CLOSED_FORMS, name, "closed form")
         begin = time.perf_counter()
-        found = look_up(CLOSED_FORMS, name, "closed form")(correspondences, told.skew)
-        stages.append(_closed_form_stage(found, correspondences, why, time.perf_counter() - begin))
-    if found is None:
-        raise DataError("no closed form suits these data.")
+        try:
+            found = estimate(correspondences, told.skew)
+        except EstimationError as error:
+            if name == names[-1]:
+                raise
+            failed[name] = error.message  # another closed form may do without what this one lacks
+            continue
+        seconds = time.perf_counter() - begin
+        stages.append(_closed_form_stage(found, correspondences, why, seconds, failed))
+    assert found is not None
     _refuse_mirrored(found)
     fix, warnings = _assumed(found, correspondences)
     return Start(found.matrix, found.poses, tuple(stages), fix, warnings)
 
 
 def _closed_form_stage(
-    found: ClosedForm, correspondences: Correspondences, why: str, seconds: float
+    found: ClosedForm, correspondences: Correspondences, why: str, seconds: float, failed: Mapping[str, str]
 ) -> Stage:
     if found.projection_matrix is not None:
         view = correspondences.views[0]
@@ -231,7 +242,7 @@ def _closed_form_stage(
         seconds,
         projection_matrix=found.projection_matrix,
         poses=found.poses,
-        info={"why": why, **found.info},
+        info={"why": why, **found.info, **({"failed_before": dict(failed)} if failed else {})},
     )
 
 
@@ -248,9 +259,18 @@ def _assumed(
     found: ClosedForm, correspondences: Correspondences
 ) -> tuple[dict[str, float | None], tuple[CalibrationWarning, ...]]:
     """What a single view of a plane leaves open is held at the closed form's assumption, and said."""
+    warnings = []
+    if found.info.get("degenerate"):
+        warnings.append(
+            CalibrationWarning(
+                "weak-geometry",
+                f"the closed form is hardly determined by these views: {found.info['degenerate']}.",
+                "Add views of the target tilted by 20 to 45 degrees in different directions.",
+            )
+        )
     held: dict[str, float | None] = dict.fromkeys(found.info.get("held", ()))
     if not held or shape.distinct(correspondences.views) > 1:
-        return {}, ()
+        return {}, tuple(warnings)
     said = CalibrationWarning(
         "single-view",
         "one view of a plane does not determine the camera; assumed: "
@@ -258,7 +278,7 @@ def _assumed(
         + ".",
         "Add views of the target from other directions.",
     )
-    return held, (said,)
+    return held, (said, *warnings)
 
 
 def _first_camera(

@@ -2,7 +2,7 @@
 
 With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
 A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
-one run in a hundred rejects anything at all. s is the larger of that of all points and that of the point's
+one run in a thousand rejects anything at all. s is the larger of that of all points and that of the point's
 view, so that a picture blurred more than the others is not taken apart; a view whose s exceeds FAR times
 that of the median view, or that loses more than half of its points, is rejected as a whole.
 """
@@ -18,7 +18,7 @@ from scipy.stats import f as f_distribution
 from camcal.refine.losses import robust_sigma
 from camcal.types import Array, Correspondences, View
 
-ALPHA = 0.01
+ALPHA = 0.001
 #: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
 _MEDIAN_EFFICIENCY = 0.48
 FAR = 5.0
