@@ -27,6 +27,11 @@ LENSES = {
     "division": "camcal.lenses.division:Division",
     "scaramuzza": "camcal.lenses.division:Scaramuzza",
     "radial-profile": "camcal.lenses.radial_profile:RadialProfile",
+    "rational-function": "camcal.lenses.rational_function:RationalFunction",
+    "bicubic": "camcal.lenses.polynomial:Polynomial",
+    "polynomial": "camcal.lenses.polynomial:Polynomial",
+    "spline": "camcal.lenses.spline:Spline",
+    "tilted": "camcal.lenses.opencv:OpenCV",
 }
 
 SUMMARIES = {
@@ -47,6 +52,11 @@ SUMMARIES = {
     "division": "division:n (Fitzgibbon), n terms; division:n,direction=distort for the reciprocal series",
     "scaramuzza": "scaramuzza:n, depth as a polynomial of degree n in the image radius",
     "radial-profile": "radial-profile:n,centre=principal: any smooth growing curve, a spline of n intervals",
+    "rational-function": "rays as quotients of quadratic polynomials of the pixel (Claus & Fitzgibbon)",
+    "bicubic": "two cubic polynomials from the image to the plane",
+    "polynomial": "polynomial:n, the same of order n",
+    "spline": "spline:CxR, generic central camera: a B-spline surface of rays over the image",
+    "tilted": "another name of opencv14",
 }
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 Array = np.ndarray
+T = TypeVar("T")
 
 #: A root counts as real where its imaginary part is below this part of its size: a double root, which is
 #: where a fold appears, is only known to the root of the rounding, 1e-8.
@@ -86,8 +87,8 @@ def _bracketed(
     return t, function(t)[0] - target
 
 
-def memo(owner: Any, k: Array, compute: Callable[[Array], float], what: str = "limit") -> float:
-    """`compute(k)`, remembered on `owner` for the last k: a limit is asked for once per block of points."""
+def memo(owner: Any, k: Array, compute: Callable[[Array], T], what: str = "limit") -> T:
+    """`compute(k)`, remembered on `owner` for the last k: limits are asked for once per block of points."""
     key = k.tobytes()
     last = owner.__dict__.get(f"_memo_{what}")
     if last is None or last[0] != key:

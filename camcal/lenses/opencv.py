@@ -24,6 +24,7 @@ Array = np.ndarray
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tauX", "tauY")
 
 _COUNTS = {"pinhole": 0, "opencv4": 4, "opencv5": 5, "opencv8": 8, "opencv12": 12, "opencv14": 14}
+ALIASES = {"tilted": "opencv14"}
 _FLAGS = {8: ("RATIONAL_MODEL",), 12: ("THIN_PRISM_MODEL",), 14: ("TILTED_MODEL",)}
 
 
@@ -39,7 +40,7 @@ class OpenCV(Lens):
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> OpenCV:
         """Make the model; it has no options."""
         no_options(name, plain, named)
-        return cls(name, skew)
+        return cls(ALIASES.get(name, name), skew)
 
     def nests(self) -> tuple[str, ...]:
         """The models with fewer coefficients."""
@@ -117,7 +118,7 @@ class OpenCV(Lens):
         return _first_fold((1.0, k[0], k[1], k[4]), (1.0, k[5], k[6], k[7]))
 
     def limit_angle(self, params: Array) -> float:
-        """The angle of `radius`."""
+        """The angle of `radius`; π/2 where there is none."""
         return float(np.arctan(self.radius(params)))
 
     def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
