@@ -82,8 +82,15 @@ def run(task: Task, guess: Camera | None) -> Result:
         _poses(task, rvecs, tvecs),
         _rms(task, k, bend, rvecs, tvecs),
         bend,
-        "cv2's own" if guess is None else "camcal's start" if guess is solution.start else "camcal's optimum",
+        _where(guess, solution),
     )
+
+
+def _where(guess: Camera | None, solution: Solution) -> str:
+    """Where cv2 began, in words."""
+    if guess is None:
+        return "by itself"
+    return "at camcal's start" if guess is solution.start else "at camcal's optimum"
 
 
 def flags_of(solution: Solution) -> int:

@@ -115,7 +115,7 @@ def compare(solution: Solution, against: str, remark: str = "") -> Entry:
         second = _second_chance(run, task, solution)
         if second is not None and second.rms_point < first.rms_point:
             best = second
-            said.append(f"from {first.start} cv2 ends at rms {first.rms_point:.9g}")
+            said.append(f"begun {first.start}, cv2 ends at rms {first.rms_point:.9g} px")
     return _judged(solution, best, against, said)
 
 
@@ -143,7 +143,7 @@ def _judged(solution: Solution, result: Result, against: str, said: list[str]) -
     elif not (apart.max_px <= PROJECTION_PX or sigmas <= SIGMAS):
         status = "fail"
         said.append(f"the same rms, but projections differ by up to {apart.max_px:.3g} px")
-    said.append(f"cv2 began at {result.start}")
+    said.append(f"cv2 began {result.start}")
     opencv = {
         "rms_point": theirs,
         "matrix": result.camera.matrix.tolist(),

@@ -135,7 +135,7 @@ def test_a_mirrored_view_is_named():
     data = seen(12)
     flipped = data.views[3].uv.reshape(6, 9, 2)[:, ::-1].reshape(-1, 2)
     solution = calibrate(with_view(data, 3, flipped), model="opencv5", robust="none")
-    warning = next(w for w in check(solution) if w.code == "mirrored-views")
+    warning = next(w for w in (*solution.warnings, *check(solution)) if w.code == "mirrored-views")
     assert data.views[3].id in warning.message and "1 of 12" in warning.message
 
 
