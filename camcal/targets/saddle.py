@@ -23,6 +23,8 @@ HALF = 0.35  #: of a square; half-width of the window of the first fit, small en
 WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known
 START_BLUR = 1.0  #: px
 ROUGH = 0.01  #: px; a first fit that moves less is done
+CLEAR = 2.5  #: blurs that a window keeps away from the next edge
+LEAST_HALF = 0.25  #: of a square
 MOST_BLUR = 0.3  #: of a square
 LEAST_INSIDE = 0.75  #: share of the window that must lie in the picture
 LEAST_CONTRAST = 2.0  #: grey levels of 255
@@ -141,8 +143,10 @@ def sharpen(
     if not len(known.uv):
         return known
     limits = grey_limits(gray)
-    windows = cut(gray, known.uv, sides, half, 4 * known.blur + 2)
-    windows = straightened(windows, sides, half, board_from_pixel)
+    shortest = np.linalg.norm(sides, axis=2).min(1)
+    share = np.clip(1 - CLEAR * known.blur / shortest, LEAST_HALF, half)
+    windows = cut(gray, known.uv, sides, share, 4 * known.blur + 2)
+    windows = straightened(windows, sides, share, board_from_pixel)
     offset = known.params[:, model.OFFSET]
     slope = slopes(known.uv, offset, known.contrast)
     windows = evened(windows, slope, offset, known.contrast, limits)

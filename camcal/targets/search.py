@@ -16,6 +16,7 @@ from camcal.targets.lattice import Lattice
 Array = np.ndarray
 
 LONG_SIDES = (640, 1280, 2560, 320)  #: px; what the picture is reduced to, in the order of trial
+LEAST_FACTOR = 0.5  #: a small picture is enlarged, for squares of a few px
 SLOWER = 2.0  #: how much longer a pixel may take than at the level before
 LEAST_SIDE = 3  #: corners; a smaller grid is no board
 ENOUGH = 0.8  #: share of a board's corners that must be seen
@@ -85,15 +86,15 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
 def levels(shape: tuple[int, ...]) -> list[float]:
     """Factors by which the picture is reduced, in the order of trial."""
     longest = max(shape)
-    factors = [max(1.0, longest / side) for side in LONG_SIDES]
+    factors = [max(LEAST_FACTOR, longest / side) for side in LONG_SIDES]
     return list(dict.fromkeys(f for f in factors if min(shape) / f >= 16))
 
 
 def reduce(gray: Array, factor: float) -> Array:
-    """A smaller float32 picture with grey values of about 0 to 255."""
-    if factor > 1:
+    """A smaller (or, below 1, larger) float32 picture with grey values of about 0 to 255."""
+    if factor != 1:
         size = (max(1, round(gray.shape[1] / factor)), max(1, round(gray.shape[0] / factor)))
-        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA if factor > 1 else cv2.INTER_CUBIC)
     scale = 255.0 / max(float(gray.max()), 1.0) if gray.dtype == np.uint16 else 1.0
     return gray.astype(np.float32) * np.float32(scale)
 

@@ -64,9 +64,7 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
         px; pixels farther than this from both edges are left out.
     """
     height, width = gray.shape
-    share = np.broadcast_to(np.asarray(half, float), len(uv))
-    longest = np.linalg.norm(sides, axis=2).max(1) * share
-    share = share * np.minimum(1, LARGEST / np.maximum(longest, 1e-9))
+    share = _limited(half, sides)
     radius = int(np.ceil((np.abs(sides).sum(1).max(1) * share).max(initial=1.0)))
     grid = np.arange(-radius, radius + 1)
     dx, dy = (a.ravel() for a in np.meshgrid(grid, grid))
@@ -87,7 +85,17 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
     return _pack(gray, uv, (x, y), (columns, rows), near & within, inside)
 
 
-def straightened(windows: Windows, sides: Array, half: float, board_from_pixel: BoardFromPixel) -> Windows:
+def _limited(half: Array | float, sides: Array) -> Array:
+    """Half-widths (K,) of the windows as shares of the squares, so that none is larger than `LARGEST`."""
+    longest = np.linalg.norm(sides, axis=2).max(1)
+    return np.minimum(
+        np.broadcast_to(np.asarray(half, float), len(sides)), LARGEST / np.maximum(longest, 1e-9)
+    )
+
+
+def straightened(
+    windows: Windows, sides: Array, half: Array | float, board_from_pixel: BoardFromPixel
+) -> Windows:
     """Replace the pixels' coordinates by ones in which the board's edges are straight.
 
     They are those on the board, brought to px by the map's derivative at the origin: there they agree with
@@ -101,11 +109,11 @@ def straightened(windows: Windows, sides: Array, half: float, board_from_pixel: 
     board_from_pixel : callable
         px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
     """
-    share = half * np.minimum(1, LARGEST / np.maximum(half * np.linalg.norm(sides, axis=2).max(1), 1e-9))
+    share = _limited(half, sides)
     stencil = np.stack(np.meshgrid(STENCIL, STENCIL), -1).reshape(-1, 2)
     offset = (stencil * share[:, None, None]) @ sides
     board = board_from_pixel(windows.origin[:, None] + offset)
-    known: Array = np.isfinite(board).all((1, 2))
+    known = np.asarray(np.isfinite(board).reshape(len(board), -1).all(1))
     board = np.where(known[:, None, None], board, offset)
     scale = share * np.linalg.norm(sides, axis=2).max(1)
     x, y = np.moveaxis(offset / scale[:, None, None], -1, 0)
