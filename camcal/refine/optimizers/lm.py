@@ -60,13 +60,14 @@ def minimise(
         Where the start itself cannot be projected.
     """
     options = options or Options()
-    blocks = problem.linearise(state)
-    if blocks is None:
+    first = problem.linearise(state)
+    if first is None:
         raise EstimationError(
             "the start of the refinement does not project into the image: points lie behind the camera or "
             "outside the lens model's domain.",
             "Try a simpler model, or one for wide lenses: --model kb4.",
         )
+    blocks: Blocks = first
     damping, trace, evaluations = _Damping(), [blocks.cost], 1
 
     def ended(converged: bool, reason: str, iterations: int) -> Result:
