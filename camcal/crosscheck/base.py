@@ -55,6 +55,10 @@ class Result:
     start: str
 
 
+#: runs cv2's calibration from a guess, or from where it begins by itself
+Calibrate = Callable[[Task, Camera | None], Result]
+
+
 class NotComparableError(Exception):
     """cv2 has no counterpart; the text says why. Stays inside this room."""
 

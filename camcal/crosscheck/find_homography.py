@@ -6,14 +6,15 @@ Gauss-Newton steps from an algebraic estimate; what remains between them is comp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
 
+from camcal.closed_form.shape import shapes
 from camcal.crosscheck.base import Entry, entry
 from camcal.evaluate.figures import rms_point
-from camcal.geometry import homography, projective
+from camcal.geometry import homography
 from camcal.types import Array, View
 
 NAME = "cv2.findHomography"
@@ -22,6 +23,8 @@ NAME = "cv2.findHomography"
 PART = 0.02
 #: ... or by this, px: rounding to float32 in cv2, at most 2.4e-4 px in a picture of 8,000 px.
 FLOOR_PX = 1e-3
+#: A view is a plane where the extent across is below this part of the extent along it: rounding.
+FLAT = 1e-9
 
 
 def against_cv2(views: Sequence[View], stage: str) -> Entry | None:
@@ -29,40 +32,36 @@ def against_cv2(views: Sequence[View], stage: str) -> Entry | None:
 
     The entry fails where a view's transferred points differ and cv2's homography is the better one.
     """
-    worst = ours_total = theirs_total = 0.0
-    count, failed = 0, []
-    for view in views:
-        plane = _plane_coordinates(view)
-        if plane is None:
-            continue
-        ours = homography.transfer(homography.solve(plane[None], view.uv[None])[0], plane[None])[0]
-        theirs = _cv2_transfer(plane, view.uv)
-        if theirs is None:
-            continue
-        a, b = rms_point(ours - view.uv), rms_point(theirs - view.uv)
+    worst, ours_all, theirs_all, failed = 0.0, [], [], []
+    for view, ours, theirs in _transfers(views):
+        a, b = rms_point(ours), rms_point(theirs)
         apart = float(np.linalg.norm(ours - theirs, axis=1).max())
-        worst, count = max(worst, apart), count + len(view)
-        ours_total, theirs_total = ours_total + a * a * len(view), theirs_total + b * b * len(view)
+        worst = max(worst, apart)
+        ours_all.append(ours)
+        theirs_all.append(theirs)
         if apart > max(PART * a, FLOOR_PX) and b < a:
             failed.append(f"{view.id} ({b:.6g} instead of {a:.6g} px)")
-    if not count:
+    if not ours_all:
         return None
-    ours_rms, theirs_rms = (float(np.sqrt(t / count)) for t in (ours_total, theirs_total))
+    ours_rms, theirs_rms = rms_point(np.concatenate(ours_all)), rms_point(np.concatenate(theirs_all))
     why = f"cv2's homography is better in {len(failed)} views, first {failed[0]}" if failed else None
     figures = {"rms_point": ours_rms - theirs_rms, "projection_max_px": worst}
     return entry(stage, NAME, "fail" if failed else "pass", why, {"rms_point": theirs_rms}, figures)
 
 
-def _plane_coordinates(view: View) -> Array | None:
-    """Coordinates (N, 2) in the plane of a view's points; None where they are not on one, or too few."""
-    if len(view) < 4:
-        return None
-    origin, axes, spread = projective.fit_plane(view.xyz)
-    if spread[2] > 1e-9 * spread[0]:
-        return None
-    return (view.xyz - origin) @ axes[:, :2]
-
-
-def _cv2_transfer(plane: Array, uv: Array) -> Array | None:
-    found, _ = cv2.findHomography(plane.reshape(-1, 1, 2), uv.reshape(-1, 1, 2), 0)
-    return None if found is None else homography.transfer(found[None], plane[None])[0]
+def _transfers(views: Sequence[View]) -> Iterator[tuple[View, Array, Array]]:
+    """Residuals (N, 2) of each planar view by camcal's homography and by cv2's."""
+    form = shapes(views)
+    flat = form.spreads[:, 2] <= FLAT * form.spreads[:, 0]
+    kept = [i for i, view in enumerate(views) if flat[i] and len(view) >= 4]
+    for members in homography.by_count(len(views[i]) for i in kept):
+        chosen = [kept[m] for m in members]
+        uv = np.array([views[i].uv for i in chosen])
+        local = np.array([views[i].xyz for i in chosen]) - form.origins[chosen][:, None]
+        plane = local @ form.axes[chosen][:, :, :2]
+        ours = homography.transfer(homography.solve(plane, uv)[0], plane)
+        for i, points, seen, mapped in zip(chosen, plane, uv, ours, strict=True):
+            found, _ = cv2.findHomography(points.reshape(-1, 1, 2), seen.reshape(-1, 1, 2), 0)
+            if found is not None:
+                theirs = homography.transfer(found[None], points[None])[0]
+                yield views[i], mapped - seen, theirs - seen

@@ -21,11 +21,12 @@ def of_solution(solution: Solution) -> Entry | None:
     if form is None or form.function != "calibrateCamera" or camera.values.get("skew", 0.0) != 0:
         return None
     worst = 0.0
-    for view, pose in zip(solution.correspondences.views, solution.poses, strict=True):
+    vectors = rotations.log(solution.poses.rotations)
+    for view, pose, vector in zip(solution.correspondences.views, solution.poses, vectors, strict=True):
         ours = camera.project(pose.apply(view.xyz))
         theirs = cv2.projectPoints(
             view.xyz.reshape(-1, 1, 3),
-            rotations.log(pose.rotation),
+            vector,
             pose.translation,
             camera.matrix,
             form.distortion if len(form.distortion) else None,

@@ -171,7 +171,8 @@ def _projection_matrix(camera: Camera, pose: Pose) -> Array:
 def _views(solution: Solution) -> tuple[list[dict[str, Any]], list[int]]:
     """The entries of all views in the input's order, and where the used ones stand among them."""
     data = solution.correspondences
-    entries = [_used_view(solution, i) for i in range(len(data.views))]
+    vectors = rotations.log(solution.poses.rotations)
+    entries = [_used_view(solution, i, vectors[i]) for i in range(len(data.views))]
     used = [e["id"] for e in entries]
     entries += [_skipped(s.id, s.status, s.reason) for s in data.skipped]
     order = _input_order([e["id"] for e in entries], data)
@@ -199,10 +200,9 @@ def _input_order(ids: list[str], data: Correspondences) -> list[int]:
     return order if kept == sorted(kept) else plain_order
 
 
-def _used_view(solution: Solution, index: int) -> dict[str, Any]:
+def _used_view(solution: Solution, index: int, vector: Array) -> dict[str, Any]:
     view = solution.correspondences.views[index]
     residuals, inliers = solution.residuals[index], solution.inliers[index]
-    pose = solution.poses[index]
     entry: dict[str, Any] = {
         "id": view.id,
         "status": "used",
@@ -211,8 +211,8 @@ def _used_view(solution: Solution, index: int) -> dict[str, Any]:
         "rejected_points": int((~inliers).sum()),
         "rms_point": figures.rms_point(residuals[inliers]),
         "cam_from_board": {
-            "rotation_vector": rotations.log(pose.rotation),
-            "translation": pose.translation,
+            "rotation_vector": vector,
+            "translation": solution.poses.translations[index],
         },
     }
     if not inliers.all():

@@ -130,6 +130,21 @@ def test_it_fails_where_only_the_second_chance_finds_the_lower_cost(monkeypatch)
     assert made["status"] == "fail" and "lower rms" in made["why"]
 
 
+def test_a_lower_cost_of_a_camera_that_folds_before_the_points_is_no_failure(monkeypatch):
+    good = solved(views=6)
+    real = calibrate_camera.run
+
+    def folding(task, guess):
+        result = real(task, guess)
+        values = result.camera.values | {"k1": -3.0, "k2": 0.0, "k3": 0.0}
+        bent = replace(result.camera, params=good.camera.lens.from_values(values))
+        return replace(result, camera=bent, rms_point=0.5 * result.rms_point)
+
+    monkeypatch.setattr(calibrate_camera, "run", folding)
+    (made,) = refinement.against_cv2(good)
+    assert made["status"] == "not_applicable" and "folds back" in made["why"]
+
+
 def test_skew_is_not_applicable_and_the_rest_is_compared():
     solution = calibrate(data_of("opencv4", skew=1.5), model="opencv4", skew=True, robust="none")
     entries = crosscheck(solution, rerun_of("opencv4"))
