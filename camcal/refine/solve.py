@@ -80,7 +80,7 @@ def refine(
         points, final = settle(board.points + board.expand(result.state.shape), board.points, final)
         correspondences = on_board(correspondences, board.points, points)
         free = np.c_[free, np.zeros((len(free), board.size))]
-        extras["board"] = BoardResult(board.kind, board.points, points, board.size)
+        extras["board"] = BoardResult(board.kind, board.points, points, board.size, board.basis)
     return Solution(
         camera=found,
         poses=final,
@@ -108,12 +108,20 @@ class BoardResult:
         Where they are, in the frame and at the scale in which they are nearest to the ideal ones.
     size : int
         Number of parameters of the shape.
+    basis : (3 M, B) array, or (B,) int array
+        As in `Board`.
     """
 
     kind: str
     ideal: Array
     points: Array
     size: int
+    basis: Array | None = None
+
+    def directions(self) -> Array:
+        """d X / d θ (3 M, B) in full."""
+        assert self.basis is not None
+        return self.basis if self.basis.ndim == 2 else np.eye(3 * len(self.points))[:, self.basis]
 
 
 def on_board(correspondences: Correspondences, ideal: Array, points: Array) -> Correspondences:

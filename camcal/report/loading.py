@@ -160,7 +160,9 @@ def _board(target: Mapping[str, Any] | None, seen: Observations) -> BoardResult 
         return None
     square = float((target or {}).get("square") or 1.0)
     points, ideal = (np.array(shape[k], float) * square for k in ("points", "ideal"))
-    return BoardResult(shape["kind"], ideal, points, make_board(seen.views, shape["kind"]).size)
+    kept = [v.take(m) for v, m in zip(seen.views, seen.used, strict=True)]
+    board = make_board(kept, shape["kind"])
+    return BoardResult(shape["kind"], ideal, points, board.size, board.basis)
 
 
 def _normal(
