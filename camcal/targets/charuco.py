@@ -7,13 +7,15 @@ the outer corner of the upper left square; point ids are OpenCV's, row by row fr
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import cv2
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.targets.base import Pattern, parse_grid, parse_length
+from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, parse_grid, parse_length
+from camcal.targets.board_points import from_points
 from camcal.targets.dictionaries import (
     black_cells,
     dictionary,
@@ -22,6 +24,8 @@ from camcal.targets.dictionaries import (
     rectangle,
     rectangles,
 )
+from camcal.targets.marked_grid import place_on_board
+from camcal.targets.search import search
 from camcal.targets.tag_board import TagBoard
 
 Array = np.ndarray
@@ -94,6 +98,36 @@ class Charuco(TagBoard):
     def pitch(self) -> float:
         """Distance of neighbouring markers along a diagonal."""
         return float(np.sqrt(2)) * self.square
+
+    def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
+        """Look for the board by its markers; where few can be read, by its corners and all of them."""
+        start = time.perf_counter()
+        found = super().find(gray, seconds)
+        if isinstance(found, Detection) and 2 * len(found) >= len(self.points):
+            return found
+        left = seconds - (time.perf_counter() - start)
+        other = self._by_grid(gray, left) if left > 0 else None
+        if other is None or (isinstance(found, Detection) and len(found) >= len(other)):
+            return found
+        return other
+
+    def _by_grid(self, gray: Array, seconds: float) -> Detection | None:
+        seen = search(gray, seconds)
+        if isinstance(seen, Miss):
+            return None
+        codes = np.array([~black_cells(self.dictionary, int(m)) for m in self.tag_ids], float)
+        squares = np.floor(self.tag_corners[:, 0] / self.square).astype(int)
+        size = (self.columns - 1, self.rows - 1)
+        share = self.marker / self.square
+        placed = place_on_board(gray, seen.lattice.uv, codes, squares, share, size)
+        if placed is None:
+            return None
+        order = np.argsort(placed[0])
+        ids, uv = placed[0][order], placed[1][order]
+        points = self.points[:, :2]
+        _, jacobian, certain = from_points(points[ids], points[ids], uv)
+        found = self.grown(gray, ids[certain], uv[certain], jacobian[certain], {"markers": 0})
+        return found if isinstance(found, Detection) else None
 
     def pattern(self) -> Pattern:
         """Black squares and markers, with a margin of half a square."""

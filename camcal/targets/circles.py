@@ -21,7 +21,7 @@ from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Targe
 from camcal.targets.disc_fit import fit_discs
 from camcal.targets.disc_grid import Grid, as_board, best_box, trimmed
 from camcal.targets.discs import Discs, find_discs, lattices
-from camcal.targets.tag_board import reduced, reductions, to_8_bits
+from camcal.targets.pyramid import reduced, reductions, to_8_bits
 from camcal.types import Camera, Pose
 
 Array = np.ndarray

@@ -1,0 +1,149 @@
+"""Where the points of a board lie in a picture, told by those that are known already.
+
+No lens is assumed: a point's place comes from the homography of its nearest known neighbours, which holds
+closely enough through a wide angle and on a bent sheet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.geometry import homography
+from camcal.targets import saddle
+
+Array = np.ndarray
+
+LOCAL_POINTS = 12  #: known points whose homography says where another is
+LEAST_GAP = 1e-3  #: of a homography's equations; below it the points stand in a row
+STRAY = 0.5  #: of the window; farther off than that, a fitted point is another corner
+SUPPORT = 4  #: markers that say where a corner is
+
+
+@dataclass
+class Known:
+    """What is known so far of each point of a board: arrays over all M points, valid where `good`."""
+
+    good: Array
+    uv: Array
+    jacobian: Array
+    covariance: Array
+    blur: Array
+    contrast: Array
+    noise: Array
+    reasons: dict[int, str]
+
+    @classmethod
+    def of(cls, count: int) -> Known:
+        """Nothing known of `count` points."""
+        one, two, square = np.zeros(count), np.zeros((count, 2)), np.zeros((count, 2, 2))
+        return cls(one > 0, two, square, square.copy(), one.copy(), one.copy(), one.copy(), {})
+
+    def add(self, ids: Array, found: saddle.Corners, jacobian: Array) -> int:
+        """Take the good ones of newly fitted points; how many those are."""
+        good = found.good
+        rows = ids[good]
+        self.good[rows] = True
+        self.uv[rows], self.covariance[rows], self.jacobian[rows] = (
+            found.uv[good],
+            found.covariance[good],
+            jacobian[good],
+        )
+        self.blur[rows], self.contrast[rows], self.noise[rows] = (
+            found.blur[good],
+            found.contrast[good],
+            found.noise[good],
+        )
+        self.reasons |= {int(i): r for i, r in zip(ids, found.reasons, strict=True) if r}
+        return int(good.sum())
+
+    def drop_strays(self, points: Array, window: float) -> None:
+        """Reject points that are not where their neighbours alone put them."""
+        rows = np.flatnonzero(self.good)
+        if len(rows) <= LOCAL_POINTS:
+            return
+        uv, jacobian, certain = from_points(points[rows], points[rows], self.uv[rows], leave_out=True)
+        room = np.linalg.norm(jacobian, axis=1).min(1) * window
+        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > np.maximum(STRAY * room, 1.5))
+        self.good[rows[stray]] = False
+        self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
+
+    def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
+        """Where the points within `reach` of good ones must be: ids, uv and d uv / d point."""
+        rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
+        if len(rows) < 4 or not len(open_):
+            return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
+        near = np.asarray(cKDTree(points[rows]).query(points[open_])[0]) < reach
+        ids = open_[near]
+        uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
+        return ids[certain], uv[certain], jacobian[certain]
+
+
+def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) -> tuple[Array, Array, Array]:
+    """Map points of the board by the homographies of the nearest known points.
+
+    Parameters
+    ----------
+    at : (N, 2) array
+        Points to map.
+    points, uv : (K, 2) arrays
+        Known points and their images.
+    leave_out : bool
+        Whether `at` is `points`, and each is to be mapped by the others only.
+
+    Returns
+    -------
+    uv : (N, 2) array
+    jacobian : (N, 2, 2) array
+    certain : (N,) bool array
+        Where the nearest points determine a homography: not where they stand in a row.
+    """
+    skip = int(leave_out)
+    count = min(LOCAL_POINTS, len(points) - skip)
+    if not len(at) or count < 4:
+        return np.zeros((len(at), 2)), np.zeros((len(at), 2, 2)), np.zeros(len(at), bool)
+    near = np.asarray(cKDTree(points).query(at, k=count + skip)[1])[:, skip:]
+    h, gap, _ = homography.solve(points[near], uv[near], steps=1)
+    image, jacobian = transfer(h, at)
+    return image, jacobian, (gap > LEAST_GAP) & np.isfinite(image).all(1)
+
+
+def transfer(h: Array, at: Array) -> tuple[Array, Array]:
+    """Images (N, 2) of points (N, 2), each under its own homography (N, 3, 3), with Jacobians (N, 2, 2)."""
+    with np.errstate(all="ignore"):
+        image = np.einsum("nij,nj->ni", h, np.c_[at, np.ones(len(at))])
+        uv = image[:, :2] / image[:, 2:]
+        return uv, (h[:, :2, :2] - uv[:, :, None] * h[:, 2:, :2]) / image[:, 2:, None]
+
+
+def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[Array, Array, Array]:
+    """Where the points near known markers lie in the picture, by local homographies.
+
+    Parameters
+    ----------
+    points : (M, 2) array
+        All points of the board.
+    board, corners : (K, 4, 2) arrays
+        The markers' corners on the board and in the picture, K >= 2.
+    reach : float
+        Largest distance from a point to the centre of the nearest marker.
+
+    Returns
+    -------
+    ids : (N,) int array
+        Rows of `points`, ascending.
+    uv : (N, 2) array
+    jacobian : (N, 2, 2) array
+        d uv / d point.
+    """
+    count = min(SUPPORT, len(board))
+    distance, near = (np.asarray(a) for a in cKDTree(board.mean(1)).query(points, k=count))
+    ids = np.flatnonzero(distance[:, 0] < reach)
+    near, distance = near[ids], distance[ids]
+    weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest decides
+    h = homography.homographies(
+        board[near].reshape(len(ids), -1, 2), corners[near].reshape(len(ids), -1, 2), weights, steps=1
+    )
+    return ids, *transfer(h, points[ids])

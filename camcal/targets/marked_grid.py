@@ -1,0 +1,123 @@
+"""Which corners of a ChArUco board a grid of corners shows, from all of its markers at once.
+
+A marker of a few pixels cannot be read by itself. All together they can: the grey values of each white
+square are correlated with every marker the board holds, in four orientations, and the place of the grid on
+the board is the one for which the correlations add up to most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+PER_CELL = 3  #: samples of a marker's cell along each side
+LEAST_MATCH = 0.45  #: mean correlation of the best place
+AHEAD = 0.15  #: by how much it must exceed every other
+LEAST_MARKERS = 2
+
+
+def place_on_board(
+    gray: Array, uv: Array, codes: Array, squares: Array, marker: float, size: tuple[int, int]
+) -> tuple[Array, Array] | None:
+    """Find the place of a grid on its board.
+
+    Parameters
+    ----------
+    gray : (height, width) array
+    uv : (R, C, 2) array
+        Corners, px, turning clockwise from columns to rows; NaN where there is none.
+    codes : (K, n, n) array
+        The board's markers, 1 where bright and 0 where black.
+    squares : (K, 2) int array
+        Column and row of the square of each.
+    marker : float
+        Side of a marker as a share of the square.
+    size : (columns, rows)
+        Inner corners of the board.
+
+    Returns
+    -------
+    ids : (N,) int array
+        row * columns + column of each corner.
+    uv : (N, 2) array
+        None is returned where no place explains the picture, or two do.
+    """
+    cells = sample_squares(gray, uv, marker, codes.shape[-1])
+    flat = codes.reshape(len(codes), -1) - codes.reshape(len(codes), -1).mean(1, keepdims=True)
+    flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    where = {(int(c), int(r)): k for k, (c, r) in enumerate(squares)}
+    found = []
+    for quarter in range(4):
+        turned = np.rot90(cells, quarter, (0, 1))
+        turned = np.rot90(turned, quarter, (2, 3))
+        match = turned.reshape(*turned.shape[:2], -1) @ flat.T
+        corners = np.rot90(uv, quarter)
+        for down, right in _offsets(corners.shape, size):
+            score, number = _score(match, where, down, right)
+            if number >= LEAST_MARKERS:
+                found.append((score, quarter, down, right))
+    if not found:
+        return None
+    found.sort(reverse=True)
+    if found[0][0] < LEAST_MATCH or (len(found) > 1 and found[0][0] - found[1][0] < AHEAD):
+        return None
+    _, quarter, down, right = found[0]
+    corners = np.rot90(uv, quarter)
+    row, column = np.nonzero(np.isfinite(corners[..., 0]))
+    on_board = (row + down >= 0) & (row + down < size[1]) & (column + right >= 0) & (column + right < size[0])
+    row, column = row[on_board], column[on_board]
+    return (row + down) * size[0] + column + right, corners[row, column]
+
+
+def _offsets(shape: tuple[int, ...], size: tuple[int, int]) -> Iterator[tuple[int, int]]:
+    """Where the grid's first corner may be on the board: the smaller of the two lies within the larger."""
+    rows, columns = size[1] - shape[0], size[0] - shape[1]
+    for down in range(min(0, rows), max(0, rows) + 1):
+        for right in range(min(0, columns), max(0, columns) + 1):
+            yield down, right
+
+
+def _score(match: Array, where: dict[tuple[int, int], int], down: int, right: int) -> tuple[float, int]:
+    """Mean correlation over the squares that hold a marker, and their number."""
+    values = []
+    for row, column in np.ndindex(match.shape[:2]):
+        marker = where.get(
+            (column + right + 1, row + down + 1)
+        )  # the square behind inner corner (row, column)
+        if marker is not None and np.isfinite(match[row, column, marker]):
+            values.append(match[row, column, marker])
+    return (float(np.mean(values)) if values else 0.0), len(values)
+
+
+def sample_squares(gray: Array, uv: Array, marker: float, count: int) -> Array:
+    """Mean grey values of the marker's cells in each square (R - 1, C - 1, n, n), of mean 0 and norm 1."""
+    rows, columns = uv.shape[0] - 1, uv.shape[1] - 1
+    corners = np.stack([uv[:-1, :-1], uv[:-1, 1:], uv[1:, 1:], uv[1:, :-1]], 2).reshape(-1, 4, 2)
+    known = np.isfinite(corners).all((1, 2))
+    out = np.full((rows * columns, count, count), np.nan)
+    if known.any():
+        n = count * PER_CELL
+        at = (1 - marker) / 2 + marker * (np.arange(n) + 0.5) / n
+        grid = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
+        unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+        h = homography.homographies(np.broadcast_to(unit, corners[known].shape), corners[known], steps=0)
+        pixels = homography.transfer(h, np.broadcast_to(grid, (known.sum(), *grid.shape[1:]))).astype(
+            np.float32
+        )
+        value = cv2.remap(
+            gray.astype(np.float32),
+            pixels[..., 0],
+            pixels[..., 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        cells = value.reshape(-1, count, PER_CELL, count, PER_CELL).mean((2, 4))
+        cells -= cells.mean((1, 2), keepdims=True)
+        out[known] = cells / np.maximum(np.linalg.norm(cells, axis=(1, 2), keepdims=True), 1e-6)
+    return out.reshape(rows, columns, count, count)
