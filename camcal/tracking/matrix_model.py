@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from camcal.geometry import projective
-from camcal.tracking import decompose, start
+from camcal.tracking import decompose, linear, start
 from camcal.tracking.base import Frame
 from camcal.tracking.decompose import Cameras
 from camcal.tracking.model import Model
@@ -43,6 +43,7 @@ class MatrixModel(Model):
         self.world, self.image = world, image
         self._scale, self._shift = world[0, 0], world[:3, 3:]
         self._px = 1.0 / image[0, 0]
+        self._tangents: list[tuple[Array, tuple[Array, Array, Array]]] = []
         self._centre = -image[:2, 2:] * self._px
 
     # ------------------------------------------------------------------ between the two frames
@@ -110,12 +111,34 @@ class MatrixModel(Model):
 
     def motion(self, x: Array, figures: Mapping[str, float]) -> Array:
         """The physical motion carried over by the derivative of M."""
-        k, rotation, translation = decompose.split(self.to_matrix(x))
-        pose = np.c_[rotation, translation]
+        tangent, k, pose = self._tangent_at(x)
         centroid = np.linalg.solve(self.world, [0.0, 0.0, 0.0, 1.0])
         distance = float(np.linalg.norm(pose @ centroid))
         columns = decompose.noise_columns(scaled(figures, k[0, 0], distance), k[1, 1] / k[0, 0])
-        return self.tangent(k, pose) @ columns
+        return tangent @ columns
+
+    def _tangent_at(self, x: Array) -> tuple[Array, Array, Array]:
+        """d x / d physical coordinates, K and [R | t]; the last two estimates are remembered."""
+        for known, found in self._tangents:
+            if known is x:
+                return found
+        k, rotation, translation = decompose.split(self.to_matrix(x))
+        pose = np.c_[rotation, translation]
+        found = self.tangent(k, pose), k, pose
+        self._tangents = [*self._tangents[-1:], (x, found)]
+        return found
+
+    def moved(self, origin: Array, x: Array) -> bool:
+        """By a thousandth of the entries' size, which is 1: a turn of 0.05 degrees or so."""
+        return bool(np.abs(x - origin).max() > 1e-3)
+
+    def carry(self, origin: Array, x: Array, factor: Array) -> Array:
+        """See `Model.carry`: an error of the principal point is another error of M once the camera turned."""
+        old, new = self._tangent_at(origin)[0], self._tangent_at(x)[0]
+        carried = np.array(factor)
+        for rows in range(0, len(factor), self.size):  # the velocity too, where there is one
+            carried[rows : rows + self.size] = new @ np.linalg.solve(old, factor[rows : rows + self.size])
+        return linear.triangle(carried)
 
     def settle(self, frame: Frame) -> None:
         """Hartley's normalisation."""

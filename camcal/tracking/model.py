@@ -64,6 +64,18 @@ class Model(ABC):
         """A factor (p, c) of the covariance of a motion (camcal.tracking.motion) in local coordinates."""
 
     @abstractmethod
+    def moved(self, origin: Any, x: Any) -> bool:
+        """Whether x is so far from the origin that its derivatives are others."""
+
+    def carry(self, origin: Any, x: Any, factor: Array) -> Array:
+        """The factor (n, n) at `x` of an uncertainty whose physical meaning was that at `origin`.
+
+        Nothing to do where the local coordinates are physical already.
+        """
+        del origin, x
+        return factor
+
+    @abstractmethod
     def settle(self, frame: Frame) -> None:
         """Take from the first frame what stays for good: where the points are, and how large."""
 

@@ -72,7 +72,10 @@ class PhysicalModel(Model):
         self.centroid = np.zeros(3)
 
     def _set_free(self, params: Array) -> None:
-        self.free = free_matrix(self.lens, params, self.fix)
+        self._take(free_matrix(self.lens, params, self.fix))
+
+    def _take(self, free: Array) -> None:
+        self.free, self.inverse = free, np.linalg.pinv(free)
         self.count = self.free.shape[1]
         #: indices of the free parameters where each is one parameter, so that a product is a selection
         single = self.count == 0 or bool((np.count_nonzero(self.free, axis=0) == 1).all())
@@ -115,8 +118,8 @@ class PhysicalModel(Model):
     def local(self, origin: Physical, x: Physical) -> Array:
         """The inverse of `retract`."""
         turn = x.rotation @ origin.rotation.T
-        lens = np.linalg.lstsq(self.free, x.params - origin.params, rcond=None)[0] if self.count else []
-        return np.concatenate([lens, rotations.log(turn), x.translation - turn @ origin.translation])
+        lens = self.inverse @ (x.params - origin.params)
+        return np.concatenate([lens, _log(turn), x.translation - turn @ origin.translation])
 
     def motion(self, x: Physical, figures: Mapping[str, float]) -> Array:
         """Each group in its own coordinates; what is held does not move."""
@@ -126,6 +129,14 @@ class PhysicalModel(Model):
         rows = self._from_physical(columns)
         return rows[:, rows.any(0)]
 
+    def moved(self, origin: Physical, x: Physical) -> bool:
+        """By a hundredth of the focal length or of the distance, to which the figures of a motion refer."""
+        change = x.translation - origin.translation
+        return bool(
+            abs(x.params[0] - origin.params[0]) > 0.01 * abs(x.params[0])
+            or change @ change > 1e-4 * (origin.translation @ origin.translation)
+        )
+
     def _from_physical(self, columns: Array) -> Array:
         """Rows (11 + E) in physical order to rows (p) of local coordinates."""
         params = np.zeros((self.lens.size, columns.shape[1]))
@@ -133,7 +144,7 @@ class PhysicalModel(Model):
         if self.lens.has_skew:
             params[4] = columns[2]
         params[self.bend :] = columns[11:]
-        return np.concatenate([np.linalg.pinv(self.free) @ params, columns[5:11]])
+        return np.concatenate([self.inverse @ params, columns[5:11]])
 
     def settle(self, frame: Frame) -> None:
         """Where the points are."""
@@ -182,7 +193,7 @@ class PhysicalModel(Model):
         focal = x.params[0]
         groups = [p.group for p in self.lens.parameters]
         unit = np.array([beliefs[g] * (1.0 if g == "distortion" else focal) for g in groups])
-        lens = np.abs(np.linalg.pinv(self.free)) @ unit
+        lens = np.abs(self.inverse) @ unit
         distance = float(np.linalg.norm(x.rotation @ self.centroid + x.translation))
         return np.diag(np.concatenate([lens, np.full(3, 10.0), np.full(3, 10.0 * distance)]))
 
@@ -216,7 +227,8 @@ class PhysicalModel(Model):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Where the points are, and how fy is tied to fx."""
-        self.centroid, self.free = state["centroid"], state["free"]
+        self.centroid = state["centroid"]
+        self._take(state["free"])
 
 
 def _check_spread(xyz: Array) -> None:
@@ -236,3 +248,14 @@ def _exp(v: Array) -> Array:
     b = 2 * (math.sin(t / 2) / t) ** 2 if t2 > 1e-8 else 0.5 - t2 / 24
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + a * k + b * (k @ k)
+
+
+def _log(turn: Array) -> Array:
+    """The rotation vector of a single rotation, as `_exp`; `rotations.log` where the angle is not small."""
+    (_, a, b), (c, _, d), (e, f, _) = turn.tolist()
+    x, y, z = 0.5 * (f - d), 0.5 * (b - e), 0.5 * (c - a)
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine > 0.5 or float(turn.trace()) < 1.0:
+        return rotations.log(turn)
+    factor = math.asin(sine) / sine if sine > 1e-5 else 1 + sine * sine / 6
+    return factor * np.array([x, y, z])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from camcal.errors import CamcalError, EstimationError, UsageError
 from camcal.registry import look_up
@@ -25,8 +25,11 @@ Array = np.ndarray
 PATIENCE = 10
 #: with a smaller part of the points near their prediction it is the camera that is off, not the points
 MAJORITY = 0.6
-#: frames after which the process noise is worked out anew from the current camera
-REFRESH = 32
+#: a frame whose points disagree with each other, whatever the camera, more than one frame in so many does: it
+#: may hold an outlier that the gate let through because the prediction is uncertain
+SUSPECT = 1e-3
+#: points that scatter about a camera by more than so many times the noise show no camera
+SCATTER = 3.0
 #: an iteration that moves the estimate by less than this part of a frame's standard deviation is the last
 SETTLED = 1e-3
 
@@ -92,7 +95,7 @@ class Recursive(Estimator):
         self.waiting: list[Frame] = []
         self._process = np.zeros((0, 0))
         self._pushed = np.zeros((0, 0))  # the noise of the last prediction
-        self._age = 0
+        self._origin: Any = None  # the estimate when `_process` was worked out
 
     def _update(self, frame: Frame, step: float) -> State:
         return self._wait(frame) if self.x is None else self._advance(frame, step)
@@ -126,6 +129,12 @@ class Recursive(Estimator):
         self.model.settle(frame)
         x = self.model.start(frame)
         found = robust.fit(self.model, x, frame, self.noise.known, self.gate, self.model.prior(x))
+        if self.noise.known is not None and found.sigma > SCATTER * self.noise.known:
+            raise EstimationError(
+                f"the points of the first frames lie {found.sigma / self.noise.known:.2g} times as far from "
+                f"any camera as their sigma ({self.noise.known:.3g}) says.",
+                "Correct or leave out --sigma, or learn a factor of it: --learn-noise",
+            )
         if found.keep.sum() < needed:
             raise EstimationError(
                 f"{int(found.keep.sum())} of {len(frame)} points fit one camera; {needed} are needed.",
@@ -138,7 +147,7 @@ class Recursive(Estimator):
         p = self.model.size
         self.x, self.factor = found.estimate, linear.triangle(found.factor.copy())
         self.gain.begin(self.factor)
-        self._age = 0
+        self._origin = None
         self.test.reset()
         if self.options.velocity:
             self._refresh()
@@ -168,9 +177,13 @@ class Recursive(Estimator):
         return self._report(frame, "updated", reading.keep, reading, verdict, granted, equations.a)
 
     def _refresh(self) -> None:
-        if self._age % REFRESH == 0:
-            self._process = self.model.motion(self.x, self.figures)
-        self._age += 1
+        """Let the process noise, and what the covariance refers to, follow the camera."""
+        if self._origin is not None:
+            if not self.model.moved(self._origin, self.x):
+                return
+            self.factor = self.model.carry(self._origin, self.x, self.factor)
+        self._process = self.model.motion(self.x, self.figures)
+        self._origin = self.x
 
     def _predict(self, step: float) -> None:
         """Let `step` frames pass: random walk, or constant velocity with white acceleration."""
@@ -203,10 +216,15 @@ class Recursive(Estimator):
             keep = alone.keep & valid
             if np.count_nonzero(keep) < self.min_points:  # the prediction sees them behind the camera
                 keep = valid
-        rows = whitened_rows(design, keep, whitening)
+        equations = linear.compress(whitened_rows(design, keep, whitening))
+        if alone is None and chdtrc(equations.dof, equations.rest) < SUSPECT:
+            alone = self._alone(frame)
+            if alone is not None and np.count_nonzero(keep & alone.keep) >= self.min_points:
+                keep = keep & alone.keep
+                equations = linear.compress(whitened_rows(design, keep, whitening))
         residual = design[-1][:, keep]
         innovation = float(np.sqrt((residual * residual).sum() / max(residual.shape[1], 1)))
-        return Reading(linear.compress(rows), keep, whitening, innovation, alone)
+        return Reading(equations, keep, whitening, innovation, alone)
 
     def _near(self, design: Array, valid: Array, whitening: Any) -> Array:
         """Which points lie within the gate of their prediction, the prediction's own uncertainty included."""
@@ -270,7 +288,7 @@ class Recursive(Estimator):
                 found = robust.fit(self.model, x, frame, self.noise.sigma, self.gate, around)
             except CamcalError:  # no camera from here; the caller reports a frame that fits none
                 continue
-            if found.keep.sum() >= needed:
+            if found.keep.sum() >= needed and found.sigma <= SCATTER * self.noise.sigma:
                 return found
         return None
 
@@ -324,7 +342,7 @@ class Recursive(Estimator):
             "factor": self.factor,
             "velocity": self.velocity,
             "process": self._process,
-            "age": self._age,
+            "origin": None if self._origin is None else self.model.pack(self._origin),
             "waiting": pack_frames(self.waiting),
             "parts": {name: getattr(self, name).state() for name in ("model", "gain", "noise", "test")},
         }
@@ -336,7 +354,8 @@ class Recursive(Estimator):
             getattr(self, name).restore(part)
         self.x = None if state["x"] is None else self.model.unpack(state["x"])
         self.factor, self.velocity = state["factor"], state["velocity"]
-        self._process, self._age = state["process"], state["age"]
+        self._process = state["process"]
+        self._origin = None if state["origin"] is None else self.model.unpack(state["origin"])
         self.waiting = unpack_frames(state["waiting"])
 
 

@@ -44,6 +44,7 @@ def _camera(summary: Summary, estimator: Estimator) -> dict[str, Any]:
     model = estimator.model
     table = Table(model)
     values = dict(zip(_names(table), table.values([summary.last])[0].tolist(), strict=True))
+    assert summary.last.factor is not None
     cameras = model.describe([summary.last.estimate], [summary.last.factor])
     lens_names = ("fx", "fy", "cx", "cy", *["skew"] * model.has_skew, *model.extra_names)
     camera = {
