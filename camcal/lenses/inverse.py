@@ -21,7 +21,7 @@ from camcal.lenses.mapped import MappedLens
 Array = np.ndarray
 
 #: directions about the axis in which the extent of the domain is looked for, and radii along each
-SPOKES, STEPS = 48, 200
+SPOKES, STEPS = 24, 100
 #: Newton stops after a step this small in units of the focal length (the next would be its square), or after
 #: so many; a handful suffices unless a point has left the domain
 LAST_STEP, ITERATIONS = 1e-9, 20
@@ -32,9 +32,6 @@ FOUND = 1e-11
 class InverseLens(MappedLens):
     """A lens of equation (1); (p, q) are pixels with the camera matrix taken off."""
 
-    #: how far out in units of the focal length the domain is followed
-    farthest = 20.0
-
     # ------------------------------------------------------------------ what a model has to say
     @abstractmethod
     def ray(self, k: Array, p: Array, q: Array) -> Array:
@@ -44,6 +41,10 @@ class InverseLens(MappedLens):
     def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
         """Write normal · dX/dk into rows (V, Q, N), for normal (3, V, N)."""
 
+    def farthest(self, k: Array) -> float:
+        """How far out, in units of the focal length, the domain is followed."""
+        return 20.0
+
     # ------------------------------------------------------------------ projection
     def _extent(self, k: Array) -> tuple[Array, Array]:
         """The radius up to which D > 0 on each spoke, (SPOKES,), and radii with their mean angles, (2, T)."""
@@ -51,7 +52,7 @@ class InverseLens(MappedLens):
 
     def _find_extent(self, k: Array) -> tuple[Array, Array]:
         turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
-        radius = np.tan(np.linspace(0, np.arctan(self.farthest), STEPS))
+        radius = np.tan(np.linspace(0, np.arctan(self.farthest(k)), STEPS))
         p, q = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
         x, a, b = self.ray(k, p, q)
         known = self.pixel_inside(p, q, k)

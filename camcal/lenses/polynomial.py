@@ -27,7 +27,6 @@ class Polynomial(InverseLens):
     """`bicubic` = `polynomial:3`, `polynomial:n`."""
 
     default_fixed = ("b10",)
-    farthest = 5.0
 
     def __init__(self, name: str, order: int, skew: bool = False):
         self.order = order
@@ -82,6 +81,10 @@ class Polynomial(InverseLens):
         )
 
     # ------------------------------------------------------------------ InverseLens
+    def farthest(self, k: Array) -> float:
+        """79 degrees: a polynomial over the plane z = 1 is not for more."""
+        return 5.0
+
     def _tables(self, p: Array, q: Array) -> tuple[list[Array], list[Array]]:
         ps, qs = [np.ones_like(p)], [np.ones_like(q)]
         for _ in range(self.order):
