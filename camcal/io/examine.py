@@ -14,6 +14,7 @@ from camcal.io import cache
 from camcal.io.decode import UnreadableError, decode_gray
 from camcal.targets.base import Detection, Miss, Target
 from camcal.targets.checkerboard import find_any
+from camcal.targets.quality import measure
 from camcal.version import __version__
 
 DETECTOR = 1  #: raise it when a detector comes to find something else in the same picture
@@ -98,7 +99,8 @@ def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
     if isinstance(result, Miss):
         seen = result.info.get("size")
         return Outcome(task.path, "not_found", result.message, sha256, size, board=seen, code=result.reason)
-    return Outcome(task.path, "found", "", sha256, size, result, board, whole)
+    quality = measure(gray, result)
+    return Outcome(task.path, "found", "", sha256, size, result, board, whole, quality=quality)
 
 
 def _into_cache(place: Path, outcome: Outcome) -> Outcome:

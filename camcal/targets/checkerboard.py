@@ -10,6 +10,7 @@ from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Targe
 from camcal.targets.lattice import Lattice, oriented
 from camcal.targets.local_map import board_from_corners
 from camcal.targets.search import Found, reduce, search
+from camcal.targets.smear import edge_blurs, smear
 
 Array = np.ndarray
 
@@ -102,6 +103,9 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
         "noise": float(np.median(corners.noise) * scale),
         "covariance": corners.covariance,
     }
+    smeared = smear(*edge_blurs(gray, corners, steps))
+    if smeared is not None:
+        info["smear"] = smeared
     return Detection(ids, corners.uv, corners.sigma, info)
 
 
