@@ -10,7 +10,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
+    "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "track": ("camcal.cli.track:command", "Follow a camera that changes with time."),
+    "board": ("camcal.cli.board:command", "Write a target to print, at true scale."),
     "simulate": ("camcal.cli.simulate:command", "Make points, rigs or pictures whose truth is known."),
     "list": (
         "camcal.cli.list_:command",

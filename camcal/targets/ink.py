@@ -101,6 +101,13 @@ class RectangleIntegral:
         total = self._at(right, bottom) - self._at(left, bottom) - self._at(right, top) + self._at(left, top)
         return np.clip(total / (width[..., 0] * width[..., 1]), 0.0, 1.0)
 
+    def on_grid(self, x: Array, y: Array) -> Array:
+        """Mean blackness (J, I) of the cells between the edges x (I + 1,) and y (J + 1,), both ascending."""
+        along = np.stack([np.interp(x, self.x, row) for row in self.table])
+        (j, t), rows = _position(self.y, y), along
+        both = rows[j] + t[:, None] * (rows[j + 1] - rows[j])
+        return np.diff(np.diff(both, axis=0), axis=1) / (np.diff(y)[:, None] * np.diff(x))
+
     def _at(self, x: tuple[Array, Array], y: tuple[Array, Array]) -> Array:
         (i, s), (j, t) = x, y
         flat, columns = self.table.ravel(), self.table.shape[1]

@@ -1,0 +1,67 @@
+"""`camcal board`: a target to print, and the configuration that goes with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from camcal.cli.options import config_option, force_option, option
+from camcal.cli.verbosity import note, verbosity_options
+
+
+@click.command("board")
+@click.argument("spec", metavar="SPEC")
+@option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE",
+    help="Where to write; .svg, .pdf or .png.",
+)
+@option(
+    "--page",
+    metavar="NAME",
+    help="A4, A3, letter, ... or WIDTHxHEIGHT in mm; the target's own size by default.",
+)
+@option(
+    "--dpi",
+    type=click.FloatRange(min=10, max=2400),
+    default=300,
+    show_default=True,
+    help="Pixels per inch of a PNG.",
+)
+@force_option
+@config_option
+@verbosity_options
+def command(spec: str, output: Path, page: str | None, dpi: float, force: bool) -> None:
+    """Write a target at true scale, with a ruler mark to check the print.
+
+    SPEC is a target with its sizes, such as checkerboard:9x6:25mm; `camcal list targets` names them. A
+    configuration file of the same name (.yaml) is written beside it: calibrate with --config and that file.
+    """
+    from camcal import registry, targets
+    from camcal.errors import UsageError
+    from camcal.io.writing import atomic_write, check_writable
+    from camcal.targets.printing import WRITERS
+    from camcal.targets.printing.sheet import lay_out
+
+    suffix = output.suffix.lower()
+    if suffix not in WRITERS:
+        found = f"ends in '{suffix}'" if suffix else "has no ending"
+        raise UsageError(
+            f"the name {output} {found}; {', '.join(WRITERS)} can be written.", "Try: -o board.pdf"
+        )
+    beside = output.with_suffix(".yaml")
+    for path in (output, beside):
+        check_writable(path, force)
+    target = targets.make(spec)
+    sheet = lay_out(target, spec, page)
+    atomic_write(output, registry.load(WRITERS[suffix])(sheet, dpi), force)
+    atomic_write(
+        beside,
+        f"# {output.name}; use: camcal checkerboard IMAGES --config {beside.name}\ntarget: {spec}\n",
+        force,
+    )
+    note(f"{output}: {sheet.width:.0f} x {sheet.height:.0f} mm; configuration: {beside}")
