@@ -129,16 +129,22 @@ class MatrixModel(Model):
         return found
 
     def moved(self, origin: Array, x: Array) -> bool:
-        """By a thousandth of the entries' size, which is 1: a turn of 0.05 degrees or so."""
-        return bool(np.abs(x - origin).max() > 1e-3)
+        """By a hundredth of the entries' size, which is 1."""
+        return bool(np.abs(x - origin).max() > 0.01)
 
-    def carry(self, origin: Array, x: Array, factor: Array) -> Array:
-        """See `Model.carry`: an error of the principal point is another error of M once the camera turned."""
-        old, new = self._tangent_at(origin)[0], self._tangent_at(x)[0]
+    def carry(self, x: Array, walked: Array, factor: Array) -> tuple[Array, Array]:
+        """See `Model.carry`: an error of the principal point is another error of M once the camera turned.
+
+        What the frames have said is linear in M itself, so that the covariance follows the motion of the
+        camera only, not the corrections of its estimate.
+        """
+        if np.abs(walked).max() < 1e-3:  # a turn of 0.05 degrees or so
+            return factor, walked
+        old, new = self._tangent_at(x - walked)[0], self._tangent_at(x)[0]
         carried = np.array(factor)
         for rows in range(0, len(factor), self.size):  # the velocity too, where there is one
             carried[rows : rows + self.size] = new @ np.linalg.solve(old, factor[rows : rows + self.size])
-        return linear.triangle(carried)
+        return linear.triangle(carried), np.zeros(self.size)
 
     def settle(self, frame: Frame) -> None:
         """Hartley's normalisation."""

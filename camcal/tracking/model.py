@@ -67,13 +67,25 @@ class Model(ABC):
     def moved(self, origin: Any, x: Any) -> bool:
         """Whether x is so far from the origin that its derivatives are others."""
 
-    def carry(self, origin: Any, x: Any, factor: Array) -> Array:
-        """The factor (n, n) at `x` of an uncertainty whose physical meaning was that at `origin`.
+    def carry(self, x: Any, walked: Array, factor: Array) -> tuple[Array, Array]:
+        """Let a covariance keep its physical meaning when the camera has moved.
 
         Nothing to do where the local coordinates are physical already.
+
+        Parameters
+        ----------
+        walked : (p,) array
+            How far the camera has moved, to x, since the covariance last followed.
+        factor : (n, n) array
+
+        Returns
+        -------
+        factor : (n, n) array
+        walked : (p,) array
+            What is left to follow.
         """
-        del origin, x
-        return factor
+        del x
+        return factor, walked
 
     @abstractmethod
     def settle(self, frame: Frame) -> None:

@@ -96,6 +96,7 @@ class Recursive(Estimator):
         self._process = np.zeros((0, 0))
         self._pushed = np.zeros((0, 0))  # the noise of the last prediction
         self._origin: Any = None  # the estimate when `_process` was worked out
+        self._walked = np.zeros(model.size)  # motion since the covariance last followed
 
     def _update(self, frame: Frame, step: float) -> State:
         return self._wait(frame) if self.x is None else self._advance(frame, step)
@@ -147,7 +148,7 @@ class Recursive(Estimator):
         p = self.model.size
         self.x, self.factor = found.estimate, linear.triangle(found.factor.copy())
         self.gain.begin(self.factor)
-        self._origin = None
+        self._origin, self._walked = None, np.zeros(p)
         self.test.reset()
         if self.options.velocity:
             self._refresh()
@@ -178,12 +179,10 @@ class Recursive(Estimator):
 
     def _refresh(self) -> None:
         """Let the process noise, and what the covariance refers to, follow the camera."""
-        if self._origin is not None:
-            if not self.model.moved(self._origin, self.x):
-                return
-            self.factor = self.model.carry(self._origin, self.x, self.factor)
-        self._process = self.model.motion(self.x, self.figures)
-        self._origin = self.x
+        self.factor, self._walked = self.model.carry(self.x, self._walked, self.factor)
+        if self._origin is None or self.model.moved(self._origin, self.x):
+            self._process = self.model.motion(self.x, self.figures)
+            self._origin = self.x
 
     def _predict(self, step: float) -> None:
         """Let `step` frames pass: random walk, or constant velocity with white acceleration."""
@@ -195,6 +194,7 @@ class Recursive(Estimator):
                 self.factor = linear.triangle(np.hstack([self.factor, self._pushed]))
             return
         self.x = self.model.retract(self.x, step * self.velocity)
+        self._walked = self._walked + step * self.velocity
         # the Cholesky factor of [[s³/3, s²/2], [s²/2, s]] (Bar-Shalom, Li & Kirubarajan 2001, eq. 6.2.2-12)
         place, both = np.sqrt(step**3 / 3), np.sqrt(3 * step) / 2
         moved = self.factor.copy()
@@ -269,6 +269,10 @@ class Recursive(Estimator):
             moved, delta = better - delta, better
             if np.abs(a @ moved[:p]).max() < SETTLED:
                 break
+        if self._pushed.shape[1]:
+            # the part of the correction that is the camera's own motion, not an error of the estimate before
+            moved = self._pushed[:p] @ (self._pushed.T @ linear.solve_factored(self.factor, delta))
+            self._walked = self._walked + moved
         self.factor = linear.joseph(gain, a, self.factor)
         self.x = self.model.retract(self.x, delta[:p])
         if self.velocity is not None:
@@ -342,6 +346,7 @@ class Recursive(Estimator):
             "factor": self.factor,
             "velocity": self.velocity,
             "process": self._process,
+            "walked": self._walked,
             "origin": None if self._origin is None else self.model.pack(self._origin),
             "waiting": pack_frames(self.waiting),
             "parts": {name: getattr(self, name).state() for name in ("model", "gain", "noise", "test")},
@@ -354,7 +359,7 @@ class Recursive(Estimator):
             getattr(self, name).restore(part)
         self.x = None if state["x"] is None else self.model.unpack(state["x"])
         self.factor, self.velocity = state["factor"], state["velocity"]
-        self._process = state["process"]
+        self._process, self._walked = state["process"], state["walked"]
         self._origin = None if state["origin"] is None else self.model.unpack(state["origin"])
         self.waiting = unpack_frames(state["waiting"])
 

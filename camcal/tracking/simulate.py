@@ -21,12 +21,14 @@ SEQUENCES = {"static": "fixed", "thermal": "thermal", "knock": "fixed", "pan": "
 
 @dataclass(frozen=True)
 class Scene:
-    """What is simulated.
+    """What is simulated, besides the motion.
 
     Attributes
     ----------
     points : int
-        Points in a cube of side 2 at a distance of 5.
+        Points in a cube of side 2.
+    distance : float
+        From the camera to the middle of the cube.
     noise : float, px
     outliers : float
         Part of the points that lie anywhere in the picture.
@@ -34,19 +36,22 @@ class Scene:
         The frame in which the camera of `knock` is turned.
     angle : float
         By how much, degrees about y, about the camera's centre.
-    image_size : (width, height)
-        Points outside are missing.
-    flat : bool
-        Whether the points lie on a plane.
+    image_size : (width, height) or None
+        Points outside are missing; None: all are seen.
+    thickness : float
+        Extent of the points in z against that of the cube; 0 is a plane.
+    drift : mapping of group -> float
+        Figures that replace those of the sequence's motion.
     """
 
     points: int = 50
+    distance: float = 5.0
     noise: float = 0.3
     outliers: float = 0.0
     knock: int = 100
     angle: float = 0.3
-    image_size: tuple[int, int] = (640, 480)
-    flat: bool = False
+    image_size: tuple[int, int] | None = (640, 480)
+    thickness: float = 1.0
     drift: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -82,10 +87,10 @@ def simulate(
         raise UsageError(f"unknown sequence '{kind}'.", "Known: " + ", ".join(SEQUENCES) + ".")
     scene = scene or Scene()
     rng = np.random.default_rng(seed)
-    xyz = rng.uniform(-1, 1, (scene.points, 3)) * [1, 1, 0 if scene.flat else 1]
+    xyz = rng.uniform(-1, 1, (scene.points, 3)) * [1, 1, scene.thickness]
     k = np.array([[900.0, 0, 320], [0, 900, 240], [0, 0, 1]])
     rotation = rotations.exp(rng.normal(0, 0.1, 3))
-    translation = np.array([0.0, 0.0, 5.0])
+    translation = np.array([0.0, 0.0, scene.distance])
     noise = {**figures(SEQUENCES[kind], {}), **scene.drift}
     for number in range(count):
         if number:
@@ -110,8 +115,11 @@ def _moved(k: Array, rotation: Array, translation: Array, step: Array) -> tuple[
 def _seen(number: int, xyz: Array, truth: Truth, scene: Scene, rng: np.random.Generator) -> Frame:
     uv = projective.project(truth.matrix, xyz) + rng.normal(0, scene.noise, (len(xyz), 2))
     wild = rng.random(len(xyz)) < scene.outliers
-    uv[wild] = rng.uniform(0, scene.image_size, (int(wild.sum()), 2))
-    inside = ((uv >= -0.5) & (uv <= np.array(scene.image_size) - 0.5)).all(1)
+    size = np.array(scene.image_size or (640, 480))
+    uv[wild] = rng.uniform(0, size, (int(wild.sum()), 2))
+    inside = np.ones(len(uv), bool)
+    if scene.image_size is not None:
+        inside = ((uv >= -0.5) & (uv <= size - 0.5)).all(1)
     truth.good = ~wild[inside]
     return Frame(number, xyz[inside], uv[inside])
 

@@ -145,7 +145,7 @@ def test_waits_for_enough_points(method):
 
 
 def test_a_plane_in_one_view_is_refused(method):
-    frames, _ = sequence("static", 20, flat=True)
+    frames, _ = sequence("static", 20, thickness=0)
     estimator = make(method)
     with pytest.raises(EstimationError, match="plane") as caught:
         for frame in frames:
