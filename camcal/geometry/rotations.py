@@ -43,6 +43,23 @@ def exp(vector: Array) -> Array:
     return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
 
 
+def left_jacobian(vector: Array) -> Array:
+    """Matrices (..., 3, 3) with exp(v + dv) = exp(J(v) dv) exp(v) to first order, for vectors (..., 3).
+
+    J = I + (1 - cos t)/t² [v] + (t - sin t)/t³ [v]² with t = |v| (T. Barfoot, State Estimation for Robotics,
+    eq. 7.77b).
+    """
+    vector = np.asarray(vector, float)
+    t2 = np.einsum("...i,...i->...", vector, vector)
+    t = np.sqrt(t2)
+    small = t2 < 1e-4  # the series' next term is t⁴ / 40320, below rounding of the sum
+    safe = np.where(small, 1.0, t)
+    a = np.where(small, 0.5 - t2 / 24 + t2**2 / 720, 2 * (np.sin(safe / 2) / safe) ** 2)
+    b = np.where(small, 1 / 6 - t2 / 120 + t2**2 / 5040, (safe - np.sin(safe)) / safe**3)
+    k = skew(vector)
+    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+
+
 def log(rotation: Array) -> Array:
     """Rotation vectors (..., 3) of rotation matrices (..., 3, 3), of length 0 to π.
 

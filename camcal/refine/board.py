@@ -166,14 +166,20 @@ class BoardProblem(Problem):
         free: Array,
         board: Board,
         weights: Sequence[Array] | None = None,
+        normalise: bool = True,
     ):
-        super().__init__(lens, views, free, weights)
+        super().__init__(lens, views, free, weights, normalise)
         self.board = board
         self._ids = [self._padded_ids(g) for g in self.groups]
 
     def reweighted(self, weights: Sequence[Array]) -> BoardProblem:
         """The same problem with other weights."""
-        return BoardProblem(self.lens, self.views, self.free, self.board, weights)
+        return BoardProblem(self.lens, self.views, self.free, self.board, weights, self.normalise)
+
+    @property
+    def variables(self) -> int:
+        """Number of free parameters of the camera and of the shape."""
+        return self.free.shape[1] + self.board.size
 
     def _padded_ids(self, group: Group) -> Array:
         """(G, N) ids; points that only fill a view up go to a slot of their own, M."""
@@ -206,6 +212,21 @@ class BoardProblem(Problem):
                 sums.add(group, ids, block, state.rotations[group.members])
         blocks = self.blocks(normal, state)
         return None if blocks is None else sums.extend(blocks)
+
+    def free_rows(self, group: Group, state: State) -> Array | None:
+        """Rows of camera, shape, pose and residual; see `Problem.free_rows`."""
+        block = super().free_rows(group, state)
+        if block is None:
+            return None
+        f, m = self.free.shape[1], len(self.board.points)
+        ids = self._ids[next(i for i, g in enumerate(self.groups) if g is group)]
+        shape = np.empty((len(block), self.board.size, block.shape[2]))
+        for g, (view, at) in enumerate(zip(group.members, ids, strict=True)):
+            d = state.rotations[view].T @ block[g, f + 3 : f + 6]  # d X = Rᵀ d x_cam, (3, 2 N)
+            columns = np.zeros((block.shape[2], m + 1, 3))
+            columns[np.arange(block.shape[2]), np.tile(at, 2)] = d.T
+            shape[g] = self.board.fold(columns[:, :m].reshape(-1, 3 * m)).T
+        return np.concatenate([block[:, :f], shape, block[:, f:]], 1)
 
 
 class _PointSums:

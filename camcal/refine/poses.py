@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from camcal.geometry import rotations
@@ -37,13 +39,29 @@ def refine_poses(
         ½ Σ w |r|² of each view; inf where a start leaves the lens's domain and no step mends it.
     converged : (V,) bool array
     """
-    size = camera.lens.size
-    problem = Problem(camera.lens, views, np.zeros((size, 0)), weights)
-    state = problem.state(camera.params, poses)
+    problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)), weights)
+    found = solve_poses(problem, problem.state(camera.params, poses), max_iterations)
+    return problem.poses(found.state), found.costs, found.converged
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Poses at their minima, the rest of the state as it was; `passes` counts evaluations of all views."""
+
+    state: State
+    costs: Array
+    converged: Array
+    passes: int
+
+
+def solve_poses(problem: Problem, state: State, max_iterations: int = 100) -> Solved:
+    """Minimise over the poses of a state alone; costs are inf where a view leaves the lens's domain."""
+    size = problem.lens.size
     normal = problem.view_normals(state, partly=True)
     assert normal is not None
-    costs, damping = _costs(normal), np.full(len(views), 1e-4)
-    converged = np.zeros(len(views), bool)
+    costs, damping = _costs(normal), np.full(len(problem.views), 1e-4)
+    converged = np.zeros(len(problem.views), bool)
+    passes = 1
     for _ in range(max_iterations):
         step, predicted = _steps(normal[:, size:, size:], damping)
         converged |= np.isfinite(costs) & (predicted <= _TOLERANCE * costs + problem.rounding)
@@ -51,23 +69,28 @@ def refine_poses(
         if not active.any():
             break
         step[~active] = 0.0
-        trial = State(state.params, rotations.exp(step[:, :3]) @ state.rotations, state.centres + step[:, 3:])
+        trial = replace(
+            state,
+            rotations=rotations.exp(step[:, :3]) @ state.rotations,
+            centres=state.centres + step[:, 3:],
+        )
         trial_normal = problem.view_normals(trial, partly=True)
         assert trial_normal is not None
+        passes += 1
         trial_costs = _costs(trial_normal)
         better = active & (trial_costs < costs)
         # a full step that gains nothing although little is predicted: rounding
         converged |= active & ~better & (predicted <= 1e-9 * costs) & (damping <= 1e-3)
         damping = np.where(better, np.maximum(damping * 0.03, 1e-12), damping * np.where(active, 20.0, 1.0))
         pick = better[:, None]
-        state = State(
-            state.params,
-            np.where(pick[..., None], trial.rotations, state.rotations),
-            np.where(pick, trial.centres, state.centres),
+        state = replace(
+            state,
+            rotations=np.where(pick[..., None], trial.rotations, state.rotations),
+            centres=np.where(pick, trial.centres, state.centres),
         )
         normal = np.where(pick[..., None], trial_normal, normal)
         costs = np.where(better, trial_costs, costs)
-    return problem.poses(state), costs, converged
+    return Solved(state, costs, converged, passes)
 
 
 def _costs(normal: Array) -> Array:

@@ -104,16 +104,27 @@ class Problem:
         d params / d free parameters. A row of zeros fixes a parameter, several entries in a column tie them.
     weights : sequence of (N,) arrays, optional
         Weight of each point's squared residual; default 1 / sigma² where a view has sigmas, else 1.
+    normalise : bool
+        False to leave each view's points where they are, so that a rotation turns about the data's origin in
+        place of the view's centroid, and to damp and solve without scaling the columns: for comparison.
     """
 
     def __init__(
-        self, lens: Lens, views: Sequence[View], free: Array, weights: Sequence[Array] | None = None
+        self,
+        lens: Lens,
+        views: Sequence[View],
+        free: Array,
+        weights: Sequence[Array] | None = None,
+        normalise: bool = True,
     ):
         self.lens = lens
         self.views = tuple(views)
         self.free = np.asarray(free, float)
         self.weights = weights if weights is not None else _default_weights(self.views)
+        self.normalise = normalise
         self.offsets = np.array([v.xyz.sum(0) / len(v) for v in self.views]).reshape(-1, 3)
+        if not normalise:
+            self.offsets[:] = 0.0
         self.rows = lens.size + 7
         self.groups = self._make_groups()
         largest = max((g.uv.shape[0] * g.uv.shape[2] for g in self.groups), default=0)
@@ -124,7 +135,12 @@ class Problem:
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
         """The same problem with other weights."""
-        return Problem(self.lens, self.views, self.free, weights)
+        return Problem(self.lens, self.views, self.free, weights, self.normalise)
+
+    @property
+    def variables(self) -> int:
+        """Number of free parameters F, those of the board's shape included."""
+        return self.free.shape[1]
 
     # ------------------------------------------------------------------ states
     def state(self, params: Array, poses: Poses) -> State:
@@ -195,6 +211,15 @@ class Problem:
         if group.weights is not None:
             block *= group.weights
         return block
+
+    def free_rows(self, group: Group, state: State) -> Array | None:
+        """The rows (G, F + 6 + 1, 2 N) of a group: free parameters, rotation, translation, residual."""
+        block = self.fill(group, state)
+        if block is None:
+            return None
+        p = self.lens.size
+        own = np.einsum("pf,gpdn->gfdn", self.free, block[:, :p])
+        return np.concatenate([own, block[:, p:]], 1).reshape(len(block), own.shape[1] + 7, -1)
 
     def blocks(self, normal: Array, state: State) -> Blocks | None:
         """Add the views up and pass to the free parameters."""

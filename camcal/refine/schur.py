@@ -72,20 +72,31 @@ class Reduced:
     blocks : Blocks
     damping : float
         λ of Marquardt: each diagonal element is multiplied by 1 + λ.
+    scaled : bool
+        False for Levenberg's damping instead, λ times the largest diagonal element on all of them, and for a
+        solution without scaling.
 
     Attributes
     ----------
     matrix : (F, F) array, S of (1)
     solvable : bool, False where a block or S is not positive definite
+    weakest : float
+        The smallest squared pivot against the squared length of its column, after `step`: about the
+        reciprocal of the squared condition number.
     """
 
-    def __init__(self, blocks: Blocks, damping: float = 0.0):
+    def __init__(self, blocks: Blocks, damping: float = 0.0, scaled: bool = True):
         self.blocks, self.damping = blocks, damping
         count = len(blocks.gradient)
         diagonal = np.arange(6)
         poses = np.ascontiguousarray(blocks.poses.transpose(1, 2, 0))
         self.pose_diagonal = poses[diagonal, diagonal].copy()
-        poses[diagonal, diagonal] *= 1.0 + damping
+        self.diagonal = np.diag(blocks.intrinsics).copy()
+        self.scaled, self.weakest = scaled, 0.0
+        if not scaled:
+            largest = max(self.pose_diagonal.max(initial=0.0), self.diagonal.max(initial=0.0))
+            self.pose_diagonal[:], self.diagonal[:] = largest, largest
+        poses[diagonal, diagonal] += damping * self.pose_diagonal
         factor = cholesky(poses)
         self.solvable = factor is not None
         if factor is None:
@@ -97,7 +108,6 @@ class Reduced:
         self.half = forward_substitution(factor, right)
         flat = self.half.transpose(1, 0, 2).reshape(count + 1, -1)
         product = flat @ flat.T
-        self.diagonal = np.diag(blocks.intrinsics).copy()
         self.matrix = blocks.intrinsics - product[:count, :count]
         self.matrix[np.diag_indices(count)] += damping * self.diagonal
         self.gradient = blocks.gradient - product[:count, count]
@@ -109,9 +119,11 @@ class Reduced:
         """
         if not self.solvable:
             return None
-        own = solve_scaled(self.matrix, -self.gradient)
-        if own is None:
+        solved = solve_scaled(self.matrix, -self.gradient, self.scaled)
+        if solved is None:
             return None
+        own, pivot = solved
+        self.weakest = self._weakest(pivot)
         count = len(own)
         right = self.half[:, count] + np.einsum("ikv,k->iv", self.half[:, :count], own)
         poses = -back_substitution(self.factor, right)
@@ -121,19 +133,36 @@ class Reduced:
         damp = (self.diagonal * own**2).sum() + (self.pose_diagonal * poses**2).sum()
         return Step(own, np.ascontiguousarray(poses.T)), float(0.5 * (self.damping * damp - slope))
 
+    def _weakest(self, pivot: float) -> float:
+        """Over poses (their factors hold reciprocal pivots) and camera, where the elimination cancels too."""
+        diagonal = np.arange(6)
+        lengths = self.pose_diagonal * (1.0 + self.damping)
+        weakest = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
+        if len(self.matrix):
+            left = np.diag(self.matrix) / (self.diagonal * (1.0 + self.damping))
+            weakest = min(weakest, pivot * float(left.min()))
+        return weakest
 
-def solve_scaled(matrix: Array, right: Array) -> Array | None:
-    """Solve a symmetric positive definite system after scaling its diagonal to 1; None where it is not."""
+
+def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Array, float] | None:
+    """Solve a symmetric positive definite system after scaling its diagonal to 1; None where it is not one.
+
+    Returns
+    -------
+    solution : (F,) array
+    pivot : float
+        The smallest squared pivot against its diagonal element.
+    """
     if not len(right):
-        return right.copy()
+        return right.copy(), 1.0
     diagonal = np.diag(matrix)
     if not (diagonal > 0).all():
         return None
-    scale = 1.0 / np.sqrt(diagonal)
-    scaled = matrix * scale * scale[:, None]
+    scale = 1.0 / np.sqrt(diagonal) if scaled else np.ones(len(right))
     try:
-        factor = np.linalg.cholesky(scaled)
+        factor = np.linalg.cholesky(matrix * scale * scale[:, None])
     except np.linalg.LinAlgError:
         return None
     half = np.linalg.solve(factor, right * scale)
-    return scale * np.linalg.solve(factor.T, half)
+    pivot = float((np.diag(factor) ** 2 / (diagonal * scale**2)).min())
+    return scale * np.linalg.solve(factor.T, half), pivot

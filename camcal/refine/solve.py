@@ -11,12 +11,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from camcal.errors import DataError, EstimationError
+from camcal.refine import optimizers
 from camcal.refine.board import BoardProblem, make_board, settle
-from camcal.refine.optimizers import OPTIMIZERS
 from camcal.refine.optimizers.base import OnStep, Options, Result
 from camcal.refine.parameters import apply_fixed, free_matrix
 from camcal.refine.problem import Problem
-from camcal.registry import look_up
 from camcal.types import Array, Camera, Correspondences, Fit, Poses, Solution
 
 
@@ -31,6 +30,7 @@ def refine(
     weights: Sequence[Array] | None = None,
     board_shape: str = "flat",
     on_step: OnStep | None = None,
+    normalise: bool = True,
 ) -> Solution:
     """Estimate the camera and all poses by maximum likelihood, from a start.
 
@@ -48,6 +48,8 @@ def refine(
     board_shape : str
         `flat` = as the correspondences say; `bowl`, `print` and `free` are estimated along. The solution's
         correspondences then hold the points found, and `extras["board"]` the ideal ones with their ids.
+    normalise : bool
+        See `Problem`.
 
     Raises
     ------
@@ -66,13 +68,11 @@ def refine(
     kept_weights = None if weights is None else [w[m] for w, m in zip(weights, masks, strict=True)]
     board = None if board_shape == "flat" else make_board(kept, board_shape)
     problem = (
-        Problem(lens, kept, free, kept_weights)
+        Problem(lens, kept, free, kept_weights, normalise)
         if board is None
-        else BoardProblem(lens, kept, free, board, kept_weights)
+        else BoardProblem(lens, kept, free, board, kept_weights, normalise)
     )
-    result: Result = look_up(OPTIMIZERS, optimizer, "optimizer")(
-        problem, problem.state(params, poses), options, on_step
-    )
+    result: Result = optimizers.make(optimizer)(problem, problem.state(params, poses), options, on_step)
     found = replace(start, params=lens.normalise(result.state.params))
     final = problem.poses(result.state)
     extras: dict[str, Any] = {}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from camcal.errors import EstimationError
-from camcal.refine.optimizers.base import OnStep, Options, Result
-from camcal.refine.problem import Blocks, Problem, State
-from camcal.refine.schur import Reduced
+from camcal.refine.linear import FORMS as VARIANTS
+from camcal.refine.linear import Linear
+from camcal.refine.optimizers.base import OnStep, Options, Recorder, Result, begin
+from camcal.refine.problem import Problem, State
+
+__all__ = ["VARIANTS", "minimise"]
 
 #: damping at the start, relative to the diagonal: nearly Gauss-Newton, as the closed forms start close by
 START = 1e-4
@@ -17,6 +19,7 @@ SMALLEST = 1e-14
 LARGEST = 1e12
 #: predicted decreases below this part of the cost are lost in the rounding of its sum
 _NOISE = 1e-12
+_MOST_ITERATIONS = 200
 
 
 @dataclass
@@ -60,21 +63,22 @@ def minimise(
         Where the start itself cannot be projected.
     """
     options = options or Options()
-    first = problem.linearise(state)
-    if first is None:
-        raise EstimationError(
-            "the start of the refinement does not project into the image: points lie behind the camera or "
-            "outside the lens model's domain.",
-            "Try a simpler model, or one for wide lenses: --model kb4.",
-        )
-    blocks: Blocks = first
-    damping, trace, evaluations = _Damping(), [blocks.cost], 1
+    linear = Linear(problem, options.variant)
+    blocks, evaluations = begin(problem, state), 1
+    damping, recorder = _Damping(), Recorder(blocks.cost, evaluations, on_step)
 
     def ended(converged: bool, reason: str, iterations: int) -> Result:
-        return Result(state, blocks, converged, reason, iterations, evaluations, tuple(trace))
+        passes, samples = evaluations + linear.passes, tuple(recorder.samples)
+        return Result(state, blocks, converged, reason, iterations, passes, samples, linear.info())
 
-    for iteration in range(1, options.max_iterations + 1):
-        solved = Reduced(blocks, damping.value).step()
+    def undamped(damped: float) -> float:
+        """The decrease that the model predicts without damping; the damped one where that is unsolvable."""
+        found = linear.step(state, blocks, 0.0)
+        return damped if found is None else found[1]
+
+    limit = options.max_iterations or _MOST_ITERATIONS
+    for iteration in range(1, limit + 1):
+        solved = linear.step(state, blocks, damping.value)
         if solved is None:
             damping.failed()
             if damping.value > LARGEST:
@@ -83,7 +87,7 @@ def minimise(
         step, predicted = solved
         enough = options.tolerance * blocks.cost + problem.rounding
         if predicted <= enough:
-            if _undamped(blocks, predicted) <= 10 * enough:
+            if undamped(predicted) <= 10 * enough:
                 return ended(True, "predicted decrease", iteration)
             if damping.since_failure == 0:
                 return ended(False, "the lens's domain ends here", iteration)
@@ -94,19 +98,11 @@ def minimise(
         if trial_blocks is not None and gain > 1e-4:
             state, blocks = trial, trial_blocks
             damping.succeeded(gain)
-            trace.append(blocks.cost)
-            if on_step:
-                on_step(iteration, blocks.cost)
-        elif predicted <= _NOISE * blocks.cost and _undamped(blocks, predicted) <= 100 * _NOISE * blocks.cost:
+            recorder.add(iteration, blocks.cost, evaluations + linear.passes)
+        elif predicted <= _NOISE * blocks.cost and undamped(predicted) <= 100 * _NOISE * blocks.cost:
             return ended(True, "rounding", iteration)
         else:
             damping.failed()
             if damping.value > LARGEST:
                 return ended(False, "no step decreases the cost", iteration)
-    return ended(False, "iterations", options.max_iterations)
-
-
-def _undamped(blocks: Blocks, damped: float) -> float:
-    """The decrease that the model predicts without damping; the damped one where that cannot be solved."""
-    solved = Reduced(blocks, 0.0).step()
-    return damped if solved is None else solved[1]
+    return ended(False, "iterations", limit)
