@@ -98,6 +98,38 @@ class LengthType(CamcalType):
             return Length(*parse_length(str(value)))
 
 
+class PixelType(CamcalType):
+    """A place in a picture: `100,200`, or `[100, 200]` in YAML."""
+
+    name = "U,V"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Return (u, v)."""
+        parts = value if isinstance(value, (list, tuple)) else str(value).split(",")
+        numbers = [_float(part) for part in parts]
+        if len(numbers) != 2 or any(n is None or not math.isfinite(n) for n in numbers):
+            message = f"{_shown(value)} is not a pixel; its two coordinates are needed."
+            self.refuse(message, "Try: 100,200", param, ctx)
+        u, v = (float(n) for n in numbers if n is not None)
+        return u, v
+
+
+class DistanceType(CamcalType):
+    """A positive distance in the unit of the data, or `inf`."""
+
+    name = "distance"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the distance."""
+        number = _float(value)
+        if number is None or not number > 0:
+            message = f"{_shown(value)} is not a distance; a positive number, or inf, is needed."
+            self.refuse(message, "Try: inf", param, ctx)
+        return number
+
+
 class FixType(CamcalType):
     """Parameters to hold: `p1,p2,k3=0.1`, or a list or mapping in YAML; a dict name -> value or None."""
 

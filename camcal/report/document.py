@@ -16,6 +16,7 @@ from camcal.report.embedded import encode
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
 from camcal.report.schema import SCHEMA
+from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
 from camcal.types import CalibrationWarning, Camera, Correspondences, Pose, Solution, Stage
 from camcal.version import __version__
@@ -70,6 +71,7 @@ def document(
     made |= {
         "views": views,
         "fit": _fit(solution, accuracy),
+        "uncertainty": uncertainty(solution, accuracy),
         "holdout": solution.holdout,
         "crosscheck": list(solution.crosscheck),
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],

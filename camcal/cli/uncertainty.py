@@ -1,0 +1,66 @@
+"""`camcal uncertainty`: how far noise moves what a calibrated camera projects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import config_option, format_option, option
+from camcal.cli.verbosity import verbosity_options
+
+PIXEL = params.PixelType()
+DISTANCE = params.DistanceType()
+
+
+@click.command("uncertainty")
+@click.argument("report", type=click.Path(path_type=Path), metavar="REPORT")
+@option("--at", type=PIXEL, multiple=True, metavar="U,V", help="A pixel; may be given several times.")
+@option(
+    "--distance", type=DISTANCE, multiple=True, metavar="D|inf",
+    help="From the camera, in the unit of the data; by default the boards' and infinity.",
+)  # fmt: skip
+@option(
+    "--max-px", type=click.FloatRange(min=0, min_open=True), metavar="PX",
+    help="A gate: exit code 1 where a sigma is larger.",
+)  # fmt: skip
+@format_option
+@config_option
+@verbosity_options
+def command(
+    report: Path,
+    at: tuple[tuple[float, float], ...],
+    distance: tuple[float, ...],
+    max_px: float | None,
+    format: str,
+) -> int:
+    """Say how far noise in the observations moves projections, in px.
+
+    The standard deviation is that of the worst direction, of a point that is fixed to the boards (mrcal's
+    projection uncertainty). Without --at: the image's centre and its worst place, and the median over it.
+    """
+    from camcal.cli.output import emit
+    from camcal.report.document import load
+    from camcal.report.uncertainty import inquire
+
+    found = inquire(load(report), at, distance)
+    emit(found, format, lambda: _tables(found))
+    worst = max(p["sigma_px"] for p in found["points"])
+    return 1 if max_px is not None and not worst <= max_px else 0
+
+
+def _tables(found: dict[str, Any]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    unit = f", {found['unit']}" if found["unit"] else ""
+    rows = [[p["what"], p["u"], p["v"], p["distance"], number(p["sigma_px"], 4)] for p in found["points"]]
+    parts = [table(["where", "u", "v", f"distance{unit}", "± px"], rows, "projection uncertainty")]
+    if found["maps"]:
+        rows = [[m["distance"], number(m["median"], 4)] for m in found["maps"]]
+        parts += [Text(""), table([f"distance{unit}", "median over the image, ± px"], rows)]
+    return Group(*parts)
