@@ -1,0 +1,207 @@
+"""Fit a lens model to pairs of rays and pixels: the way from a rough camera, or another model, to this one.
+
+BabelCalib's idea (Lochman et al., ICCV 2021): solve for one general model, then regress to each target model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.lenses import make
+from camcal.lenses.base import Lens
+
+Array = np.ndarray
+
+#: where a start does not hold all rays, the fit takes them in from the axis outwards
+CONES = (0.4, 0.7, 0.9, 1.0)
+#: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
+EXACT = 1e-6
+#: pairs that a fit needs at most: a model has few parameters, a spline some hundred
+ENOUGH = 1200
+#: a ray whose pixel is missed by more than this part of the image's extent counts as not covered: a
+#: perspective model throws rays of nearly 90 degrees anywhere, and would give up all others for them
+MISSED = 0.2
+
+
+@dataclass(frozen=True)
+class Regression:
+    """The result of `regress`.
+
+    Attributes
+    ----------
+    params : (P,) array
+    covered : (N,) bool array
+        Rays within the domain of the result that come near to their pixels.
+    errors : (N,) array
+        Distances in px between the pixels and the projected rays; NaN outside the domain.
+    """
+
+    params: Array
+    covered: Array
+    errors: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors of the covered rays, px; inf without any."""
+        e = self.errors[self.covered]
+        return float(np.sqrt(np.mean(e * e))) if len(e) else np.inf
+
+    def better_than(self, other: Regression | None) -> bool:
+        """More rays covered, or as many with a lower error."""
+        if other is None:
+            return True
+        mine, its = int(self.covered.sum()), int(other.covered.sum())
+        return mine > its or (mine == its and self.rms < other.rms)
+
+
+def regress(
+    lens: Lens,
+    rays: Array,
+    uv: Array,
+    image_size: tuple[int, int] | None = None,
+    hold: Sequence[str] | None = None,
+    start: Array | None = None,
+) -> Regression:
+    """Find the parameters with which a lens projects given rays to given pixels.
+
+    Least squares in px by Levenberg-Marquardt. Without a start, from the shapes that the model suggests, each
+    with its camera matrix found linearly, and from the models that it nests.
+
+    Parameters
+    ----------
+    lens : Lens
+    rays : (N, 3) array, of any length
+    uv : (N, 2) array, px
+    image_size : (width, height), for models that have to know how far the image goes
+    hold : sequence of str
+        Parameters to hold where they start; by default the model's own `default_fixed`.
+    start : (P,) array, optional
+    """
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    if len(rays) > ENOUGH:
+        some = regress(lens, *_thinned(rays, uv), image_size, hold, start)
+        return measure(lens, some.params, rays, uv)
+    held = lens.default_fixed if hold is None else hold
+    free = np.array([n not in held for n in lens.names])
+    starts = [start] if start is not None else _starts(lens, rays, uv, image_size, hold)
+    measured = [measure(lens, s, rays, uv) for s in starts]
+    order = sorted(range(len(starts)), key=lambda i: (-int(measured[i].covered.sum()), measured[i].rms))
+    best: Regression | None = None
+    for i in order:
+        found = _grow(lens, starts[i], rays, uv, free)
+        if found.better_than(best):
+            best = found
+        if best is not None and best.covered.all() and best.rms < EXACT:
+            break
+    assert best is not None
+    return best
+
+
+def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
+    """As many pairs as are enough, the outermost always among them."""
+    order = np.argsort(rays[:, 2])  # from the rim inwards
+    step = len(rays) / (ENOUGH - 20)
+    chosen = np.unique(np.r_[order[:20], order[(np.arange(ENOUGH - 20) * step).astype(int)]])
+    return rays[chosen], uv[chosen]
+
+
+def measure(lens: Lens, params: Array, rays: Array, uv: Array) -> Regression:
+    """How well a camera projects rays (N, 3) to pixels (N, 2)."""
+    seen, covered = lens.project(params, rays)
+    errors = np.linalg.norm(seen - uv, axis=1)
+    with np.errstate(invalid="ignore"):
+        covered &= errors <= MISSED * float(np.ptp(uv, axis=0).max(initial=0.0))
+    return Regression(params, covered, errors)
+
+
+def _starts(
+    lens: Lens, rays: Array, uv: Array, image_size: tuple[int, int] | None, hold: Sequence[str] | None
+) -> list[Array]:
+    shapes = lens.shapes(rays, uv, image_size)
+    found = [_with_matrix(lens, shape, rays, uv) for shape in shapes]
+    nested = lens.nests()
+    if shapes == [{}] and nested:  # the model has no idea of its own: climb from the ones that it holds
+        inner = make(nested[0], lens.has_skew)
+        found.append(lens.adopt(inner, regress(inner, rays, uv, image_size, hold).params))
+    return found
+
+
+def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) -> Array:
+    """The parameters of a shape, with the camera matrix by linear least squares unless the shape has one."""
+    params = lens.from_values(shape)
+    if "fx" in shape:
+        return params
+    m, valid = lens.project(params, rays)  # the neutral matrix is the identity
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    valid &= angle <= np.quantile(angle, CONES[0])
+    if valid.sum() < 4:
+        return params
+    m, known = m[valid], uv[valid]
+    one = np.ones(len(m))
+    if lens.has_skew:
+        params[[0, 4, 2]] = np.linalg.lstsq(np.c_[m, one], known[:, 0], rcond=None)[0]
+    else:
+        params[[0, 2]] = np.linalg.lstsq(np.c_[m[:, 0], one], known[:, 0], rcond=None)[0]
+    params[[1, 3]] = np.linalg.lstsq(np.c_[m[:, 1], one], known[:, 1], rcond=None)[0]
+    params[:2] = np.abs(params[:2])
+    return params
+
+
+def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Regression:
+    """Fit to the rays within widening cones, as far as the model holds them."""
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    result = measure(lens, params, rays, uv)
+    for part in CONES[-1:] if result.covered.all() else CONES:
+        chosen = result.covered & (angle <= np.quantile(angle, part))
+        for _ in range(6):  # a fit to what is covered may cover more
+            if 2 * chosen.sum() < free.sum():
+                break
+            params = _fit(lens, params, rays[chosen], uv[chosen], free)
+            result = measure(lens, params, rays, uv)
+            wider = chosen | (result.covered & (angle <= np.quantile(angle, part)))
+            if wider.sum() == chosen.sum():
+                break
+            chosen = wider
+    return result
+
+
+def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int = 50) -> Array:
+    """Levenberg-Marquardt from a start at which all rays are in the domain; they stay there."""
+    lower = np.array([p.lower for p in lens.parameters])
+    upper = np.array([p.upper for p in lens.parameters])
+    cost, normal, gradient = _normal(lens, params, rays, uv, free)
+    damping = 1e-4
+    for _ in range(steps):
+        diagonal = np.diag(normal) + 1e-12 * np.trace(normal) / len(normal) + 1e-300
+        step = -np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
+        trial = params.copy()
+        trial[free] += step
+        trial = np.clip(trial, lower, upper)
+        trial_cost, *rest = _normal(lens, trial, rays, uv, free)
+        if trial_cost < cost:
+            small = cost - trial_cost <= 1e-9 * cost
+            params, cost, (normal, gradient) = trial, trial_cost, rest
+            damping = max(damping * 0.1, 1e-12)
+            if small:
+                break
+        else:
+            damping *= 10
+            if damping > 1e8:
+                break
+    return params
+
+
+def _normal(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> tuple[float, Array, Array]:
+    """Half the sum of squares (inf where a ray leaves the domain), JᵀJ and Jᵀr of the free parameters."""
+    seen, _, j, valid = lens.jacobians(params, rays)
+    count = int(free.sum())
+    if not valid.all() or not np.isfinite(j).all():
+        return np.inf, np.zeros((count, count)), np.zeros(count)
+    r, j = (seen - uv).ravel(), j.reshape(-1, lens.size)[:, free]
+    prior = lens.prior(params)
+    if prior is not None:
+        r, j = np.r_[r, prior[0]], np.concatenate([j, prior[1][:, free]])
+    return 0.5 * float(r @ r), j.T @ j, j.T @ r
