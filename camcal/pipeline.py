@@ -17,6 +17,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.evaluate import board_shape, figures
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
+from camcal.refine import noise
 from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
 from camcal.refine.parameters import apply_fixed
@@ -94,13 +95,12 @@ def calibrate(
 def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
     usable = leave_out_unusable(correspondences)
     run = _Run(told, lenses.make(told.model, told.skew))
-    planar = shape.shapes(usable.views).planar.tolist()
-    solution = robustly.estimate(usable, run.begin, run.fit, planar, told.robust, told.seed)
+    solution = run.solve(noise.unweighted(usable))
+    if all(v.sigma is not None for v in usable.views):
+        solution = run.weighted(usable, solution)
     if not all(m.all() for m in solution.inliers):
         # the stages of the report are those of the points that the solution rests on
         run.begin(solution.correspondences, solution.inliers)
-    if told.board_shape != "flat":
-        solution = run.with_shape(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
     solution = replace(solution, stages=stages, warnings=run.begun.warnings)
     if told.checks:
@@ -134,6 +134,21 @@ class _Run:
         """The refinement with the options of this calibration."""
         more.setdefault("options", self.told.stopping)
         return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
+
+    def solve(self, correspondences: Correspondences) -> Solution:
+        """Camera, poses and, where told, the board's shape, with outliers treated as told."""
+        planar = shape.shapes(correspondences.views).planar.tolist()
+        told = self.told
+        flat = robustly.estimate(correspondences, self.begin, self.fit, planar, told.robust, told.seed)
+        return flat if told.board_shape == "flat" else self.with_shape(flat)
+
+    def weighted(self, usable: Correspondences, first: Solution) -> Solution:
+        """Solve again with the given sigmas as far as the first solution's residuals bear them out."""
+        given = {v.id: v.sigma for v in usable.views if v.sigma is not None}
+        model = noise.noise_model(first, given)
+        again = self.solve(noise.with_model(usable, model))
+        info = {**again.fit.info, "noise_model": {"scale": model.scale, "floor_px": model.floor}}
+        return replace(again, fit=replace(again.fit, info=info))
 
     def with_shape(self, flat: Solution) -> Solution:
         """The solution with the board's shape estimated along, where that is to be believed."""
