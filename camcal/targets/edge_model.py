@@ -70,7 +70,7 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
     edge1, slope1 = step(u1, params[:, BLUR])
     edge2, slope2 = step(u2, params[:, BLUR])
     contrast = p[:, CONTRAST, None]
-    oblique, both = _oblique(u1, u2, slope1, slope2, p)
+    oblique, both, turned = _oblique(u1, u2, slope1, slope2, p)
     slope1 *= edge2
     slope1 -= both * u1
     slope1 *= contrast
@@ -82,6 +82,9 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
     np.add(slope1 * -sin1, slope2 * -sin2, out=jacobian[:, DY])
     np.multiply(slope1, cos1 * y - sin1 * x, out=jacobian[:, ANGLE1])
     np.multiply(slope2, cos2 * y - sin2 * x, out=jacobian[:, ANGLE2])
+    turned *= contrast
+    jacobian[:, ANGLE1] += turned
+    jacobian[:, ANGLE2] -= turned
     jacobian[:, OFFSET] = 1
     np.multiply(edge1, edge2, out=jacobian[:, CONTRAST])
     jacobian[:, CONTRAST] += oblique
@@ -92,17 +95,19 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
     return p[:, OFFSET, None] + contrast * jacobian[:, CONTRAST], jacobian
 
 
-def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tuple[Array, Array]:
-    """The terms k = 1 to 3 of the expansion, and r E'(u1) E'(u2), for the derivative of the first."""
-    r = np.cos(p[:, ANGLE1, None] - p[:, ANGLE2, None])
+def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tuple[Array, Array, Array]:
+    """The terms k = 1 to 3 of the expansion, r E'(u1) E'(u2), and the first term's derivative by the angle."""
+    angle = p[:, ANGLE1, None] - p[:, ANGLE2, None]
+    r = np.cos(angle)
     variance = p[:, BLUR, None] ** 2
     both = bell1 * bell2
+    turned = both * (-np.sin(angle) * variance)
     both *= r
-    product = u1 * u2
-    terms = product * (np.float32(0.5) * r)
+    terms = u1 * u2
+    terms *= np.float32(0.5) * r
     third = (u1 * u1 - variance) * (u2 * u2 - variance)
     third *= r * r / (6 * variance)
     terms += third
     terms += variance
     terms *= both
-    return terms, both
+    return terms, both, turned

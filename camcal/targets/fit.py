@@ -94,7 +94,7 @@ def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
     params[:, model.BLUR] = blur
     params[:, model.CONTRAST] = 1
     shape = model.evaluate(windows.q, params)[1][:, model.CONTRAST] * windows.counts
-    number = windows.counts.sum(1)
+    number = np.maximum(windows.counts.sum(1), 1)
     mean_shape, mean_value = shape.sum(1) / number, windows.value.sum(1) / number
     cross = (shape * windows.value).sum(1) / number - mean_shape * mean_value
     contrast = cross / np.maximum((shape**2).sum(1) / number - mean_shape**2, 1e-6)

@@ -18,6 +18,7 @@ Array = np.ndarray
 LONG_SIDES = (640, 1280, 2560, 320)  #: px; what the picture is reduced to, in the order of trial
 LEAST_FACTOR = 0.5  #: a small picture is enlarged, for squares of a few px
 SLOWER = 2.0  #: how much longer a pixel may take than at the level before
+LEAST_PIXELS = 16  #: to each side; a smaller picture is not looked at
 LEAST_SIDE = 3  #: corners; a smaller grid is no board
 ENOUGH = 0.8  #: share of a board's corners that must be seen
 HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, that are more than chance
@@ -87,7 +88,7 @@ def levels(shape: tuple[int, ...]) -> list[float]:
     """Factors by which the picture is reduced, in the order of trial."""
     longest = max(shape)
     factors = [max(LEAST_FACTOR, longest / side) for side in LONG_SIDES]
-    return list(dict.fromkeys(f for f in factors if min(shape) / f >= 16))
+    return list(dict.fromkeys(f for f in factors if min(shape) / f >= LEAST_PIXELS))
 
 
 def reduce(gray: Array, factor: float) -> Array:
@@ -177,6 +178,10 @@ def _verdict(
 
 def _why_nothing(gray: Array) -> Miss:
     """The plainest reason why a picture shows no board, as far as it can be told."""
+    if min(gray.shape) < LEAST_PIXELS:
+        return Miss(
+            "too-small", f"the picture has {gray.shape[1]}x{gray.shape[0]} pixels: too small for a board"
+        )
     small = reduce(gray, max(1.0, max(gray.shape) / 640))
     low, high = np.percentile(small, (2, 99))
     if high < 30:
