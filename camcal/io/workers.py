@@ -39,9 +39,7 @@ def map_unordered(
     jobs = jobs or usable_processors()
     began, index = time.perf_counter(), 0
     for index, item in enumerate(items):
-        spent = time.perf_counter() - began
-        left = spent / max(index, 1) * (len(items) - index)
-        if jobs > 1 and spent > ALONE and left > WORTH_IT and len(items) - index > 1:
+        if jobs > 1 and _worth_others(time.perf_counter() - began, index, len(items)):
             break
         yield index, function(item)
     else:
@@ -54,6 +52,12 @@ def map_unordered(
         again = yield from _in_pool(function, items, [number], 1)
         if again:
             yield number, crashed(items[number])
+
+
+def _worth_others(spent: float, done: int, count: int) -> bool:
+    """Whether what is left is worth starting other processes, by the time that the first items took."""
+    left = spent / max(done, 1) * (count - done)
+    return count - done > 1 and spent > ALONE and left > WORTH_IT
 
 
 def usable_processors() -> int:

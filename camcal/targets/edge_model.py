@@ -96,7 +96,7 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
 
 
 def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tuple[Array, Array, Array]:
-    """The terms k = 1 to 3 of the expansion, r E'(u1) E'(u2), and the first term's derivative by the angle."""
+    """The terms k = 1 to 3 of the expansion, r E'(u1) E'(u2), and the derivative by the angle."""
     angle = p[:, ANGLE1, None] - p[:, ANGLE2, None]
     r = np.cos(angle)
     variance = p[:, BLUR, None] ** 2

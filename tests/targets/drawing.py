@@ -1,4 +1,4 @@
-"""Small pictures of checkerboards, drawn by supersampling through a homography: independent of camcal's renderer."""
+"""Small pictures of checkerboards, supersampled through a homography: independent of camcal's renderer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def homography(size, centre, square, turn=0.0, tilt=0.0, about=0.0):
-    """px from board (squares): the board's middle at `centre`, `square` px there, turned and tilted (radians)."""
+    """px from board (squares): its middle at `centre`, `square` px there, turned and tilted (radians)."""
     c, s = np.cos(turn), np.sin(turn)
     ca, sa = np.cos(about), np.sin(about)
     spin = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])

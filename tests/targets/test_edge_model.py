@@ -39,7 +39,7 @@ def test_step_is_the_error_function():
 
 @pytest.mark.parametrize("angle", [90, 70, 55, 130])
 def test_oblique_corner_is_the_blurred_product_of_signs(angle):
-    """A numerically blurred corner: the error functions' product alone is off by several per cent at 55 degrees."""
+    """A numerically blurred corner: the product alone is off by several per cent at 55 degrees."""
     blur, fine = 1.5, 20
     axis = (np.arange(-12 * fine, 12 * fine + 1)) / fine
     x, y = np.meshgrid(axis, axis)
