@@ -53,7 +53,7 @@ def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspond
     """Find the board in pictures; `options` holds the values of `board_options`."""
     from camcal.io.images import detect_images
 
-    told = {name: options[name] for name in ("target", "board", "square", "jobs", "cache")}
+    told = {name: options[name] for name in ("target", "board", "square", "jobs", "seconds", "cache")}
     with progress("reading pictures") as show:
 
         def tell(event: str, details: Mapping[str, Any]) -> None:
@@ -67,6 +67,14 @@ def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspond
                 note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
 
         return detect_images(paths, **told, on_event=tell)
+
+
+def save_detections(found: Correspondences, path: Path, force: bool) -> None:
+    """Write what was found in pictures as a table that `camcal estimate` reads."""
+    from camcal.io.writing import write_points
+
+    write_points(path, found, force, view_column="file")
+    note(f"{found.point_count} points of {len(found)} pictures written to {path}.")
 
 
 def calibrate_and_report(

@@ -148,8 +148,15 @@ cache_option = option(
     "--cache/--no-cache", default=True, show_default=True, help="Keep and reuse what was found in a picture."
 )
 
+seconds_option = option(
+    "--seconds", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, metavar="S",
+    help="Time to search one picture; past it, the picture counts as not found.",
+)  # fmt: skip
+
 #: How a board is found in pictures.
-board_options = group_of(target_option, board_option, square_option, jobs_option, cache_option)
+board_options = group_of(
+    target_option, board_option, square_option, jobs_option, seconds_option, cache_option
+)
 #: What a calibration is, whatever its input.
 calibration_options = group_of(
     model_option,

@@ -71,10 +71,13 @@ def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = Fa
         raise UsageError(f"cannot write '{target}': {_reason(error)}.", "Choose another place.") from error
 
 
-def write_points(path: str | os.PathLike, correspondences: Correspondences, force: bool = False) -> None:
+def write_points(
+    path: str | os.PathLike, correspondences: Correspondences, force: bool = False, view_column: str = "view"
+) -> None:
     """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma`; `id` and `sigma` where the views have them.
 
-    `camcal.io.points.read_points` reads back the same numbers to the last bit.
+    `view_column` heads the first column: `file` for what was found in pictures. `camcal.io.points.read_points`
+    reads back the same numbers to the last bit.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def write_points(path: str | os.PathLike, correspondences: Correspondences, forc
     with_id = _all_or_none(views, "point_ids", "ids")
     with_sigma = _all_or_none(views, "sigma", "sigmas")
     out = io.StringIO()
-    columns = ["view", *["id"] * with_id, "X", "Y", "Z", "u", "v", *["sigma"] * with_sigma]
+    columns = [view_column, *["id"] * with_id, "X", "Y", "Z", "u", "v", *["sigma"] * with_sigma]
     out.write(",".join(columns) + "\n")
     for view in views:
         name = _quoted(view.id)

@@ -1,0 +1,40 @@
+"""`camcal detect`: the corners of a target in pictures, as a table that `camcal estimate` reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import board_options, config_option, force_option, option
+from camcal.cli.verbosity import note, verbosity_options
+
+
+@click.command("detect")
+@click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
+@option(
+    "--output", "-o", type=click.Path(path_type=Path), required=True, metavar="FILE",
+    help="The table (CSV): file, id, X, Y, Z, u, v, sigma.",
+)  # fmt: skip
+@board_options
+@force_option
+@config_option
+@verbosity_options
+def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) -> int:
+    """Find a target in pictures and write its corners.
+
+    IMAGES are folders, files or quoted patterns. The table is plain: any other detector could have written
+    it. Give the size of the pictures to `camcal estimate` with --image-size.
+    """
+    from camcal.cli.job import read_pictures, save_detections
+    from camcal.io.writing import check_writable
+
+    check_writable(output, force)
+    found = read_pictures(images, options)
+    save_detections(found, output, force)
+    if found.image_size is not None:
+        note("To calibrate: camcal estimate {} --image-size {}x{}".format(output, *found.image_size))
+    for skipped in found.skipped:
+        note(f"{skipped.id}: {skipped.reason}")
+    return 0
