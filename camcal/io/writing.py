@@ -76,8 +76,8 @@ def write_points(
 ) -> None:
     """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma`; `id` and `sigma` where the views have them.
 
-    `view_column` heads the first column: `file` for what was found in pictures. `camcal.io.points.read_points`
-    reads back the same numbers to the last bit.
+    `view_column` heads the first column: `file` for what was found in pictures.
+    `camcal.io.points.read_points` reads back the same numbers to the last bit.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """How far given sigmas tell of the residuals: their scale, and what they leave out.
 
 The sigma of a corner fit knows the picture's noise, not the board's print nor the lens model's faults.
-Taken as it is, it gives the sharpest pictures nearly all the weight although all are equally far from the model.
-Two variance components mend that:
+Taken as it is, it gives the sharpest pictures nearly all the weight although all are equally far from the
+model. Two variance components mend that:
 
     σ_i² = κ² s_i² + τ²                                                                                (1)
 
