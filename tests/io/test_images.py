@@ -103,7 +103,8 @@ def cmyk_jpeg():
 def test_exif_orientation_is_ignored():
     gray = board_picture(shape=(240, 200))
     data = cv2.imencode(".jpg", gray)[1].tobytes()
-    exif = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"  # orientation 6: a quarter turn
+    # orientation 6: a quarter turn
+    exif = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
     turned = data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
     assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR).shape[:2] == (240, 200)
     assert decode_gray(turned).shape == (200, 240)
@@ -321,7 +322,7 @@ def test_limit_of_pixels_is_above_every_camera():
     assert decode.MOST_PIXELS > 150e6
 
 
-# ------------------------------------------------------------------------------------------------ real pictures
+# ------------------------------------------------------------------------------ real pictures
 @needs_data
 def test_three_real_pictures_of_another_size():
     names = [DATA / "udacity" / f"calibration{i}.jpg" for i in (2, 7, 10)]
