@@ -26,6 +26,9 @@ from scipy.special import chdtrc, fdtrc, ndtr, ndtri
 
 #: the shift of the deviate, in standard deviations, that the sum is quickest for is twice this
 REFERENCE = 0.5
+#: rates below which the threshold grows by 1 for each factor e (Siegmund, Sequential Analysis 1985), and the
+#: equations of the mean time become singular to working precision
+EXPONENTIAL = 1e-10
 #: beyond this the probability underflows; any limit lies far below
 LARGEST = 37.0
 
@@ -71,6 +74,8 @@ def mean_time_to_alarm(threshold: float, shift: float = 0.0, nodes: int = 80) ->
 @lru_cache(maxsize=16)
 def cusum_threshold(false_alarm: float) -> float:
     """The threshold with a false alarm in 1 / false_alarm frames on average."""
+    if false_alarm < EXPONENTIAL:
+        return cusum_threshold(EXPONENTIAL) + float(np.log(EXPONENTIAL / false_alarm))
     wanted = np.log(1 / false_alarm)
 
     def excess(threshold: float) -> float:

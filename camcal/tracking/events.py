@@ -31,6 +31,13 @@ def _basis() -> dict[str, Array]:
 #: explanations of a change, in physical coordinates with focal lengths as fractions
 EXPLANATIONS = _basis()
 
+#: of the criterion per parameter: the logarithm of the number of coordinates, for a frame of 50 points
+PENALTY = float(np.log(100.0))
+
+#: minus twice the logarithm of prior odds: a camera is turned, say, seven times as often as its sensor moves,
+#: and from a single frame the two look nearly alike
+ODDS = {"principal point": 4.0}
+
 
 @dataclass(frozen=True)
 class Alarm:
@@ -99,7 +106,7 @@ def difference(before: Cameras, after: Cameras) -> tuple[Array, Array]:
 
 
 def explain(alarm: Alarm) -> Change:
-    """Choose the explanation of the lowest Bayesian information criterion (Schwarz 1978).
+    """Choose the explanation of the lowest Bayesian information criterion (Schwarz 1978), with odds.
 
     Each is fitted by generalised least squares: the parameters of a single frame are strongly
     correlated (turning a camera and shifting its principal point look nearly alike), so that reading single
@@ -118,7 +125,8 @@ def explain(alarm: Alarm) -> Change:
             continue
         design = np.linalg.solve(half, (used / scale[:, None])[rows])
         amount, _, rank, _ = np.linalg.lstsq(design, target, rcond=None)
-        cost = float(((target - design @ amount) ** 2).sum()) + rank * np.log(len(target) * 10.0)
+        cost = float(((target - design @ amount) ** 2).sum()) + rank * PENALTY
+        cost += ODDS.get(kind, 0.0)
         if best is None or cost < best[0] - 1e-9:
             spread = used @ np.linalg.pinv(design)
             best = cost, kind, used @ amount, np.sqrt((spread**2).sum(1))

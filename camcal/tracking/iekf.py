@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from camcal import lenses
-from camcal.errors import UsageError
-from camcal.tracking import motion
-from camcal.tracking.base import TrackOptions
+from camcal.errors import EstimationError, UsageError
+from camcal.tracking import motion, start
+from camcal.tracking.base import Frame, TrackOptions
 from camcal.tracking.physical_model import PhysicalModel
 from camcal.tracking.recursive import Recursive
+from camcal.tracking.robust import Fit
 
 
 def physical_model(options: TrackOptions) -> PhysicalModel:
@@ -30,6 +31,10 @@ def physical_model(options: TrackOptions) -> PhysicalModel:
     return PhysicalModel(lenses.make(options.model, options.skew), None, options.fixed)
 
 
+#: degrees, and fraction of the distance, per frame: a camera that walks less shows a plane from one side only
+MOVES = {"rotation": 0.02, "translation": 5e-4}
+
+
 class IteratedKalman(Recursive):
     """Gauss-Newton on each frame and its prediction together.
 
@@ -42,8 +47,19 @@ class IteratedKalman(Recursive):
     )
     gains: tuple[str, ...] = ("kalman", "adaptive", "fixed")
 
+    model: PhysicalModel
+
     def __init__(self, options: TrackOptions):
         noise = motion.figures(options.motion, options.drift)
         super().__init__(
             options, physical_model(options), noise, options.gain or self.gains[0], options.iterations
         )
+
+    def _first(self, frame: Frame) -> Fit:
+        """Refuse what would look like a result: intrinsics from one view of a plane."""
+        lens = self.model.lens.parameters[: 5 if self.model.has_skew else 4]
+        held = all(p.name in self.model.fix for p in lens)
+        still = all(self.figures[group] < least for group, least in MOVES.items())
+        if still and not held and len(frame) >= self.model.start_points and start.is_flat(frame.xyz):
+            raise EstimationError(start.PLANE_INTRINSICS, start.PLANE_HINT)
+        return super()._first(frame)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from camcal.geometry import projective
-from camcal.tracking import decompose, linear, start
+from camcal.tracking import decompose, start
 from camcal.tracking.base import Frame
 from camcal.tracking.decompose import Cameras
 from camcal.tracking.model import Model
@@ -132,19 +132,16 @@ class MatrixModel(Model):
         """By a hundredth of the entries' size, which is 1."""
         return bool(np.abs(x - origin).max() > 0.01)
 
-    def carry(self, x: Array, walked: Array, factor: Array) -> tuple[Array, Array]:
+    def carry(self, x: Array, walked: Array) -> Array | None:
         """See `Model.carry`: an error of the principal point is another error of M once the camera turned.
 
         What the frames have said is linear in M itself, so that the covariance follows the motion of the
         camera only, not the corrections of its estimate.
         """
         if np.abs(walked).max() < 1e-3:  # a turn of 0.05 degrees or so
-            return factor, walked
+            return None
         old, new = self._tangent_at(x - walked)[0], self._tangent_at(x)[0]
-        carried = np.array(factor)
-        for rows in range(0, len(factor), self.size):  # the velocity too, where there is one
-            carried[rows : rows + self.size] = new @ np.linalg.solve(old, factor[rows : rows + self.size])
-        return linear.triangle(carried), np.zeros(self.size)
+        return np.linalg.solve(old.T, new.T).T
 
     def settle(self, frame: Frame) -> None:
         """Hartley's normalisation."""

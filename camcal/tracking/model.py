@@ -67,25 +67,19 @@ class Model(ABC):
     def moved(self, origin: Any, x: Any) -> bool:
         """Whether x is so far from the origin that its derivatives are others."""
 
-    def carry(self, x: Any, walked: Array, factor: Array) -> tuple[Array, Array]:
-        """Let a covariance keep its physical meaning when the camera has moved.
+    def carry(self, x: Any, walked: Array) -> Array | None:
+        """The map (p, p) that keeps the physical meaning of uncertainties and velocities as the camera moves.
 
-        Nothing to do where the local coordinates are physical already.
+        None where there is nothing to do: where the local coordinates are physical already, or the camera has
+        hardly moved.
 
         Parameters
         ----------
         walked : (p,) array
-            How far the camera has moved, to x, since the covariance last followed.
-        factor : (n, n) array
-
-        Returns
-        -------
-        factor : (n, n) array
-        walked : (p,) array
-            What is left to follow.
+            How far the camera has moved, to x, since this was last done.
         """
-        del x
-        return factor, walked
+        del x, walked
+        return None
 
     @abstractmethod
     def settle(self, frame: Frame) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from camcal.closed_form.pose import initial_poses
-from camcal.errors import EstimationError
+from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective, rotations
 from camcal.lenses.base import Lens
 from camcal.refine.parameters import apply_fixed, free_matrix
@@ -30,6 +30,10 @@ Array = np.ndarray
 UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
 #: and where one is given and not held
 GIVEN = {"focal": 0.02, "principal": 0.02, "skew": 0.002, "distortion": 0.03}
+
+
+#: samples of six points: 99.9 % of drawing one without an outlier among 20 % of them
+SAMPLES = 25
 
 
 class Physical(NamedTuple):
@@ -162,7 +166,7 @@ class PhysicalModel(Model):
         return Physical(np.array(self.params, float), pose.rotation, pose.translation)
 
     def _pose(self, frame: Frame) -> Pose:
-        """The pose of least median residual over fits to all points and to samples of eight."""
+        """The pose of least median residual over fits to all points and to samples of six."""
         assert self.params is not None
         ray, valid = self.lens.unproject(self.params, frame.uv)
         valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
@@ -173,13 +177,20 @@ class PhysicalModel(Model):
             )
         xyz, ab = frame.xyz[valid], ray[valid, :2] / ray[valid, 2:]
         rows = [np.arange(len(xyz))]
-        if len(xyz) > 8:
+        if len(xyz) > 6:
             rng = np.random.default_rng(0)
-            rows += list(rng.random((40, len(xyz))).argpartition(8, axis=1)[:, :8])
+            rows += list(rng.random((SAMPLES, len(xyz))).argpartition(6, axis=1)[:, :6])
         _check_spread(xyz)
-        poses = initial_poses([xyz[r] for r in rows], [ab[r] for r in rows])
-        scores = [self._median(pose, frame) for pose in poses]
-        return poses[int(np.argmin(scores))]
+        poses: list[Pose] = []
+        for r in rows:
+            try:
+                with np.errstate(all="ignore"):
+                    poses += list(initial_poses([xyz[r]], [ab[r]]))
+            except DataError:  # a sample with outliers, of which no pose comes; the others have theirs
+                continue
+        if not poses:
+            raise EstimationError("the points of the first frame leave the pose open.", "Check the points.")
+        return min(poses, key=lambda pose: self._median(pose, frame))
 
     def _median(self, pose: Pose, frame: Frame) -> float:
         assert self.params is not None

@@ -13,7 +13,7 @@ from camcal.errors import CamcalError, EstimationError, UsageError
 from camcal.registry import look_up
 from camcal.tracking import GAINS, linear, motion, robust
 from camcal.tracking.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
-from camcal.tracking.detection import ChangeTest, normal_deviate
+from camcal.tracking.detection import LARGEST, ChangeTest, normal_deviate
 from camcal.tracking.events import Alarm
 from camcal.tracking.linear import Compressed
 from camcal.tracking.model import Model
@@ -179,7 +179,14 @@ class Recursive(Estimator):
 
     def _refresh(self) -> None:
         """Let the process noise, and what the covariance refers to, follow the camera."""
-        self.factor, self._walked = self.model.carry(self.x, self._walked, self.factor)
+        turn = self.model.carry(self.x, self._walked)
+        if turn is not None:
+            p = self.model.size
+            self.factor = linear.triangle(
+                np.vstack([turn @ rows for rows in np.split(self.factor, len(self.factor) // p)])
+            )
+            self.velocity = None if self.velocity is None else turn @ self.velocity
+            self._walked = np.zeros(p)
         if self._origin is None or self.model.moved(self._origin, self.x):
             self._process = self.model.motion(self.x, self.figures)
             self._origin = self.x
@@ -248,7 +255,8 @@ class Recursive(Estimator):
         deviates = linear.solve_lower(half, z)
         nis = float(deviates @ deviates)
         dof = min(p, 2 * int(np.count_nonzero(reading.keep)))
-        score = normal_deviate(nis, dof, self.noise.dof)
+        # no equations although the frame fits a camera: the prediction looks the other way
+        score = normal_deviate(nis, dof, self.noise.dof) if dof else LARGEST
         since = self.test.since
         test = self.test.step(frame.number, score)
         since = since if since is not None else frame.number
@@ -259,20 +267,22 @@ class Recursive(Estimator):
         p = self.model.size
         a, z, half = reading.equations.a, reading.equations.z, verdict.innovation
         gain = self.gain(self.factor, a, half, step)
-        delta = gain @ z
+        explained = z
+        delta = gain @ explained
         for _ in range(1, self.iterations):
             design, valid = self.model.linearise(self.model.retract(self.x, delta[:p]), frame)
             a, z = linear.compress(whitened_rows(design, reading.keep & valid, reading.whitening))[:2]
             half = innovation_factor(a, self.factor)
             gain = self.gain(self.factor, a, half, step)
-            better = gain @ (z + a @ delta[:p])
+            explained = z + a @ delta[:p]
+            better = gain @ explained
             moved, delta = better - delta, better
             if np.abs(a @ moved[:p]).max() < SETTLED:
                 break
         if self._pushed.shape[1]:
             # the part of the correction that is the camera's own motion, not an error of the estimate before
-            moved = self._pushed[:p] @ (self._pushed.T @ linear.solve_factored(self.factor, delta))
-            self._walked = self._walked + moved
+            q = self._pushed[:p]
+            self._walked = self._walked + q @ (q.T @ (a.T @ linear.solve_factored(half, explained)))
         self.factor = linear.joseph(gain, a, self.factor)
         self.x = self.model.retract(self.x, delta[:p])
         if self.velocity is not None:

@@ -125,6 +125,8 @@ def _scale(distance: Array, size: int, sigma: float | None) -> float:
     count = len(distance)
     spare = max(2 * count - size, 1) / (2 * count)
     median = float(np.median(distance)) / MEDIAN / np.sqrt(spare)
+    if not np.isfinite(median):
+        raise EstimationError("most points lie behind the camera.", "Check the points of the frame.")
     return max(median, 1e-6 if sigma is None else sigma)
 
 

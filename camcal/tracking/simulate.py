@@ -119,7 +119,7 @@ def _seen(number: int, xyz: Array, truth: Truth, scene: Scene, rng: np.random.Ge
     uv[wild] = rng.uniform(0, size, (int(wild.sum()), 2))
     inside = np.ones(len(uv), bool)
     if scene.image_size is not None:
-        inside = ((uv >= -0.5) & (uv <= size - 0.5)).all(1)
+        inside &= ((uv >= -0.5) & (uv <= size - 0.5)).all(1)
     truth.good = ~wild[inside]
     return Frame(number, xyz[inside], uv[inside])
 

@@ -89,8 +89,8 @@ class Smoother(IteratedKalman):
         if velocity is not None:
             forward[:p, p:] = later["step"] * np.eye(p)
         predicted = later["predicted"]
-        half = predicted["factor"]
-        back = linear.solve_factored(half, forward @ factor @ factor.T).T
+        inverse = _scaled_inverse(predicted["factor"])
+        back = factor @ (forward @ factor).T @ inverse.T @ inverse
         error = self.model.local(self.model.unpack(predicted["x"]), after[0])
         if velocity is not None:
             error = np.concatenate([error, after[2] - predicted["velocity"]])
@@ -110,3 +110,10 @@ class Smoother(IteratedKalman):
         """See `Estimator.restore`."""
         super().restore(state)
         self.steps, self.states = list(state["steps"]), unpack_states(state["states"], self.model)
+
+
+def _scaled_inverse(factor: Array) -> Array:
+    """The pseudo-inverse of L, rows scaled to unit length; velocities may have no variance."""
+    size = np.linalg.norm(factor, axis=1)
+    scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
+    return np.linalg.pinv(factor * scale[:, None], rcond=1e-10) * scale

@@ -20,6 +20,11 @@ SAMPLES = 150
 PLANE = (
     "the points lie on a plane: a single fixed view of it leaves the 11 numbers of M open (it determines 8)."
 )
+#: the same for the estimators on K, R, t
+PLANE_INTRINSICS = (
+    "the points lie on a plane and the camera hardly moves: one view of a plane does not determine the "
+    "intrinsics besides the pose."
+)
 PLANE_HINT = (
     "Hold the intrinsics: --method iekf --camera CALIBRATION.yaml --fix intrinsics; "
     "or use a target with points in space."
@@ -39,8 +44,7 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     DataError
         Where the world's frame is left-handed.
     """
-    spread = projective.fit_plane(xyz)[2]
-    if spread[2] <= FLAT * spread[0]:
+    if is_flat(xyz):
         raise EstimationError(PLANE, PLANE_HINT)
     matrices, singular = dlt.solve(xyz[None], uv[None])
     if singular[0, 10] <= UNDETERMINED * singular[0, 0]:
@@ -57,6 +61,12 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
             "Swap two of the coordinates X, Y, Z, or change the sign of one.",
         )
     return best
+
+
+def is_flat(xyz: Array) -> bool:
+    """Whether points (N, 3) lie on a plane."""
+    spread = projective.fit_plane(xyz)[2]
+    return bool(spread[2] <= FLAT * spread[0])
 
 
 def _sampled(xyz: Array, uv: Array) -> Array:
