@@ -4,11 +4,13 @@ Parameters of different values can mean the same camera, so cameras are compared
 differencing). A grid of pixels is unprojected with camera A; the rays are turned by the rotation that fits
 best and projected with camera B:
 
-    d_i = project_B(R unproject_A(u_i)) - u_i,     R = argmin Σ |d_i|²                                   (1)
+    d_i = project_B(R unproject_A(u_i)) - u_i,     R = argmin Σ w_i |d_i|²                               (1)
 
 The rotation is there because a calibration does not tie the camera's frame to anything: a shifted principal
 point and a turned frame are nearly the same. At a finite distance D the points are D unproject_A(u_i), and a
-translation is fitted along with the rotation. Pixels outside the domain of either camera are counted.
+translation is fitted along with the rotation. Where the cameras' uncertainties are known, weights of one over
+their squares keep a corner that neither knows from turning the whole. Pixels outside the domain of either
+camera are counted.
 """
 
 from __future__ import annotations
@@ -91,7 +93,11 @@ def grid_of(image_size: tuple[int, int], columns: int = COLUMNS) -> Array:
 
 
 def difference(
-    a: Camera, b: Camera, pixels: Array | None = None, distance: float | None = None
+    a: Camera,
+    b: Camera,
+    pixels: Array | None = None,
+    distance: float | None = None,
+    weights: Array | None = None,
 ) -> Difference:
     """Compare what two cameras project, equation (1).
 
@@ -102,6 +108,8 @@ def difference(
         Where; the default is a grid over the image of `a`, else of `b`.
     distance : float, optional
         Of the points, in any unit; the default is infinity, where only a rotation is fitted.
+    weights : (N,) array, optional
+        w_i of the pixels; all alike by default.
 
     Raises
     ------
@@ -117,23 +125,31 @@ def difference(
     rays_b, seen_b = b.lens.unproject(b.params, pixels)
     seen = seen_a & seen_b
     vectors = np.full(pixels.shape, np.nan)
-    if seen.sum() < 3:
+    root = np.ones(len(pixels)) if weights is None else np.sqrt(weights / np.nanmax(weights))
+    fitted = seen & (root > 0)
+    if fitted.sum() < 3:
         return Difference(pixels, vectors, Pose(np.eye(3), np.zeros(3)))
-    points = rays[seen] * (1.0 if distance is None else distance)
-    begin = Pose(rotations.fit_rotation(rays_b[seen], rays[seen]), np.zeros(3))
-    pose = _fit(b, points, pixels[seen], begin, with_translation=distance is not None)
+    points = rays * (1.0 if distance is None else distance)
+    begin = Pose(rotations.fit_rotation(rays_b[fitted], rays[fitted], root[fitted] ** 2), np.zeros(3))
+    pose = _fit(b, points[fitted], pixels[fitted], root[fitted], begin, distance is not None)
+    points = points[seen]
     vectors[seen] = b.project(pose.apply(points)) - pixels[seen]
     return Difference(pixels, vectors, pose)
 
 
-def _fit(camera: Camera, points: Array, pixels: Array, pose: Pose, with_translation: bool) -> Pose:
-    """The pose that minimises Σ |project(R x + t) - u|² by Gauss-Newton, halving steps that do not help."""
-    cost, step = _cost(camera, points, pixels, pose), None
+def _fit(
+    camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose, with_translation: bool
+) -> Pose:
+    """The pose that minimises Σ w |project(R x + t) - u|² by Gauss-Newton, halving steps that do not help.
+
+    `root` are the square roots of the weights.
+    """
+    cost, step = _cost(camera, points, pixels, root, pose), None
     for _ in range(_STEPS):
-        step = _step(camera, points, pixels, pose, with_translation)
+        step = _step(camera, points, pixels, root, pose, with_translation)
         for _ in range(8):
             trial = Pose(rotations.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])
-            trial_cost = _cost(camera, points, pixels, trial)
+            trial_cost = _cost(camera, points, pixels, root, trial)
             if trial_cost < cost:
                 break
             step = step / 2
@@ -145,17 +161,21 @@ def _fit(camera: Camera, points: Array, pixels: Array, pose: Pose, with_translat
     return pose
 
 
-def _cost(camera: Camera, points: Array, pixels: Array, pose: Pose) -> float:
+def _cost(camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose) -> float:
     # a point that leaves the domain costs a lot instead of nothing
     r = camera.project(pose.apply(points)) - pixels
-    return float(np.where(np.isnan(r), 1e3, r).ravel() @ np.where(np.isnan(r), 1e3, r).ravel())
+    r = (np.where(np.isnan(r), 1e3, r) * root[:, None]).ravel()
+    return float(r @ r)
 
 
-def _step(camera: Camera, points: Array, pixels: Array, pose: Pose, with_translation: bool) -> Array:
+def _step(
+    camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose, with_translation: bool
+) -> Array:
     cam = pose.apply(points)
     uv, d_xyz, _, valid = camera.lens.jacobians(camera.params, cam)
     turn = -d_xyz @ rotations.skew(points @ pose.rotation.T)
     jacobian = np.concatenate([turn, d_xyz], 2) if with_translation else turn
+    jacobian, r = jacobian * root[:, None, None], (uv - pixels) * root[:, None]
     j = jacobian[valid].reshape(-1, jacobian.shape[2])
-    step = np.linalg.lstsq(j, -(uv - pixels)[valid].ravel(), rcond=None)[0]
+    step = np.linalg.lstsq(j, -r[valid].ravel(), rcond=None)[0]
     return np.r_[step, np.zeros(6 - len(step))]

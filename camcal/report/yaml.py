@@ -149,4 +149,5 @@ def _as_yaml(text: str) -> str:
     """OpenCV's files begin with `%YAML:1.0`, which YAML's grammar does not have, and tag their matrices."""
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
-    return text.replace("!!opencv-matrix", "")
+    # a single row is an `opencv-matrix` in 4.x and an `opencv-nd-matrix` in 5.0
+    return text.replace("!!opencv-matrix", "").replace("!!opencv-nd-matrix", "")

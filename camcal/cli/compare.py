@@ -1,0 +1,154 @@
+"""`camcal compare`: how differently two cameras project, with tolerances for CI jobs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import (
+    config_option,
+    force_option,
+    format_option,
+    group_of,
+    image_size_option,
+    option,
+    output_option,
+)
+from camcal.cli.verbosity import note, verbosity_options
+from camcal.errors import UsageError
+
+FILE = click.Path(path_type=Path)
+POSITIVE = click.FloatRange(min=0, min_open=True)
+
+gate_options = group_of(
+    option("--max-px", type=POSITIVE, metavar="PX", help="A gate: the largest difference of projection."),
+    option("--max-sigma", type=POSITIVE, metavar="N", help="A gate: the same in standard deviations."),
+    option(
+        "--tolerance", type=params.FIX, multiple=True, metavar="NAME=VALUE,...",
+        help="A gate: the largest change of a parameter, in its own unit.",
+    ),
+)  # fmt: skip
+
+
+@click.command("compare")
+@click.argument("a", type=FILE, metavar="A")
+@click.argument("b", type=FILE, metavar="[B]", required=False)
+@option(
+    "--against", type=params.Word(["cv2"]), metavar="cv2",
+    help="In place of B: a fresh calibration of A's points by OpenCV.",
+)  # fmt: skip
+@option(
+    "--distance", type=params.DistanceType(), multiple=True, metavar="D|inf",
+    help="Of what is looked at, in the unit of the data; infinity by default.",
+)  # fmt: skip
+@image_size_option
+@gate_options
+@option("--junit", type=FILE, metavar="FILE", help="Write the gates to FILE as JUnit XML.")
+@option(
+    "--annotations", type=params.Word(["github"]), metavar="github",
+    help="Write the gates to stderr as annotations of GitHub's workflows.",
+)  # fmt: skip
+@output_option
+@force_option
+@format_option
+@config_option
+@verbosity_options
+def command(a: Path, b: Path | None, **options: Any) -> int:
+    """Compare two cameras by what they project, over the image.
+
+    A and B are camcal reports or camera files of OpenCV. The exit code is 1 where a gate falls. The
+    difference is taken after the rotation (at a finite distance also the shift) that fits best, because a
+    calibration ties a camera's frame to nothing.
+    """
+    if (b is None) == (options["against"] is None):
+        raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")
+    for target in (options["output"], options["junit"]):
+        if target is not None:
+            from camcal.io.writing import check_writable
+
+            check_writable(target, options["force"])
+    return _deliver(_comparison(a, b, options), options)
+
+
+def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, Any]:
+    import numpy as np
+
+    from camcal.evaluate import comparison
+    from camcal.report.comparison import load_side
+
+    first = load_side(a)
+    second = load_side(b) if b is not None else _by_cv2(a)
+    bounds = comparison.common_bounds(first, second, options["image_size"])
+    apart = [comparison.compare(first, second, bounds, d) for d in options["distance"] or (np.inf,)]
+    changes = comparison.parameters(first, second)
+    tolerances = _tolerances(options["tolerance"])
+    asked = comparison.gates(apart, changes, options["max_px"], options["max_sigma"], tolerances)
+    return comparison.described(first, second, apart, changes, asked)
+
+
+def _by_cv2(a: Path) -> Any:
+    from camcal.crosscheck.camera import camera_by_cv2
+    from camcal.evaluate.comparison import Side
+    from camcal.report.document import load
+
+    camera, name = camera_by_cv2(load(a))
+    return Side(name, camera)
+
+
+def _tolerances(given: tuple[dict[str, float | None], ...]) -> dict[str, float]:
+    merged = {}
+    for name, bound in ((n, b) for one in given for n, b in one.items()):
+        if bound is None or not bound >= 0:
+            raise UsageError(f"--tolerance: '{name}' needs a bound.", f"Try: --tolerance {name}=0.5")
+        merged[name] = bound
+    return merged
+
+
+def _deliver(found: dict[str, Any], options: dict[str, Any]) -> int:
+    from camcal.cli.output import emit
+    from camcal.io.writing import atomic_write
+    from camcal.report import comparison
+    from camcal.report.plain import plain
+    from camcal.report.yaml import save
+
+    if options["output"] is not None:
+        save(plain(found), options["output"], options["force"])
+    if options["junit"] is not None:
+        atomic_write(options["junit"], comparison.junit(found), options["force"])
+    emit(found, options["format"], lambda: _tables(found))
+    if options["annotations"]:
+        click.echo(comparison.ANNOTATIONS[options["annotations"]](found), err=True, nl=False)
+    for gate in found["gates"]:
+        note(f"{'ok' if gate['passed'] else 'FAILED'}: {comparison.sentence(gate)}")
+    return 0 if found["verdict"] == "pass" else 1
+
+
+def _tables(found: dict[str, Any]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    rows = []
+    for p in found["projection"]:
+        where = "-" if p["worst"] is None else "{:.0f}, {:.0f}".format(*p["worst"])
+        figures = [number(p[k], 4) for k in ("max_px", "rms_px", "median_px", "max_sigma", "median_sigma")]
+        rows.append([number(p["distance"]), *figures, where, p["pixels_outside"]])
+    columns = ["distance", "max px", "rms", "median", "max sigma", "median", "worst at u, v", "outside"]
+    names = [f"{side.upper()}: {found[side]['name']} ({found[side]['model']})\n" for side in "ab"]
+    parts = [
+        Text("".join(names)),
+        table(columns, rows, "difference of projection"),
+        Text(""),
+    ]  # fmt: skip
+    changes = []
+    for name, p in found["parameters"].items():
+        sigmas = p["change"] / p["sigma"] if p["sigma"] else None
+        changes.append(
+            [name, p["a"], p["b"], number(p["change"], 4), number(p["sigma"], 3), number(sigmas, 3)]
+        )
+    parts.append(table(["parameter", "A", "B", "B - A", "± sigma", "sigmas"], changes, "parameters"))
+    return Group(*parts)
