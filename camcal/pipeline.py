@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.evaluate import board_shape, figures
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
-from camcal.refine import noise
+from camcal.refine import noise, starts
 from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
 from camcal.refine.parameters import apply_fixed
@@ -116,24 +117,51 @@ class _Run:
     def __init__(self, told: Options, lens: lenses.base.Lens):
         self.told, self.lens = told, lens
         self.begun: Start
+        self.first: Camera | None = None
         self.fix: dict[str, float | None] = dict(told.fix)
 
     def begin(
         self, correspondences: Correspondences, masks: Sequence[np.ndarray] | None
     ) -> tuple[Correspondences, Camera, Poses]:
         """The closed form, on some of the points."""
-        chosen = correspondences
-        if masks is not None:
-            kept = tuple(v.take(m) for v, m in zip(correspondences.views, masks, strict=True))
-            chosen = replace(correspondences, views=kept)
-        self.begun = start(chosen, self.told)
-        camera, self.fix = _first_camera(self.lens, self.begun, correspondences, self.told)
-        return correspondences, camera, self.begun.poses
+        chosen = _masked(correspondences, masks)
+        self.begun = start(chosen, self.told, self.lens)
+        self.first, self.fix = _first_camera(self.lens, self.begun, correspondences, self.told)
+        return correspondences, self.first, self.begun.poses
 
     def fit(self, start: Camera, poses: Poses, correspondences: Correspondences, **more: Any) -> Solution:
-        """The refinement with the options of this calibration."""
+        """The refinement with the options of this calibration; the first one may have second thoughts."""
         more.setdefault("options", self.told.stopping)
-        return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
+        if start is not self.first:
+            return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
+        try:
+            solution = refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
+        except EstimationError:
+            if not (found := self._from_elsewhere(correspondences, more)):
+                raise
+            return starts.best(found)
+        if not starts.doubtful(solution):
+            return solution
+        return starts.best([solution, *self._from_elsewhere(correspondences, more)])
+
+    def _from_elsewhere(self, correspondences: Correspondences, more: Mapping[str, Any]) -> list[Solution]:
+        """The refinement from other starts: radial alignment, and the optima of the models in this one."""
+        masks, found = more.get("inliers"), []
+        chosen = _masked(correspondences, masks)
+        fix = dict(self.told.fix)
+        if self.begun.camera is None:
+            with contextlib.suppress(EstimationError, DataError):
+                begun = starts.by_radial_alignment(self.lens, chosen, fix)
+                found.append(self.fit(begun.camera, begun.poses, correspondences, **more))
+        for spec in self.lens.nests()[:1]:
+            inner = lenses.make(spec, self.told.skew)
+            told = replace(self.told, model=spec, fix={n: v for n, v in fix.items() if starts.has(inner, n)})
+            run = _Run(told, inner)
+            with contextlib.suppress(EstimationError, DataError):
+                _, camera, poses = run.begin(correspondences, masks)
+                solved = run.fit(camera, poses, correspondences, **more)
+                found.append(self.fit(*starts.adopted(self.lens, solved, self.fix), correspondences, **more))
+        return found
 
     def solve(self, correspondences: Correspondences) -> Solution:
         """Camera, poses and, where told, the board's shape, with outliers treated as told."""
@@ -215,12 +243,25 @@ class Start:
     stages: tuple[Stage, ...]
     fix: Mapping[str, float | None]
     warnings: tuple[CalibrationWarning, ...]
+    camera: Camera | None = None  #: of the lens itself, where the start knows more than a matrix
 
 
-def start(correspondences: Correspondences, told: Options) -> Start:
-    """Run the closed forms that the geometry of the data allows; the last is where the refinement starts."""
+def _masked(correspondences: Correspondences, masks: Sequence[np.ndarray] | None) -> Correspondences:
+    """The correspondences with only the points that the masks let through."""
+    if masks is None:
+        return correspondences
+    kept = tuple(v.take(m) for v, m in zip(correspondences.views, masks, strict=True))
+    return replace(correspondences, views=kept)
+
+
+def start(correspondences: Correspondences, told: Options, lens: lenses.base.Lens) -> Start:
+    """Run the closed forms that the geometry of the data allows; the last is where the refinement starts.
+
+    Where that one takes a wide lens for a pinhole camera, or fails, radial alignment takes over.
+    """
     names, why = shape.choose(correspondences)
-    stages, found = [], None
+    stages: list[Stage] = []
+    found = None
     failed: dict[str, str] = {}
     for name in names:
         estimate = look_up(CLOSED_FORMS, name, "closed form")
@@ -229,6 +270,8 @@ def start(correspondences: Correspondences, told: Options) -> Start:
             found = estimate(correspondences, told.skew)
         except EstimationError as error:
             if name == names[-1]:
+                if wide := _by_radial_alignment(lens, correspondences, told, stages):
+                    return wide
                 raise
             failed[name] = error.message  # another closed form may do without what this one lacks
             continue
@@ -236,8 +279,28 @@ def start(correspondences: Correspondences, told: Options) -> Start:
         stages.append(_closed_form_stage(found, correspondences, why, seconds, failed))
     assert found is not None
     _refuse_mirrored(found)
+    if lens.shaped_by_data or starts.poor(stages[-1].rms_point, correspondences):
+        wide = _by_radial_alignment(lens, correspondences, told, stages)
+        if wide is not None and wide.stages[-1].rms_point < stages[-1].rms_point:
+            return wide
     fix, warnings = _assumed(found, correspondences)
-    return Start(found.matrix, found.poses, tuple(stages), fix, warnings)
+    camera = None
+    if lens.shaped_by_data:
+        plain = lenses.make("pinhole", told.skew)
+        rough = Camera(plain, plain.from_matrix(found.matrix), correspondences.image_size)
+        camera = starts.regressed(lens, rough, correspondences, told.fix)
+    return Start(found.matrix, found.poses, tuple(stages), fix, warnings, camera)
+
+
+def _by_radial_alignment(
+    lens: lenses.base.Lens, correspondences: Correspondences, told: Options, stages: Sequence[Stage]
+) -> Start | None:
+    """The start for wide lenses, after the stages before it; None where it finds no camera."""
+    try:
+        begun = starts.by_radial_alignment(lens, correspondences, told.fix)
+    except (EstimationError, DataError):
+        return None  # the closed form before it has its say, or its error
+    return Start(begun.camera.matrix, begun.poses, (*stages, begun.stage), {}, (), begun.camera)
 
 
 def _closed_form_stage(
@@ -299,9 +362,9 @@ def _assumed(
 def _first_camera(
     lens: lenses.base.Lens, begun: Start, correspondences: Correspondences, told: Options
 ) -> tuple[Camera, dict[str, float | None]]:
-    fix = {**begun.fix, **told.fix}
-    params = apply_fixed(lens, lens.from_matrix(begun.matrix), fix)
-    return Camera(lens, params, correspondences.image_size), fix
+    fix = {**dict.fromkeys(lens.default_fixed), **begun.fix, **told.fix}
+    params = lens.from_matrix(begun.matrix) if begun.camera is None else begun.camera.params
+    return Camera(lens, apply_fixed(lens, params, fix), correspondences.image_size), fix
 
 
 def _refine_stage(solution: Solution) -> Stage:

@@ -71,6 +71,8 @@ class Lens(ABC):
     has_skew : bool
     default_fixed : tuple of str
         Parameters that the model's gauge holds where they start, unless the user frees them.
+    shaped_by_data : bool
+        Whether the model must see rays and pixels before it can hold any camera well (`shapes`).
     neutral_curve : str
         What the lens without distortion does: `perspective` (r = tan θ) or `equidistant` (r = θ).
     """
@@ -79,6 +81,7 @@ class Lens(ABC):
     parameters: tuple[Parameter, ...]
     has_skew: bool
     default_fixed: tuple[str, ...] = ()
+    shaped_by_data: bool = False
     neutral_curve: str = "perspective"
 
     def __init__(self, name: str, distortion: Sequence[Parameter], skew: bool = False):

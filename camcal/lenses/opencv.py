@@ -143,9 +143,7 @@ class OpenCV(Lens):
         rows = d_params[:, self._bend :]
         if self.count:
             f, slope, inverse = self._radial(k, s)
-            inside = bool(((2.0 * slope) * s + f).min() > 0)
-            if inverse is not None:
-                inside = inside and bool(inverse.min() > 0)
+            inside = self._grows(params, k, float(s.max()))
             partials = self._plane_derivatives(k, a, b, s, f, slope)
             self._coefficient_rows(rows, a, b, s, f, inverse, fx, fy)
         else:
@@ -164,6 +162,17 @@ class OpenCV(Lens):
             xd, yd = self._mix(params, tilt, xd, yd, rows, d_xyz)
         self._matrix_rows(params, xd, yd, uv, d_params)
         return inside and bool(z.min() > 0)
+
+    def _grows(self, params: Array, k: list[float], s: float) -> bool:
+        """Whether r f(r²) grows without a pole all the way to r² = s; False for NaN.
+
+        Where the negative coefficients together cannot stop it, the roots need not be found.
+        """
+        if self.count < 8:
+            falling = [3 * k[0], 5 * k[1], 7 * k[4]]
+            if 1.0 + s * sum(min(c, 0.0) * s**i for i, c in enumerate(falling)) > 0:
+                return True
+        return s < self.radius(params) ** 2
 
     def _tilt_or_identity(self, params: Array) -> Array | None:
         """The tilt, also at zero angles: its derivatives are wanted there too."""

@@ -38,6 +38,7 @@ class RadialProfile(InverseRadialLens):
     """`radial-profile:n,centre=free|principal`: n intervals."""
 
     default_fixed = ("reach",)
+    shaped_by_data = True
 
     def __init__(self, name: str, intervals: int, free_centre: bool, skew: bool = False):
         self.intervals = intervals

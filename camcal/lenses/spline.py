@@ -44,6 +44,8 @@ _NEUTRAL = (-1.5, -1.2, 1.5, 1.2)
 class Spline(InverseLens):
     """`spline:CxR,smooth=w`: C x R control points."""
 
+    shaped_by_data = True
+
     def __init__(self, columns: int, rows: int, smooth: float = SMOOTH, skew: bool = False):
         self.columns, self.rows, self.smooth = columns, rows, smooth
         own = [Parameter(n, "distortion", v) for n, v in zip(RECTANGLE, _NEUTRAL, strict=True)]

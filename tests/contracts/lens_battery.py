@@ -200,10 +200,22 @@ def check_outside(lens: Lens, params: Array, size: Size) -> None:
             assert valid.all() and np.isfinite(uv).all(), "outside although within the limit"
         else:
             assert not valid.all(), "the limit is not where the domain ends"
+    check_linearise_outside(lens, params)
     far = np.array(size) * np.array([[1e3, 1e3], [-1e3, 1e3]])
     ray, valid = lens.unproject(params, far)
     back, again = lens.project(params, ray)
     assert not valid.any() or np.abs(back - far)[valid & again].max(initial=0) < 1e-3
+
+
+def check_linearise_outside(lens: Lens, params: Array) -> None:
+    """`linearise` turns down each point by itself that `project` does not take, also beyond a second fold."""
+    xyz = np.random.default_rng(3).normal(size=(200, 3))
+    uv, d_params = np.empty((1, 2, 1)), np.empty((1, lens.size, 2, 1))
+    with np.errstate(all="ignore"):
+        _, valid = lens.project(params, xyz)
+        for x, y, z in xyz[~valid][:30].reshape(-1, 3, 1, 1):
+            ok = lens.linearise(params, x, y, z, uv, np.empty((1, 3, 2, 1)), d_params)
+            assert not ok, f"({x[0, 0]:.3f}, {y[0, 0]:.3f}, {z[0, 0]:.3f}) has left the domain unnoticed"
 
 
 def check_centre(lens: Lens, params: Array) -> None:

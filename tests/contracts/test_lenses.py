@@ -153,6 +153,21 @@ class BehindIsInside(_Wrong):
         return x * x + y * y < (self.radius(params) * z) ** 2
 
 
+class LooksOnlyAtTheSlope(_Wrong):
+    """Beyond a second fold the slope is positive again."""
+
+    catches = "outside"
+
+    def examples(self):
+        params, size = super().examples()[0]
+        params[4:] = -0.6, 0.1, 0, 0, 0
+        return [(params, size)]
+
+    def _grows(self, params, k, s):
+        f, slope, _ = self._radial(k, np.array(s))
+        return bool(2 * slope * s + f > 0)
+
+
 class LaxLinearise(_Wrong):
     catches = "linearise"
 
@@ -208,7 +223,9 @@ def _run(check, lens):
 
 @pytest.mark.parametrize("wrong", _Wrong.__subclasses__())
 def test_the_battery_catches_a_wrong_model(wrong):
-    _run(wrong.catches, OpenCV("opencv5"))
+    right = OpenCV("opencv5")
+    right.examples = wrong().examples
+    _run(wrong.catches, right)
     with pytest.raises(AssertionError):
         _run(wrong.catches, wrong())
 

@@ -1,0 +1,141 @@
+"""Where a refinement begins when a pinhole camera is no good beginning: wide lenses, and larger models.
+
+A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
+alignment constraint gives poses and a rough lens of any width, and the model at hand is fitted to its rays. A
+model that still ends badly gets the optimum of the models that it contains as a further start, so that it
+never ends worse than they do.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.closed_form import ladder, radial
+from camcal.errors import EstimationError
+from camcal.lenses import make
+from camcal.lenses.base import Lens
+from camcal.lenses.regress import regress
+from camcal.refine.parameters import ASPECT, apply_fixed
+from camcal.refine.solve import refine, residuals
+from camcal.types import Camera, Correspondences, Poses, Solution, Stage
+
+#: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
+#: at 120 degrees it is 1 %, at 150 degrees 4 %
+POOR_START = 0.02
+#: a refinement that leaves a larger median error than this part, or does not converge, is doubted
+POOR_END = 0.002
+#: the lens that stands in for one that cannot hold all rays of the rough start
+GENERAL = "kb4"
+
+
+@dataclass(frozen=True)
+class Begin:
+    """A start: camera, poses, and the stage that says how it was come by."""
+
+    camera: Camera
+    poses: Poses
+    stage: Stage
+
+
+def poor(rms_point: float, correspondences: Correspondences) -> bool:
+    """Whether a start is too far away to begin from."""
+    return not rms_point <= POOR_START * _half_diagonal(correspondences)
+
+
+def doubtful(solution: Solution) -> bool:
+    """Whether a solution may be a wrong minimum."""
+    lengths = np.linalg.norm(solution.used_residuals, axis=1)
+    bound = POOR_END * _half_diagonal(solution.correspondences)
+    return not solution.fit.converged or not np.median(lengths) <= bound
+
+
+def _half_diagonal(correspondences: Correspondences) -> float:
+    return float(1 / ladder.unit_coordinates(correspondences)[0][0, 0])
+
+
+def by_radial_alignment(
+    lens: Lens, correspondences: Correspondences, fix: Mapping[str, float | None] | None = None
+) -> Begin:
+    """The radial start, its lens regressed to `lens`.
+
+    Parameters
+    ----------
+    fix : mapping
+        As in `refine`; a parameter without a value is held where a lens without distortion has it.
+
+    Raises
+    ------
+    DataError, EstimationError
+        Where the radial alignment constraint determines no camera, or the model cannot hold its rays.
+    """
+    begin = time.perf_counter()
+    rough = radial.estimate(correspondences)
+    error = np.concatenate(residuals(rough.camera, rough.poses, correspondences))
+    rms = float(np.sqrt(np.nanmean((error**2).sum(1))))
+    seconds = time.perf_counter() - begin
+    stage = Stage(
+        "radial", rms, rough.camera.matrix, seconds, camera=rough.camera, poses=rough.poses, info=rough.info
+    )
+    camera = regressed(lens, rough.camera, correspondences, fix)
+    if _holds(camera, rough.poses, correspondences):
+        return Begin(camera, rough.poses, stage)
+    between = regressed(make(GENERAL), rough.camera, correspondences)
+    general = refine(between, rough.poses, correspondences)
+    camera = regressed(lens, general.camera, correspondences, fix)
+    if _holds(camera, general.poses, correspondences):
+        return Begin(camera, general.poses, stage)
+    raise EstimationError(
+        f"model '{lens.name}' cannot hold rays {rough.info['half_field']:.0f} degrees from the axis.",
+        "Use a model for wide lenses, such as --model kb4.",
+    )
+
+
+def regressed(
+    lens: Lens,
+    camera: Camera,
+    correspondences: Correspondences,
+    fix: Mapping[str, float | None] | None = None,
+) -> Camera:
+    """The camera of a model that is nearest to another camera at the observed pixels."""
+    uv = np.concatenate([v.uv for v in correspondences.views])
+    rays = camera.unproject(uv)
+    seen = np.isfinite(rays).all(1)
+    size = correspondences.image_size
+    params = regress(lens, rays[seen], uv[seen], size).params
+    named = [n for n in fix or {} if n != ASPECT]
+    if fix:
+        plain = lens.from_matrix(lens.matrix(params))
+        for name in named:
+            params[lens.index(name)] = plain[lens.index(name)]
+        params = apply_fixed(lens, params, fix)
+        held = (*lens.default_fixed, *named)
+        params = regress(lens, rays[seen], uv[seen], size, hold=held, start=params).params
+        params = apply_fixed(lens, params, fix)
+    return Camera(lens, params, size)
+
+
+def _holds(camera: Camera, poses: Poses, correspondences: Correspondences) -> bool:
+    """Whether all points project; without it a refinement cannot begin."""
+    return bool(np.isfinite(np.concatenate(residuals(camera, poses, correspondences))).all())
+
+
+def adopted(lens: Lens, inner: Solution, fix: Mapping[str, float | None]) -> tuple[Camera, Poses]:
+    """The solution of a model that `lens` contains, as a start."""
+    params = apply_fixed(lens, lens.adopt(inner.camera.lens, inner.camera.params), fix)
+    return Camera(lens, params, inner.camera.image_size), inner.poses
+
+
+def best(solutions: Sequence[Solution]) -> Solution:
+    """The solution with the lowest cost; a converged one where costs are equal to rounding."""
+    lowest = min(solutions, key=lambda s: s.fit.cost)
+    equal = [s for s in solutions if s.fit.cost <= lowest.fit.cost * (1 + 1e-12)]
+    return next((s for s in equal if s.fit.converged), lowest)
+
+
+def has(lens: Lens, name: str) -> bool:
+    """Whether `--fix NAME` means something to a lens."""
+    return name == ASPECT or name in lens.names
