@@ -2,21 +2,25 @@
 
 Normal equations square the condition number. That costs nothing as long as a step has digits to spare, for
 the gradient, which decides where the iteration ends, is not affected. Where the pivots of the Cholesky
-factors say that fewer than about four digits of the step would be left, orthogonal factors give it instead.
+factors say that fewer than about two digits of the step would be left, orthogonal factors give it instead.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from camcal.refine.problem import Blocks, Problem, State, Step
 from camcal.refine.schur import Reduced
 from camcal.refine.square_root import SquareRoot
 
+Array = np.ndarray
+
 #: how a step is found: as needed, by normal equations (Schur complement), by orthogonal factors
 FORMS = ("auto", "schur", "qr")
-#: a squared pivot below this part of its column's squared length leaves rounding / WEAK = 1e-4 of a step open
-WEAK = 2e-12
+#: a squared pivot below this part of its column's squared length leaves rounding / WEAK = 1e-2 of a step open
+WEAK = 2e-14
 
 
 class Linear:
@@ -27,15 +31,18 @@ class Linear:
         self.passes = self.solved = 0
         self._root: tuple[State, SquareRoot] | None = None
 
-    def step(self, state: State, blocks: Blocks, damping: float) -> tuple[Step, float] | None:
+    def step(
+        self, state: State, blocks: Blocks, damping: float, more: Array | None = None
+    ) -> tuple[Step, float] | None:
         """The step at a state, and the decrease of the cost that the linear model predicts for it.
 
-        None where the equations cannot be solved at this damping (Marquardt's, see `Reduced`).
+        None where the equations cannot be solved at this damping (Marquardt's, see `Reduced`). `more` (F, F)
+        is curvature that JᵀJ does not have; orthogonal factors do without.
         """
         if self.form != "qr":
             reduced = Reduced(blocks, damping, self.problem.normalise)
-            solved = reduced.step()
-            if self.form == "schur" or (solved is not None and reduced.weakest > WEAK):
+            solved = reduced.step(more)
+            if self.form == "schur" or more is not None or (solved is not None and reduced.weakest > WEAK):
                 return solved
         self.solved += 1
         return self._factors(state).step(blocks, damping, self.problem.normalise)

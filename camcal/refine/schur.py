@@ -112,18 +112,20 @@ class Reduced:
         self.matrix[np.diag_indices(count)] += damping * self.diagonal
         self.gradient = blocks.gradient - product[:count, count]
 
-    def step(self) -> tuple[Step, float] | None:
+    def step(self, more: Array | None = None) -> tuple[Step, float] | None:
         """The step of (1) and (2), and the decrease of the cost that the linear model predicts.
 
-        None where the equations cannot be solved at this damping.
+        None where the equations cannot be solved at this damping. `more` (F, F) is added to S: curvature
+        that JᵀJ does not have.
         """
         if not self.solvable:
             return None
-        solved = solve_scaled(self.matrix, -self.gradient, self.scaled)
+        matrix = self.matrix if more is None else self.matrix + more
+        solved = solve_scaled(matrix, -self.gradient, self.scaled)
         if solved is None:
             return None
-        own, pivot = solved
-        self.weakest = self._weakest(pivot)
+        own, pivots = solved
+        self.weakest = self._weakest(pivots)
         count = len(own)
         right = self.half[:, count] + np.einsum("ikv,k->iv", self.half[:, :count], own)
         poses = -back_substitution(self.factor, right)
@@ -133,36 +135,37 @@ class Reduced:
         damp = (self.diagonal * own**2).sum() + (self.pose_diagonal * poses**2).sum()
         return Step(own, np.ascontiguousarray(poses.T)), float(0.5 * (self.damping * damp - slope))
 
-    def _weakest(self, pivot: float) -> float:
-        """Over poses (their factors hold reciprocal pivots) and camera, where the elimination cancels too."""
+    def _weakest(self, pivots: Array) -> float:
+        """Over the poses, whose factors hold reciprocal pivots, and the camera's columns as they were."""
         diagonal = np.arange(6)
         lengths = self.pose_diagonal * (1.0 + self.damping)
-        weakest = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
-        if len(self.matrix):
-            left = np.diag(self.matrix) / (self.diagonal * (1.0 + self.damping))
-            weakest = min(weakest, pivot * float(left.min()))
-        return weakest
+        poses = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
+        lengths = np.where(self.diagonal > 0, self.diagonal, 1.0) * (1.0 + self.damping)
+        return float((pivots / lengths).min(initial=poses))
 
 
-def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Array, float] | None:
+def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Array, Array] | None:
     """Solve a symmetric positive definite system after scaling its diagonal to 1; None where it is not one.
 
     Returns
     -------
     solution : (F,) array
-    pivot : float
-        The smallest squared pivot against its diagonal element.
+    pivots : (F,) array
+        Squared, in the units of the diagonal.
     """
     if not len(right):
-        return right.copy(), 1.0
+        return right.copy(), right.copy()
     diagonal = np.diag(matrix)
     if not (diagonal > 0).all():
-        return None
+        idle = ~matrix.any(0)  # nothing depends on these here, as p3 where p1 = p2 = 0: they stay
+        if not (diagonal > 0)[~idle].all():
+            return None
+        matrix = matrix + np.diag(idle.astype(float))
+        diagonal = np.diag(matrix)
     scale = 1.0 / np.sqrt(diagonal) if scaled else np.ones(len(right))
     try:
         factor = np.linalg.cholesky(matrix * scale * scale[:, None])
     except np.linalg.LinAlgError:
         return None
     half = np.linalg.solve(factor, right * scale)
-    pivot = float((np.diag(factor) ** 2 / (diagonal * scale**2)).min())
-    return scale * np.linalg.solve(factor.T, half), pivot
+    return scale * np.linalg.solve(factor.T, half), (np.diag(factor) / scale) ** 2

@@ -67,15 +67,23 @@ class SquareRoot:
             added = np.zeros((len(views), 6, views.shape[2]))
             added[:, range(6), range(6)] = np.sqrt(damping * weights[free:].reshape(-1, 6))
             views = triangles(np.concatenate([views, added], 1))
+        squares = tangent.diagonal(blocks)
+        moving = (
+            squares[:free] > 0
+        )  # nothing depends on the others here, as on p3 where p1 = p2 = 0: they stay
+        count = int(moving.sum())
         below = [views[:, 6:, 6:].reshape(-1, free + 1), self.prior]
         if damping > 0:
             below.append(np.c_[np.diag(np.sqrt(damping * weights[:free])), np.zeros(free)])
-        camera = triangles(np.concatenate(below)[None])[0]
-        lengths = np.sqrt((1 + damping) * tangent.diagonal(blocks))
-        pivots = np.r_[abs(np.diag(camera)[:free]), abs(np.einsum("vii->vi", views[:, :6, :6])).ravel()]
-        if (pivots <= _ZERO * lengths).any():
+        camera = triangles(np.concatenate(below)[None][..., np.r_[moving, True]])[0]
+        pivots = np.r_[abs(np.diag(camera)[:count]), abs(np.einsum("vii->vi", views[:, :6, :6])).ravel()]
+        if (
+            pivots <= _ZERO * np.sqrt((1 + damping) * squares[np.r_[moving, views.shape[0] * 6 * [True]]])
+        ).any():
             return None
-        own = -solve_triangular(camera[:free, :free], camera[:free, free]) if free else np.zeros(0)
+        own = np.zeros(free)
+        if count:
+            own[moving] = -solve_triangular(camera[:count, :count], camera[:count, count])
         right = views[:, :6, -1] + views[:, :6, 6:-1] @ own
         poses = -np.linalg.solve(views[:, :6, :6], right[..., None])[..., 0]
         step = Step(own, poses)

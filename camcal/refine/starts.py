@@ -11,11 +11,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from camcal.closed_form import ladder, radial
-from camcal.errors import EstimationError
 from camcal.lenses import make
 from camcal.lenses.base import Lens
 from camcal.lenses.regress import regress
@@ -28,6 +28,8 @@ from camcal.types import Camera, Correspondences, Poses, Solution, Stage
 POOR_START = 0.02
 #: a refinement that leaves a larger median error than this part, or does not converge, is doubted
 POOR_END = 0.002
+#: to what part of a model's own limit, and to what angle at most, rad, views are pushed into its domain
+CONES = ((0.98, np.deg2rad(88)), (0.9, np.deg2rad(84)))
 #: the lens that stands in for one that cannot hold all rays of the rough start
 GENERAL = "kb4"
 
@@ -57,41 +59,94 @@ def _half_diagonal(correspondences: Correspondences) -> float:
     return float(1 / ladder.unit_coordinates(correspondences)[0][0, 0])
 
 
-def by_radial_alignment(
-    lens: Lens, correspondences: Correspondences, fix: Mapping[str, float | None] | None = None
-) -> Begin:
-    """The radial start, its lens regressed to `lens`.
+class RadialAlignment:
+    """Starts by radial alignment, its figures worked out once for all models that ask.
 
     Parameters
     ----------
-    fix : mapping
-        As in `refine`; a parameter without a value is held where a lens without distortion has it.
-
-    Raises
-    ------
-    DataError, EstimationError
-        Where the radial alignment constraint determines no camera, or the model cannot hold its rays.
+    correspondences : Correspondences
+        The points to rest on.
     """
-    begin = time.perf_counter()
-    rough = radial.estimate(correspondences)
-    error = np.concatenate(residuals(rough.camera, rough.poses, correspondences))
-    rms = float(np.sqrt(np.nanmean((error**2).sum(1))))
-    seconds = time.perf_counter() - begin
-    stage = Stage(
-        "radial", rms, rough.camera.matrix, seconds, camera=rough.camera, poses=rough.poses, info=rough.info
-    )
-    camera = regressed(lens, rough.camera, correspondences, fix)
-    if _holds(camera, rough.poses, correspondences):
-        return Begin(camera, rough.poses, stage)
-    between = regressed(make(GENERAL), rough.camera, correspondences)
-    general = refine(between, rough.poses, correspondences)
-    camera = regressed(lens, general.camera, correspondences, fix)
-    if _holds(camera, general.poses, correspondences):
-        return Begin(camera, general.poses, stage)
-    raise EstimationError(
-        f"model '{lens.name}' cannot hold rays {rough.info['half_field']:.0f} degrees from the axis.",
-        "Use a model for wide lenses, such as --model kb4.",
-    )
+
+    def __init__(self, correspondences: Correspondences):
+        self.correspondences = correspondences
+        self._begins: dict[str, list[Begin]] = {}
+
+    @cached_property
+    def stage(self) -> Stage:
+        """The rough camera, symmetric about its axis, and the poses.
+
+        Raises
+        ------
+        DataError, EstimationError
+            Where the radial alignment constraint determines no camera.
+        """
+        begin = time.perf_counter()
+        rough = radial.estimate(self.correspondences)
+        error = np.concatenate(residuals(rough.camera, rough.poses, self.correspondences))
+        rms = float(np.sqrt(np.nanmean((error**2).sum(1))))
+        return Stage(
+            "radial",
+            rms,
+            rough.camera.matrix,
+            time.perf_counter() - begin,
+            camera=rough.camera,
+            poses=rough.poses,
+            info=rough.info,
+        )
+
+    @cached_property
+    def general(self) -> tuple[Camera, Poses]:
+        """The same refined with a lens that holds rays of all directions."""
+        assert self.stage.camera is not None and self.stage.poses is not None
+        camera = regressed(make(GENERAL), self.stage.camera, self.correspondences)
+        solved = refine(camera, self.stage.poses, self.correspondences)
+        return solved.camera, solved.poses
+
+    def begin(self, lens: Lens, fix: Mapping[str, float | None] | None = None) -> list[Begin]:
+        """Starts for a model.
+
+        A model that cannot hold rays as far from the axis as there are gets views pushed away from the
+        camera until it can.
+
+        Parameters
+        ----------
+        fix : mapping
+            As in `refine`; a parameter without a value is held where a lens without distortion has it.
+
+        Raises
+        ------
+        DataError, EstimationError
+            Where the radial alignment constraint determines no camera.
+        """
+        key = repr((lens, sorted((fix or {}).items())))
+        if key not in self._begins:
+            self._begins[key] = self._begin(lens, fix)
+        return self._begins[key]
+
+    def _begin(self, lens: Lens, fix: Mapping[str, float | None] | None) -> list[Begin]:
+        assert self.stage.camera is not None and self.stage.poses is not None
+        camera = regressed(lens, self.stage.camera, self.correspondences, fix)
+        if _holds(camera, self.stage.poses, self.correspondences):
+            return [Begin(camera, self.stage.poses, self.stage)]
+        general, poses = self.general
+        camera = regressed(lens, general, self.correspondences, fix)
+        limit = lens.limit_angle(camera.params)
+        tried = [
+            poses,
+            *(_pushed(poses, self.correspondences, min(part * limit, top)) for part, top in CONES),
+        ]
+        held = [p for p in tried if _holds(camera, p, self.correspondences)]
+        return [Begin(camera, p, self.stage) for p in held]
+
+
+def _pushed(poses: Poses, correspondences: Correspondences, angle: float) -> Poses:
+    """The poses, moved away along the axis until no point is farther from it than an angle, rad."""
+    moved = poses.translations.copy()
+    for view, r, t in zip(correspondences.views, poses.rotations, moved, strict=True):
+        x, y, z = (view.xyz @ r.T + t).T
+        t[2] += max(float((np.hypot(x, y) / np.tan(angle) - z).max()), 0.0)
+    return Poses(poses.rotations, moved)
 
 
 def regressed(
