@@ -118,6 +118,7 @@ class _Run:
         self.told, self.lens = told, lens
         self.begun: Start
         self.first: Camera | None = None
+        self.aligned: starts.RadialAlignment | None = None
         self.fix: dict[str, float | None] = dict(told.fix)
 
     def begin(
@@ -125,7 +126,9 @@ class _Run:
     ) -> tuple[Correspondences, Camera, Poses]:
         """The closed form, on some of the points."""
         chosen = _masked(correspondences, masks)
-        self.begun = start(chosen, self.told, self.lens)
+        if self.aligned is None or self.aligned.correspondences is not chosen:
+            self.aligned = starts.RadialAlignment(chosen)
+        self.begun = start(chosen, self.told, self.lens, self.aligned)
         self.first, self.fix = _first_camera(self.lens, self.begun, correspondences, self.told)
         return correspondences, self.first, self.begun.poses
 
@@ -146,19 +149,19 @@ class _Run:
 
     def _from_elsewhere(self, correspondences: Correspondences, more: Mapping[str, Any]) -> list[Solution]:
         """The refinement from other starts: radial alignment, and the optima of the models in this one."""
-        masks, found = more.get("inliers"), []
-        chosen = _masked(correspondences, masks)
-        fix = dict(self.told.fix)
-        if self.begun.camera is None:
-            with contextlib.suppress(EstimationError, DataError):
-                begun = starts.by_radial_alignment(self.lens, chosen, fix)
+        assert self.aligned is not None
+        fix, found = dict(self.told.fix), []
+        with contextlib.suppress(EstimationError, DataError):
+            begins = self.aligned.begin(self.lens, fix)
+            for begun in begins[0 if self.begun.camera is None else 1 :]:
                 found.append(self.fit(begun.camera, begun.poses, correspondences, **more))
         for spec in self.lens.nests()[:1]:
             inner = lenses.make(spec, self.told.skew)
             told = replace(self.told, model=spec, fix={n: v for n, v in fix.items() if starts.has(inner, n)})
             run = _Run(told, inner)
+            run.aligned = self.aligned
             with contextlib.suppress(EstimationError, DataError):
-                _, camera, poses = run.begin(correspondences, masks)
+                _, camera, poses = run.begin(correspondences, more.get("inliers"))
                 solved = run.fit(camera, poses, correspondences, **more)
                 found.append(self.fit(*starts.adopted(self.lens, solved, self.fix), correspondences, **more))
         return found
@@ -212,6 +215,19 @@ class _Run:
         return crosscheck(solution, rerun)
 
 
+def first_estimate(
+    correspondences: Correspondences,
+    model: str = "opencv5",
+    skew: bool = False,
+    fix: Mapping[str, float | None] | None = None,
+) -> tuple[Correspondences, Camera, Poses, dict[str, float | None]]:
+    """Where a refinement would begin: the usable views, camera and poses, and all parameters that are held."""
+    told = Options(model=model, skew=skew, fix=fix or {})
+    run = _Run(told, lenses.make(model, skew))
+    usable, camera, poses = run.begin(leave_out_unusable(correspondences), None)
+    return usable, camera, poses, run.fix
+
+
 def leave_out_unusable(correspondences: Correspondences) -> Correspondences:
     """The correspondences without views that no closed form can take; these become `rejected`.
 
@@ -254,7 +270,12 @@ def _masked(correspondences: Correspondences, masks: Sequence[np.ndarray] | None
     return replace(correspondences, views=kept)
 
 
-def start(correspondences: Correspondences, told: Options, lens: lenses.base.Lens) -> Start:
+def start(
+    correspondences: Correspondences,
+    told: Options,
+    lens: lenses.base.Lens,
+    aligned: starts.RadialAlignment,
+) -> Start:
     """Run the closed forms that the geometry of the data allows; the last is where the refinement starts.
 
     Where that one takes a wide lens for a pinhole camera, or fails, radial alignment takes over.
@@ -270,7 +291,7 @@ def start(correspondences: Correspondences, told: Options, lens: lenses.base.Len
             found = estimate(correspondences, told.skew)
         except EstimationError as error:
             if name == names[-1]:
-                if wide := _by_radial_alignment(lens, correspondences, told, stages):
+                if wide := _by_radial_alignment(lens, aligned, told, stages):
                     return wide
                 raise
             failed[name] = error.message  # another closed form may do without what this one lacks
@@ -280,7 +301,7 @@ def start(correspondences: Correspondences, told: Options, lens: lenses.base.Len
     assert found is not None
     _refuse_mirrored(found)
     if lens.shaped_by_data or starts.poor(stages[-1].rms_point, correspondences):
-        wide = _by_radial_alignment(lens, correspondences, told, stages)
+        wide = _by_radial_alignment(lens, aligned, told, stages)
         if wide is not None and wide.stages[-1].rms_point < stages[-1].rms_point:
             return wide
     fix, warnings = _assumed(found, correspondences)
@@ -293,13 +314,15 @@ def start(correspondences: Correspondences, told: Options, lens: lenses.base.Len
 
 
 def _by_radial_alignment(
-    lens: lenses.base.Lens, correspondences: Correspondences, told: Options, stages: Sequence[Stage]
+    lens: lenses.base.Lens, aligned: starts.RadialAlignment, told: Options, stages: Sequence[Stage]
 ) -> Start | None:
     """The start for wide lenses, after the stages before it; None where it finds no camera."""
     try:
-        begun = starts.by_radial_alignment(lens, correspondences, told.fix)
+        begun = next(iter(aligned.begin(lens, told.fix)), None)
     except (EstimationError, DataError):
         return None  # the closed form before it has its say, or its error
+    if begun is None:
+        return None
     return Start(begun.camera.matrix, begun.poses, (*stages, begun.stage), {}, (), begun.camera)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,17 +17,26 @@ REAL = 1e-7
 ROUNDING, SOLVED = 2e-16, 1e-12
 
 
-def first_root(ascending: Array, top: float = np.inf) -> float:
+def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float:
     """The smallest positive real root of a polynomial, coefficients in ascending order; `top` without one.
 
-    A root where the polynomial touches 0 without a change of sign counts, too.
+    A root where the polynomial touches 0 without a change of sign counts, too. The eigenvalues of the
+    companion matrix (Horn & Johnson 1985, section 3.3), without what numpy.roots does around them.
     """
-    c = np.trim_zeros(np.asarray(ascending, float), "b")
-    if len(c) < 2 or not np.isfinite(c).all():
+    c = [float(v) for v in ascending]
+    largest = max((abs(v) for v in c), default=0.0)
+    while c and abs(c[-1]) <= 1e-150 * largest:  # its root lies beyond all numbers
+        c.pop()
+    if len(c) < 2 or not np.isfinite(largest):
         return top
-    roots = np.roots(c[::-1])
-    real = roots.real[(abs(roots.imag) <= REAL * abs(roots)) & (roots.real > 0)]
-    return min(top, float(real.min())) if len(real) else top
+    companion = np.eye(len(c) - 1, k=-1)
+    companion[:, -1] = np.array(c[:-1]) / -c[-1]
+    roots = np.linalg.eigvals(companion)
+    found = top
+    for root in roots.tolist():
+        if root.real > 0 and abs(root.imag) <= REAL * abs(root):
+            found = min(found, root.real)
+    return found
 
 
 def invert(

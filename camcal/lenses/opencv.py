@@ -14,12 +14,16 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from camcal.lenses.base import Lens, OpenCVForm, Parameter, example_list, newton, no_options
+from camcal.lenses.curve import first_root
+from camcal.lenses.rational import fit_rational
+from camcal.lenses.start import image_radii
 
 Array = np.ndarray
 
+#: rad; beyond it tan θ is too large to begin from
+WIDEST = np.deg2rad(87)
 #: cv2's order of the coefficients
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tauX", "tauY")
 
@@ -45,6 +49,22 @@ class OpenCV(Lens):
     def nests(self) -> tuple[str, ...]:
         """The models with fewer coefficients."""
         return tuple(n for n, c in reversed(_COUNTS.items()) if c < self.count)
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """Without distortion, and with radial terms found linearly from the angles that the radii have."""
+        found: list[dict[str, float]] = [{}]
+        if not self.count:
+            return found
+        radius, theta = image_radii(rays, uv, None)
+        used = theta < WIDEST
+        terms = min(self.count // 2, 3) if self.count != 4 else 2
+        fit = fit_rational(np.tan(theta[used]), radius[used], terms, 3 if self.count >= 8 else 0)
+        if fit is not None:
+            names = ("k1", "k2", "k3")[:terms], ("k4", "k5", "k6")
+            found.append(
+                {n: float(v) for c, v in zip(names, fit, strict=True) for n, v in zip(c, v, strict=False)}
+            )
+        return found
 
     def opencv(self, params: Array) -> OpenCVForm:
         """The coefficients in cv2's order, and its flags for the same free ones."""
@@ -319,13 +339,11 @@ def _first_fold(num: tuple[float, ...], den: tuple[float, ...]) -> float:
 
     num, den : coefficients of f = num / den in ascending powers of s = r².
     """
-    n, d = np.trim_zeros(num, "b"), np.trim_zeros(den, "b")
-    dn, dd = polynomial.polyder(n), polynomial.polyder(d)
-    slope = polynomial.polysub(polynomial.polymul(dn, d), polynomial.polymul(n, dd))
-    fold = polynomial.polyadd(polynomial.polymul(n, d), polynomial.polymulx(2 * slope))
-    roots = np.concatenate([polynomial.polyroots(np.trim_zeros(fold, "b")), polynomial.polyroots(d)])
-    real = roots.real[(abs(roots.imag) < 1e-9 * (1 + abs(roots))) & (roots.real > 0)]
-    return float(np.sqrt(real.min())) if len(real) else np.inf
+    n, d = np.array(num), np.array(den)
+    i = np.arange(len(n))
+    # n d + 2 s (n' d - n d'), with s n' = (0, n1, 2 n2, 3 n3)
+    fold = np.convolve(n, d) + 2 * (np.convolve(i * n, d) - np.convolve(n, i * d))
+    return float(np.sqrt(min(first_root(fold.tolist()), first_root(den))))
 
 
 def tilt_matrix(tau_x: float, tau_y: float) -> Array:

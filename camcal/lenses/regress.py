@@ -17,10 +17,15 @@ Array = np.ndarray
 
 #: where a start does not hold all rays, the fit takes them in from the axis outwards
 CONES = (0.4, 0.7, 0.9, 1.0)
+#: Levenberg-Marquardt steps for all rays, and for those of a cone on the way
+LAST_STEPS, STEPS = 50, 12
 #: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
 EXACT = 1e-6
 #: pairs that a fit needs at most: a model has few parameters, a spline some hundred
-ENOUGH = 1200
+ENOUGH = 700
+#: a start from which the fit finds its way covers this part of the rays, with an error of this part of the
+#: image's extent
+COVERED, NEAR = 0.97, 0.02
 #: a ray whose pixel is missed by more than this part of the image's extent counts as not covered: a
 #: perspective model throws rays of nearly 90 degrees anywhere, and would give up all others for them
 MISSED = 0.2
@@ -37,24 +42,21 @@ class Regression:
         Rays within the domain of the result that come near to their pixels.
     errors : (N,) array
         Distances in px between the pixels and the projected rays; NaN outside the domain.
+    score : float
+        Mean square of the errors, px², those that are not covered counted as `MISSED`: what starts and
+        results are compared by.
     """
 
     params: Array
     covered: Array
     errors: Array
+    score: float
 
     @property
     def rms(self) -> float:
         """Root mean square of the errors of the covered rays, px; inf without any."""
         e = self.errors[self.covered]
         return float(np.sqrt(np.mean(e * e))) if len(e) else np.inf
-
-    def better_than(self, other: Regression | None) -> bool:
-        """More rays covered, or as many with a lower error."""
-        if other is None:
-            return True
-        mine, its = int(self.covered.sum()), int(other.covered.sum())
-        return mine > its or (mine == its and self.rms < other.rms)
 
 
 def regress(
@@ -88,16 +90,12 @@ def regress(
     free = np.array([n not in held for n in lens.names])
     starts = [start] if start is not None else _starts(lens, rays, uv, image_size, hold)
     measured = [measure(lens, s, rays, uv) for s in starts]
-    order = sorted(range(len(starts)), key=lambda i: (-int(measured[i].covered.sum()), measured[i].rms))
-    best: Regression | None = None
-    for i in order:
-        found = _grow(lens, starts[i], rays, uv, free)
-        if found.better_than(best):
-            best = found
-        if best is not None and best.covered.all() and best.rms < EXACT:
+    found = []
+    for i in np.argsort([m.score for m in measured]):
+        found.append(_grow(lens, starts[i], rays, uv, free))
+        if found[-1].score < EXACT**2:
             break
-    assert best is not None
-    return best
+    return min(found, key=lambda r: r.score)
 
 
 def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
@@ -112,9 +110,11 @@ def measure(lens: Lens, params: Array, rays: Array, uv: Array) -> Regression:
     """How well a camera projects rays (N, 3) to pixels (N, 2)."""
     seen, covered = lens.project(params, rays)
     errors = np.linalg.norm(seen - uv, axis=1)
+    missed = MISSED * float(np.ptp(uv, axis=0).max())
     with np.errstate(invalid="ignore"):
-        covered &= errors <= MISSED * float(np.ptp(uv, axis=0).max(initial=0.0))
-    return Regression(params, covered, errors)
+        covered &= errors <= missed
+    score = float(np.mean(np.where(covered, errors, missed) ** 2))
+    return Regression(params, covered, errors, score)
 
 
 def _starts(
@@ -123,10 +123,17 @@ def _starts(
     shapes = lens.shapes(rays, uv, image_size)
     found = [_with_matrix(lens, shape, rays, uv) for shape in shapes]
     nested = lens.nests()
-    if shapes == [{}] and nested:  # the model has no idea of its own: climb from the ones that it holds
+    if (
+        len(shapes) <= 2 and {} in shapes and nested
+    ):  # few ideas of its own: climb from the ones that it holds
         inner = make(nested[0], lens.has_skew)
         found.append(lens.adopt(inner, regress(inner, rays, uv, image_size, hold).params))
     return found
+
+
+def _near(start: Regression, uv: Array) -> bool:
+    """Whether a start is as near as an ordinary lens is to a pinhole camera."""
+    return bool(start.covered.mean() > COVERED and start.rms < NEAR * float(np.ptp(uv, axis=0).max()))
 
 
 def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) -> Array:
@@ -151,24 +158,26 @@ def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) ->
 
 
 def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Regression:
-    """Fit to the rays within widening cones, as far as the model holds them."""
+    """Fit to the rays within widening cones, as far as the model holds them; the best on the way."""
     angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    result = measure(lens, params, rays, uv)
+    best = result = measure(lens, params, rays, uv)
     for part in CONES[-1:] if result.covered.all() else CONES:
         chosen = result.covered & (angle <= np.quantile(angle, part))
-        for _ in range(6):  # a fit to what is covered may cover more
+        for _ in range(3):  # a fit to what is covered may cover more
             if 2 * chosen.sum() < free.sum():
                 break
-            params = _fit(lens, params, rays[chosen], uv[chosen], free)
+            steps = LAST_STEPS if part == CONES[-1] else STEPS
+            params = _fit(lens, params, rays[chosen], uv[chosen], free, steps)
             result = measure(lens, params, rays, uv)
+            best = min(best, result, key=lambda r: r.score)
             wider = chosen | (result.covered & (angle <= np.quantile(angle, part)))
             if wider.sum() == chosen.sum():
                 break
             chosen = wider
-    return result
+    return best
 
 
-def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int = 50) -> Array:
+def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int) -> Array:
     """Levenberg-Marquardt from a start at which all rays are in the domain; they stay there."""
     lower = np.array([p.lower for p in lens.parameters])
     upper = np.array([p.upper for p in lens.parameters])
@@ -196,11 +205,14 @@ def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: 
 
 def _normal(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> tuple[float, Array, Array]:
     """Half the sum of squares (inf where a ray leaves the domain), JᵀJ and Jᵀr of the free parameters."""
-    seen, _, j, valid = lens.jacobians(params, rays)
-    count = int(free.sum())
-    if not valid.all() or not np.isfinite(j).all():
+    count, n = int(free.sum()), len(rays)
+    out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, lens.size, 2, n))
+    x, y, z = (np.ascontiguousarray(c)[None] for c in rays.T)
+    with np.errstate(all="ignore"):
+        inside = lens.linearise(params, x, y, z, out, d_xyz, rows)
+    if not inside:
         return np.inf, np.zeros((count, count)), np.zeros(count)
-    r, j = (seen - uv).ravel(), j.reshape(-1, lens.size)[:, free]
+    r, j = (out[0] - uv.T).ravel(), rows[0][free].reshape(count, -1).T
     prior = lens.prior(params)
     if prior is not None:
         r, j = np.r_[r, prior[0]], np.concatenate([j, prior[1][:, free]])
