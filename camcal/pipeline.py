@@ -221,7 +221,7 @@ def first_estimate(
     skew: bool = False,
     fix: Mapping[str, float | None] | None = None,
 ) -> tuple[Correspondences, Camera, Poses, dict[str, float | None]]:
-    """Where a refinement would begin: the usable views, camera and poses, and all parameters that are held."""
+    """Where a refinement would begin: usable views, camera, poses, and all parameters that are held."""
     told = Options(model=model, skew=skew, fix=fix or {})
     run = _Run(told, lenses.make(model, skew))
     usable, camera, poses = run.begin(leave_out_unusable(correspondences), None)

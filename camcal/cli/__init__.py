@@ -14,6 +14,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
+    "report": ("camcal.cli.report:command", "Show a report as one self-contained HTML page."),
+    "compare-optimizers": (
+        "camcal.cli.compare_optimizers:command",
+        "Run all optimizers on one problem, from the same starts.",
+    ),
     "track": ("camcal.cli.track:command", "Follow a camera that changes with time."),
     "board": ("camcal.cli.board:command", "Write a target to print, at true scale."),
     "simulate": ("camcal.cli.simulate:command", "Make points, rigs or pictures whose truth is known."),

@@ -88,7 +88,8 @@ class Reduced:
     def __init__(self, blocks: Blocks, damping: float = 0.0, scaled: bool = True):
         self.blocks, self.damping = blocks, damping
         count = len(blocks.gradient)
-        diagonal = np.arange(6)
+        size = blocks.poses.shape[1]
+        diagonal = np.arange(size)
         poses = np.ascontiguousarray(blocks.poses.transpose(1, 2, 0))
         self.pose_diagonal = poses[diagonal, diagonal].copy()
         self.diagonal = np.diag(blocks.intrinsics).copy()
@@ -102,7 +103,7 @@ class Reduced:
         if factor is None:
             return
         self.factor = factor
-        right = np.empty((6, count + 1, len(blocks.poses)))
+        right = np.empty((size, count + 1, len(blocks.poses)))
         right[:, :count] = blocks.coupling.transpose(2, 1, 0)
         right[:, count] = blocks.pose_gradients.T
         self.half = forward_substitution(factor, right)
@@ -137,7 +138,7 @@ class Reduced:
 
     def _weakest(self, pivots: Array) -> float:
         """Over the poses, whose factors hold reciprocal pivots, and the camera's columns as they were."""
-        diagonal = np.arange(6)
+        diagonal = np.arange(len(self.factor))
         lengths = self.pose_diagonal * (1.0 + self.damping)
         poses = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
         lengths = np.where(self.diagonal > 0, self.diagonal, 1.0) * (1.0 + self.damping)

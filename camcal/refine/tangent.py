@@ -18,9 +18,14 @@ def flat(step: Step) -> Array:
     return np.concatenate([step.intrinsics, step.poses.ravel()])
 
 
-def unflat(vector: Array, free: int) -> Step:
+def unflat(vector: Array, free: int, width: int = 6) -> Step:
     """The step of a vector whose first `free` entries are those of the free parameters."""
-    return Step(vector[:free], vector[free:].reshape(-1, 6))
+    return Step(vector[:free], vector[free:].reshape(-1, width))
+
+
+def sizes(blocks: Blocks) -> tuple[int, int]:
+    """Number of free parameters and of numbers a pose."""
+    return len(blocks.gradient), blocks.poses.shape[2]
 
 
 def gradient(blocks: Blocks) -> Array:
@@ -36,7 +41,7 @@ def diagonal(blocks: Blocks) -> Array:
 def multiply(blocks: Blocks, vector: Array) -> Array:
     """JᵀJ times a vector (F + 6 V,)."""
     free = len(blocks.gradient)
-    own, poses = vector[:free], vector[free:].reshape(-1, 6)
+    own, poses = vector[:free], vector[free:].reshape(blocks.pose_gradients.shape)
     upper = blocks.intrinsics @ own + np.einsum("vfi,vi->f", blocks.coupling, poses)
     lower = np.einsum("vfi,f->vi", blocks.coupling, own) + np.einsum("vij,vj->vi", blocks.poses, poses)
     return np.concatenate([upper, lower.ravel()])

@@ -32,6 +32,7 @@ class Options:
         leaves the parameters within 1e-5 of their standard deviations at 1e4 points.
     max_iterations : int, optional
         Accepted and rejected steps; without it the method's own limit.
+    max_seconds : float, optional
     variant : str
         One of the method's `VARIANTS`, as after the colon of `lbfgs:varpro`; empty = its first.
     """
@@ -39,6 +40,7 @@ class Options:
     tolerance: float = 1e-14
     max_iterations: int | None = None
     variant: str = ""
+    max_seconds: float | None = None
 
 
 class Sample(NamedTuple):
@@ -86,11 +88,18 @@ class Result:
 
 
 class Recorder:
-    """Keeps the samples of a run and tells the caller of each."""
+    """Keeps the samples of a run, tells the caller of each, and looks at the clock."""
 
-    def __init__(self, cost: float, evaluations: int, on_step: OnStep | None = None):
+    def __init__(
+        self, cost: float, evaluations: int, on_step: OnStep | None = None, options: Options | None = None
+    ):
         self.begin, self.on_step = time.perf_counter(), on_step
+        self.limit = None if options is None else options.max_seconds
         self.samples = [Sample(0, cost, evaluations, 0.0)]
+
+    def late(self) -> bool:
+        """Whether `Options.max_seconds` have passed."""
+        return self.limit is not None and time.perf_counter() - self.begin > self.limit
 
     def add(self, iteration: int, cost: float, evaluations: int) -> None:
         """Note a step that was kept."""

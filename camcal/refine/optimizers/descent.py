@@ -54,7 +54,7 @@ def descend(
     options = options or Options()
     variables, info = choose(problem, state, options)
     place, line = variables.start, None
-    recorder = Recorder(place.cost, variables.evaluations, on_step)
+    recorder = Recorder(place.cost, variables.evaluations, on_step, options)
     tolerance = max(options.tolerance, LEAST_TOLERANCE)
     limit = options.max_iterations or MOST_ITERATIONS
     restarts = 0
@@ -69,6 +69,8 @@ def descend(
         return bool(remaining(place.blocks) <= tolerance * place.cost + problem.rounding)
 
     for iteration in range(1, limit + 1):
+        if recorder.late():
+            return ended(arrived(), "time", iteration - 1)
         if iteration % _TEST_EVERY == 1 and arrived():
             return ended(True, "predicted decrease", iteration - 1)
         direction = None if line is None else direction_of(line)

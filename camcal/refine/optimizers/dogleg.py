@@ -30,7 +30,7 @@ def minimise(
     options = options or Options()
     linear = Linear(problem, options.variant)
     blocks, evaluations = begin(problem, state), 1
-    recorder = Recorder(blocks.cost, evaluations, on_step)
+    recorder = Recorder(blocks.cost, evaluations, on_step, options)
     model, radius = _Model(linear, state, blocks), np.inf
     if model.newton is not None:
         radius = 2 * model.newton_length
@@ -43,13 +43,15 @@ def minimise(
 
     limit = options.max_iterations or _MOST_ITERATIONS
     for iteration in range(1, limit + 1):
+        if recorder.late():
+            return ended(False, "time", iteration - 1)
         enough = options.tolerance * blocks.cost + problem.rounding
         if model.newton is not None and model.newton_predicted <= enough:
             return ended(True, "predicted decrease", iteration)
         scaled, predicted = model.step(radius)
         if predicted <= 1e-3 * enough:
             return ended(bool(remaining(blocks) <= enough), "the region has shrunk to nothing", iteration)
-        trial = problem.retract(state, tangent.unflat(model.scale * scaled, len(blocks.gradient)))
+        trial = problem.retract(state, tangent.unflat(model.scale * scaled, *tangent.sizes(blocks)))
         trial_blocks = problem.linearise(trial)
         evaluations += 1
         gain = -1.0 if trial_blocks is None else (blocks.cost - trial_blocks.cost) / predicted

@@ -24,7 +24,7 @@ def minimise(
     options = options or Options()
     linear = Linear(problem, options.variant)
     blocks, evaluations = begin(problem, state), 1
-    recorder = Recorder(blocks.cost, evaluations, on_step)
+    recorder = Recorder(blocks.cost, evaluations, on_step, options)
 
     def ended(converged: bool, reason: str, iterations: int) -> Result:
         passes = evaluations + linear.passes
@@ -34,6 +34,8 @@ def minimise(
 
     limit = options.max_iterations or _MOST_ITERATIONS
     for iteration in range(1, limit + 1):
+        if recorder.late():
+            return ended(False, "time", iteration - 1)
         solved = linear.step(state, blocks, 0.0)
         if solved is None:
             return ended(False, "singular", iteration)

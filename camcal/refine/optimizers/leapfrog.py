@@ -123,7 +123,7 @@ def minimise(
     options = options or Options()
     variables, info = choose(problem, state, options)
     best = variables.start
-    recorder = Recorder(best.cost, variables.evaluations, on_step)
+    recorder = Recorder(best.cost, variables.evaluations, on_step, options)
     tolerance = max(options.tolerance, LEAST_TOLERANCE)
     limit = options.max_iterations or MOST_STEPS
 
@@ -140,6 +140,8 @@ def minimise(
         return ended(True, "predicted decrease", 0)
     particle = _Particle.at_rest(best, np.sqrt(2 * best.cost))
     for iteration in range(1, limit + 1):
+        if recorder.late():
+            return ended(arrived(), "time", iteration - 1)
         particle.control(variables)
         particle.leap(variables)
         if particle.place.cost < best.cost:

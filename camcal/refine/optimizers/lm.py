@@ -95,7 +95,7 @@ class _Run:
         self.problem, self.state, self.options = problem, state, options
         self.linear = Linear(problem, options.variant)
         self.blocks, self.evaluations = begin(problem, state), 1
-        self.recorder = Recorder(self.blocks.cost, 1, on_step)
+        self.recorder = Recorder(self.blocks.cost, 1, on_step, options)
         self.damping = _Damping()
         self.curvature = Curvature(len(self.blocks.gradient))
         self.undamped: Reduced | None = None  # at the state, where the curvature is learnt
@@ -121,6 +121,8 @@ class _Run:
         """Iterate to the end."""
         limit = self.options.max_iterations or _MOST_ITERATIONS
         while self.iteration < limit:
+            if self.recorder.late():
+                return self.end(False, "time")
             self.iteration += 1
             solved, more = self.step()
             if solved is None:

@@ -82,7 +82,7 @@ class AllUnknowns(Variables):
 
     def move(self, place: Place, step: Array) -> Place | None:
         """A retraction."""
-        moved = tangent.unflat(self.scale * step, len(place.blocks.gradient))
+        moved = tangent.unflat(self.scale * step, *tangent.sizes(place.blocks))
         state = self.problem.retract(place.state, moved)
         blocks = self._evaluate(state)
         return None if blocks is None else self._place(state, blocks)

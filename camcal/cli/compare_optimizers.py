@@ -1,0 +1,169 @@
+"""`camcal compare-optimizers`: which optimiser, on these data, with this model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import (
+    fix_option,
+    image_size_option,
+    model_option,
+    option,
+    report_options,
+    seed_option,
+    skew_option,
+)
+from camcal.cli.params import Word
+from camcal.cli.verbosity import verbosity_options
+
+FILE = click.Path(path_type=Path)
+ROTATIONS = ("left", "vector", "quaternion", "euler")
+#: what sees no more of a problem than linearisations and retractions, and so takes other coordinates
+PLAIN = (
+    "lm:schur",
+    "dogleg:schur",
+    "gauss-newton:schur",
+    "fletcher-reeves:scaled",
+    "polak-ribiere:scaled",
+    "leapfrog:scaled",
+    "lbfgs:scaled",
+)
+
+
+@click.command("compare-optimizers")
+@click.argument("points", nargs=-1, required=True, type=FILE, metavar="POINTS...")
+@image_size_option
+@model_option
+@skew_option
+@fix_option
+@option(
+    "--optimizers", metavar="NAME,...",
+    help="Which, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
+)  # fmt: skip
+@option(
+    "--perturbed", type=click.IntRange(min=0), default=3, show_default=True,
+    help="Starts besides the closed form's, moved at random.",
+)  # fmt: skip
+@option(
+    "--perturbation", type=click.FloatRange(min=0, min_open=True), default=0.02, show_default=True,
+    help="How far: focal length, depth and principal point relative, rotations in rad.",
+)  # fmt: skip
+@option(
+    "--max-seconds", type=click.FloatRange(min=0, min_open=True), default=20.0, show_default=True,
+    help="Longest time of one run.",
+)  # fmt: skip
+@option(
+    "--rotation", type=Word(ROTATIONS), default="left", show_default=True,
+    help="Coordinates of rotations; left = perturbations on the left, as everywhere else.",
+)  # fmt: skip
+@option("--normalise/--no-normalise", default=True, help="Centre points and scale columns.")
+@option("--trace", type=FILE, metavar="FILE", help="Write every step of every run to FILE (CSV).")
+@option("--plot", type=FILE, metavar="FILE", help="Draw the convergence to FILE (needs matplotlib).")
+@seed_option
+@report_options
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> None:
+    """Run all optimizers on one problem, from the same starts, and compare cost, evaluations and time.
+
+    The first start is that of the closed form; the others are moved from it at random. An optimizer says that
+    it converged where the decrease that the Gauss-Newton model still predicts is negligible.
+    """
+    from camcal.cli.job import command_line
+    from camcal.cli.output import emit
+    from camcal.cli.verbosity import note
+    from camcal.io.writing import atomic_write, check_writable
+    from camcal.report import convergence
+    from camcal.report.plain import plain
+    from camcal.report.yaml import save
+
+    for file in (options["output"], options["trace"], options["plot"]):
+        if file is not None:
+            check_writable(file, options["force"])
+    if options["plot"] is not None:
+        convergence.require_matplotlib()
+    runs, problem, model = _run(points, options)
+    from camcal.refine.compare import judged
+
+    count = sum(len(v) for v in problem.views)
+    rows = judged(problem, runs)
+    found = plain(
+        convergence.document(model, count, len(problem.views), options["rotation"], rows, command_line(ctx))
+    )
+    emit(found, options["format"], lambda: _table(found))
+    if options["output"] is not None:
+        save(found, options["output"], options["force"])
+        note(f"Comparison written to {options['output']}.")
+    if options["trace"] is not None:
+        atomic_write(options["trace"], convergence.traces(runs), options["force"])
+    if options["plot"] is not None:
+        convergence.plot(runs, options["plot"])
+
+
+def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, str]:
+    """Read, start and run; (runs, problem, the model's full name)."""
+    from camcal.cli.output import progress
+    from camcal.io.points import read_points
+    from camcal.pipeline import first_estimate
+    from camcal.refine.compare import perturbed, run_all
+    from camcal.refine.optimizers import OPTIMIZERS, make
+    from camcal.refine.optimizers.base import Options
+    from camcal.refine.parameters import free_matrix
+    from camcal.refine.problem import Problem
+
+    specs = [name.strip() for name in (options["optimizers"] or "").split(",") if name.strip()]
+    if not specs:
+        specs = list(OPTIMIZERS if options["rotation"] == "left" else PLAIN)
+    for spec in specs:
+        make(spec)  # an unknown one is refused before any work is done
+    _require_plain(specs, options["rotation"])
+    data = read_points(*points, image_size=options["image_size"])
+    usable, camera, poses, fix = first_estimate(data, options["model"], options["skew"], options["fix"])
+    free = free_matrix(camera.lens, camera.params, fix)
+    problem = Problem(camera.lens, usable.views, free, normalise=options["normalise"])
+    first = problem.state(camera.params, poses)
+    starts = [
+        first,
+        *perturbed(problem, first, options["perturbed"], options["perturbation"], options["seed"]),
+    ]
+    done, total = iter(range(len(starts) * len(specs))), len(starts) * len(specs)
+    with progress("optimizers") as show:
+        told = Options(max_seconds=options["max_seconds"])
+        rotation = options["rotation"]
+        runs = run_all(problem, starts, specs, told, rotation, lambda *_: show(next(done), total))
+    return runs, problem, camera.lens.name
+
+
+def _require_plain(specs: list[str], rotation: str) -> None:
+    from camcal.errors import UsageError
+
+    refused = [spec for spec in specs if spec not in PLAIN and not spec.endswith(":plain")]
+    if rotation != "left" and refused:
+        raise UsageError(
+            f"'{refused[0]}' knows rotations as perturbations on the left only, not as {rotation}.",
+            "With --rotation: " + ", ".join(PLAIN) + ".",
+        )
+
+
+def _table(found: dict[str, Any]) -> Any:
+    from camcal.cli.output import number, table
+
+    header = ["optimizer", "rms px", "converged", "above best", "evals", "s", "others"]
+    rows = []
+    for row in found["optimizers"]:
+        other = row["perturbed"]
+        rows.append(
+            [
+                row["name"],
+                number(row["rms_point"], 8),
+                "yes" if row["converged"] else "no: " + row["stop_reason"],
+                number(row["distance"], 2),
+                row["evaluations"],
+                number(row["seconds"], 3),
+                "-" if other is None else f"{other['reached']} of {other['starts']}",
+            ]
+        )
+    return table(header, rows, f"{found['model']}, {found['views']} views, {found['points']} points")
