@@ -13,6 +13,7 @@ from camcal.types import Camera, Pose, Poses
 Array = np.ndarray
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+LEAST_SHARE = 0.75  #: of the size that was asked for; an object that has to be smaller is not what was meant
 #: steps of the additive recurrence that fills a square evenly (Roberts 2018, "R2", from the plastic number)
 R2_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -96,7 +97,7 @@ def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: f
     low, high = margin * size - 0.5, (1 - margin) * size - 0.5
     pixel = -0.5 + place * size
     for attempt in range(40):
-        pose = _at_pixel(points, camera, rotation, pixel, fill * 0.97**attempt)
+        pose = _at_pixel(points, camera, rotation, pixel, fill * max(0.97**attempt, LEAST_SHARE))
         if pose is not None:
             uv = camera.project(pose.apply(points))
             lack = np.maximum(low - uv.min(0), 0) - np.maximum(uv.max(0) - high, 0)

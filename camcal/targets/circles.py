@@ -18,14 +18,16 @@ import numpy as np
 
 from camcal.errors import UsageError
 from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, parse_grid, parse_length
+from camcal.targets.board_points import LOCAL_POINTS, from_points
 from camcal.targets.disc_fit import fit_discs
-from camcal.targets.disc_grid import Grid, as_board, best_box, trimmed
+from camcal.targets.disc_grid import Grid, as_board, best_box, candidates
 from camcal.targets.discs import Discs, find_discs, lattices
 from camcal.targets.pyramid import reduced, reductions, to_8_bits
 from camcal.types import Camera, Pose
 
 Array = np.ndarray
 
+STRAY = 0.2  #: of the distance; a disc farther from where its neighbours put it is another
 ENOUGH = 0.8  #: share of the discs that must be seen
 CONTOUR = 64  #: points on an outline; its centroid then is that of the disc to 1e-6 of the shift
 
@@ -73,7 +75,7 @@ class Circles(Target):
     def _fitted(self, gray: Array, found: Grid) -> Detection | Miss:
         scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
         fitted = fit_discs(gray, found.discs, max(1.0, 0.5 * found.factor), scale)
-        good, total = fitted.good, self.columns * self.rows
+        good, total = fitted.good & ~self._strays(found.ids, fitted.discs.centre), self.columns * self.rows
         order = np.argsort(found.ids)
         order = order[good[order]]
         if len(order) < max(4, ENOUGH * total):
@@ -83,7 +85,8 @@ class Circles(Target):
             )
         missing = np.setdiff1d(np.arange(total), found.ids)
         rejected = {int(i): "not seen" for i in missing}
-        rejected |= {int(i): r for i, r in zip(found.ids, fitted.reasons, strict=True) if r}
+        named = (r or "not where its neighbours say" for r in fitted.reasons)
+        rejected |= {int(i): r for i, r, kept in zip(found.ids, named, good, strict=True) if not kept}
         radius = np.sqrt(np.abs(np.linalg.det(fitted.discs.shape[order])))
         info: dict[str, Any] = {
             "rejected": rejected,
@@ -96,6 +99,15 @@ class Circles(Target):
         }
         sigma = np.sqrt(0.5 * np.trace(fitted.covariance[order], axis1=1, axis2=2))
         return Detection(found.ids[order], fitted.discs.centre[order], sigma, info)
+
+    def _strays(self, ids: Array, centre: Array) -> Array:
+        """Mask of the discs that are not where their neighbours alone put them."""
+        points = self.points[ids, :2]
+        if len(ids) <= LOCAL_POINTS or not np.isfinite(centre).all():
+            return ~np.isfinite(centre).all(1)
+        uv, jacobian, certain = from_points(points, points, centre, leave_out=True)
+        room = STRAY * self.square * np.linalg.norm(jacobian, axis=1).min(1)
+        return certain & (np.linalg.norm(uv - centre, axis=1) > np.maximum(room, 1.5))
 
     def apparent_shift(
         self, camera: Camera, cam_from_board: Pose, point_ids: Array, radius: float | None = None
@@ -206,11 +218,11 @@ def search(
         discs = find_discs(reduced(picture, factor))
         discs = Discs((discs.centre + 0.5) * factor - 0.5, discs.shape * factor)
         for piece in lattices(discs)[:4]:
-            box = trimmed(np.array(list(piece)), size)
-            found = as_board(box, piece, discs, staggered, size, factor)
-            if found is not None and len(found.ids) >= ENOUGH * found.columns * found.rows:
-                return found, sizes
-            sizes += best_box(box)
+            for cells in candidates(np.array(list(piece))):
+                found = as_board(cells, piece, discs, staggered, size, factor)
+                if found is not None and len(found.ids) >= ENOUGH * found.columns * found.rows:
+                    return found, sizes
+                sizes += best_box(cells)
         if 5 * (time.perf_counter() - start) > seconds - (time.perf_counter() - began):
             break
     return None, sizes

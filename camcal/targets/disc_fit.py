@@ -1,11 +1,12 @@
 """Sub-pixel discs by fitting the grey values around each outline, all discs of a picture in one batch.
 
-    I(d) = a + g·d + b Φ(s(d) / σ),    s = (|L d| - 1) / |∇|L d||,    d = pixel - centre
+    I(d) = (a + b Φ(s(d) / σ)) (1 + g·d),    s = (|L d| - 1) / |∇|L d||,    d = pixel - centre
 
-a + g·d is the ink under uneven light, b the step to the paper, Φ the normal distribution function, s the
-signed distance from the ellipse |L d| = 1 (to first order) and σ the blur. Ten parameters: centre (2), L
-symmetric (3), a, g (2), b, σ. The blurred edge counts, not a threshold on it, so that a gradient of light
-hardly moves the centre; and unlike a centroid nothing depends on where a window ends.
+a is the ink, b the step to the paper, g the slope of the light, which brightens both in proportion, Φ the
+normal distribution function, s the signed distance from the ellipse |L d| = 1 (to first order) and σ the
+blur. Ten parameters: centre (2), L symmetric (3), a, g (2), b, σ. The blurred edge counts, not a threshold
+on it, so that a slope of the light hardly moves the centre; and unlike a centroid nothing depends on where
+a window ends.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from scipy.special import erf
 
 from camcal.targets.discs import Discs
+from camcal.targets.saddle import white_level
 
 Array = np.ndarray
 
@@ -23,7 +25,7 @@ CX, CY, L11, L12, L22, OFFSET, GX, GY, STEP, BLUR = range(10)
 COUNT = 10
 ITERATIONS = 20
 SETTLED = 5e-4  #: px
-BAND = 4.0  #: blurs to each side of the outline that take part
+BAND = 3.0  #: blurs to each side of the outline that take part
 MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is taken
 LEAST_BLUR, MOST_BLUR = 0.2, 10.0  #: px
 LEAST_INSIDE = 0.9  #: share of the band that must lie in the picture
@@ -61,16 +63,23 @@ class FittedDiscs:
 
 @dataclass(frozen=True)
 class _Band:
-    """Pixels around K outlines, padded to P: offsets (K, P) from the centres, values, which count."""
+    """Pixels around K outlines, padded to P: offsets (K, P) from the centres, values, which count.
+
+    `white` is the grey value at which the picture is cut off: a pixel there is at least as bright.
+    """
 
     x: Array
     y: Array
     value: Array
     counts: Array
     inside: Array
+    white: float
 
     def take(self, rows: Array) -> _Band:
-        return _Band(*(a[rows] for a in (self.x, self.y, self.value, self.counts, self.inside)))
+        x, y, value, counts, inside = (
+            a[rows] for a in (self.x, self.y, self.value, self.counts, self.inside)
+        )
+        return _Band(x, y, value, counts, inside, self.white)
 
 
 def fit_discs(gray: Array, discs: Discs, blur: float = 1.0, scale: float = 255.0) -> FittedDiscs:
@@ -86,7 +95,7 @@ def fit_discs(gray: Array, discs: Discs, blur: float = 1.0, scale: float = 255.0
     scale : float
         Grey value of white.
     """
-    band = _cut(gray, discs, BAND * blur + 1.5)
+    band = _cut(gray, discs, BAND * blur + 1.0)
     params = _start(band, discs, blur)
     params = _minimise(band, params)
     # the blur is known now: a band of the right width, so that neither the neighbours nor the middle matter
@@ -95,7 +104,7 @@ def fit_discs(gray: Array, discs: Discs, blur: float = 1.0, scale: float = 255.0
     shape = np.where(usable[:, None, None], settled.shape, discs.shape)
     settled = Discs(np.where(usable[:, None], settled.centre, discs.centre), shape)
     typical = float(np.median(params[:, BLUR]))
-    band = _cut(gray, settled, BAND * typical + 1.5)
+    band = _cut(gray, settled, BAND * typical + 1.0)
     params = _minimise(band, _start(band, settled, typical))
     return _judged(band, settled, params, scale)
 
@@ -128,7 +137,7 @@ def _cut(gray: Array, discs: Discs, width: float) -> _Band:
     counts = np.zeros((len(rows), longest), bool)
     for k, (xs, ys, values, _) in enumerate(rows):
         x[k, : len(xs)], y[k, : len(xs)], value[k, : len(xs)], counts[k, : len(xs)] = xs, ys, values, True
-    return _Band(x, y, value, counts, np.array([r[3] for r in rows]))
+    return _Band(x, y, value, counts, np.array([r[3] for r in rows]), white_level(gray))
 
 
 def _distance(matrix: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
@@ -170,18 +179,20 @@ def _evaluate(band: _Band, params: Array) -> tuple[Array, Array]:
     bell = p[:, STEP] * np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * p[:, BLUR])
     along = bell / slope  # d I / d |L d|; the change of the slope itself vanishes on the outline
     jacobian = np.empty((len(params), COUNT, band.x.shape[1]))
-    jacobian[:, CX] = -along * (p[:, L11] * nx + p[:, L12] * ny) - p[:, GX]
-    jacobian[:, CY] = -along * (p[:, L12] * nx + p[:, L22] * ny) - p[:, GY]
+    grey, light = p[:, OFFSET] + p[:, STEP] * edge, 1 + p[:, GX] * x + p[:, GY] * y
+    along *= light
+    jacobian[:, CX] = -along * (p[:, L11] * nx + p[:, L12] * ny) - grey * p[:, GX]
+    jacobian[:, CY] = -along * (p[:, L12] * nx + p[:, L22] * ny) - grey * p[:, GY]
     jacobian[:, L11] = along * nx * x
     jacobian[:, L12] = along * (nx * y + ny * x)
     jacobian[:, L22] = along * ny * y
-    jacobian[:, OFFSET] = 1.0
-    jacobian[:, GX], jacobian[:, GY] = x, y
-    jacobian[:, STEP] = edge
-    jacobian[:, BLUR] = -bell * z
-    value = p[:, OFFSET] + p[:, GX] * x + p[:, GY] * y + p[:, STEP] * edge
-    residual = np.where(band.counts, value - band.value, 0.0)
-    return residual, jacobian * band.counts[:, None]
+    jacobian[:, OFFSET] = light
+    jacobian[:, GX], jacobian[:, GY] = grey * x, grey * y
+    jacobian[:, STEP] = edge * light
+    jacobian[:, BLUR] = -bell * light * z
+    residual = grey * light - band.value
+    counts = band.counts & ~((band.value >= band.white) & (residual > 0))
+    return np.where(counts, residual, 0.0), jacobian * counts[:, None]
 
 
 def _minimise(band: _Band, params: Array) -> Array:

@@ -26,7 +26,7 @@ class Grid:
     discs : Discs
     columns, rows : int
     staggered : bool
-    factor : int
+    factor : float
         How many px of the picture were one px where the discs were found.
     """
 
@@ -35,19 +35,13 @@ class Grid:
     columns: int
     rows: int
     staggered: bool
-    factor: int
+    factor: float
 
 
-def trimmed(cells: Array, size: tuple[int, int] | None = None) -> Array:
-    """The cells (N, 2) without stray ones at the rim, in rows or along diagonals, whichever is fuller."""
-    best: Array = cells[:0]
-    for turn in (np.eye(2, dtype=int), STAGGER):
-        kept = _trim(cells @ turn.T)
-        if len(kept[0]) > len(best) or _fill(kept[1], turn is STAGGER) > 0.99:
-            best = cells[kept[0]]
-            if _fill(kept[1], turn is STAGGER) > 0.99:
-                break
-    return best
+def candidates(cells: Array) -> list[Array]:
+    """The cells (N, 2) as they are, and without sparse rows at the rim, straight or along diagonals."""
+    ways = [np.arange(len(cells)), _trim(cells)[0], _trim(cells @ STAGGER.T)[0]]
+    return [cells[rows] for rows in sorted(ways, key=len, reverse=True)]
 
 
 def _trim(x: Array) -> tuple[Array, Array]:
@@ -92,7 +86,7 @@ def as_board(
     discs: Discs,
     staggered: bool | None,
     size: tuple[int, int] | None,
-    factor: int,
+    factor: float,
 ) -> Grid | None:
     """Number the discs as the points of a board, or None where they are none of that kind and size.
 

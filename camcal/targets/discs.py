@@ -22,7 +22,9 @@ AREA_TOLERANCE = 0.13  #: how far the area of an outline may be from that of its
 MOST_DISCS = 3000
 EVEN = 0.25  #: how far the four neighbours of a seed may be from equal distances and right angles
 CONCENTRIC = 0.3  #: of the smaller radius; two outlines with centres as close as that are one disc
-STRAY = 0.3  #: how far a disc may be from where its neighbour expects it, of a step
+STRAY = 0.4  #: how far a disc may be from where its neighbour expects it, of a step
+LIKE = 0.6  #: logarithm of the ratio of sizes of neighbours
+UNEVEN = 0.2  #: how far a step may be from the usual length, in the measure of the discs at its ends
 SEEDS = 12
 
 
@@ -145,7 +147,7 @@ def _seeds(discs: Discs, tree: cKDTree) -> list[tuple[int, Array, Array]]:
     step = discs.centre[near] - discs.centre[:, None]
     flat = np.einsum("nij,nkj->nki", np.linalg.inv(discs.shape), step)  # foreshortening undone
     length = np.linalg.norm(flat, axis=2)
-    like = np.abs(np.log(_sizes(discs)[near] / _sizes(discs)[:, None])) < 0.5
+    like = np.abs(np.log(_sizes(discs)[near] / _sizes(discs)[:, None])) < LIKE
     length = np.where(like, length, np.inf)
     four = np.argsort(length, axis=1)[:, :4]
     rows = np.arange(len(discs))[:, None]
@@ -166,25 +168,35 @@ def _sizes(discs: Discs) -> Array:
 
 
 def _grow(discs: Discs, tree: cKDTree, seed: int, first: Array, second: Array) -> dict[tuple[int, int], int]:
-    """Number the discs that can be reached from a seed by predicted steps."""
+    """Number the discs that can be reached from a seed by predicted steps.
+
+    In the measure of the discs at its two ends a step is as long everywhere on the board.
+    """
+    inverse, sizes = np.linalg.inv(discs.shape), _sizes(discs)
+    length = 0.5 * sum(float(np.linalg.norm(inverse[seed] @ step)) for step in (first, second))
     place = {(0, 0): seed}
     steps = {(0, 0): (first, second)}
-    taken, queue, sizes = {seed}, deque([(0, 0)]), _sizes(discs)
+    taken, queue = {seed}, deque([(0, 0)])
     while queue:
         here = queue.popleft()
-        at, (a, b) = discs.centre[place[here]], steps[here]
+        disc, (a, b) = place[here], steps[here]
+        a, b = (v * (length / np.linalg.norm(inverse[disc] @ v)) for v in (a, b))
         for di, dj, step in ((1, 0, a), (-1, 0, -a), (0, 1, b), (0, -1, -b)):
             there = (here[0] + di, here[1] + dj)
             if there in place:
                 continue
-            miss, found = tree.query(at + step)
-            size = sizes[found] / sizes[place[here]]
-            if found in taken or miss > STRAY * np.linalg.norm(step) or not 0.5 < size < 2:
+            miss, found = tree.query(discs.centre[disc] + step)
+            moved = discs.centre[found] - discs.centre[disc]
+            if (
+                found in taken
+                or miss > STRAY * np.linalg.norm(step)
+                or abs(np.log(sizes[found] / sizes[disc])) > LIKE
+            ):
                 continue
-            moved = discs.centre[found] - at
-            # the step across keeps its direction but follows the change of scale
-            grown = np.linalg.norm(moved) / np.linalg.norm(step)
-            steps[there] = (moved * di, b * grown) if di else (a * grown, moved * dj)
+            both = np.sqrt(np.linalg.norm(inverse[disc] @ moved) * np.linalg.norm(inverse[found] @ moved))
+            if abs(both / length - 1) > UNEVEN:
+                continue
+            steps[there] = (moved * di, b) if di else (a, moved * dj)
             place[there] = int(found)
             taken.add(int(found))
             queue.append(there)

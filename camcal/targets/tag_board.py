@@ -72,7 +72,7 @@ class TagBoard(Target):
         start = time.perf_counter()
         picture = to_8_bits(gray)
         best: Detection | Miss = Miss("none", "no marker of this board was found")
-        for factor in reductions(picture.shape):
+        for factor in reductions(picture.shape, enlarge=True):  # small markers that touch are told apart
             began = time.perf_counter()
             found = self._at_size(gray, picture, factor)
             if isinstance(best, Miss) or (isinstance(found, Detection) and len(found) > len(best)):
@@ -84,7 +84,7 @@ class TagBoard(Target):
                 break
         return best
 
-    def _at_size(self, gray: Array, picture: Array, factor: int) -> Detection | Miss:
+    def _at_size(self, gray: Array, picture: Array, factor: float) -> Detection | Miss:
         tags, corners = self._markers(picture, factor)
         if len(tags) < 2:
             seen = "no marker" if not len(tags) else "one marker"
@@ -93,7 +93,7 @@ class TagBoard(Target):
         near = locate(self.points[:, :2], self.tag_corners[tags], corners, REACH * self.pitch)
         return self.grown(gray, *near, {"markers": len(tags)})
 
-    def _markers(self, picture: Array, factor: int) -> tuple[Array, Array]:
+    def _markers(self, picture: Array, factor: float) -> tuple[Array, Array]:
         """Markers of this board (rows of `tag_ids`) that agree with each other, in px of the full picture."""
         ids, corners = dictionaries.detect(reduced(picture, factor), self.dictionary, self.border)
         corners = (corners + 0.5) * factor - 0.5
