@@ -42,8 +42,13 @@ class ClosedForm:
 class Estimator(Protocol):
     """An entry of the table."""
 
-    def __call__(self, correspondences: Correspondences, skew: bool = False) -> ClosedForm:
-        """Estimate from all views; `skew` says whether the camera's matrix may have one."""
+    def __call__(
+        self, correspondences: Correspondences, skew: bool = False, normalise: bool = True
+    ) -> ClosedForm:
+        """Estimate from all views; `skew` says whether the camera's matrix may have one.
+
+        `normalise=False` leaves coordinates and columns as they are, to show what their scaling is worth.
+        """
         ...
 
 

@@ -71,7 +71,9 @@ def Column(M: Array, order: str = "rows") -> Array:
     return np.ravel(M, order="C" if order == "rows" else "F")
 
 
-def projection_matrix(xyz: Array, uv: Array, sigma: Array | None = None) -> tuple[Array, float]:
+def projection_matrix(
+    xyz: Array, uv: Array, sigma: Array | None = None, normalise: bool = True
+) -> tuple[Array, float]:
     """M (3, 4) with m34 = 1 from Column(M) = C⁺ Column(Y) (3), and the condition number of C.
 
     The paper's theorem (its eq. 4) forms (CᵀC)⁻¹ Cᵀ, whose condition number is that of C squared; here the
@@ -83,16 +85,21 @@ def projection_matrix(xyz: Array, uv: Array, sigma: Array | None = None) -> tupl
     uv : (N, 2) array, px
     sigma : (N,) array, optional
         Standard deviations of the image points, px; rows of the system are divided by them.
+    normalise : bool
+        Scale the columns of C to unit length for the solution; the condition number stays that of C.
     """
     c, y = Central(xyz, uv), Column(uv, "rows")
     if sigma is not None:
         w = np.repeat(1 / sigma, 2)
         c, y = c * w[:, None], y * w
-    m, _, _, singular = np.linalg.lstsq(c, y, rcond=None)
+    lengths = np.linalg.norm(c, axis=0) if normalise else np.ones(11)
+    lengths[lengths == 0] = 1.0
+    m = np.linalg.lstsq(c / lengths, y, rcond=None)[0] / lengths
+    singular = np.linalg.svd(c, compute_uv=False)
     return np.append(m, 1.0).reshape(3, 4), float(singular[0] / max(singular[-1], np.finfo(float).tiny))
 
 
-def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
+def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
     """K and the pose of a single view of points in space. The skew of M is kept in K, whatever `skew` says.
 
     Raises
@@ -111,7 +118,7 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
         )
     view = correspondences.views[0]
     _require_m34(view)
-    m, condition = projection_matrix(view.xyz, view.uv, view.sigma)
+    m, condition = projection_matrix(view.xyz, view.uv, view.sigma, normalise)
     k, rotation, translation, mirrored = projective.decompose(m, view.xyz)
     info = {
         "assumptions": ["m34 = 1"],

@@ -37,7 +37,7 @@ def projection_matrices(xyz: Array, uv: Array, weights: Array | None = None) -> 
     return solve(xyz, uv, weights)[0]
 
 
-def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, Array]:
+def solve(xyz: Array, uv: Array, weights: Array | None = None, normalise: bool = True) -> tuple[Array, Array]:
     """Minimise |A m| with |m| = 1 on normalised coordinates (docs/closed-forms.md, eq. 4).
 
     Hartley & Zisserman, eq. 7.2 and algorithm 7.1.
@@ -48,6 +48,8 @@ def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, A
     uv : (V, N, 2) array, px
     weights : (V, N) array, optional
         1 / sigma²
+    normalise : bool
+        See `system`.
 
     Returns
     -------
@@ -56,18 +58,26 @@ def solve(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, A
     singular : (V, 12) array
         Singular values of A, descending; the last but one is near 0 where the points leave more than one M.
     """
-    a, t_xyz, t_uv = system(xyz, uv, weights)
+    a, t_xyz, t_uv = system(xyz, uv, weights, normalise)
     # zero rows where there are fewer equations than unknowns, so that all 12 right singular vectors come out
     padded = np.concatenate([a, np.zeros((len(a), max(12 - a.shape[1], 0), 12))], 1)
     _, singular, vt = np.linalg.svd(padded, full_matrices=False)
     m = vt[:, 11].reshape(-1, 3, 4)
-    m = m * np.where(m[:, 2:, 3:] < 0, -1.0, 1.0)
+    depth = np.einsum("vk,vk->v", m[:, 2], (t_xyz @ _centroid(xyz)[..., None])[..., 0])
+    m = m * np.where(depth < 0, -1.0, 1.0)[:, None, None]
     m = np.linalg.inv(t_uv) @ m @ t_xyz
     return m / np.linalg.norm(m, axis=(1, 2), keepdims=True), singular
 
 
-def system(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, Array, Array]:
-    """The equations A m = 0 on normalised coordinates.
+def _centroid(xyz: Array) -> Array:
+    """Homogeneous centroids (V, 4)."""
+    return projective.homogeneous(xyz.mean(1))
+
+
+def system(
+    xyz: Array, uv: Array, weights: Array | None = None, normalise: bool = True
+) -> tuple[Array, Array, Array]:
+    """The equations A m = 0 on normalised coordinates; on those of the data where `normalise` is False.
 
     Returns
     -------
@@ -77,7 +87,10 @@ def system(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, 
     t_uv : (V, 3, 3) array
         The normalisations: the matrix of the data is t_uv⁻¹ M t_xyz.
     """
-    t_xyz, t_uv = projective.normalisation(xyz), projective.normalisation(uv)
+    if normalise:
+        t_xyz, t_uv = projective.normalisation(xyz), projective.normalisation(uv)
+    else:
+        t_xyz, t_uv = (np.broadcast_to(np.eye(n), (len(xyz), n, n)) for n in (4, 3))
     x = projective.homogeneous(xyz) @ np.swapaxes(t_xyz, 1, 2)
     y = (projective.homogeneous(uv) @ np.swapaxes(t_uv, 1, 2))[..., :2]
     views, count = x.shape[:2]
@@ -89,7 +102,7 @@ def system(xyz: Array, uv: Array, weights: Array | None = None) -> tuple[Array, 
     return a.reshape(views, 2 * count, 12), t_xyz, t_uv
 
 
-def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
+def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
     """K and poses from the projection matrix of each view of points in space.
 
     With several such views K is the median of its entries over them; views of planes get their pose from it.
@@ -110,7 +123,7 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
             "the points of every view lie on a plane; a DLT needs points in space.",
             "Use the closed form 'zhang'.",
         )
-    matrices, condition = _matrices([views[i] for i in spatial])
+    matrices, condition = _matrices([views[i] for i in spatial], normalise)
     parts = [projective.decompose(m, views[i].xyz) for m, i in zip(matrices, spatial, strict=True)]
     k = np.median([p[0] for p in parts], axis=0)
     mirrored = any(p[3] for p in parts)
@@ -128,12 +141,12 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
     return ClosedForm("dlt", k, pose.poses_for(k, correspondences), None, info)
 
 
-def _matrices(views: Sequence[View]) -> tuple[Array, float]:
+def _matrices(views: Sequence[View], normalise: bool = True) -> tuple[Array, float]:
     """Projection matrices (V, 3, 4) of views of points in space, and the largest condition number."""
     matrices, condition = np.zeros((len(views), 3, 4)), 0.0
     for index, xyz, uv, w in shape.batches(views):
-        found, singular = solve(xyz, uv, w)
-        poor = index[singular[:, 10] <= UNDETERMINED * singular[:, 0]]
+        found, singular = solve(xyz, uv, w, normalise)
+        poor = index[normalise & (singular[:, 10] <= UNDETERMINED * singular[:, 0])]
         if len(poor):
             raise EstimationError(
                 f"view '{views[poor[0]].id}': its {xyz.shape[1]} points leave the projection matrix open.",
@@ -145,5 +158,6 @@ def _matrices(views: Sequence[View]) -> tuple[Array, float]:
         if len(bad):
             raise shape.behind_camera(views[index[bad[0]]].id, int(behind[bad[0]]), xyz.shape[1])
         matrices[index] = found
-        condition = max(condition, float((singular[:, 0] / singular[:, 10]).max()))
+        tiny = np.finfo(float).tiny
+        condition = max(condition, float((singular[:, 0] / np.maximum(singular[:, 10], tiny)).max()))
     return matrices, condition

@@ -96,20 +96,22 @@ def unit_coordinates(correspondences: Correspondences) -> tuple[Array, str]:
     return np.array([[1, 0, -centre[0]], [0, 1, -centre[1]], [0, 0, radius]]) / radius, where
 
 
-def climb(h: Array, covariances: Array, skew: bool, where: str) -> Found:
+def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 1.0) -> Found:
     """K from homographies (V, 3, 3) with the fewest assumptions that leave a real, plausible, certain camera.
 
     Where none is certain, the least uncertain one is taken; where none is real, `matrix` is None.
-    `covariances` (V, 9, 9) are those of the entries of h by rows; `where` says what the origin is.
+    `covariances` (V, 9, 9) are those of the entries of h by rows; `where` says what the origin is. A `length`
+    other than 1 is a pixel in unit coordinates: b is then sought in pixels, without the scaling.
     """
     equations = conic.constraints(h)
+    columns = np.array([length**-2.0] * 3 + [1 / length] * 2 + [1.0])
     rejected: list[str] = []
     best = Found()
     for rung in LADDER[0 if skew else 1 :]:
         said = tuple(a.format(centre=where) for a in rung.assumptions)
         label = ", ".join(said) or "nothing assumed"
-        x, singular = conic.smallest(equations.reshape(-1, 6) @ rung.basis)
-        b = rung.basis @ x
+        x, singular = conic.smallest((equations.reshape(-1, 6) * columns) @ rung.basis)
+        b = columns * (rung.basis @ x)
         k, reason = _plausible(b, singular, rung, len(h))
         if k is None:
             rejected.append(f"{label}: {reason}")

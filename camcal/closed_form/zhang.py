@@ -6,7 +6,7 @@ their frame; nearly flat ones are projected onto their best plane. docs/closed-f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Planes:
         return float(np.sqrt((self.perspective**2).mean()))
 
 
-def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm:
+def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
     """K and poses from views of planes.
 
     Where the views do not determine all of K, or noise leaves no real camera, assumptions are added one by
@@ -94,8 +94,11 @@ def estimate(correspondences: Correspondences, skew: bool = False) -> ClosedForm
         )
     if skew:
         shape.require_determined(correspondences, ("fx", "fy", "cx", "cy", "skew"))
-    planes = _planes(correspondences, form)
-    k, info = _intrinsics(planes, correspondences, skew)
+    if not normalise:  # the planes themselves stay where they are, and so does the origin in them
+        normals = form.axes[..., 2]
+        form = replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
+    planes = _planes(correspondences, form, normalise)
+    k, info = _intrinsics(planes, correspondences, skew, normalise)
     poses = pose.from_plane(pose.from_homographies(k, planes.h), form.origins, form.axes)
     poses = _choose_minima(poses, np.flatnonzero(planes.perspective < AMBIGUOUS), k, correspondences)
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
@@ -121,7 +124,7 @@ def _choose_minima(poses: Poses, weak: Array, k: Array, correspondences: Corresp
     return Poses(r, t)
 
 
-def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
+def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: bool = True) -> Planes:
     """The homography of each view from the axes of its own plane."""
     views = correspondences.views
     count = len(views)
@@ -129,9 +132,9 @@ def _planes(correspondences: Correspondences, form: shape.Shapes) -> Planes:
     gap, cost, peak = np.zeros(count), np.zeros(count), 0.0
     for index, xyz, uv, w in shape.batches(views):
         local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
-        equations = homography.Equations.of(local, uv, w)
+        equations = homography.Equations.of(local, uv, w, normalise)
         h[index], gap[index], cost[index] = equations.solve(steps=1)
-        poor = index[~(gap[index] > OPEN)]
+        poor = index[normalise & ~(gap[index] > OPEN)]
         if len(poor):
             raise EstimationError(
                 f"view '{views[poor[0]].id}': its points leave the homography open "
@@ -182,7 +185,9 @@ def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
         raise shape.behind_camera(ids[bad[0]], int(behind[bad[0]]), local.shape[1])
 
 
-def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) -> tuple[Array, dict[str, Any]]:
+def _intrinsics(
+    planes: Planes, correspondences: Correspondences, skew: bool, normalise: bool = True
+) -> tuple[Array, dict[str, Any]]:
     """K with the fewest assumptions that leave a real, plausible and determined camera, and its figures."""
     count = len(planes.h)
     if planes.visible < VISIBLE:
@@ -195,7 +200,8 @@ def _intrinsics(planes: Planes, correspondences: Correspondences, skew: bool) ->
     h = h / size
     turn = np.kron(to_unit, np.eye(3))
     covariances = turn @ (planes.covariances / size**2) @ turn.T
-    best, weighted = ladder.climb(h, covariances, skew, where), False
+    unit = to_unit[0, 0] if normalise else 1.0
+    best, weighted = ladder.climb(h, covariances, skew, where, to_unit[0, 0] / unit), False
     if best.uncertainty > ladder.UNCERTAIN and count > 1:
         other = ladder.climb_weighted(h, covariances, skew, where)
         if other.uncertainty < best.uncertainty:

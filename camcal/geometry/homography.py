@@ -78,9 +78,12 @@ class Equations:
     t_uv: Array
 
     @classmethod
-    def of(cls, xy: Array, uv: Array, weights: Array | None = None) -> Equations:
+    def of(cls, xy: Array, uv: Array, weights: Array | None = None, normalise: bool = True) -> Equations:
         """Normalise points xy (V, N, 2), their images uv (V, N, 2) and take weights (V, N) = 1 / sigma²."""
-        t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
+        if normalise:
+            t_xy, t_uv = projective.normalisation(xy), projective.normalisation(uv)
+        else:
+            t_xy = t_uv = np.broadcast_to(np.eye(3), (len(xy), 3, 3))
         x = _similar(t_xy, xy)
         w = np.ones(xy.shape[:2]) if weights is None else weights
         return cls(x, _similar(t_uv, uv), x[:, _FIRST] * x[:, _SECOND], w, t_xy, t_uv)
@@ -112,7 +115,8 @@ class Equations:
                     pick = better[:, None, None]
                     h = np.where(pick, trial, h)
                     state = tuple(np.where(_like(better, a), a, b) for a, b in zip(new, state, strict=True))
-            h = h * np.where(h[:, 2:, 2:] < 0, -1.0, 1.0)
+            depth = np.einsum("vk,vk->v", h[:, 2], self.x.mean(-1))  # of the centroid
+            h = h * np.where(depth < 0, -1.0, 1.0)[:, None, None]
             h = np.linalg.inv(self.t_uv) @ h @ self.t_xy
             h = h / np.linalg.norm(h, axis=(1, 2), keepdims=True)
             return h, gap, state[3] / self.t_uv[:, 0, 0] ** 2

@@ -176,6 +176,10 @@ class BoardProblem(Problem):
         """The same problem with other weights."""
         return BoardProblem(self.lens, self.views, self.free, self.board, weights, self.normalise)
 
+    def normalised(self) -> BoardProblem:
+        """The same problem with `normalise`."""
+        return BoardProblem(self.lens, self.views, self.free, self.board, self.weights)
+
     @property
     def variables(self) -> int:
         """Number of free parameters of the camera and of the shape."""

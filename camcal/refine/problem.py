@@ -137,6 +137,10 @@ class Problem:
         """The same problem with other weights."""
         return Problem(self.lens, self.views, self.free, weights, self.normalise)
 
+    def normalised(self) -> Problem:
+        """The same problem with `normalise`."""
+        return Problem(self.lens, self.views, self.free, self.weights)
+
     @property
     def variables(self) -> int:
         """Number of free parameters F, those of the board's shape included."""

@@ -16,7 +16,7 @@ from camcal.refine.board import BoardProblem, make_board, settle
 from camcal.refine.optimizers.base import OnStep, Options, Result
 from camcal.refine.parameters import apply_fixed, free_matrix
 from camcal.refine.problem import Problem
-from camcal.types import Array, Camera, Correspondences, Fit, Poses, Solution
+from camcal.types import Array, Camera, Correspondences, Fit, NormalBlocks, Poses, Solution
 
 
 def refine(
@@ -89,7 +89,7 @@ def refine(
         inliers=masks,
         start=start,
         free=free,
-        normal=result.blocks.normal(),
+        normal=_normal(problem, result),
         fit=_fit(optimizer, result, time.perf_counter() - begin),
         extras=extras,
     )
@@ -156,6 +156,17 @@ def _check_count(views: Sequence, free: Array) -> None:
         )
 
 
+def _normal(problem: Problem, result: Result) -> NormalBlocks:
+    """The blocks at the solution, with poses about the centroids also where the search had them elsewhere."""
+    if problem.normalise:
+        return result.blocks.normal()
+    usual = problem.normalised()
+    state = usual.state(result.state.params, problem.poses(result.state))
+    blocks = usual.linearise(replace(state, shape=result.state.shape))
+    assert blocks is not None  # the same place, where the problem has just been linearised
+    return blocks.normal()
+
+
 def _fit(optimizer: str, result: Result, seconds: float) -> Fit:
     return Fit(
         optimizer=optimizer,
@@ -167,5 +178,6 @@ def _fit(optimizer: str, result: Result, seconds: float) -> Fit:
         cost=result.blocks.cost,
         seconds=seconds,
         trace=result.trace,
+        samples=result.samples,
         info=result.info,
     )
