@@ -52,6 +52,7 @@ class Options:
     crosscheck: bool = False
     max_rms: float | None = None
     seed: int = 0
+    normalise: bool = True
     stopping: Stopping = field(default_factory=Stopping)
 
 
@@ -75,7 +76,8 @@ def calibrate(
         Called with (name, details) at each stage.
     **options
         `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `seed`: as on
-        the command line; `checks=False` leaves out the search for reasons to warn.
+        the command line; `checks=False` leaves out the search for reasons to warn; `normalise=False` the
+        centring and scaling of coordinates and columns at every stage.
 
     Returns
     -------
@@ -134,7 +136,7 @@ class _Run:
 
     def fit(self, start: Camera, poses: Poses, correspondences: Correspondences, **more: Any) -> Solution:
         """The refinement with the options of this calibration; the first one may have second thoughts."""
-        more.setdefault("options", self.told.stopping)
+        more = {"options": self.told.stopping, "normalise": self.told.normalise, **more}
         if start is not self.first:
             return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
         try:
@@ -288,7 +290,7 @@ def start(
         estimate = look_up(CLOSED_FORMS, name, "closed form")
         begin = time.perf_counter()
         try:
-            found = estimate(correspondences, told.skew)
+            found = estimate(correspondences, told.skew, told.normalise)
         except EstimationError as error:
             if name == names[-1]:
                 if wide := _by_radial_alignment(lens, aligned, told, stages):

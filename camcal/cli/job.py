@@ -27,6 +27,7 @@ CALIBRATION = (
     "crosscheck",
     "max_rms",
     "seed",
+    "normalise",
 )
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
@@ -36,8 +37,9 @@ def output_is_free(options: dict[str, Any]) -> None:
     """Raise a UsageError where `--output` cannot be written, before any work is done."""
     from camcal.io.writing import check_writable
 
-    if options["output"] is not None:
-        check_writable(options["output"], options["force"])
+    for path in (options["output"], options.get("trace")):
+        if path is not None:
+            check_writable(path, options["force"])
 
 
 def read_data(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
@@ -110,12 +112,22 @@ def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, 
     output = options["output"]
     if output is not None:
         save(report, output, options["force"])
+    if options.get("trace") is not None:
+        write_trace(solution, options["trace"], options["force"])
     emit(report, options["format"], lambda: tables(report))
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))
     if output is not None:
         note(f"Report written to {output}.")
     return GATE_FELL if report["verdict"] == "fail" else 0
+
+
+def write_trace(solution: Solution, path: Path, force: bool) -> None:
+    """Write the cost of each step of the final refinement as CSV."""
+    from camcal.io.writing import atomic_write
+    from camcal.report.convergence import trace
+
+    atomic_write(path, trace(solution.fit.samples), force)
 
 
 def command_line(ctx: click.Context) -> list[str]:

@@ -157,6 +157,15 @@ seconds_option = option(
 board_options = group_of(
     target_option, board_option, square_option, jobs_option, seconds_option, cache_option
 )
+normalise_option = option(
+    "--normalise/--no-normalise", default=True,
+    help="Centre and scale coordinates and columns at every stage; off only shows what that is worth.",
+)  # fmt: skip
+trace_option = option(
+    "--trace", type=click.Path(path_type=Path), metavar="FILE",
+    help="Write iteration, cost, evaluations and seconds of each step of the refinement to FILE (CSV).",
+)  # fmt: skip
+
 #: What a calibration is, whatever its input.
 calibration_options = group_of(
     model_option,
@@ -168,6 +177,8 @@ calibration_options = group_of(
     crosscheck_option,
     max_rms_option,
     seed_option,
+    normalise_option,
+    trace_option,
 )
 #: Where results go and where options come from.
 report_options = group_of(output_option, force_option, format_option, config_option)
