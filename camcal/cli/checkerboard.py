@@ -1,4 +1,4 @@
-"""`camcal checkerboard`: a camera from pictures of a board."""
+"""`camcal checkerboard`, alias `images`: a camera from pictures of a target."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ from camcal.cli.verbosity import verbosity_options
 @click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
 @board_options
 @option(
+    "--refine-corners/--no-refine-corners", default=None,
+    help="Fit the corners again with the first camera; by default, kept if views held out fit better.",
+)  # fmt: skip
+@option(
     "--save-corners", type=click.Path(path_type=Path), metavar="FILE",
-    help="Write the corners too, as the table that `camcal detect` makes.",
+    help="Write the final corners too, as the table that `camcal detect` makes.",
 )  # fmt: skip
 @calibration_options
 @report_options
@@ -28,12 +32,9 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     IMAGES are folders, files or quoted patterns. What target it is, and its size, is found from the pictures
     where --target and --board do not say it.
     """
-    from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures, save_detections
+    from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures
 
     output_is_free(options)
     if save_corners is not None:
         output_is_free({**options, "output": save_corners})
-    found = read_pictures(images, options)
-    if save_corners is not None:
-        save_detections(found, save_corners, options["force"])
-    return calibrate_and_report(ctx, found, options)
+    return calibrate_and_report(ctx, read_pictures(images, options), options, save_corners)

@@ -80,25 +80,46 @@ def save_detections(found: Correspondences, path: Path, force: bool) -> None:
 
 
 def calibrate_and_report(
-    ctx: click.Context, correspondences: Correspondences, options: dict[str, Any]
+    ctx: click.Context,
+    correspondences: Correspondences,
+    options: dict[str, Any],
+    save_corners: Path | None = None,
 ) -> int:
     """Calibrate, write the report and show it; return 1 where the verdict is `fail`, else 0.
 
     Parameters
     ----------
     options : dict
-        The values of `calibration_options` and `report_options`, by name.
+        The values of `calibration_options` and `report_options`, by name; with `refine_corners`, the points
+        come from pictures that are read again.
+    save_corners : Path, optional
+        Where to write the final points.
     """
-    from camcal.pipeline import calibrate
-
     told = {name: options[name] for name in CALIBRATION}
     if told["board_shape"].lower().endswith((".yaml", ".yml")):
         from camcal.report.board import on_known_board
 
         correspondences = on_known_board(correspondences, told["board_shape"])
         told["board_shape"] = "flat"
-    solution = calibrate(correspondences, **told)
+    if "refine_corners" not in options:
+        from camcal.pipeline import calibrate
+
+        return deliver_solution(ctx, calibrate(correspondences, **told), options)
+    from camcal.pictures import calibrate_pictures
+
+    solution, points = calibrate_pictures(
+        correspondences, options["refine_corners"], on_event=_tell_refined, **told
+    )
+    if save_corners is not None:
+        save_detections(points, save_corners, options["force"])
     return deliver_solution(ctx, solution, options)
+
+
+def _tell_refined(_: str, details: Mapping[str, Any]) -> None:
+    note(
+        "points refined with the camera: moved by {moved_px:.3f} px, hold-out {holdout_before:.4f} -> "
+        "{holdout_after:.4f} px, {0}".format("kept" if details["kept"] else "not kept", **details)
+    )
 
 
 def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, Any]) -> int:
