@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -15,6 +16,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ALONE = 0.4  #: s; work of one process before others are thought of
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  #: read once, at the start
 WORTH_IT = 1.5  #: s; starting processes costs about a third of that
 
 
@@ -72,7 +74,8 @@ def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int]
     lost: list[int] = []
     finished = False
     try:
-        futures: dict[Future, int] = {pool.submit(function, items[i]): i for i in rest}
+        with _one_thread_each():
+            futures: dict[Future, int] = {pool.submit(function, items[i]): i for i in rest}
         for future in as_completed(futures):
             try:
                 result = future.result()
@@ -88,6 +91,21 @@ def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int]
                 child.terminate()
                 child.join(2)
     return sorted(lost)
+
+
+@contextlib.contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that start meanwhile do their linear algebra with one thread: together they fill the machine."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _start_worker() -> None:

@@ -7,13 +7,16 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.targets import saddle
 from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, parse_grid, parse_length
-from camcal.targets.lattice import Lattice, oriented
-from camcal.targets.local_map import board_from_corners
-from camcal.targets.search import Found, reduce, search
-from camcal.targets.smear import edge_blurs, smear
+from camcal.targets.grid_fit import fit_reduced, sharp_corners
+from camcal.targets.lattice import oriented
+from camcal.targets.search import Found, search
 
 Array = np.ndarray
 
+COARSE = 4.0  #: px; a picture reduced by more is fitted first itself
+COARSE_ERROR = 0.25  #: px; of a corner before it is fitted
+LEAST_UNASKED = 12  #: corners; a smaller grid is believed only where its size was asked for
+SURE = 0.75  #: share of its corners that must stand the fit
 LEAST_GOOD = 0.5  #: share of the corners that must stand the fit
 
 
@@ -75,20 +78,27 @@ def find_any(gray: Array, seconds: float = DEFAULT_SECONDS) -> tuple[tuple[int, 
         return found
     columns, rows = sorted(found.lattice.size, reverse=True)
     result = detection(gray, found, columns, rows)
-    return result if isinstance(result, Miss) else ((columns, rows), found.whole, result)
+    if isinstance(result, Miss):
+        return result
+    if len(result) < max(
+        LEAST_UNASKED, SURE * columns * rows
+    ):  # windows of a house make a grid of nine as well
+        return Miss("none", "no checkerboard was found")
+    return (columns, rows), found.whole, result
 
 
 def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection | Miss:
     """Turn a found grid the right way and fit its corners at full size."""
-    coarse = reduce(gray, max(1.0, max(gray.shape) / 640))
-    factor = gray.shape[1] / coarse.shape[1]
-    turned = oriented(coarse, found.lattice.scaled(1 / factor), columns, rows)
+    turned = oriented(found.picture, found.lattice.scaled(1 / found.factor), columns, rows)
     if turned is None:
         raise ValueError(f"a grid of {found.lattice.size} cannot be numbered as {columns}x{rows}")
-    lattice = turned.scaled(factor)
-    if found.factor > 1.5:
-        lattice = _fit_reduced(gray, lattice, found.factor)
-    ids, corners, reasons = sharp_corners(gray, lattice, max(saddle.START_BLUR, 0.25 * found.factor))
+    blur = saddle.START_BLUR
+    if found.factor > COARSE:
+        turned = fit_reduced(found.picture, turned)
+    else:
+        blur = max(blur, COARSE_ERROR * found.factor)
+    lattice = turned.scaled(found.factor)
+    ids, corners, reasons = sharp_corners(gray, lattice, blur)
     everywhere = range(columns * rows)
     rejected = {i: reasons.get(i, "not seen") for i in everywhere if i not in set(ids.tolist())}
     if len(ids) < max(4, LEAST_GOOD * columns * rows):
@@ -102,37 +112,10 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
         "contrast": float(np.median(corners.contrast) * scale),
         "noise": float(np.median(corners.noise) * scale),
         "covariance": corners.covariance,
+        "fit": corners.params,
+        "sides": steps,
     }
-    smeared = smear(*edge_blurs(gray, corners, steps))
-    if smeared is not None:
-        info["smear"] = smeared
     return Detection(ids, corners.uv, corners.sigma, info)
-
-
-def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, saddle.Corners, dict[int, str]]:
-    """Fit the corners of a grid: first each for itself, then with what they tell of each other.
-
-    Returns
-    -------
-    ids : (N,) int array
-    corners : Corners
-        The good ones, in the order of `ids`.
-    reasons : dict
-        Why the others were rejected, by id.
-    """
-    ids = np.flatnonzero(lattice.usable.ravel())
-    rejected: dict[int, str] = {}
-    sides = lattice.steps().reshape(-1, 2, 2)
-    corners = saddle.refine(gray, lattice.uv.reshape(-1, 2)[ids], sides[ids], blur=blur)
-    for again in (True, False):
-        rejected |= {int(i): r for i, r in zip(ids, corners.reasons, strict=True) if r}
-        ids, corners = ids[corners.good], corners.take(corners.good)
-        if not again or len(ids) < 4:
-            break
-        uv = np.full((lattice.uv.shape[0] * lattice.uv.shape[1], 2), np.nan)
-        uv[ids] = corners.uv
-        corners = saddle.sharpen(gray, corners, sides[ids], board_from_corners(uv.reshape(lattice.uv.shape)))
-    return ids, corners, rejected
 
 
 def _unusable(rejected: dict[int, str]) -> Miss:
@@ -142,14 +125,3 @@ def _unusable(rejected: dict[int, str]) -> Miss:
     reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")
     words = f"{len(rejected)} corners of the board cannot be used: {commonest}"
     return Miss(reason, words if reason != "none" else "no checkerboard was found")
-
-
-def _fit_reduced(gray: Array, lattice: Lattice, factor: float) -> Lattice:
-    """Bring the corners to a fraction of a px of the picture, by a fit on the reduced one."""
-    reduced = reduce(gray, factor)
-    small = lattice.scaled(reduced.shape[1] / gray.shape[1])
-    usable = small.usable
-    corners = saddle.refine(reduced, small.uv[usable], small.steps()[usable])
-    uv = small.uv.copy()
-    uv[usable] = np.where(corners.good[:, None], corners.uv, uv[usable])
-    return Lattice(uv).scaled(gray.shape[1] / reduced.shape[1])

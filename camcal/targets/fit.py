@@ -12,6 +12,7 @@ from camcal.targets.windows import Windows
 Array = np.ndarray
 
 ITERATIONS = 25
+CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a cache of half a megabyte
 SETTLED = 5e-4  #: px; a corner that moves less is done
 STILL = 0.01  #: px; one that moves less when the iterations run out counts as converged all the same
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
@@ -65,7 +66,8 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
         step = _damped_step(*_held(normal[active], gradient[active], params[active]), damping[active])
         trial = params[active] + step
         trial[:, model.BLUR] = np.clip(trial[:, model.BLUR], LEAST_BLUR, MOST_BLUR)
-        new = _normal_equations(windows.take(active), trial, limits)
+        some = windows if len(active) == count else windows.take(active)
+        new = _normal_equations(some, trial, limits)
         better = new[0] <= cost[active]
         moved[active] = np.abs(step[:, :2]).max(1)
         took = active[better]
@@ -106,19 +108,30 @@ def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
 def _normal_equations(
     windows: Windows, params: Array, limits: tuple[float, float]
 ) -> tuple[Array, Array, Array]:
-    """Sum of squares (K,), JᵀJ (K, 7, 7) and Jᵀr (K, 7); r = model - value."""
-    value, jacobian = model.evaluate(windows.q, params)
-    residual = value - windows.value
-    low, high = limits
-    cut_off = ((windows.value >= high) & (residual > 0)) | ((windows.value <= low) & (residual < 0))
-    ignored = cut_off | ~windows.counts
-    residual[ignored] = 0
-    jacobian[:, (model.OFFSET, model.CONTRAST)] *= ~ignored[:, None]
-    if (cut_off & windows.counts).any():
-        jacobian *= ~cut_off[:, None]
-    normal = np.matmul(jacobian, jacobian.transpose(0, 2, 1)).astype(float)
-    gradient = np.matmul(jacobian, residual[..., None])[..., 0].astype(float)
-    return np.einsum("kp,kp->k", residual, residual).astype(float), normal, gradient
+    """Sum of squares (K,), JᵀJ (K, 7, 7) and Jᵀr (K, 7); r = model - value.
+
+    A few windows at a time, so that the arrays stay in the processor's cache.
+    """
+    count, size = windows.value.shape
+    cost, normal = np.empty(count), np.empty((count, model.COUNT, model.COUNT))
+    gradient = np.empty((count, model.COUNT))
+    for start in range(0, count, max(1, CACHED // max(size, 1))):
+        rows = slice(start, start + max(1, CACHED // max(size, 1)))
+        observed, counts = windows.value[rows], windows.counts[rows]
+        value, jacobian = model.evaluate(windows.q[rows], params[rows])
+        residual = value - observed
+        if observed.max(initial=limits[0]) >= limits[1] or observed.min(initial=limits[1]) <= limits[0]:
+            low, high = limits
+            counts = counts & ~((observed >= high) & (residual > 0)) & ~((observed <= low) & (residual < 0))
+            jacobian *= counts[:, None]
+        else:  # pixels that do not count are far from the edges, where the other derivatives are 0
+            jacobian[:, model.OFFSET] *= counts
+            jacobian[:, model.CONTRAST] *= counts
+        residual *= counts
+        normal[rows] = np.matmul(jacobian, jacobian.transpose(0, 2, 1))
+        gradient[rows] = np.matmul(jacobian, residual[..., None])[..., 0]
+        cost[rows] = np.matmul(residual[:, None], residual[..., None])[:, 0, 0]
+    return cost, normal, gradient
 
 
 def _held(normal: Array, gradient: Array, params: Array) -> tuple[Array, Array]:

@@ -90,7 +90,7 @@ def complete(gray: Array, lattice: Lattice, places: Array, rounds: int = 6) -> L
     tree = cKDTree(places)
     uv = np.pad(lattice.uv, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
     for _ in range(rounds):
-        guess = _predictions(uv)
+        guess = predicted(uv)
         steps = _neighbour_steps(uv)
         row, col = np.nonzero(
             np.isnan(uv[..., 0]) & np.isfinite(guess[..., 0]) & np.isfinite(steps).all((-1, -2))
@@ -130,7 +130,7 @@ def _shifted(uv: Array, down: int, right: int) -> Array:
     return out
 
 
-def _predictions(uv: Array) -> Array:
+def predicted(uv: Array) -> Array:
     """Where a corner should be: the mean of the lines and parallelograms of neighbours that lead there."""
     guesses = []
     for down, right in ((0, 1), (1, 0)):

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from camcal.targets.base import Detection
+from camcal.targets.smear import edge_blurs, smear
 
 Array = np.ndarray
 
@@ -45,9 +46,10 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
     figures: dict[str, Any] = {new: round(float(info[k]), 3) for k, new in names.items() if k in info}
     figures |= _exposure(gray, found.uv)
     figures["coverage"] = round(coverage(found.uv, (gray.shape[1], gray.shape[0])), 4)
-    smear = info.get("smear")
-    if smear is not None:
-        figures["blur_ratio"], figures["blur_direction_deg"] = round(smear[0], 3), round(smear[1], 1)
+    if "fit" in info and "sides" in info and len(found):
+        smeared = smear(*edge_blurs(gray, found.uv, info["fit"], info["sides"]))
+        if smeared is not None:
+            figures["blur_ratio"], figures["blur_direction_deg"] = round(smeared[0], 3), round(smeared[1], 1)
     figures["warnings"] = warnings(figures)
     return figures
 

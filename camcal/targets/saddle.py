@@ -21,6 +21,9 @@ Array = np.ndarray
 
 HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
 WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known
+SEEN = 2.2  #: blurs; pixels farther from both edges say little of where these are
+FIRST_LARGEST = 9  #: px; half the side of the largest window of a first fit
+LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
 ROUGH = 0.01  #: px; a first fit that moves less is done
 CLEAR = 2.5  #: blurs that a window keeps away from the next edge
@@ -97,7 +100,7 @@ def refine(
     gray: Array,
     uv: Array,
     sides: Array,
-    half: float = HALF,
+    half: float | Array = HALF,
     blur: float = START_BLUR,
     scale: float | None = None,
 ) -> Corners:
@@ -110,7 +113,7 @@ def refine(
         Approximate corners, px.
     sides : (K, 2, 2) array
         Steps to the next corner along columns and rows, px.
-    half : float
+    half : float or (K,) array
         Half-width of the windows, of a square.
     blur : float
         Blur to start from, px: at least half the error of `uv`.
@@ -119,11 +122,42 @@ def refine(
     """
     if not len(uv):
         return _nothing()
-    windows = cut(gray, uv, sides, half, 4 * blur + 3)
-    start = np.minimum(blur, 0.2 * np.linalg.norm(sides, axis=2).min(1))
+    shortest = np.linalg.norm(sides, axis=2).min(1)
+    windows = cut(gray, uv, sides, half, 2.5 * blur + 2, FIRST_LARGEST)
+    start = np.minimum(blur, 0.2 * shortest)
     guess = first_guess(windows, edge_normals(sides), start)
     fits = fit(windows, guess, grey_limits(gray), settled=ROUGH)
     return _judged(windows, fits, sides, half, scale or white_level(gray))
+
+
+def usual_half(sides: Array) -> Array:
+    """Half-widths (K,) of the windows of a first fit, shares of the squares of a checkerboard."""
+    shortest = np.linalg.norm(sides, axis=2).min(1)
+    return np.clip(LEAST_PX / np.maximum(shortest, 1e-9), HALF, WIDER_HALF)
+
+
+def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corners:
+    """Replace the corners that were rejected by what the good ones let expect, to be fitted again.
+
+    Parameters
+    ----------
+    uv : (K, 2) array
+        Where the corners should be, px.
+    sides : (K, 2, 2) array
+        As for `refine`.
+    parity : (K,) array
+        +1 or -1, alternating from corner to corner as the colours do.
+    """
+    good = known.good
+    usual = np.median(known.params[good], axis=0)
+    sign = np.sign(np.sum(known.params[good, model.CONTRAST] * parity[good]))
+    params = known.params.copy()
+    params[~good] = usual
+    params[~good, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(sides[~good])
+    size = np.median(known.contrast[good])
+    params[~good, model.CONTRAST] = sign * parity[~good] * size
+    at = np.where(good[:, None], known.uv, uv)
+    return Corners(at, known.covariance, params, known.noise, ("",) * len(at))
 
 
 def sharpen(
@@ -145,7 +179,7 @@ def sharpen(
     limits = grey_limits(gray)
     shortest = np.linalg.norm(sides, axis=2).min(1)
     share = np.clip(1 - CLEAR * known.blur / shortest, LEAST_HALF, half)
-    windows = cut(gray, known.uv, sides, share, 4 * known.blur + 2)
+    windows = cut(gray, known.uv, sides, share, SEEN * known.blur + 1)
     windows = straightened(windows, sides, share, board_from_pixel)
     offset = known.params[:, model.OFFSET]
     slope = slopes(known.uv, offset, known.contrast)
@@ -160,7 +194,7 @@ def edge_normals(sides: Array) -> Array:
     )
 
 
-def _judged(windows: Windows, fits: Fits, sides: Array, half: float, scale: float) -> Corners:
+def _judged(windows: Windows, fits: Fits, sides: Array, half: float | Array, scale: float) -> Corners:
     params = fits.params
     shift = np.linalg.norm(params[:, :2], axis=1)
     shortest = np.linalg.norm(sides, axis=2).min(1)

@@ -15,8 +15,8 @@ from camcal.targets.lattice import Lattice
 
 Array = np.ndarray
 
-LONG_SIDES = (640, 1280, 2560, 320)  #: px; what the picture is reduced to, in the order of trial
-LEAST_FACTOR = 0.5  #: a small picture is enlarged, for squares of a few px
+LONG_SIDES = (400, 800, 250, 1600, 2400)  #: px; what the picture is reduced to at most, in the order of trial
+ENLARGED = 1000  #: px; a picture of no longer side is enlarged twice at last, for squares of a few px
 SLOWER = 2.0  #: how much longer a pixel may take than at the level before
 LEAST_PIXELS = 16  #: to each side; a smaller picture is not looked at
 LEAST_SIDE = 3  #: corners; a smaller grid is no board
@@ -39,11 +39,14 @@ class Found:
         of that.
     open_ended : bool
         Whether the board may go on beyond the picture's border, or beyond a row that is half hidden.
+    picture : (H, W) float32 array
+        The reduced picture.
     """
 
     lattice: Lattice
     factor: float
     open_ended: bool
+    picture: Array
 
     @property
     def whole(self) -> bool:
@@ -87,15 +90,18 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
 def levels(shape: tuple[int, ...]) -> list[float]:
     """Factors by which the picture is reduced, in the order of trial."""
     longest = max(shape)
-    factors = [max(LEAST_FACTOR, longest / side) for side in LONG_SIDES]
+    factors = [float(max(1, longest // side)) for side in LONG_SIDES] + [0.5] * (longest <= ENLARGED)
     return list(dict.fromkeys(f for f in factors if min(shape) / f >= LEAST_PIXELS))
 
 
 def reduce(gray: Array, factor: float) -> Array:
-    """A smaller (or, below 1, larger) float32 picture with grey values of about 0 to 255."""
+    """A picture smaller by a whole factor (or, below 1, larger): float32, values of about 0 to 255."""
+    height, width = (int(n / factor) for n in gray.shape)
+    if factor > 1:  # cut to whole multiples, so that the factor holds exactly
+        gray = gray[: int(height * factor), : int(width * factor)]
     if factor != 1:
-        size = (max(1, round(gray.shape[1] / factor)), max(1, round(gray.shape[0] / factor)))
-        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA if factor > 1 else cv2.INTER_CUBIC)
+        interpolation = cv2.INTER_AREA if factor > 1 else cv2.INTER_CUBIC
+        gray = cv2.resize(gray, (width, height), interpolation=interpolation)
     scale = 255.0 / max(float(gray.max()), 1.0) if gray.dtype == np.uint16 else 1.0
     return gray.astype(np.float32) * np.float32(scale)
 
@@ -114,7 +120,7 @@ def _at_level(reduced: Array, factor: float, size: tuple[int, int] | None) -> li
         if lattice.alternation(reduced, cut) < ALTERNATING:
             continue
         goes_on = _open_ended(cut, reduced.shape) or _half_rows(full, cut)
-        found.append(Found(cut.scaled(factor), factor, goes_on))
+        found.append(Found(cut.scaled(factor), factor, goes_on, reduced))
     return sorted(found, key=lambda f: -_area(f.lattice))
 
 
@@ -182,7 +188,7 @@ def _why_nothing(gray: Array) -> Miss:
         return Miss(
             "too-small", f"the picture has {gray.shape[1]}x{gray.shape[0]} pixels: too small for a board"
         )
-    small = reduce(gray, max(1.0, max(gray.shape) / 640))
+    small = reduce(gray, max(1.0, max(gray.shape) // 640))
     low, high = np.percentile(small, (2, 99))
     if high < 30:
         return Miss("too-dark", f"the picture is too dark: 99% of it is below {high:.0f} of 255")

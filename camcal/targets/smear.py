@@ -5,21 +5,32 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.targets import edge_model as model
-from camcal.targets.saddle import HALF, Corners
+from camcal.targets.saddle import HALF
 from camcal.targets.windows import cut
 
 Array = np.ndarray
 
 MOST_CORNERS = 24  #: so many corners tell it well enough
 STEPS = 4
+LARGEST = 12  #: px; half the side of the largest window
 SHRINK = 0.02  #: of the weight of the edges
 LEAST_BLUR, MOST_BLUR = 0.28, 30.0  #: px
 
 
-def edge_blurs(gray: Array, corners: Corners, sides: Array) -> tuple[Array, Array]:
+def edge_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[Array, Array]:
     """The blur across each of the two edges of some corners.
 
     Gauss-Newton on the two blurs alone, from the common one of the corners' fits.
+
+    Parameters
+    ----------
+    gray : (height, width) array
+    uv : (K, 2) array
+        Corners, px.
+    params : (K, 7) array
+        Of their fits, in the order of `edge_model`.
+    sides : (K, 2, 2) array
+        Steps to the next corner along columns and rows, px.
 
     Returns
     -------
@@ -28,14 +39,14 @@ def edge_blurs(gray: Array, corners: Corners, sides: Array) -> tuple[Array, Arra
     blurs : (N, 2) array
         px.
     """
-    some = np.unique(np.linspace(0, len(corners.uv) - 1, MOST_CORNERS).astype(int))
-    corners, sides = corners.take(some), sides[some]
-    windows = cut(gray, corners.uv, sides, HALF, 4 * corners.blur + 2)
-    p = corners.params
+    some = np.unique(np.linspace(0, len(uv) - 1, MOST_CORNERS).astype(int))
+    uv, p, sides = uv[some], params[some], sides[some]
+    windows = cut(gray, uv, sides, HALF, 2.5 * p[:, model.BLUR] + 1, LARGEST)
     normals = p[:, [model.ANGLE1, model.ANGLE2]]
-    q = windows.q + (windows.origin - corners.uv)[:, :, None].astype(np.float32)
-    u = np.einsum("kcp,kic->ikp", q, np.stack([np.cos(normals), np.sin(normals)], -1).astype(np.float32))
-    blurs = np.repeat(corners.blur[:, None], 2, 1)
+    u = np.einsum(
+        "kcp,kic->ikp", windows.q, np.stack([np.cos(normals), np.sin(normals)], -1).astype(np.float32)
+    )
+    blurs = np.repeat(p[:, model.BLUR, None], 2, 1)
     contrast, offset = (p[:, i, None].astype(np.float32) for i in (model.CONTRAST, model.OFFSET))
     for _ in range(STEPS):
         (edge1, slope1), (edge2, slope2) = (model.step(u[i], blurs[:, i]) for i in (0, 1))

@@ -15,8 +15,9 @@ from camcal.targets.local_map import BoardFromPixel
 
 Array = np.ndarray
 
-LARGEST = 32  #: px; half the side of the largest window
+LARGEST = 24  #: px; half the side of the largest window
 STENCIL = np.linspace(-1, 1, 5)  #: of the half-width; where the map to the board is asked for
+UNUSED = np.float32(1)  #: their grey value, which is at no limit
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
 
 
@@ -48,7 +49,9 @@ class Windows:
         return Windows(*(a[rows] for a in (self.origin, self.q, self.value, self.counts, self.inside)))
 
 
-def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array | float) -> Windows:
+def cut(
+    gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array | float, largest: float = LARGEST
+) -> Windows:
     """Cut the windows of all corners out of a picture.
 
     Parameters
@@ -62,34 +65,91 @@ def cut(gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array 
         Half-width of a window as a share of the square.
     reach : float or (K,) array
         px; pixels farther than this from both edges are left out.
+    largest : float
+        px; half the side of the largest window.
     """
-    height, width = gray.shape
-    share = _limited(half, sides)
-    radius = int(np.ceil((np.abs(sides).sum(1).max(1) * share).max(initial=1.0)))
-    grid = np.arange(-radius, radius + 1)
-    dx, dy = (a.ravel() for a in np.meshgrid(grid, grid))
-    base = np.rint(uv).astype(int)
-    x = (dx + (base - uv)[:, :1]).astype(np.float32)
-    y = (dy + (base - uv)[:, 1:]).astype(np.float32)
+    share = _limited(half, sides, largest)
+    base = np.rint(uv)
+    arms = sides * share[:, None, None]
+    bands = [_Band.along(arms[:, i], arms[:, 1 - i], reach) for i in (0, 1)]
+    first, second = (band.pixels() for band in bands)
+    x, y = np.concatenate([first, second], 2)
+    counts = np.ones(x.shape, bool)
+    counts[:, first.shape[2] :] = ~bands[0].covers(*second)  # what both bands hold is taken once
+    shift = (base - uv).astype(np.float32)
+    q = np.stack([x + shift[:, :1], y + shift[:, 1:]], 1)
     inverse = np.linalg.inv(sides.transpose(0, 2, 1)).astype(np.float32)  # px -> squares
-    s = np.abs(inverse[:, 0, :1] * x + inverse[:, 0, 1:] * y)
-    t = np.abs(inverse[:, 1, :1] * x + inverse[:, 1, 1:] * y)
-    limit = share.astype(np.float32)[:, None]
-    window = (s < limit) & (t < limit)
-    per_square = 1 / np.linalg.norm(inverse, axis=2)  # px between opposite sides of a square
-    far = (np.broadcast_to(np.asarray(reach, float), len(uv))[:, None] / per_square).astype(np.float32)
-    near = window & ((s < far[:, :1]) | (t < far[:, 1:]))
-    columns, rows = base[:, :1] + dx, base[:, 1:] + dy
-    within = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    inside = (window & within).sum(1) / np.maximum(window.sum(1), 1)
-    return _pack(gray, uv, (x, y), (columns, rows), near & within, inside)
+    square = inverse @ q
+    np.abs(square, out=square)
+    counts &= square.max(1) < share.astype(np.float32)[:, None]
+    columns, rows = (
+        x.astype(np.int32) + base[:, :1].astype(np.int32),
+        y.astype(np.int32) + base[:, 1:].astype(np.int32),
+    )
+    within = (columns >= 0) & (columns < gray.shape[1]) & (rows >= 0) & (rows < gray.shape[0])
+    total = np.maximum(counts.sum(1), 1)
+    counts &= within
+    value = gray.ravel()[np.where(counts, rows * gray.shape[1] + columns, 0)].astype(np.float32)
+    unused = ~counts
+    np.copyto(q, FAR, where=unused[:, None])
+    np.copyto(value, UNUSED, where=unused)
+    return Windows(uv, q, value, counts, counts.sum(1) / total)
 
 
-def _limited(half: Array | float, sides: Array) -> Array:
-    """Half-widths (K,) of the windows as shares of the squares, so that none is larger than `LARGEST`."""
+@dataclass(frozen=True)
+class _Band:
+    """The pixels along an edge through each of K corners, up to `width` to both sides, counted along x or y.
+
+    Attributes
+    ----------
+    steep : (K, 1) bool array
+        Whether the edge runs along y rather than along x.
+    slope : (K, 1) float32 array
+        px across for a px along.
+    length : (K, 1) array
+        px to each side of the corner.
+    """
+
+    steep: Array
+    slope: Array
+    length: Array
+    width: int
+
+    @classmethod
+    def along(cls, half_edge: Array, other: Array, reach: Array | float) -> _Band:
+        """Within `reach` px of the edge from -`half_edge` to `half_edge` (K, 2), inside the window."""
+        steep = np.abs(half_edge[:, 1]) > np.abs(half_edge[:, 0])
+        major = np.where(steep, half_edge[:, 1], half_edge[:, 0])
+        minor = np.where(steep, half_edge[:, 0], half_edge[:, 1])
+        slope = minor / np.where(major == 0, 1, major)
+        # across is counted along x or y, to which the edge lies at up to 45 degrees
+        width = int(np.ceil(np.max(reach * np.sqrt(1 + slope**2), initial=1.0)))
+        beyond = np.minimum(np.abs(np.where(steep, other[:, 1], other[:, 0])), width)
+        length = np.abs(major) + beyond
+        return cls(steep[:, None], slope[:, None].astype(np.float32), length[:, None], width)
+
+    def pixels(self) -> Array:
+        """x and y (2, K, P), whole numbers as float32."""
+        reach = int(np.ceil(self.length.max(initial=1.0)))
+        along = np.arange(-reach, reach + 1, dtype=np.float32)
+        across = np.arange(-self.width, self.width + 1, dtype=np.float32)
+        minor = (np.rint(self.slope * along)[:, :, None] + across).reshape(len(self.slope), -1)
+        major = np.broadcast_to(np.repeat(along, len(across)), minor.shape)
+        return np.stack([np.where(self.steep, minor, major), np.where(self.steep, major, minor)])
+
+    def covers(self, x: Array, y: Array) -> Array:
+        """Whether pixels (K, P) are among those of the band."""
+        major, minor = np.where(self.steep, y, x), np.where(self.steep, x, y)
+        reach = np.ceil(self.length.max(initial=1.0))
+        near = np.abs(minor - np.rint(self.slope * major)) <= self.width
+        return near & (np.abs(major) <= reach)
+
+
+def _limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:
+    """Half-widths (K,) of the windows as shares of the squares, so that none is larger than `largest` px."""
     longest = np.linalg.norm(sides, axis=2).max(1)
     return np.minimum(
-        np.broadcast_to(np.asarray(half, float), len(sides)), LARGEST / np.maximum(longest, 1e-9)
+        np.broadcast_to(np.asarray(half, float), len(sides)), largest / np.maximum(longest, 1e-9)
     )
 
 
@@ -135,17 +195,3 @@ def _bent(windows: Windows, scale: Array, bend: Array) -> Array:
     for i, (a, b) in enumerate(((0, x), (0, y), (2, x), (2, y)), 3):
         np.multiply(terms[:, a], b, out=terms[:, i])
     return windows.q + np.matmul(bend.astype(np.float32), terms)
-
-
-def _pack(gray: Array, origin: Array, xy: tuple, at: tuple, keep: Array, inside: Array) -> Windows:
-    """Move the pixels that count to the front, so that all windows are as long as the longest."""
-    per_window = keep.sum(1)
-    k, pixel = np.nonzero(keep)
-    slot = np.arange(len(k)) - np.repeat(np.cumsum(per_window) - per_window, per_window)
-    shape = (len(keep), int(per_window.max(initial=1)))
-    q = np.full((shape[0], 2, shape[1]), FAR, np.float32)
-    value, counts = np.zeros(shape, np.float32), np.zeros(shape, bool)
-    q[k, 0, slot], q[k, 1, slot] = xy[0][k, pixel], xy[1][k, pixel]
-    value[k, slot] = gray[at[1][k, pixel], at[0][k, pixel]]
-    counts[k, slot] = True
-    return Windows(origin, q, value, counts, inside)
