@@ -15,7 +15,7 @@ from camcal import lenses
 from camcal.closed_form import CLOSED_FORMS, shape
 from camcal.closed_form.base import ClosedForm
 from camcal.errors import DataError, EstimationError
-from camcal.evaluate import board_shape, figures
+from camcal.evaluate import board_shape, conditioning, figures
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
 from camcal.refine import noise, starts
@@ -108,6 +108,7 @@ def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
     solution = replace(solution, stages=stages, warnings=run.begun.warnings)
     if told.checks:
         solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
+        solution = conditioning.with_conditioning(solution, told.normalise)
     if told.crosscheck:
         solution = replace(solution, crosscheck=run.crosscheck(solution))
     return solution
