@@ -106,9 +106,15 @@ class ChangeTest:
         self.sum = 0.0
         self.since: int | None = None
 
-    def step(self, frame: int, score: float) -> str | None:
-        """Take a frame's deviate; the test that raises an alarm, `nis` or `cusum`, or None."""
-        self.sum = max(0.0, self.sum + score - REFERENCE)
+    def step(self, frame: int, score: float, allowance: float = 0.0) -> str | None:
+        """Take a frame's deviate; the test that raises an alarm, `nis` or `cusum`, or None.
+
+        Parameters
+        ----------
+        allowance : float
+            What all deviates may have in common by mistake; the sum leaves it out.
+        """
+        self.sum = max(0.0, self.sum + score - REFERENCE - allowance)
         if self.sum == 0.0:
             self.since = None
         elif self.since is None:

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
+
+from scipy.special import chdtrc, fdtrc
 
 #: degrees of freedom after which old frames are forgotten: 1 % of standard deviation
 MEMORY = 5000.0
 #: px; data without noise are not weighted higher than this
 FLOOR = 1e-6
+
+
+def gate(probability: float, dof: float) -> float:
+    """The squared length that a two-dimensional normal residual, in sigmas, exceeds with a probability.
+
+    Twice the quantile of F(2, dof), which has a closed form: a sigma that rests on few degrees of freedom
+    may be much too small. It tends to -2 log(probability).
+    """
+    if dof <= 0:
+        return math.inf
+    if math.isinf(dof):
+        return -2.0 * math.log(probability)
+    power = -2.0 / dof * math.log(probability)
+    return dof * math.expm1(power) if power < 700 else math.inf
 
 
 class Noise:
@@ -42,6 +59,18 @@ class Noise:
         total = self.sigma**2 * self.dof + squares
         self.sigma = max((total / (self.dof + dof)) ** 0.5, FLOOR)
         self.dof = min(self.dof + dof, MEMORY)
+
+    def gate(self, probability: float) -> float:
+        """The squared distance, in sigmas, that a good point exceeds with a probability; see `gate`."""
+        return gate(probability, self.dof)
+
+    def tail(self, squares: float, dof: int) -> float:
+        """The probability that a sum of `dof` squares, in units of `sigma`, is as large as this."""
+        if dof <= 0:
+            return 1.0
+        if math.isinf(self.dof):
+            return float(chdtrc(dof, squares))
+        return float(fdtrc(dof, self.dof, squares / dof))
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint."""

@@ -21,6 +21,7 @@ from camcal.tracking.base import Frame
 from camcal.tracking.decompose import Cameras
 from camcal.tracking.model import Model
 from camcal.tracking.motion import scaled
+from camcal.tracking.robust import majority
 from camcal.types import Pose
 
 Array = np.ndarray
@@ -166,7 +167,7 @@ class PhysicalModel(Model):
         return Physical(np.array(self.params, float), pose.rotation, pose.translation)
 
     def _pose(self, frame: Frame) -> Pose:
-        """The pose of least median residual over fits to all points and to samples of six."""
+        """The pose of least quantile of residuals over fits to all points and to samples of six."""
         assert self.params is not None
         ray, valid = self.lens.unproject(self.params, frame.uv)
         valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
@@ -190,13 +191,14 @@ class PhysicalModel(Model):
                 continue
         if not poses:
             raise EstimationError("the points of the first frame leave the pose open.", "Check the points.")
-        return min(poses, key=lambda pose: self._median(pose, frame))
+        return min(poses, key=lambda pose: self._quantile(pose, frame))
 
-    def _median(self, pose: Pose, frame: Frame) -> float:
+    def _quantile(self, pose: Pose, frame: Frame) -> float:
         assert self.params is not None
         uv, valid = self.lens.project(self.params, pose.apply(frame.xyz))
         distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], uv, 0) - frame.uv, axis=1), np.inf)
-        return float(np.median(distance))
+        rank = majority(len(distance), 6) - 1
+        return float(np.partition(distance, rank)[rank])
 
     def prior(self, x: Physical) -> Array:
         """What is believed of the lens; of the pose nothing that would matter."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
 
-from camcal.errors import CamcalError, EstimationError, UsageError
+from camcal.errors import CamcalError, DataError, EstimationError, UsageError
 from camcal.registry import look_up
-from camcal.tracking import GAINS, linear, motion, robust
+from camcal.tracking import GAINS, linear, motion, noise, robust
 from camcal.tracking.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
 from camcal.tracking.detection import LARGEST, ChangeTest, normal_deviate
 from camcal.tracking.events import Alarm
@@ -67,7 +67,7 @@ class Recursive(Estimator):
     Parameters
     ----------
     model : Model
-    noise : mapping of group -> float
+    figures : mapping of group -> float
         The motion's figures; all zero for none.
     gain : str
         A name of `GAINS`.
@@ -76,10 +76,15 @@ class Recursive(Estimator):
     """
 
     def __init__(
-        self, options: TrackOptions, model: Model, noise: Mapping[str, float], gain: str, iterations: int = 1
+        self,
+        options: TrackOptions,
+        model: Model,
+        figures: Mapping[str, float],
+        gain: str,
+        iterations: int = 1,
     ):
         super().__init__(options)
-        self.model, self.figures, self.iterations = model, dict(noise), iterations
+        self.model, self.figures, self.iterations = model, dict(figures), iterations
         self.gain = look_up(GAINS, gain, "gain")(options)
         if options.velocity and not self.gain.tracks_velocity:
             raise UsageError(
@@ -88,7 +93,6 @@ class Recursive(Estimator):
         self.min_points = options.min_points or model.min_points
         self.noise = Noise(options.sigma)
         self.test = ChangeTest(options.false_alarm)
-        self.gate = float(chdtri(2, options.gate))
         self.x: Any = None
         self.factor = np.zeros((0, 0))
         self.velocity: Array | None = None
@@ -108,7 +112,7 @@ class Recursive(Estimator):
         joined = join(self.waiting)
         try:
             found = self._first(joined)
-        except EstimationError:
+        except (EstimationError, DataError):  # with few points the noise may say either
             if len(self.waiting) >= PATIENCE:
                 raise
             return State(frame.number, "waiting", points=len(frame))
@@ -129,11 +133,14 @@ class Recursive(Estimator):
             self.noise = Noise(1.0)
         self.model.settle(frame)
         x = self.model.start(frame)
-        found = robust.fit(self.model, x, frame, self.noise.known, self.gate, self.model.prior(x))
-        if self.noise.known is not None and found.sigma > SCATTER * self.noise.known:
+        known = self.noise.known
+        spare = math.inf if known is not None else 2 * len(frame) - self.model.size
+        gate = noise.gate(self.options.gate, spare)
+        found = robust.fit(self.model, x, frame, known, gate, self.model.prior(x))
+        if known is not None and found.scatter > SCATTER * known:
             raise EstimationError(
-                f"the points of the first frames lie {found.sigma / self.noise.known:.2g} times as far from "
-                f"any camera as their sigma ({self.noise.known:.3g}) says.",
+                f"the points of the first frames lie {found.scatter / known:.2g} times as far from "
+                f"any camera as their sigma ({known:.3g}) says.",
                 "Correct or leave out --sigma, or learn a factor of it: --learn-noise",
             )
         if found.keep.sum() < needed:
@@ -224,7 +231,7 @@ class Recursive(Estimator):
             if np.count_nonzero(keep) < self.min_points:  # the prediction sees them behind the camera
                 keep = valid
         equations = linear.compress(whitened_rows(design, keep, whitening))
-        if alone is None and chdtrc(equations.dof, equations.rest) < SUSPECT:
+        if alone is None and self.noise.tail(equations.rest, equations.dof) < SUSPECT:
             alone = self._alone(frame)
             if alone is not None and np.count_nonzero(keep & alone.keep) >= self.min_points:
                 keep = keep & alone.keep
@@ -238,13 +245,13 @@ class Recursive(Estimator):
         p, n = self.model.size, design.shape[2]
         spread = (self.factor[:p].T @ design[:p].reshape(p, -1)).reshape(-1, 2, n)
         su, sv = spread[:, 0], spread[:, 1]
-        noise = 1.0 / (whitening * whitening)
-        uu = np.einsum("ij,ij->j", su, su) + noise
-        vv = np.einsum("ij,ij->j", sv, sv) + noise
+        own = 1.0 / (whitening * whitening)
+        uu = np.einsum("ij,ij->j", su, su) + own
+        vv = np.einsum("ij,ij->j", sv, sv) + own
         uv = np.einsum("ij,ij->j", su, sv)
         ru, rv = design[p]
         distance = ru * ru * vv - 2 * ru * rv * uv + rv * rv * uu
-        return valid & (distance <= self.gate * (uu * vv - uv * uv))
+        return valid & (distance <= self.noise.gate(self.options.gate) * (uu * vv - uv * uv))
 
     def _examine(self, frame: Frame, reading: Reading) -> Verdict:
         """Test the innovation; the covariance is inflated before where the gain asks for it."""
@@ -258,7 +265,8 @@ class Recursive(Estimator):
         # no equations although the frame fits a camera: the prediction looks the other way
         score = normal_deviate(nis, dof, self.noise.dof) if dof else LARGEST
         since = self.test.since
-        test = self.test.step(frame.number, score)
+        # what an error of the estimated noise adds to every score alike, three standard deviations of it
+        test = self.test.step(frame.number, score, 3.0 * math.sqrt(dof / self.noise.dof))
         since = since if since is not None else frame.number
         return Verdict(nis, dof, score, self.test.sum, test, since, half)
 
@@ -295,14 +303,17 @@ class Recursive(Estimator):
         reset = self.model.motion(self.x, motion.RESET)
         prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
         needed = max(self.min_points, len(frame) / 2)
+        gate = self.noise.gate(self.options.gate)
+        # a sigma that rests on few degrees of freedom may be much too small, and the scatter only seem large
+        scatter = SCATTER * self.noise.sigma * math.sqrt(gate / noise.gate(self.options.gate, math.inf))
         for start in (lambda: self.x, lambda: self.model.start(frame)):
             try:
                 x = start()
                 around = prior if x is self.x else self.model.prior(x)
-                found = robust.fit(self.model, x, frame, self.noise.sigma, self.gate, around)
+                found = robust.fit(self.model, x, frame, self.noise.sigma, gate, around)
             except CamcalError:  # no camera from here; the caller reports a frame that fits none
                 continue
-            if found.keep.sum() >= needed and found.sigma <= SCATTER * self.noise.sigma:
+            if found.keep.sum() >= needed and found.scatter <= scatter:
                 return found
         return None
 

@@ -12,11 +12,10 @@ from camcal.tracking import linear
 from camcal.tracking.base import Frame
 from camcal.tracking.linear import Compressed
 from camcal.tracking.model import Model
+from camcal.tracking.noise import FLOOR
 
 Array = np.ndarray
 
-#: median of |r| of two-dimensional normal residuals of unit standard deviation
-MEDIAN = 1.17741
 #: Tukey's biweight at 95 % efficiency (Holland & Welsch 1977)
 TUKEY = 4.685
 STEPS = 40
@@ -35,7 +34,9 @@ class Fit:
         The frame's own equations at the estimate, inliers only.
     keep : (N,) bool array
     sigma : float
-        The noise that the weights rest on.
+        The noise that the equations and the factor rest on: the known one, else that of the inliers.
+    scatter : float
+        The noise of the inliers.
     """
 
     estimate: Any
@@ -43,6 +44,7 @@ class Fit:
     equations: Compressed
     keep: Array
     sigma: float
+    scatter: float
 
 
 def fit(
@@ -104,12 +106,12 @@ def _finish(
     keep &= valid
     rows = (design[:, :, keep] / own[keep]).reshape(len(design), -1)
     squares, dof = float((rows[-1] ** 2).sum()), 2 * int(keep.sum()) - model.size
-    if sigma is None:
-        scale = float(np.sqrt(squares / dof)) if dof > 0 else 1.0
-    own_equations = linear.compress(rows / scale)
-    a, _ = _equations(design, keep / (scale * own), model, start, x, prior)
+    scatter = float(np.sqrt(squares / dof)) if dof > 0 else scale
+    noise = max(scatter, FLOOR) if sigma is None else sigma
+    own_equations = linear.compress(rows / noise)
+    a, _ = _equations(design, keep / (noise * own), model, start, x, prior)
     factor = linear.solve_upper(a, np.eye(model.size))
-    return Fit(x, factor, own_equations, keep, scale)
+    return Fit(x, factor, own_equations, keep, noise, scatter)
 
 
 def _distances(design: Array, valid: Array, own: Array) -> Array:
@@ -121,13 +123,26 @@ def _distances(design: Array, valid: Array, own: Array) -> Array:
 
 
 def _scale(distance: Array, size: int, sigma: float | None) -> float:
-    """The noise, not below what is known of it; the median, corrected for the parameters that were fitted."""
+    """The noise, not below what is known of it; a quantile, corrected for the parameters that were fitted."""
     count = len(distance)
+    rank = majority(count, size)
     spare = max(2 * count - size, 1) / (2 * count)
-    median = float(np.median(distance)) / MEDIAN / np.sqrt(spare)
-    if not np.isfinite(median):
+    # the length of a two-dimensional normal residual exceeds x with the probability exp(-x² / 2)
+    usual = np.sqrt(-2 * np.log(1 - rank / (count + 1)) * spare)
+    scale = float(np.partition(distance, rank - 1)[rank - 1] / usual)
+    if not np.isfinite(scale):
         raise EstimationError("most points lie behind the camera.", "Check the points of the frame.")
-    return max(median, 1e-6 if sigma is None else sigma)
+    return max(scale, FLOOR if sigma is None else sigma)
+
+
+def majority(count: int, size: int) -> int:
+    """The rank of the residual that robust fits of `size` parameters to `count` points go by.
+
+    Half of the points that a fit does not pass through of itself, and those (Rousseeuw & Leroy, Robust
+    Regression and Outlier Detection 1987, section 3.4): with few points the median would be zero.
+    """
+    free = -(-size // 2)
+    return min(max((count + free + 1) // 2, 1), count)
 
 
 def _equations(

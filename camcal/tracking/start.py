@@ -7,6 +7,7 @@ import numpy as np
 from camcal.closed_form import dlt
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
+from camcal.tracking.robust import majority
 
 Array = np.ndarray
 
@@ -34,7 +35,7 @@ PLANE_HINT = (
 def projection_matrix(xyz: Array, uv: Array) -> Array:
     """M (3, 4) of points xyz (N, 3) and images uv (N, 2), outliers among them.
 
-    Least median of squares over samples of six points (Rousseeuw 1984), the same samples on every run. The
+    Least quantile of squares over samples of six points (Rousseeuw 1984), the same samples on every run. The
     centroid of the points lies at a positive depth.
 
     Raises
@@ -54,7 +55,8 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
         )
     candidates = np.concatenate([matrices, _sampled(xyz, uv)])
     distance = _distances(candidates, xyz, uv)
-    best = candidates[np.median(distance, 1).argmin()]
+    rank = majority(len(xyz), 11) - 1
+    best = candidates[np.partition(distance, rank, axis=1)[:, rank].argmin()]
     if np.linalg.det(best[:, :3]) < 0:
         raise DataError(
             "the world's frame is left-handed: no camera sees the points as they are given.",

@@ -219,3 +219,24 @@ def test_square_roots_neither_drift_nor_grow(method):
         ratio = 1 / 3000
     one, many = start @ start.T, state.factor @ state.factor.T
     np.testing.assert_allclose(np.diag(many) / np.diag(one), ratio, rtol=1e-3 if method == "iekf" else 1e-6)
+
+
+@pytest.mark.parametrize("dof", [1, 3, 40, 5000])
+def test_the_gate_is_a_quantile(dof):
+    from scipy.stats import f
+
+    from camcal.tracking.noise import gate
+
+    assert gate(1e-4, dof) == pytest.approx(2 * f.isf(1e-4, 2, dof), rel=1e-6)
+    assert gate(1e-4, 1e12) == pytest.approx(gate(1e-4, np.inf), rel=1e-6)
+
+
+@pytest.mark.parametrize("points", [6, 7, 9])
+@pytest.mark.parametrize("method", ["rls", "kalman", "iekf"])
+def test_few_points_make_neither_alarms_nor_outliers(method, points):
+    """The noise rests on 1, 3 or 7 degrees of freedom at first, and no test may take it for known."""
+    for seed in range(6):
+        frames, _ = sequence("static", 60, seed=seed, points=points)
+        states = follow(made_for(method, "static"), frames)
+        assert not any(s.changed for s in states)
+        assert sum(s.used for s in states) >= points * 60 - 3 * points  # the start may wait for frames
