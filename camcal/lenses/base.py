@@ -71,6 +71,8 @@ class Lens(ABC):
     has_skew : bool
     default_fixed : tuple of str
         Parameters that the model's gauge holds where they start, unless the user frees them.
+    turns : tuple of str
+        Those of them that turn the picture, as a pose does; where there is no pose they are estimated.
     shaped_by_data : bool
         Whether the model must see rays and pixels before it can hold any camera well (`shapes`).
     neutral_curve : str
@@ -81,6 +83,7 @@ class Lens(ABC):
     parameters: tuple[Parameter, ...]
     has_skew: bool
     default_fixed: tuple[str, ...] = ()
+    turns: tuple[str, ...] = ()
     shaped_by_data: bool = False
     neutral_curve: str = "perspective"
 

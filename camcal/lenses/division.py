@@ -22,6 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.lenses import direct
 from camcal.lenses.base import Lens, Parameter, example_list, no_options
 from camcal.lenses.curve import first_root, invert, memo
 from camcal.lenses.radial import ALMOST_PI, InverseRadialLens, RadialLens
@@ -41,9 +42,15 @@ class PolynomialDepth(InverseRadialLens):
         super().__init__(name, [Parameter(n, "distortion") for n in names], skew)
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
-        """From a pinhole camera to 180 degrees and more; R = 1 / sqrt(-first) is the circle of 90 degrees."""
+        """The linear solution; from a pinhole camera to 180 degrees and more (there R = 1 / sqrt(-first))."""
         first = self.names[self._own] if self.exponents else None
-        return [{first: v} for v in (0.0, -0.1, -0.25, -0.45)] if first else [{}]
+        trials = [{first: v} for v in (0.0, -0.1, -0.25, -0.45)] if first else [{}]
+        found = direct.radial_depth(rays, uv, self.exponents)
+        if found is None:
+            return trials
+        f, (cx, cy), coefficients = found
+        values = dict(zip(self.names[self._own :], coefficients.tolist(), strict=True))
+        return [{"fx": f, "fy": f, "cx": float(cx), "cy": float(cy), **values}, *trials]
 
     def _depth(self, k: Array, radius: Array) -> tuple[Array, Array]:
         """z of (1) or (3) and z - R dz/dR."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.lenses import direct
 from camcal.lenses.base import Lens, Parameter, example_list, no_options
 from camcal.lenses.division import count_option
 from camcal.lenses.inverse import InverseLens
@@ -27,6 +28,7 @@ class Polynomial(InverseLens):
     """`bicubic` = `polynomial:3`, `polynomial:n`."""
 
     default_fixed = ("b10",)
+    turns = ("b10",)
 
     def __init__(self, name: str, order: int, skew: bool = False):
         self.order = order
@@ -64,6 +66,16 @@ class Polynomial(InverseLens):
                 for i, j in other.powers:
                     values[coefficient(c, i, j, self.order)] = values[coefficient(c, i, j, other.order)]
         return self.from_values(values)
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """The linear solution; without distortion where there are too few rays."""
+        found = direct.polynomial(rays, uv, self.order)
+        if found is None:
+            return [{}]
+        matrix, turn, coefficients = found
+        params = self.from_matrix(matrix)
+        params[self._own :] = np.r_[turn, coefficients[0], coefficients[1]]
+        return [dict(zip(self.names, params.tolist(), strict=True)), {}]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A usual lens with some asymmetry, and a long one."""

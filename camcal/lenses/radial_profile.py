@@ -30,6 +30,8 @@ Array = np.ndarray
 INTERVALS, MOST = 8, 40
 #: the curve reaches this much farther than the data, so that the rim does not move over its end in a fit
 MARGIN = 1.1
+#: weight of a third difference of 1 px: one of 100 px counts like a residual of 1 px
+SMOOTH = 0.01
 #: points per interval at which the curve is looked at for a fold
 SAMPLES = 16
 
@@ -100,6 +102,15 @@ class RadialProfile(InverseRadialLens):
             ([338.0, 339.0, 517.0, 392.0, *skew, *centre[0], 2.2, *0.16 * at**2], (1032, 778)),
             ([533.0, 534.0, 331.0, 234.0, *skew, *centre[1], 0.85, *-0.1 * at**2], (640, 480)),
         )
+
+    def prior(self, params: Array) -> tuple[Array, Array] | None:
+        """`SMOOTH` · fx times every third difference of the coefficients, px: settles those without data."""
+        differences = SMOOTH * np.diff(np.eye(self.intervals + 1), 3, axis=0)
+        residuals = differences @ params[self._own + 1 :]
+        jacobian = np.zeros((len(differences), self.size))
+        jacobian[:, 0] = residuals
+        jacobian[:, self._own + 1 :] = params[0] * differences
+        return params[0] * residuals, jacobian
 
     # ------------------------------------------------------------------ spline
     def _control(self, k: Array) -> Array:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.lenses import direct
 from camcal.lenses.base import Lens, Parameter, example_list, no_options
 from camcal.lenses.division import Division
 from camcal.lenses.inverse import InverseLens
@@ -33,6 +34,7 @@ class RationalFunction(InverseLens):
     """`rational-function`."""
 
     default_fixed = ("b4", "c4", "c5")
+    turns = ("b4", "c4", "c5")
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> RationalFunction:
@@ -52,8 +54,15 @@ class RationalFunction(InverseLens):
         return out
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
-        """Division models, from a pinhole camera to 180 degrees and more."""
-        return [{"c1": v, "c3": v} for v in (0.0, -0.1, -0.25, -0.45)]
+        """The linear solution, and division models from a pinhole camera to 180 degrees and more."""
+        found = direct.rational_function(rays, uv)
+        divisions = [{"c1": v, "c3": v} for v in (0.0, -0.1, -0.25, -0.45)]
+        if found is None:
+            return divisions
+        matrix, a = found
+        params = self.from_matrix(matrix)
+        params[self._own :] = np.r_[a[0, :3], a[1, :4], a[2, :5]]
+        return [dict(zip(self.names, params.tolist(), strict=True)), *divisions]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A wide lens with some asymmetry, and a mild one."""
