@@ -18,7 +18,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.evaluate import board_shape, conditioning, figures
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
-from camcal.refine import noise, starts
+from camcal.refine import noise, ransac, starts
 from camcal.refine import robust as robustly
 from camcal.refine.optimizers.base import Options as Stopping
 from camcal.refine.parameters import apply_fixed
@@ -101,9 +101,8 @@ def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
     solution = run.solve(noise.unweighted(usable))
     if all(v.sigma is not None for v in usable.views):
         solution = run.weighted(usable, solution)
-    if not all(m.all() for m in solution.inliers):
-        # the stages of the report are those of the points that the solution rests on
-        run.begin(solution.correspondences, solution.inliers)
+    if len(solution.poses) < len(usable.views) or not all(m.all() for m in solution.inliers):
+        run.begin_again(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
     solution = replace(solution, stages=stages, warnings=run.begun.warnings)
     if told.checks:
@@ -135,10 +134,22 @@ class _Run:
         self.first, self.fix = _first_camera(self.lens, self.begun, correspondences, self.told)
         return correspondences, self.first, self.begun.poses
 
+    def begin_again(self, solution: Solution) -> None:
+        """The closed form on the points that a solution rests on: the stages of the report are of these."""
+        before = self.begun
+        try:
+            self.begin(solution.correspondences, solution.inliers)
+        except (EstimationError, DataError):  # none that compares with the solution
+            self.begun = replace(before, stages=())
+
     def fit(self, start: Camera, poses: Poses, correspondences: Correspondences, **more: Any) -> Solution:
-        """The refinement with the options of this calibration; the first one may have second thoughts."""
+        """The refinement with the options of this calibration; the first one may have second thoughts.
+
+        Not before outliers were looked for, if they are to be: a fit to them is doubtful from wherever it
+        begins.
+        """
         more = {"options": self.told.stopping, "normalise": self.told.normalise, **more}
-        if start is not self.first:
+        if start is not self.first or (self.told.robust != "none" and "inliers" not in more):
             return refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
         try:
             solution = refine(start, poses, correspondences, self.fix, self.told.optimizer, **more)
@@ -173,7 +184,8 @@ class _Run:
         """Camera, poses and, where told, the board's shape, with outliers treated as told."""
         planar = shape.shapes(correspondences.views).planar.tolist()
         told = self.told
-        flat = robustly.estimate(correspondences, self.begin, self.fit, planar, told.robust, told.seed)
+        agree = partial(ransac.of_maps, planar=planar, seed=told.seed)
+        flat = robustly.estimate(correspondences, self.begin, self.fit, agree, told.robust, told.seed)
         return flat if told.board_shape == "flat" else self.with_shape(flat)
 
     def weighted(self, usable: Correspondences, first: Solution) -> Solution:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from camcal.closed_form import shape
 from camcal.closed_form.pose import initial_poses
 from camcal.errors import DataError
+from camcal.refine import ransac
 from camcal.refine import robust as robustly
 from camcal.refine.solve import refine
 from camcal.types import Array, Camera, Correspondences, Poses, Solution, View
@@ -52,8 +53,8 @@ def evaluate(
     def fit(start: Camera, poses: Poses, correspondences: Correspondences, **more: Any) -> Solution:
         return refine(start, poses, correspondences, held, **more)
 
-    planar = shape.shapes(correspondences.views).planar.tolist()
-    return robustly.estimate(correspondences, begin, fit, planar, robust, seed)
+    agree = partial(ransac.of_poses, camera=camera, seed=seed)
+    return robustly.estimate(correspondences, begin, fit, agree, robust, seed)
 
 
 def start_poses(camera: Camera, views: Sequence[View]) -> Poses:

@@ -3,8 +3,9 @@
 With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
 A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
 one run in a thousand rejects anything at all. s is the larger of that of all points and that of the point's
-view, so that a picture blurred more than the others is not taken apart; a view whose s exceeds FAR times
-that of the median view, or that loses more than half of its points, is rejected as a whole.
+view (after the view's own outliers), so that a picture blurred more than the others is not taken apart; a
+view whose s exceeds FAR times that of the median view, that loses more than two thirds of its points, or
+whose rest does not fix a pose, is rejected as a whole.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as f_distribution
 
+from camcal.closed_form import shape
 from camcal.refine.losses import robust_sigma
 from camcal.types import Array, Correspondences, View
 
@@ -22,6 +24,8 @@ ALPHA = 0.001
 #: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
 _MEDIAN_EFFICIENCY = 0.48
 FAR = 5.0
+#: a view that keeps less than this part of its points is not the picture it is taken for
+LEAST_KEPT = 1 / 3
 #: residuals below this part of the coordinates are the rounding of the input, not outliers
 _ROUNDING = 1e-7
 
@@ -70,17 +74,44 @@ def judge(correspondences: Correspondences, residuals: Sequence[Array], paramete
     own = np.array([robust_sigma(length, parameters * len(length) // n) for length in lengths])
     threshold = cut(n, parameters)
     usual = max(float(np.median(own)), sigma)
-    bad = set(np.flatnonzero(own > FAR * usual).tolist()) if len(views) > 2 else set()
-    masks = []
+    bad, masks = set(), []
     for i, length in enumerate(lengths):
-        mask = length <= threshold * max(sigma, min(own[i], FAR * usual))
-        if i in bad or mask.mean() < 0.5:
+        scale = _scale_of_view(length, own[i], FAR * usual, threshold, parameters / n)
+        mask = length <= threshold * min(max(sigma, scale), FAR * usual)
+        if mask.mean() < LEAST_KEPT or (scale > FAR * usual and len(views) > 2):
             bad.add(i)
-            mask = np.zeros(len(length), bool)
         masks.append(mask)
+    bad |= _left_open(views, masks)
+    for i in bad:
+        masks[i] = np.zeros(len(views[i]), bool)
     if len(bad) == len(views):
         bad, masks = set(), [length <= threshold * sigma for length in lengths]
     return Verdict(tuple(masks), sigma, threshold, tuple(sorted(bad)))
+
+
+def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, share: float) -> float:
+    """The scale of a view's points after its own outliers, which are more than half of them where it is bad.
+
+    `share` is the number of parameters that a point pays for.
+    """
+    for _ in range(10):
+        kept = lengths[lengths <= threshold * min(scale, most)]
+        if len(kept) < 2:
+            break
+        fresh = robust_sigma(kept, int(share * len(kept)))
+        if not fresh < scale * (1 - 1e-9):
+            break
+        scale = fresh
+    return scale
+
+
+def _left_open(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
+    """The views that lost points and whose other points no closed form can take."""
+    touched = [i for i, m in enumerate(masks) if not m.all()]
+    if not touched:
+        return set()
+    rest = Correspondences(tuple(views[i].take(masks[i]) for i in touched))
+    return {touched[i] for i in shape.unusable(rest)}
 
 
 def cut(points: int, parameters: int) -> float:

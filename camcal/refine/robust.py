@@ -1,25 +1,24 @@
 """Estimation from data that lie: a robust start, reweighting, and rejection by a stated test.
 
-`auto` first fits as if all were well. Only where the residuals speak against that (`outliers.judge`) does it
-start again from the points that agree by RANSAC, reweight by a redescending loss, reject and fit the rest by
-maximum likelihood, until no point changes sides. Clean data thus get the least squares answer itself, and
-pay for one test.
+`auto` first fits as if all were well. Only where the residuals speak against that (`outliers.judge`), or
+where there is no such fit, does it start again from the points that agree by RANSAC (`restart.py`), reweight
+by a redescending loss, reject and fit the rest by maximum likelihood, until no point changes sides. Clean
+data thus get the least squares answer itself, and pay for one test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
-from camcal.errors import UsageError
-from camcal.refine import outliers, ransac
+from camcal.errors import DataError, EstimationError, UsageError
+from camcal.refine import outliers, ransac, restart, starts
 from camcal.refine.losses import LOSSES, Loss, robust_sigma
-from camcal.refine.optimizers.base import Options
+from camcal.refine.restart import Begin, Fit
 from camcal.registry import suggestion
-from camcal.types import Array, Camera, Correspondences, Poses, SkippedView, Solution
+from camcal.types import Array, Correspondences, SkippedView, Solution
 
 #: what `--robust` takes
 METHODS = ("none", "auto", *(name for name in LOSSES if name != "linear"))
@@ -28,32 +27,11 @@ _START_AGAIN = 0.02
 _ROUNDS = 20
 
 
-class Fit(Protocol):
-    """`refine` with the options of the calibration already given."""
-
-    def __call__(
-        self,
-        start: Camera,
-        poses: Poses,
-        correspondences: Correspondences,
-        *,
-        inliers: Sequence[Array] | None = None,
-        weights: Sequence[Array] | None = None,
-        options: Options | None = None,
-    ) -> Solution:
-        """Refine from a start."""
-        ...
-
-
-#: closed form: correspondences, masks of the points to use -> correspondences, start, poses
-Begin = Callable[[Correspondences, Sequence[Array] | None], tuple[Correspondences, Camera, Poses]]
-
-
 def estimate(
     correspondences: Correspondences,
     begin: Begin,
     fit: Fit,
-    planar: Sequence[bool],
+    agree: ransac.Agree,
     method: str = "auto",
     seed: int = 0,
 ) -> Solution:
@@ -66,56 +44,74 @@ def estimate(
         The closed form on some of the points.
     fit : callable
         The refinement.
-    planar : sequence of bool
-        Which views hold points of a plane.
+    agree : callable
+        RANSAC on each view: `ransac.of_maps` or `of_poses` with their options.
     method : str
         One of `METHODS`.
     seed : int
-        Of the random samples.
+        Of random samples that `agree` does not draw.
 
     Returns
     -------
     Solution
         With `inliers`, and with `weights` where a loss was asked for; views rejected as a whole are in its
-        correspondences' `skipped`.
+        correspondences' `skipped`. Where outliers were looked for, `fit.info["robust"]` says how.
 
     Raises
     ------
     UsageError
         For an unknown method.
+    EstimationError, DataError
+        Where neither all points nor those that agree by RANSAC give a camera; the error is that of all
+        points.
     """
+    check_method(method)
+    first, failure = None, None
+    try:
+        data, camera, poses = begin(correspondences, None)
+        first = fit(camera, poses, data)
+    except (EstimationError, DataError) as error:
+        if method == "none":
+            raise
+        failure = error
+    if first is not None and (method == "none" or (method == "auto" and _is_clean(first))):
+        return first
+    again = None
+    if first is None or starts.doubtful(first) or _lost(first) > _START_AGAIN:
+        again = restart.from_agreeing(correspondences, begin, fit, agree, seed)
+    found = [s for s in (again, first) if s is not None]
+    if not found:
+        assert failure is not None
+        raise failure
+    start = min(found, key=lambda s: robust_sigma(np.concatenate(_lengths(s))))
+    if method != "auto":
+        return reweight(start, fit, LOSSES[method])
+    kept = reject(reweight(start, fit, LOSSES["cauchy"], rounds=_ROUNDS // 2), fit)
+    improved = restart.second_look(kept, correspondences, fit, _judge(kept).sigma, seed)
+    if improved is not None:
+        kept = reject(improved, fit)
+    return _noted(kept, "all points" if start is first else "the points that agree by RANSAC")
+
+
+def check_method(method: str) -> None:
+    """Raise a UsageError for a method that is none of `METHODS`."""
     if method not in METHODS:
         raise UsageError(
             f"unknown robust method '{method}'.",
             suggestion(method, METHODS) or "Known: " + ", ".join(METHODS),
         )
-    first = fit(*_order(begin(correspondences, None)))
-    if method == "none":
-        return first
-    verdict = _judge(first)
-    clean = not verdict.rejected and outliers.looks_gaussian(_standard(first), verdict.sigma)
-    if method == "auto" and clean:
-        return first
-    start = first
-    if not clean and verdict.rejected > _START_AGAIN * first.correspondences.point_count:
-        start = _start_again(first, begin, fit, planar, seed)
-    if method != "auto":
-        return reweight(start, fit, LOSSES[method])
-    return reject(reweight(start, fit, LOSSES["cauchy"], rounds=_ROUNDS // 2), fit)
 
 
-def _order(begun: tuple[Correspondences, Camera, Poses]) -> tuple[Camera, Poses, Correspondences]:
-    correspondences, camera, poses = begun
-    return camera, poses, correspondences
+def _is_clean(solution: Solution) -> bool:
+    """Whether nothing speaks against a fit to all points: neither outliers nor a wrong minimum."""
+    verdict = _judge(solution)
+    gaussian = outliers.looks_gaussian(_standard(solution), verdict.sigma)
+    return not verdict.rejected and gaussian and not starts.doubtful(solution)
 
 
-def _start_again(first: Solution, begin: Begin, fit: Fit, planar: Sequence[bool], seed: int) -> Solution:
-    """A fit that begins from the points that agree by RANSAC, if its median residual is lower."""
-    correspondences = first.correspondences
-    masks = ransac.agreeing_views(correspondences.views, planar, seed)
-    _, camera, poses = begin(correspondences, masks)
-    again = fit(camera, poses, correspondences, inliers=masks)
-    return min((again, first), key=lambda s: robust_sigma(np.concatenate(_lengths(s))))
+def _lost(solution: Solution) -> float:
+    """The share of points that the test rejects."""
+    return _judge(solution).rejected / solution.correspondences.point_count
 
 
 def _judge(solution: Solution) -> outliers.Verdict:
@@ -130,6 +126,19 @@ def _standard(solution: Solution) -> Array:
 def _lengths(solution: Solution) -> list[Array]:
     pairs = zip(solution.correspondences.views, solution.residuals, strict=True)
     return [outliers.standardised(v, r) for v, r in pairs]
+
+
+def _noted(solution: Solution, begun_from: str) -> Solution:
+    """The solution with how outliers were told, among the information on its fit."""
+    verdict = _judge(solution)
+    said: dict[str, Any] = {
+        "test": f"|r|²/2s² of a point exceeds F(2, nu) at {outliers.ALPHA:g}/N",
+        "sigma": verdict.sigma,
+        "threshold": verdict.threshold * verdict.sigma,
+        "begun_from": begun_from,
+        "ransac_confidence": ransac.CONFIDENCE,
+    }
+    return replace(solution, fit=replace(solution.fit, info={**solution.fit.info, "robust": said}))
 
 
 def reweight(solution: Solution, fit: Fit, loss: Loss, rounds: int = 60) -> Solution:
@@ -152,7 +161,12 @@ def reweight(solution: Solution, fit: Fit, loss: Loss, rounds: int = 60) -> Solu
             w if v.sigma is None else w / v.sigma**2
             for w, v in zip(weights, solution.correspondences.views, strict=True)
         ]
-        solution = fit(solution.camera, solution.poses, solution.correspondences, weights=whole)
+        # a point outside the lens's domain has no residual and takes no part
+        seen = [np.isfinite(length) for length in lengths]
+        masks = None if all(m.all() for m in seen) else seen
+        solution = fit(
+            solution.camera, solution.poses, solution.correspondences, inliers=masks, weights=whole
+        )
     fitted = replace(solution.fit, loss=loss.name)
     return replace(solution, weights=None if weights is None else tuple(weights), fit=fitted)
 
