@@ -1,7 +1,7 @@
 """Closed-form estimates: where a calibration starts, each a stage with its own figures.
 
-A new one is one file that offers `estimate(correspondences, skew=False, normalise=True) -> ClosedForm`, and one
-line here.
+A new one is one file that offers `estimate(correspondences, skew=False, normalise=True) -> ClosedForm`, and
+one line here.
 """
 
 CLOSED_FORMS = {
