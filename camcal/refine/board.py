@@ -170,7 +170,7 @@ class BoardProblem(Problem):
     ):
         super().__init__(lens, views, free, weights, normalise)
         self.board = board
-        self._ids = [self._padded_ids(g) for g in self.groups]
+        self.groups = [replace(g, ids=self._padded_ids(g)) for g in self.groups]
 
     def reweighted(self, weights: Sequence[Array]) -> BoardProblem:
         """The same problem with other weights."""
@@ -199,21 +199,20 @@ class BoardProblem(Problem):
     def points(self, group: Group, state: State) -> Array:
         """Ideal points and their offsets."""
         offsets = np.r_[self.board.expand(state.shape), np.zeros((1, 3))]
-        index = next(i for i, g in enumerate(self.groups) if g is group)
-        return group.xyz + offsets[self._ids[index]].transpose(0, 2, 1)
+        return group.xyz + offsets[group.ids].transpose(0, 2, 1)
 
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations of camera, shape and poses; None where a point leaves the lens's domain."""
         sums = _PointSums(self)
         normal = np.empty((len(self.views), self.rows, self.rows))
         with np.errstate(all="ignore"):
-            for group, ids in zip(self.groups, self._ids, strict=True):
+            for group in self.groups:
                 block = self.fill(group, state)
                 if block is None:
                     return None
                 flat = block.reshape(*block.shape[:2], -1)
                 normal[group.members] = flat @ flat.transpose(0, 2, 1)
-                sums.add(group, ids, block, state.rotations[group.members])
+                sums.add(group, block, state.rotations[group.members])
         blocks = self.blocks(normal, state)
         return None if blocks is None else sums.extend(blocks)
 
@@ -223,9 +222,9 @@ class BoardProblem(Problem):
         if block is None:
             return None
         f, m = self.free.shape[1], len(self.board.points)
-        ids = self._ids[next(i for i, g in enumerate(self.groups) if g is group)]
+        assert group.ids is not None
         shape = np.empty((len(block), self.board.size, block.shape[2]))
-        for g, (view, at) in enumerate(zip(group.members, ids, strict=True)):
+        for g, (view, at) in enumerate(zip(group.members, group.ids, strict=True)):
             d = state.rotations[view].T @ block[g, f + 3 : f + 6]  # d X = Rᵀ d x_cam, (3, 2 N)
             columns = np.zeros((block.shape[2], m + 1, 3))
             columns[np.arange(block.shape[2]), np.tile(at, 2)] = d.T
@@ -244,15 +243,16 @@ class _PointSums:
         self.gradient = np.zeros((3, slots))
         self.own = np.zeros((3, 3, slots))
 
-    def add(self, group: Group, ids: Array, block: Array, rotation: Array) -> None:
+    def add(self, group: Group, block: Array, rotation: Array) -> None:
         """Take a group's rows (G, P + 6 + 1, 2, N); d X = Rᵀ d x_cam."""
+        assert group.ids is not None
         p = self.problem.lens.size
         d_cam = block[:, p + 3 : p + 6]
         d = (rotation.transpose(0, 2, 1) @ d_cam.reshape(len(d_cam), 3, -1)).reshape(d_cam.shape)
         cross = block[:, :, 0, None] * d[:, None, :, 0] + block[:, :, 1, None] * d[:, None, :, 1]
         own = d[:, :, 0, None] * d[:, None, :, 0] + d[:, :, 1, None] * d[:, None, :, 1]
         for g, view in enumerate(group.members):
-            at = ids[g]
+            at = group.ids[g]
             self.camera[..., at] += cross[g, :p]
             self.poses[view][..., at] = cross[g, p : p + 6]
             self.gradient[..., at] += cross[g, -1]

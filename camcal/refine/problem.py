@@ -91,6 +91,18 @@ class Group:
     xyz: Array  #: (G, 3, N) points relative to the view's centroid
     uv: Array  #: (G, 2, N)
     weights: Array | None  #: (G, 1, 1, N) square roots of the weights, None = 1
+    ids: Array | None = None  #: (G, N) which point of the board each is, where that has a shape
+
+    def alone(self, index: int) -> Group:
+        """One of the views as a group."""
+        at = slice(index, index + 1)
+        return Group(
+            self.members[at],
+            self.xyz[at],
+            self.uv[at],
+            None if self.weights is None else self.weights[at],
+            None if self.ids is None else self.ids[at],
+        )
 
 
 class Problem:
@@ -176,7 +188,7 @@ class Problem:
     def view_normals(self, state: State, partly: bool = False) -> Array | None:
         """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
 
-        None where a point leaves the lens's domain; with `partly`, NaN for the views of that group.
+        None where a point leaves the lens's domain; with `partly`, NaN for its view.
         """
         normal = np.empty((len(self.views), self.rows, self.rows))
         with np.errstate(all="ignore"):
@@ -185,11 +197,21 @@ class Problem:
                 if block is not None:
                     flat = block.reshape(*block.shape[:2], -1)
                     normal[group.members] = flat @ flat.transpose(0, 2, 1)
-                elif partly:
-                    normal[group.members] = np.nan
-                else:
+                elif not partly:
                     return None
+                else:
+                    for index in range(len(group.members)):
+                        self._products(group.alone(index), state, normal)
         return normal
+
+    def _products(self, group: Group, state: State, normal: Array) -> None:
+        """Fill in the products of a single view, NaN where a point leaves the lens's domain."""
+        block = self.fill(group, state)
+        if block is None:
+            normal[group.members] = np.nan
+        else:
+            flat = block.reshape(*block.shape[:2], -1)
+            normal[group.members] = flat @ flat.transpose(0, 2, 1)
 
     def points(self, group: Group, state: State) -> Array:
         """Points (G, 3, N) of a group relative to their views' centroids."""
