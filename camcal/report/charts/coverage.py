@@ -1,0 +1,125 @@
+"""Charts of what the views cover: the picture, the directions, the distances."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from camcal.evaluate.checks.coverage import hull_area
+from camcal.evaluate.checks.facts import Facts
+from camcal.report.charts.base import Chart, Line, Points
+from camcal.report.charts.residuals import picture_limits, thinned
+from camcal.types import Solution
+
+Array = np.ndarray
+
+MOST_POINTS = 6000
+#: circles of the tilt chart, degrees
+CIRCLES = (15, 30, 45)
+
+
+def image(solution: Solution) -> Chart | None:
+    """All image points and the hull around them."""
+    facts = Facts(solution)
+    uv = facts.image_points
+    if len(uv) < 3:
+        return None
+    x, y = picture_limits(facts)
+    lost = np.concatenate(
+        [v.uv[~m] for v, m in zip(facts.views, solution.inliers, strict=True)] or [np.zeros((0, 2))]
+    )
+    share = hull_area(uv) / ((x[1] - x[0]) * (y[1] - y[0]))
+    some = thinned(len(uv), MOST_POINTS)
+    layers: list = [Points(uv[some], radius=1.3, label="used points")]
+    if len(lost):
+        layers.append(Points(lost, tone="bad", radius=2.2, label="rejected"))
+    hull = hull_of(uv)
+    if len(hull):
+        layers.insert(0, Line(hull, tone="faint", closed=True, filled=True))
+    return Chart(
+        "Coverage of the picture",
+        f"The points of all views; the hull around them covers {share:.0%} of the picture. What the "
+        "lens does outside of it is extrapolated.",
+        "u, px",
+        "v, px",
+        x,
+        y,
+        tuple(layers),
+        picture=True,
+    )
+
+
+def hull_of(uv: Array) -> Array:
+    """The corners (K, 2) of the convex hull of points (N, 2); none where they lie on a line."""
+    try:
+        return uv[ConvexHull(uv).vertices]
+    except (QhullError, ValueError):
+        return np.zeros((0, 2))
+
+
+def unit_of(solution: Solution) -> str:
+    """The unit of lengths in space, for people."""
+    unit = str((solution.correspondences.target or {}).get("unit") or "unit")
+    return {"square": "squares", "unit": "units"}.get(unit, unit)
+
+
+def board_normals(facts: Facts) -> Array:
+    """Unit normals (V, 3) of the boards in the camera's frame, turned away from the camera."""
+    normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
+    return normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
+
+
+def tilts(solution: Solution) -> Chart | None:
+    """The tilt of each board against the image plane, by direction."""
+    facts = Facts(solution)
+    if not facts.planar or len(facts.views) < 2:
+        return None
+    normals = board_normals(facts)
+    angle = np.degrees(np.arccos(np.clip(normals[:, 2], -1, 1)))
+    around = np.arctan2(normals[:, 1], normals[:, 0])
+    reach = max(50.0, 1.1 * float(angle.max()))
+    turn = np.linspace(0, 2 * np.pi, 73)
+    circles = [Line(c * np.c_[np.cos(turn), np.sin(turn)], tone="faint") for c in CIRCLES]
+    dots = angle[:, None] * np.c_[np.cos(around), np.sin(around)]
+    dots = angle[:, None] * np.c_[np.cos(around), np.sin(around)]
+    titles = [f"{v.id}: {a:.0f} degrees" for v, a in zip(facts.views, angle, strict=True)]
+    return Chart(
+        "Tilt of the boards",
+        f"Each dot is a board: how far it is tilted (degrees, median {np.median(angle):.0f}) and to which "
+        "side. Dots all around, 20 to 45 degrees from the middle, determine the focal length best.",
+        "tilt to the right, degrees",
+        "tilt down, degrees",
+        (-reach, reach),
+        (-reach, reach),
+        (*circles, Points(dots, radius=4, titles=titles)),
+        picture=True,
+    )
+
+
+def distances(solution: Solution) -> Chart | None:
+    """The distance of each board and how much of the picture it fills."""
+    facts = Facts(solution)
+    if len(facts.views) < 2:
+        return None
+    x, y = picture_limits(facts)
+    area = (x[1] - x[0]) * (y[1] - y[0])
+    far, share, titles = [], [], []
+    for view, used, pose in zip(facts.views, solution.inliers, solution.poses, strict=True):
+        if used.sum() < 3:
+            continue
+        far.append(float(np.linalg.norm(pose.apply(view.xyz[used].mean(0)))))
+        share.append(100 * hull_area(view.uv[used]) / area)
+        titles.append(f"{view.id}: at {far[-1]:.4g}, {share[-1]:.0f} % of the picture")
+    if len(far) < 2:
+        return None
+    unit = unit_of(solution)
+    return Chart(
+        "Distance and size of the boards",
+        f"Each dot is a view. Boards are {min(far):.3g} to {max(far):.3g} {unit} away and fill "
+        f"{min(share):.0f} to {max(share):.0f} % of the picture; a mixture of distances is good.",
+        f"distance from the camera, {unit}",
+        "share of the picture, %",
+        (0.0, 1.08 * max(far)),
+        (0.0, min(100.0, 1.15 * max(share))),
+        (Points(np.c_[far, share], radius=4, titles=titles),),
+    )

@@ -1,0 +1,95 @@
+"""The page: what the template is filled with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from camcal.errors import UsageError
+from camcal.report import table, words
+from camcal.report.charts import charts
+from camcal.report.charts.svg import svg
+from camcal.report.html import pictures, scene
+from camcal.types import Solution
+
+_HERE = Path(__file__).parent
+#: charts in sections of the page, by name
+SECTIONS = {
+    "residuals": ("residuals", "histogram", "views", "radius"),
+    "coverage": ("coverage", "tilts", "distances"),
+    "lens": ("distortion-curve", "distortion-field", "uncertainty-board", "uncertainty-infinity"),
+    "board": ("board-shape",),
+}
+
+
+def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml") -> str:
+    """A report as one HTML document, everything within it.
+
+    Parameters
+    ----------
+    report : dict
+        The document.
+    solution : Solution
+        The same, as `camcal.report.loading.from_document` makes it.
+    source : str
+        Where the report was read; pictures are looked for from its folder, too.
+
+    Raises
+    ------
+    UsageError
+        Where jinja2 is not installed.
+    """
+    template = _template()
+    drawn = {name: (chart, svg(chart, name)) for name, chart in charts(solution).items()}
+    shown, on_pictures = pictures.thumbnails(solution, report, Path(source).resolve().parent)
+    turned = scene.drawing(solution)
+    return template.render(
+        report=report,
+        source=source,
+        sentence=table.sentence(report),
+        trust=words.trust(report),
+        parameters=_parameters(report),
+        charts=drawn,
+        sections=SECTIONS,
+        scene=turned,
+        # a closing tag inside the data would end the script
+        scene_data=json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c"),
+        thumbnails=shown,
+        on_pictures=on_pictures,
+        number=table.number,
+        style=_HERE.joinpath("style.css").read_text(encoding="utf-8"),
+        script=_HERE.joinpath("scene.js").read_text(encoding="utf-8"),
+    )
+
+
+def _template() -> Any:
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError:
+        raise UsageError(
+            "the HTML report needs jinja2, which is not installed.", "Try: pip install 'camcal[report]'"
+        ) from None
+    environment = Environment(
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html")
+
+
+def _parameters(report: dict[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for name, p in report["camera"]["parameters"].items():
+        value, sigma = table.with_sigma(p["value"], p["sigma"])
+        rows.append(
+            {
+                "name": name,
+                "value": value,
+                "sigma": "held" if p["fixed"] else sigma,
+                "start": f"{p['start']:.6g}",
+            }
+        )
+    return rows

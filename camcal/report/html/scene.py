@@ -1,0 +1,124 @@
+"""The camera and the boards in space, as polygons that the page can turn.
+
+The first picture is drawn here, so that it is there without scripts and on paper; `scene.js` projects the
+same polygons by the same rule when the reader turns them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from camcal.evaluate.checks.facts import Facts
+from camcal.types import Pose, Solution
+
+Array = np.ndarray
+
+#: where the reader stands at first, degrees: from above and behind the camera's left shoulder
+YAW, PITCH = 35.0, -22.0
+WIDTH, HEIGHT = 640, 440
+#: distance of the eye in radii of the scene: a little perspective, no distortion
+EYE = 4.0
+#: the ball around the scene is drawn larger than the drawing: hardly any scene fills its ball
+FILL = 1.35
+#: more boards than this are thinned out
+MOST = 60
+#: size of the drawn camera in parts of the median distance of the boards
+CAMERA = 0.3
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A polygon (N, 3) in the camera's frame: `kind` is a class of the style sheet."""
+
+    points: Array
+    kind: str
+    title: str = ""
+
+
+def shapes(solution: Solution) -> list[Shape]:
+    """The camera as a pyramid over its picture, and each board as the outline of its points."""
+    facts = Facts(solution)
+    chosen = np.unique(np.linspace(0, len(facts.views) - 1, min(len(facts.views), MOST)).astype(int))
+    made = []
+    for i in chosen:
+        view, pose = facts.views[i], solution.poses[int(i)]
+        for outline in _outlines(view.xyz, pose, bool(facts.shapes.planar[i]), facts.shapes.axes[i]):
+            made.append(Shape(outline, "board", view.id))
+    far = [float(np.linalg.norm(s.points.mean(0))) for s in made]
+    return [*_camera(facts, CAMERA * float(np.median(far or [1.0]))), *made]
+
+
+def _outlines(xyz: Array, pose: Pose, planar: bool, axes: Array) -> list[Array]:
+    """The box around the points in their own axes: one rectangle of a board, six of a rig; camera's frame."""
+    if planar and np.ptp(xyz[:, 2]) == 0:
+        axes = np.eye(3)  # a grid lies along its own axes, which those of its scatter need not follow
+    local = xyz @ axes
+    low, high = local.min(0), local.max(0)
+    if planar:
+        middle = (low[2] + high[2]) / 2
+        low, high = np.r_[low[:2], middle], np.r_[high[:2], middle]
+    corner = [np.where([i & 1, i & 2, i & 4], high, low) for i in range(8)]
+    faces = [(0, 1, 3, 2)] if planar else [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6)]
+    return [pose.apply(np.array([corner[i] for i in face]) @ axes.T) for face in faces]
+
+
+def _camera(facts: Facts, size: float) -> list[Shape]:
+    (left, top), (right, bottom) = facts.low_high
+    rays = facts.camera.unproject(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
+    if np.isnan(rays).any():  # a corner that the lens does not see: a plain pyramid in its place
+        rays = np.array([[-0.6, -0.45, 0.66], [0.6, -0.45, 0.66], [0.6, 0.45, 0.66], [-0.6, 0.45, 0.66]])
+    ends = size * rays
+    sides = [Shape(np.array([np.zeros(3), ends[i], ends[(i + 1) % 4]]), "camera", "camera") for i in range(4)]
+    up = np.array([ends[0], ends[1], (ends[0] + ends[1]) / 2 * 1.0 + [0, -0.25 * size, 0]])
+    return [*sides, Shape(ends, "camera", "camera"), Shape(up, "camera up", "the camera's upper side")]
+
+
+def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:
+    """The point about which the scene turns, and the radius of the ball around it."""
+    every = np.concatenate([s.points for s in made])
+    pivot = (every.min(0) + every.max(0)) / 2
+    return pivot, float(np.linalg.norm(every - pivot, axis=1).max()) or 1.0
+
+
+def projected(points: Array, pivot: Array, radius: float, yaw: float, pitch: float) -> tuple[Array, float]:
+    """Places (N, 2) in the drawing, and the mean depth, by which nearer polygons cover farther ones.
+
+    Turned about the vertical by `yaw` and then about the horizontal by `pitch`, radians; `scene.js` does the
+    same.
+    """
+    x, y, z = ((points - pivot) / radius).T
+    x, z = np.cos(yaw) * x - np.sin(yaw) * z, np.sin(yaw) * x + np.cos(yaw) * z
+    y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
+    scale = 0.5 * HEIGHT * FILL * EYE / (EYE + z)
+    return np.stack([WIDTH / 2 + scale * x, HEIGHT / 2 + scale * y], 1), float(z.mean())
+
+
+def drawing(solution: Solution) -> dict[str, Any]:
+    """The first picture as SVG polygons, and what `scene.js` needs to turn it."""
+    made = shapes(solution)
+    pivot, radius = pivot_and_scale(made)
+    yaw, pitch = np.radians(YAW), np.radians(PITCH)
+    places = [projected(s.points, pivot, radius, yaw, pitch) for s in made]
+    order = sorted(range(len(made)), key=lambda i: -places[i][1])
+    polygons = [
+        f'<polygon class="{made[i].kind}" data-shape="{i}" points="'
+        + " ".join(f"{x:.1f},{y:.1f}" for x, y in places[i][0])
+        + f'"><title>{escape(made[i].title)}</title></polygon>'
+        for i in order
+    ]
+    data = {
+        "shapes": [np.round((s.points - pivot) / radius, 4).tolist() for s in made],
+        "yaw": yaw,
+        "pitch": pitch,
+        "eye": EYE,
+        "fill": FILL,
+        "width": WIDTH,
+        "height": HEIGHT,
+    }
+    boards = len({s.title for s in made if s.kind == "board"})
+    shown = "" if boards == len(solution.poses) else f" ({boards} of {len(solution.poses)} are shown)"
+    return {"polygons": "".join(polygons), "data": data, "width": WIDTH, "height": HEIGHT, "shown": shown}

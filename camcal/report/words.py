@@ -1,0 +1,30 @@
+"""What a report comes to, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from camcal.report.table import number
+
+Document = Mapping[str, Any]
+
+
+def trust(report: Document) -> str:
+    """What noise leaves of the camera's accuracy, in a sentence; empty where nothing was estimated."""
+    found = report.get("uncertainty")
+    if not found:
+        return ""
+    near, far = found["maps"][0], found["maps"][-1]
+    if not math.isfinite(near["median"]):
+        return "The data leave open where this camera sees a point: do not use it."
+    said = (
+        "At the boards' distance noise leaves a point uncertain by "
+        f"{number(near['centre']['sigma_px'], 2)} px in the middle of the picture, "
+        f"{number(near['median'], 2)} px in the median and {number(near['worst']['sigma_px'], 2)} px in the "
+        "worst corner"
+    )
+    if math.isfinite(far["median"]):
+        return f"{said}; for far points it is {number(far['median'], 2)} px in the median."
+    return f"{said}; for far points it is not determined."
