@@ -13,7 +13,7 @@ import numpy as np
 from camcal.io.decode import UnreadableError, decode_gray
 from camcal.io.listing import view_ids
 from camcal.targets.camera_pass import refine_with_camera
-from camcal.targets.saddle import WIDER_HALF
+from camcal.targets.saddle import WIDER_HALF, wider_halves
 from camcal.types import Correspondences, View
 
 Array = np.ndarray
@@ -26,7 +26,6 @@ def refine_images(
     correspondences: Correspondences,
     board_from_pixel: Callable[[int, Array], Array],
     cell: float | None = None,
-    half: float = WIDER_HALF,
     on_event: OnEvent | None = None,
 ) -> tuple[Correspondences, float]:
     """Fit the corners of all pictures again; see `targets.camera_pass`.
@@ -40,8 +39,6 @@ def refine_images(
         board's unit.
     cell : float, optional
         Side of a square in that unit; that of the target where left out.
-    half : float
-        Half-width of the windows, of a square.
     on_event : callable, optional
         Called with `("refined", {id, moved_px})`, and with `("unrefined", {id, reason})` where a picture
         has gone or changed; its view stays as it is.
@@ -65,7 +62,7 @@ def refine_images(
             if on_event is not None:
                 on_event("unrefined", {"id": view.id, "reason": str(error)})
             continue
-        new, moved = _refined(gray, view, i, board_from_pixel, cell, half)
+        new, moved = _refined(gray, view, i, board_from_pixel, cell, _half(target, view))
         views.append(new)
         total, count = total + moved**2 * len(view), count + len(view)
         if on_event is not None:
@@ -79,9 +76,16 @@ def _refined(
     number: int,
     board_from_pixel: Callable[[int, Array], Array],
     cell: float,
-    half: float,
+    half: float | Array,
 ) -> tuple[View, float]:
     return refine_with_camera(gray, view, lambda px: board_from_pixel(number, px), cell, half)
+
+
+def _half(target: Mapping[str, Any], view: View) -> float | Array:
+    """Half-widths of the windows, of a square: wider inside a checkerboard, where no edge is cut."""
+    if target.get("kind") != "checkerboard" or view.point_ids is None:
+        return WIDER_HALF
+    return wider_halves(target["columns"], target["rows"])[view.point_ids]
 
 
 def _read_again(file: Mapping[str, str] | None) -> Array:

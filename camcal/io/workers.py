@@ -95,7 +95,7 @@ def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int]
 
 @contextlib.contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile do their linear algebra with one thread: together they fill the machine."""
+    """Processes that start meanwhile use one thread each for linear algebra, as they fill the machine."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

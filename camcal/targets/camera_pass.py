@@ -24,7 +24,7 @@ def refine_with_camera(
     view: View,
     board_from_pixel: Callable[[Array], Array],
     cell: float,
-    half: float = saddle.WIDER_HALF,
+    half: float | Array = saddle.WIDER_HALF,
 ) -> tuple[View, float]:
     """Fit the corners of a view again.
 
@@ -38,8 +38,8 @@ def refine_with_camera(
         ray misses it.
     cell : float
         Side of a square in that unit.
-    half : float
-        Half-width of the window, of a square. On real pictures 0.5 gives the least hold-out error.
+    half : float or (N,) array
+        Half-width of the windows, of a square; see `saddle.wider_halves`.
 
     Returns
     -------
@@ -54,7 +54,8 @@ def refine_with_camera(
     rows, first = rows[first.good], first.take(first.good)
     if not len(rows):
         return view, 0.0
-    second = saddle.sharpen(gray, first, sides[rows], board_from_pixel, half)
+    share = np.broadcast_to(half, len(view.uv))[rows]
+    second = saddle.sharpen(gray, first, sides[rows], board_from_pixel, share)
     rows, second = rows[second.good], second.take(second.good)
     uv = view.uv.copy()
     uv[rows] = second.uv

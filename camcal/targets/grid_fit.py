@@ -51,7 +51,8 @@ def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, sa
         row, col = np.divmod(ids, shape[1])
         known = saddle.with_guesses(known, guess, sides[ids], np.where((row + col) % 2 == 0, 1, -1))
         good[ids] = known.uv
-    second = saddle.sharpen(gray, known, sides[ids], board_from_corners(good.reshape(shape)))
+    half = saddle.wider_halves(shape[1], shape[0])[ids]
+    second = saddle.sharpen(gray, known, sides[ids], board_from_corners(good.reshape(shape)), half)
     rejected = {i: r for i, r in rejected.items() if i not in set(ids.tolist())} | _reasons(ids, second)
     return ids[second.good], second.take(second.good), rejected
 

@@ -20,7 +20,8 @@ from camcal.targets.windows import Windows, cut, straightened
 Array = np.ndarray
 
 HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
-WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known
+WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known. Outer squares may be cut narrower
+INNER_HALF = 0.65  #: of a square; the same for corners that are not at the edge of the board
 SEEN = 2.2  #: blurs; pixels farther from both edges say little of where these are
 FIRST_LARGEST = 9  #: px; half the side of the largest window of a first fit
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
@@ -136,6 +137,13 @@ def usual_half(sides: Array) -> Array:
     return np.clip(LEAST_PX / np.maximum(shortest, 1e-9), HALF, WIDER_HALF)
 
 
+def wider_halves(columns: int, rows: int) -> Array:
+    """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, of a square."""
+    half = np.full((rows, columns), WIDER_HALF)
+    half[1:-1, 1:-1] = INNER_HALF
+    return half.ravel()
+
+
 def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corners:
     """Replace the corners that were rejected by what the good ones let expect, to be fitted again.
 
@@ -161,7 +169,11 @@ def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corn
 
 
 def sharpen(
-    gray: Array, known: Corners, sides: Array, board_from_pixel: BoardFromPixel, half: float = WIDER_HALF
+    gray: Array,
+    known: Corners,
+    sides: Array,
+    board_from_pixel: BoardFromPixel,
+    half: float | Array = WIDER_HALF,
 ) -> Corners:
     """Fit corners again, with the edges' curvature and the slope of the light known.
 
@@ -173,6 +185,8 @@ def sharpen(
         Steps to the next corner along columns and rows, px.
     board_from_pixel : callable
         From px (K, P, 2) around the K corners to coordinates in which the edges are straight.
+    half : float or (K,) array
+        Half-width of the windows, of a square.
     """
     if not len(known.uv):
         return known
