@@ -39,7 +39,7 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
     output_is_free(options)
     from camcal.evaluate.known_camera import evaluate
-    from camcal.pipeline import leave_out_unusable
+    from camcal.start import leave_out_unusable
     from camcal.report.document import load_camera
 
     known = load_camera(camera)
