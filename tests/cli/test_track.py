@@ -239,3 +239,39 @@ def test_a_state_goes_with_its_options(camcal, knock):
     Path("s").write_text("{}")
     code, _, err = camcal("track", knock, "-o", "t.csv", "--state", "s")
     assert code == 3 and "not a state" in err
+
+
+def test_pictures_of_a_fixed_board(camcal):
+    """A board in front of a known camera that is turned by 0.5 degrees (4.4 px) after eight pictures."""
+    import cv2
+
+    from camcal import lenses, targets
+    from camcal.geometry import rotations
+    from camcal.targets.render import Look, render
+    from camcal.types import Camera, Pose
+
+    lens = lenses.make("pinhole")
+    camera = Camera(lens, lens.pinhole(500.0, 500.0, 319.5, 239.5), (640, 480))
+    board = targets.make("checkerboard:8x5:25mm")
+    rng = np.random.default_rng(0)
+    Path("pictures").mkdir()
+    for number in range(12):
+        turn = rotations.exp(np.array([0.0, np.deg2rad(0.5 * (number >= 8)), 0.0]))
+        at = Pose(rotations.exp(np.array([0.4, -0.3, 0.1])), np.array([-90.0, -60.0, 400.0]))
+        pose = Pose(turn @ at.rotation, turn @ at.translation)
+        picture = render(board.pattern(), camera, pose, Look(noise=4.0), rng)
+        if number == 5:
+            picture[:] = 128
+        cv2.imwrite(f"pictures/{number:02d}.png", picture)
+    Path("camera.yml").write_text(
+        "camera_matrix: [[500, 0, 319.5], [0, 500, 239.5], [0, 0, 1]]\ndistortion_coefficients: []\n"
+    )
+    known = ("--camera", "camera.yml", "--fix", "intrinsics", "--board", "8x5", "--square", "25mm", "-j", "1")
+    code, _, err = camcal("track", "pictures", *known, "-o", "t.csv", "--motion", "fixed")
+    assert code == 0, err
+    table = read("t.csv")
+    assert [r["status"] for r in table].count("predicted") == 1 and table[5]["points"] == "0"
+    assert [r["frame"] for r in table if r["changed"] == "1"] == ["8"]
+    assert "0.5 deg about y" in err
+    code, _, err = camcal("track", "pictures", "--board", "8x5", "-j", "1", "-o", "u.csv")
+    assert code == 4 and "plane" in err and "--fix intrinsics" in err

@@ -186,3 +186,13 @@ def test_matrix_without_depth_at_the_origin_is_scaled_by_its_norm():
     matrix, derivative = _scaled(cameras)
     assert np.linalg.norm(matrix) == pytest.approx(1)
     assert np.isfinite(derivative).all()
+
+
+def test_every_column_is_documented():
+    from pathlib import Path
+
+    from camcal.tracking.table import COLUMNS
+
+    page = (Path(__file__).parents[2] / "docs" / "tracking.md").read_text(encoding="utf-8")
+    for name, text in COLUMNS.items():
+        assert f"| `{name}` | {text} |" in page
