@@ -49,7 +49,8 @@ def calibrate(
     robust : str
         How outliers are treated: `none`, `auto`, or the name of a loss.
     on_event : callable, optional
-        Called with (name, details) at each stage.
+        Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("checked", {warnings})` and
+        `("crosschecked", {entries})`.
     **options
         `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `seed`: as on
         the command line; `checks=False` leaves out the search for reasons to warn; `normalise=False` the
@@ -68,10 +69,14 @@ def calibrate(
     EstimationError
         Where they do not determine a camera.
     """
-    return _calibrate(correspondences, Options(model=model, robust=robust, **options))
+    return _calibrate(correspondences, Options(model=model, robust=robust, **options), on_event or _nobody)
 
 
-def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
+def _nobody(_: str, __: Mapping[str, Any]) -> None:
+    """Listen to nothing."""
+
+
+def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = _nobody) -> Solution:
     usable = leave_out_unusable(correspondences)
     run = _Run(told, lenses.make(told.model, told.skew))
     solution = run.solve(noise.unweighted(usable))
@@ -81,11 +86,18 @@ def _calibrate(correspondences: Correspondences, told: Options) -> Solution:
         run.begin_again(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
     solution = replace(solution, stages=stages, warnings=run.begun.warnings)
+    rejected = sum(int((~m).sum()) for m in solution.inliers)
+    tell(
+        "refined",
+        {"rms_point": solution.rms_point, "points": usable.point_count, "rejected": rejected},
+    )
     if told.checks:
         solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
         solution = conditioning.with_conditioning(solution, told.normalise)
+        tell("checked", {"warnings": [w.code for w in solution.warnings]})
     if told.crosscheck:
         solution = replace(solution, crosscheck=run.crosscheck(solution))
+        tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
 
 

@@ -164,3 +164,12 @@ def test_a_flat_board_stays_flat():
     made, _ = boards(noise=0.1, views=12)
     found = camcal.calibrate(camcal.Correspondences.from_views(made, SIZE), board_shape="auto")
     assert found.correspondences.target["shape"]["kind"] == "flat"
+
+
+def test_events_tell_how_far_it_is():
+    made, _ = boards(noise=0.1, views=6)
+    heard = []
+    data = camcal.Correspondences.from_views(made, SIZE)
+    found = camcal.calibrate(data, on_event=lambda name, details: heard.append((name, details)))
+    assert [name for name, _ in heard] == ["refined", "checked"]
+    assert heard[0][1] == {"rms_point": found.rms_point, "points": 324, "rejected": 0}
