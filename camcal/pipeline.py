@@ -49,7 +49,7 @@ def calibrate(
     robust : str
         How outliers are treated: `none`, `auto`, or the name of a loss.
     on_event : callable, optional
-        Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("checked", {warnings})` and
+        Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("checked", {warnings})`,
         `("crosschecked", {entries})`.
     **options
         `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `seed`: as on
