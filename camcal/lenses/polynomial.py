@@ -52,11 +52,9 @@ class Polynomial(InverseLens):
         return (name,) if name == "bicubic" else ("polynomial:2", "polynomial:3", "polynomial:5")
 
     def nests(self) -> tuple[str, ...]:
-        """Lower orders."""
-        lower = [f"polynomial:{n}" for n in range(self.order - 1, 1, -1)]
-        if self.order > 3:
-            lower[lower.index("polynomial:3")] = "bicubic"
-        return (*lower, "pinhole")
+        """Lower orders; of the high ones every other."""
+        orders = [n for n in (12, 10, 8, 6, 5, 4, 3, 2) if n < self.order]
+        return (*("bicubic" if n == 3 else f"polynomial:{n}" for n in orders), "pinhole")
 
     def adopt(self, other: Lens, params: Array) -> Array:
         """By exponents: orders of ten and more write their coefficients with an underscore."""
