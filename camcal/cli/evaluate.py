@@ -39,8 +39,8 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
     output_is_free(options)
     from camcal.evaluate.known_camera import evaluate
-    from camcal.start import leave_out_unusable
     from camcal.report.document import load_camera
+    from camcal.start import leave_out_unusable
 
     known = load_camera(camera)
     found = leave_out_unusable(read_data(data, options))
