@@ -11,6 +11,7 @@ along the last axis: a few dozen vector operations in place of one small LAPACK 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from camcal.refine.problem import Blocks, Step
 
@@ -168,5 +169,7 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
         factor = np.linalg.cholesky(matrix * scale * scale[:, None])
     except np.linalg.LinAlgError:
         return None
-    half = np.linalg.solve(factor, right * scale)
-    return scale * np.linalg.solve(factor.T, half), (np.diag(factor) / scale) ** 2
+    # a board's shape makes the matrix large: its factor must be used as the triangle that it is
+    half = solve_triangular(factor, right * scale, lower=True, check_finite=False)
+    solution = scale * solve_triangular(factor, half, lower=True, trans="T", check_finite=False)
+    return solution, (np.diag(factor) / scale) ** 2

@@ -18,6 +18,9 @@ from camcal.refine.parameters import apply_fixed, free_matrix
 from camcal.refine.problem import Problem
 from camcal.types import Array, Camera, Correspondences, Fit, NormalBlocks, Poses, Solution
 
+#: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
+_SAME_POINT = 1e-6
+
 
 def refine(
     start: Camera,
@@ -125,10 +128,19 @@ class BoardResult:
 
 
 def on_board(correspondences: Correspondences, ideal: Array, points: Array) -> Correspondences:
-    """The correspondences with the ideal points (M, 3) replaced by those found (M, 3)."""
+    """The correspondences with the ideal points (M, 3) replaced by those found (M, 3).
+
+    Points that are none of the ideal ones (no view that was used shows them) stay where they are.
+    """
     tree = cKDTree(ideal)
-    views = [replace(v, xyz=points[tree.query(v.xyz)[1]]) for v in correspondences.views]
-    return replace(correspondences, views=tuple(views))
+    near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
+
+    def moved(xyz: Array) -> Array:
+        distance, index = tree.query(xyz)
+        return np.where(distance[:, None] <= near, points[index], xyz)
+
+    views = tuple(replace(v, xyz=moved(v.xyz)) for v in correspondences.views)
+    return replace(correspondences, views=views)
 
 
 def residuals(camera: Camera, poses: Poses, correspondences: Correspondences) -> tuple[Array, ...]:
