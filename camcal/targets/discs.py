@@ -19,6 +19,7 @@ Array = np.ndarray
 LEAST_AREA = 20.0  #: px of the reduced picture
 MOST_SLENDER = 6.0  #: ratio of the axes: a tilt of 80 degrees
 AREA_TOLERANCE = 0.13  #: how far the area of an outline may be from that of its ellipse
+ROUND = 0.045  #: how far an outline may swing around its ellipse, of the radius
 MOST_DISCS = 3000
 EVEN = 0.25  #: how far the four neighbours of a seed may be from equal distances and right angles
 CONCENTRIC = 0.3  #: of the smaller radius; two outlines with centres as close as that are one disc
@@ -86,7 +87,8 @@ def ellipse_of(outline: Array) -> tuple[Array, Array] | None:
     centre = np.array([m["m10"], m["m01"]]) / area
     offset = outline[:, 0] - centre
     radius = np.linalg.norm(offset @ vectors / axes, axis=1)
-    if np.abs(radius - 1).max() > 0.25 + 1.0 / axes[0]:
+    # the outline of a square swings by 0.1 of its mean radius; that of a disc by the steps of the pixels only
+    if np.sqrt(np.mean((radius - 1) ** 2)) > ROUND + 0.3 / axes[0]:
         return None
     return centre, (vectors * (axes + 0.5)) @ vectors.T
 
