@@ -1,0 +1,135 @@
+"""`camcal undistort`: pictures as a lens without distortion would have taken them."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import config_option, force_option, image_size_option, option
+from camcal.cli.verbosity import note, verbosity_options
+
+FILE = click.Path(path_type=Path)
+
+
+class KeepType(params.CamcalType):
+    """`all`, `no-black`, or a field of view such as `90deg`."""
+
+    name = "field"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
+        """Return the word, or the angle in rad."""
+        if isinstance(value, float) or value in ("all", "no-black"):
+            return value
+        found = re.fullmatch(r"\s*([0-9.]+)\s*(deg)?\s*", str(value))
+        try:
+            degrees = float(found[1]) if found else math.nan
+        except ValueError:
+            degrees = math.nan
+        if not 0 < degrees < 360:
+            self.refuse(f"'{value}' is neither all, no-black nor an angle.", "Try: --keep 90deg", param, ctx)
+        return math.radians(degrees)
+
+
+@click.command("undistort")
+@click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
+@option("--camera", "-c", type=FILE, required=True, metavar="FILE", help="A report, or OpenCV's camera file.")
+@option("--output", "-o", type=FILE, required=True, metavar="FOLDER", help="Where the pictures go.")
+@option(
+    "--keep", type=KeepType(), default="all", show_default=True, metavar="all|no-black|ANGLE",
+    help="The field that is kept: all pixels, the most without black, or a horizontal field of view.",
+)  # fmt: skip
+@option(
+    "--size", type=params.IMAGE_SIZE, metavar="WxH", help="Of the new pictures; as the old ones by default."
+)
+@option(
+    "--projection", type=params.Word(["perspective", "equidistant"]), default="perspective", show_default=True,
+    help="Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
+)  # fmt: skip
+@option(
+    "--interpolation", type=params.Word(["nearest", "linear", "cubic", "lanczos"]), default="linear",
+    show_default=True, help="Between pixels.",
+)  # fmt: skip
+@image_size_option
+@force_option
+@config_option
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
+    """Take the distortion out of pictures.
+
+    IMAGES are files, folders or quoted patterns. The new pictures keep their names; camera.yaml beside them is
+    the camera that would have taken them. Unreadable pictures are named and left out (exit code 1).
+    """
+    from camcal.cli.job import command_line
+    from camcal.io.listing import list_pictures
+    from camcal.io.resample import written_name
+    from camcal.lenses.undistort import undistortion
+    from camcal.report.camera import camera_document
+    from camcal.report.document import load_camera, save
+
+    source = load_camera(options["camera"])
+    if options["image_size"] is not None:
+        source = replace(source, image_size=options["image_size"])
+    files, folder = list_pictures(images), options["output"]
+    targets = [folder / written_name(f) for f in files]
+    _check(files, targets, folder, options["force"])
+    made = undistortion(source, options["keep"], options["size"], options["projection"])
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {"from": str(options["camera"]), "keep": str(options["keep"]), "black": made.black}
+    document = camera_document(made.camera, command_line(ctx), undistortion=figures)
+    save(document, folder / "camera.yaml", options["force"])
+    failed = _resample_all(files, targets, source.image_size, made, options)
+    note(
+        f"{len(files) - failed} of {len(files)} pictures written to {folder}; {made.black:.1%} of each is black."
+    )
+    return 1 if failed else 0
+
+
+def _check(files: list[Path], targets: list[Path], folder: Path, force: bool) -> None:
+    """Refuse what would overwrite something, before any work is done."""
+    from camcal.errors import UsageError
+    from camcal.io.writing import check_writable
+
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"'{folder}' is a file; a folder is needed.", "Try: -o undistorted")
+    if not folder.exists():
+        check_writable(folder, force)  # its own folder must be there
+    names = [t.name for t in targets]
+    twice = next((n for n in names if names.count(n) > 1), None)
+    if twice is not None:
+        raise UsageError(f"two of the pictures are called '{twice}'.", "Undistort one folder at a time.")
+    if folder.exists():
+        for path in (*targets, folder / "camera.yaml"):
+            check_writable(path, force)
+
+
+def _resample_all(
+    files: list[Path], targets: list[Path], size: tuple[int, int] | None, made: Any, options: dict[str, Any]
+) -> int:
+    """Resample every picture; the number of those that could not be."""
+    from camcal.cli.output import progress
+    from camcal.io.decode import UnreadableError
+    from camcal.io.resample import read_picture, resample, write_picture
+
+    failed = 0
+    with progress("undistorting") as show:
+        for done, (path, target) in enumerate(zip(files, targets, strict=True), 1):
+            try:
+                picture = read_picture(path)
+                if picture.shape[1::-1] != size:
+                    found = "x".join(map(str, picture.shape[1::-1]))
+                    needed = "x".join(map(str, size or ()))
+                    raise UnreadableError(f"it is {found}, the camera is for {needed}")
+                out = resample(picture, made.u, made.v, options["interpolation"])
+                write_picture(target, out, options["force"])
+            except UnreadableError as reason:
+                failed += 1
+                click.echo(f"{path}: {reason}", err=True)
+            show(done, len(files))
+    return failed
