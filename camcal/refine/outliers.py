@@ -24,6 +24,9 @@ ALPHA = 0.001
 #: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
 _MEDIAN_EFFICIENCY = 0.48
 FAR = 5.0
+#: views are not rejected as a whole where fewer than this many would be left: two or three that agree by chance
+#: of too many parameters are no majority
+LEAST_LEFT = 5
 #: a view that keeps less than this part of its points is not the picture it is taken for
 LEAST_KEPT = 1 / 3
 #: residuals below this part of the coordinates are the rounding of the input, not outliers
@@ -81,6 +84,10 @@ def judge(correspondences: Correspondences, residuals: Sequence[Array], paramete
         if mask.mean() < LEAST_KEPT or (scale > FAR * usual and len(views) > 2):
             bad.add(i)
         masks.append(mask)
+    if 0 < len(views) - len(bad) < LEAST_LEFT:
+        for i in bad:
+            masks[i] = lengths[i] <= threshold * max(sigma, own[i])
+        bad = set()
     bad |= _left_open(views, masks)
     for i in bad:
         masks[i] = np.zeros(len(views[i]), bool)

@@ -118,7 +118,7 @@ def minimise(
 ) -> Result:
     """Minimise by LFOP1(b); the lowest place on the path is what counts and what the trace shows.
 
-    δ is the length of the residual vector in scaled variables: one that carries the whole of it.
+    δ is the step that changes the residuals by their own length (`Variables.reach`).
     """
     options = options or Options()
     variables, info = choose(problem, state, options)
@@ -138,7 +138,7 @@ def minimise(
 
     if arrived():
         return ended(True, "predicted decrease", 0)
-    particle = _Particle.at_rest(best, np.sqrt(2 * best.cost))
+    particle = _Particle.at_rest(best, variables.reach)
     for iteration in range(1, limit + 1):
         if recorder.late():
             return ended(arrived(), "time", iteration - 1)

@@ -25,12 +25,17 @@ _DENSE = 20_000_000
 _MOST_EVALUATIONS = 1000
 
 
+class _LateError(Exception):
+    """`Options.max_seconds` have passed."""
+
+
 class _Function:
     """Residuals and Jacobian over a vector; remembers the last state and counts."""
 
     def __init__(self, problem: Problem, state: State, recorder: Recorder):
         self.problem, self.start, self.recorder = problem, state, recorder
         self.evaluations, self.iteration = 1, 0
+        self.best = np.zeros(problem.variables + 6 * len(problem.views))
         self.free = problem.variables
         self.sparse = rows.count(problem) * (self.free + 6 * len(problem.views)) > _DENSE
 
@@ -40,6 +45,8 @@ class _Function:
 
     def residuals(self, x: Array) -> Array:
         """NaN outside the lens's domain, which the trust region shrinks from."""
+        if self.recorder.late():
+            raise _LateError
         self.evaluations += 1
         found = rows.residuals(self.problem, self.state(x))
         return np.full(rows.count(self.problem), np.nan) if found is None else found
@@ -59,6 +66,7 @@ class _Function:
     def note(self, x: Array, cost: float) -> None:
         """Record an accepted step."""
         if cost < self.recorder.samples[-1].cost:
+            self.best = x.copy()
             self.recorder.add(self.iteration, cost, self.evaluations)
 
 
@@ -68,7 +76,7 @@ def minimise(
     """Minimise with columns scaled by the Jacobian; converged as the other methods are, by `remaining`."""
     options = options or Options()
     first = begin(problem, state)
-    recorder = Recorder(first.cost, 1, on_step)
+    recorder = Recorder(first.cost, 1, on_step, options)
     function = _Function(problem, state, recorder)
     accuracy = float(np.clip(options.tolerance, 4e-16, 1e-3))
 
@@ -79,37 +87,36 @@ def minimise(
             function.note(x, 0.5 * float(blocks @ blocks))
         return j
 
-    found = least_squares(
-        function.residuals,
-        np.zeros(problem.variables + 6 * len(problem.views)),
-        jacobian,
-        method=options.variant or VARIANTS[0],  # type: ignore[arg-type]
-        x_scale="jac",
-        ftol=accuracy,
-        xtol=4e-16,
-        gtol=None,
-        tr_solver="lsmr" if function.sparse else "exact",
-        max_nfev=options.max_iterations or _MOST_EVALUATIONS,
-    )
-    state = function.state(found.x)
+    try:
+        found = least_squares(
+            function.residuals,
+            function.best,
+            jacobian,
+            method=options.variant or VARIANTS[0],  # type: ignore[arg-type]
+            x_scale="jac",
+            ftol=accuracy,
+            xtol=4e-16,
+            gtol=None,
+            tr_solver="lsmr" if function.sparse else "exact",
+            max_nfev=options.max_iterations or _MOST_EVALUATIONS,
+        )
+        x, message, reason = found.x, found.message, None if found.status else "evaluations"
+    except _LateError:
+        x, message, reason = function.best, "", "time"
+    state = function.state(x)
     blocks = begin(problem, state)
-    function.note(found.x, blocks.cost)
+    function.note(x, blocks.cost)
     limit = max(1e3 * options.tolerance, 1e-11) * blocks.cost + problem.rounding
     converged = bool(remaining(blocks) <= limit)
-    info = {"variables": "camera and poses, scaled columns", "message": found.message}
+    if reason is None:
+        reason = "predicted decrease" if converged else "the cost or the variables hardly change"
     return Result(
         state,
         blocks,
         converged,
-        _reason(found.status, converged),
+        reason,
         function.iteration,
         function.evaluations,
         tuple(recorder.samples),
-        info,
+        {"variables": "camera and poses, scaled columns", "message": message},
     )
-
-
-def _reason(status: int, converged: bool) -> str:
-    if status == 0:
-        return "evaluations"
-    return "predicted decrease" if converged else "the cost or the variables hardly change"

@@ -46,7 +46,12 @@ class Place:
 class Variables(ABC):
     """A cost as a function of a vector around a place; counts the passes over the data.
 
-    `noise` is the part of the cost by which two evaluations of one place may differ.
+    Attributes
+    ----------
+    noise : float
+        The part of the cost by which two evaluations of one place may differ.
+    reach : float
+        About how far it is to the minimum: as far as changes the residuals by their own length.
     """
 
     noise = 1e-14  # the rounding of a sum of squares
@@ -56,6 +61,7 @@ class Variables(ABC):
         self.evaluations = 0
         self.scale: Array = np.zeros(0)
         self.start: Place
+        self.reach = 1.0
 
     @abstractmethod
     def move(self, place: Place, step: Array) -> Place | None:
@@ -76,6 +82,9 @@ class AllUnknowns(Variables):
         squares = tangent.diagonal(blocks)
         self.scale = tangent.inverse_lengths(squares) if scaled else np.ones(len(squares))
         self.start = self._place(state, blocks)
+        g = self.start.gradient
+        curvature = (self.scale * g) @ tangent.multiply(blocks, self.scale * g)
+        self.reach = float(np.sqrt(2 * blocks.cost * (g @ g) / curvature)) if curvature > 0 else 1.0
 
     def _place(self, state: State, blocks: Blocks) -> Place:
         return Place(state, blocks, blocks.cost, self.scale * tangent.gradient(blocks))
@@ -104,6 +113,7 @@ class WithoutPoses(Variables):
         if reduced.solvable:
             self.scale = tangent.inverse_lengths(np.diag(reduced.matrix))
         self.start = self._place(state, blocks)
+        self.reach = float(np.sqrt(2 * blocks.cost))  # the reduced columns are shorter than 1
 
     def _settle(self, state: State) -> tuple[State, Blocks] | None:
         solved = solve_poses(self.problem, state)
