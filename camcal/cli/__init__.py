@@ -14,6 +14,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
+    "select": ("camcal.cli.select:command", "Find the lens model that the data call for."),
     "convert": ("camcal.cli.convert:command", "Find the closest camera of another model."),
     "lens-fit": ("camcal.cli.lens_fit:command", "Fit a lens to pairs of ideal and distorted points."),
     "undistort": ("camcal.cli.undistort:command", "Take the distortion out of pictures."),

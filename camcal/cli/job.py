@@ -101,10 +101,14 @@ def calibrate_and_report(
 
         correspondences = on_known_board(correspondences, told["board_shape"])
         told["board_shape"] = "flat"
+    selection = None
+    if told["model"] == "auto":
+        selection = selected(correspondences, told)
+        told["model"] = selection["chosen"]
     if "refine_corners" not in options:
         from camcal.pipeline import calibrate
 
-        return deliver_solution(ctx, calibrate(correspondences, **told), options)
+        return deliver_solution(ctx, calibrate(correspondences, **told), options, selection)
     from camcal.pictures import calibrate_pictures
 
     solution, points = calibrate_pictures(
@@ -112,7 +116,17 @@ def calibrate_and_report(
     )
     if save_corners is not None:
         save_detections(points, save_corners, options["force"])
-    return deliver_solution(ctx, solution, options)
+    return deliver_solution(ctx, solution, options, selection)
+
+
+def selected(correspondences: Correspondences, told: dict[str, Any]) -> dict[str, Any]:
+    """What `--model auto` chooses, as `camcal select` would."""
+    from camcal.selection import described, select
+
+    options = {name: told[name] for name in ("skew", "fix", "robust", "seed")}
+    found = described(select(correspondences, **options))
+    note(f"model {found['chosen']}: {found['why']}")
+    return found
 
 
 def _tell_refined(_: str, details: Mapping[str, Any]) -> None:
@@ -122,14 +136,26 @@ def _tell_refined(_: str, details: Mapping[str, Any]) -> None:
     )
 
 
-def deliver_solution(ctx: click.Context, solution: Solution, options: dict[str, Any]) -> int:
-    """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code."""
+def deliver_solution(
+    ctx: click.Context,
+    solution: Solution,
+    options: dict[str, Any],
+    selection: Mapping[str, Any] | None = None,
+) -> int:
+    """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code.
+
+    `selection` says how the model was chosen, where the user left that open.
+    """
     from camcal.report.document import document, save
     from camcal.report.table import summary, tables
 
     # the gates of the verdict stand among the options
     solution = replace(solution, options=resolved_options(ctx))
     report = document(solution, command=command_line(ctx))
+    if selection is not None:
+        from camcal.report.plain import plain
+
+        report["selection"] = plain(selection)
     output = options["output"]
     if output is not None:
         save(report, output, options["force"])

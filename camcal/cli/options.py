@@ -48,6 +48,10 @@ def _lenses() -> Any:
     return LENSES
 
 
+def _lenses_or_auto() -> Any:
+    return (*_lenses(), "auto")
+
+
 def _optimizers() -> Any:
     from camcal.refine.optimizers import OPTIMIZERS
 
@@ -81,6 +85,11 @@ def _merge_fixed(ctx: click.Context, param: click.Parameter, values: tuple[dict,
 model_option = option(
     "--model", "-m", type=params.SpecType("model", _lenses), default="opencv5", show_default=True,
     metavar="NAME[:ARGS]", help="Camera model; `camcal list models` names them.",
+)  # fmt: skip
+calibrated_model_option = option(
+    "--model", "-m", type=params.SpecType("model", _lenses_or_auto), default="opencv5", show_default=True,
+    metavar="NAME[:ARGS]|auto",
+    help="Camera model; `camcal list models` names them; auto takes the one that `camcal select` would.",
 )  # fmt: skip
 skew_option = option("--skew", is_flag=True, help="Estimate the skew of the pixel axes too.")
 fix_option = option(
@@ -168,7 +177,7 @@ trace_option = option(
 
 #: What a calibration is, whatever its input.
 calibration_options = group_of(
-    model_option,
+    calibrated_model_option,
     skew_option,
     fix_option,
     optimizer_option,

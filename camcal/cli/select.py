@@ -1,0 +1,121 @@
+"""`camcal select`: which lens model the data call for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from camcal.cli.options import (
+    board_options,
+    config_option,
+    fix_option,
+    force_option,
+    format_option,
+    image_size_option,
+    option,
+    output_option,
+    robust_option,
+    seed_option,
+    skew_option,
+)
+from camcal.cli.verbosity import note, verbosity_options
+
+
+@click.command("select")
+@click.argument("data", nargs=-1, required=True, metavar="POINTS|IMAGES...")
+@option(
+    "--models", default="auto", show_default=True, metavar="A;B;C|auto|all",
+    help="Specs, separated by ; or blanks (by commas where none has options); auto tries each kind once.",
+)  # fmt: skip
+@option(
+    "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Rounds of holding views out."
+)
+@skew_option
+@fix_option
+@robust_option
+@seed_option
+@image_size_option
+@board_options
+@output_option
+@force_option
+@format_option
+@config_option
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
+    """Fit several lens models and rank them by their error on views held out, poses refitted.
+
+    A model that contains another also begins from that one's optimum. Out of the choice are models with a
+    fold or a pole inside the image, and those with parameters that the data do not determine. With -o, the
+    selection is written as YAML.
+    """
+    from camcal.cli.job import output_is_free, read_data
+    from camcal.cli.output import emit, progress
+    from camcal.report.plain import plain
+    from camcal.report.yaml import save
+    from camcal.selection import described, select
+
+    output_is_free(options)
+    models = named_models(options["models"])
+    points = read_data(data, options)
+    with progress("fitting models") as show:
+
+        def tell(_: str, details: Mapping[str, Any]) -> None:
+            show(details["done"], details["count"])
+
+        told = {name: options[name] for name in ("skew", "fix", "robust", "folds", "seed")}
+        found = plain(described(select(points, models, on_event=tell, **told)))
+    if options["output"] is not None:
+        save(found, options["output"], options["force"])
+        note(f"Selection written to {options['output']}.")
+    emit(found, options["format"], lambda: _table(found))
+    note(f"{found['chosen']}: {found['why']}.")
+    return 0
+
+
+def named_models(text: str) -> tuple[str, ...]:
+    """The specs that the text names; commas separate them only where none of them has options."""
+    from camcal.errors import UsageError
+    from camcal.lenses import make
+    from camcal.selection import AUTO, all_models
+
+    if text.strip() in ("auto", "all"):
+        return AUTO if text.strip() == "auto" else all_models()
+    parts = text.replace(";", " ").split()
+    if len(parts) == 1 and "=" not in text:
+        parts = text.split(",")
+    specs = tuple(part.strip(", ") for part in parts if part.strip(", "))
+    if not specs:
+        raise UsageError("--models names no model.", "Try: --models opencv5,opencv8,kb4")
+    for spec in specs:
+        make(spec)
+    return specs
+
+
+def _table(found: dict[str, Any]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    rows, out = [], []
+    for m in found["models"]:
+        mark = "*" if m["model"] == found["chosen"] else ""
+        if "rms_point" not in m:
+            rows.append([mark, m["model"], "-", "-", "-", "-", "-", "-", "no"])
+        else:
+            held = m["holdout"]["rms_point"] if m["holdout"] else None
+            figures = [number(v, 4) for v in (held, m["rms_point"], m["sigma_hat"])]
+            information = [f"{m[k]:.0f}" for k in ("aic_difference", "bic_difference")]
+            rows.append(
+                [mark, m["model"], str(m["parameters"]), *figures, *information, "out" if m["out"] else ""]
+            )
+        out += [f"{m['model']}: {reason}" for reason in m["out"]]
+    columns = ["", "model", "free", "hold-out px", "rms px", "sigma", "AIC +", "BIC +", ""]
+    title = f"{found['points']} points of {found['views']} views"
+    parts = [table(columns, rows, title)]
+    if out:
+        parts.append(Text("\nout of the choice:\n  " + "\n  ".join(out)))
+    return Group(*parts)
