@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -16,9 +16,12 @@ from camcal.cli.verbosity import note, verbosity_options
 
 if TYPE_CHECKING:
     from camcal.tracking.base import Frame, TrackOptions
+    from camcal.tracking.events import Change
     from camcal.tracking.follow import Summary
 
 CHANGED = 1
+#: changes that are told as they are seen
+TOLD = 20
 
 
 @click.command("track")
@@ -44,7 +47,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     follower = Follower(
         estimator,
         output,
-        on_change=lambda change: note(f"{change.message}."),
+        on_change=_Teller(),
         hold=options["reorder"],
         state=options["state"],
         every=options["state_every"] or (FROM_PIPE if live else FROM_FILE),
@@ -53,7 +56,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     if options["state"] is not None and options["state"].is_file():
         follower.resume()
     try:
-        summary = follower.run(_frames(frames, options))
+        summary = follower.run(_frames(frames, options, output.flush))
         output.finish()
     except BaseException:  # also on ^C: no table that looks complete
         output.discard()
@@ -67,19 +70,28 @@ def _check_files(options: dict[str, Any]) -> None:
     from camcal.errors import UsageError
     from camcal.io.writing import check_writable
 
-    resumes = options["state"] is not None and options["state"].is_file()
-    if options["output"] is not None:
-        check_writable(options["output"], options["force"] or resumes)
-    if options["report"] is not None:
-        check_writable(options["report"], options["force"] or resumes)
+    force = _may_replace(options)
+    for name in ("output", "report"):
+        if options[name] is not None:
+            check_writable(options[name], force)
     if options["state"] is not None:
         check_writable(options["state"], force=True)
     if options["plots"] is not None:
-        from camcal.tracking.plots import require_matplotlib
+        from camcal.tracking import plots
 
         if options["output"] is None:
             raise UsageError("plots are drawn from the table, and it goes to stdout.", "Give -o FILE too.")
-        require_matplotlib()
+        plots.require_matplotlib()
+        if options["plots"].is_dir():
+            for path in plots.paths(options["plots"]):
+                check_writable(path, force)
+        if options["reference"] is not None:
+            _reference(options["reference"])
+
+
+def _may_replace(options: dict[str, Any]) -> bool:
+    """Whether outputs may be overwritten: with --force, and those of a run that keeps a state."""
+    return options["force"] or (options["state"] is not None and options["state"].is_file())
 
 
 def _estimator(
@@ -141,21 +153,14 @@ def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
 
 def _must_match(options: dict[str, Any], track: TrackOptions) -> dict[str, Any]:
     """What has to be the same when a run is taken up again."""
-    from dataclasses import asdict
+    from dataclasses import fields
 
-    values = {k: v for k, v in asdict(track).items() if k != "camera"} if track.camera is None else {}
+    values = {f.name: getattr(track, f.name) for f in fields(track)}
     if track.camera is not None:
-        values = {f: getattr(track, f) for f in track.__dataclass_fields__ if f != "camera"}
-        values["camera"] = [track.camera.lens.name, track.camera.params.tolist()]
+        values["camera"] = [track.camera.lens.name, track.camera.params]
     output = None if options["output"] is None else str(options["output"].resolve())
-    return {
-        "method": options["method"],
-        **values,
-        "reorder": options["reorder"],
-        "format": _format(options),
-        "covariance": options["covariance"],
-        "output": output,
-    }
+    own = {"method": options["method"], "reorder": options["reorder"], "covariance": options["covariance"]}
+    return {**own, **values, "format": _format(options), "output": output}
 
 
 # ------------------------------------------------------------------ in and out
@@ -165,21 +170,25 @@ def _is_table(frames: tuple[str, ...]) -> bool:
     )
 
 
-def _frames(frames: tuple[str, ...], options: dict[str, Any]) -> Iterable[Frame]:
+def _frames(
+    frames: tuple[str, ...], options: dict[str, Any], before_read: Callable[[], object]
+) -> Iterable[Frame]:
     if not _is_table(frames):
         return _from_pictures(frames, options)
     if frames[0] == "-":
-        return _from_stream(sys.stdin.buffer, "stdin")
+        return _from_stream(sys.stdin.buffer, "stdin", before_read)
     from camcal.io.blocks import open_binary
 
     return _from_stream(open_binary(frames[0]), frames[0])
 
 
-def _from_stream(stream: BinaryIO, name: str) -> Iterator[Frame]:
+def _from_stream(
+    stream: BinaryIO, name: str, before_read: Callable[[], object] = lambda: None
+) -> Iterator[Frame]:
     from camcal.tracking.stream import FrameReader
 
     with stream:
-        yield from FrameReader(stream, name)
+        yield from FrameReader(stream, name, before_read)
 
 
 def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[Frame]:
@@ -205,8 +214,21 @@ def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
         _format(options),
         options["output"],
         growing=live or options["state"] is not None,
-        block=1 if live else 256,
     )
+
+
+class _Teller:
+    """Says each change on stderr as it is seen, up to a number of them."""
+
+    def __init__(self) -> None:
+        self.told = 0
+
+    def __call__(self, change: Change) -> None:
+        self.told += 1
+        if self.told <= TOLD:
+            note(f"{change.message}.")
+        elif self.told == TOLD + 1:
+            note("Further changes are counted, not told; does the motion fit? See --motion.")
 
 
 # ------------------------------------------------------------------ after the run
@@ -221,7 +243,7 @@ def _deliver(ctx: click.Context, summary: Summary, follower: Any, options: dict[
         from camcal.tracking.plots import draw
 
         reference = None if options["reference"] is None else _reference(options["reference"])
-        for path in draw(options["output"], options["plots"], reference, options["force"]):
+        for path in draw(options["output"], options["plots"], reference, _may_replace(options)):
             note(f"Plot written to {path}.")
     return CHANGED if failed else 0
 
@@ -258,7 +280,7 @@ def _write_report(
         **document(summary, follower.estimator, options["method"]),
         "verdict": "fail" if failed else "pass",
     }
-    save(plain(made), options["report"], options["force"] or options["state"] is not None)
+    save(plain(made), options["report"], _may_replace(options))
     note(f"Report written to {options['report']}.")
 
 

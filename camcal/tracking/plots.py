@@ -75,6 +75,11 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
             yield from csv.DictReader(stream)
 
 
+def paths(folder: Path) -> list[Path]:
+    """The files that `draw` writes."""
+    return [folder / f"{name}.svg" for name in ("parameters", "innovation", "gain", "matrix")]
+
+
 def draw(table: Path, folder: Path, reference: Array | None = None, force: bool = False) -> list[Path]:
     """Draw all plots of a table into a folder, as SVG.
 
@@ -92,16 +97,11 @@ def draw(table: Path, folder: Path, reference: Array | None = None, force: bool 
     require_matplotlib()
     columns = read_table(table)
     folder.mkdir(parents=True, exist_ok=True)
-    plots = {"parameters": parameters, "innovation": innovations, "gain": gains}
-    figures = {name: make(columns) for name, make in plots.items()}
-    figures["matrix"] = matrix(columns, reference)
-    written = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.svg"
+    figures = [parameters(columns), innovations(columns), gains(columns), matrix(columns, reference)]
+    for path, figure in zip(paths(folder), figures, strict=True):
         check_writable(path, force)
         figure.savefig(path)
-        written.append(path)
-    return written
+    return paths(folder)
 
 
 def _panels(count: int, height: float = 1.9) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ A row whose X, Y, Z, u or v is empty or `nan` is a missing point: it is left out
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import BinaryIO
 
 import numpy as np
@@ -39,6 +39,8 @@ class FrameReader:
         What it has is taken as it comes, by `read1` where there is one.
     name : str
         For messages.
+    before_read : callable
+        Called before each read, which may wait: all frames that were complete have been taken by then.
 
     Raises
     ------
@@ -47,8 +49,8 @@ class FrameReader:
         not a whole number, a sigma that is not positive; and where there is no frame at all.
     """
 
-    def __init__(self, stream: BinaryIO, name: str):
-        self.stream, self.name = stream, name
+    def __init__(self, stream: BinaryIO, name: str, before_read: Callable[[], object] = lambda: None):
+        self.stream, self.name, self.before_read = stream, name, before_read
         self.columns: tuple[str, ...] = ()
         self.delimiter: str | None = ","
         self.line = 0
@@ -71,7 +73,11 @@ class FrameReader:
         """Whole lines, as many as have come."""
         read = getattr(self.stream, "read1", self.stream.read)
         rest = b""
-        while data := read(BLOCK):
+        while True:
+            self.before_read()
+            data = read(BLOCK)
+            if not data:
+                break
             head, newline, tail = data.rpartition(b"\n")
             if not newline:
                 rest += data

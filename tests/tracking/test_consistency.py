@@ -8,7 +8,7 @@ from camcal.tracking.simulate import SEQUENCES
 
 from .helpers import follow, made_for, make, nees, sequence, true_estimate
 
-RUNS, FRAMES = 12, 60
+RUNS, FRAMES = 10, 50
 
 
 def run(method, kind, count=FRAMES, **options):
@@ -31,7 +31,7 @@ def test_nees_is_within_its_bounds(method, kind):
     # 95 % of the frames are expected inside; those of one run are correlated, so that few are independent
     assert np.mean((mean >= low) & (mean <= high)) > 0.8
     # Four frames, far enough apart to be nearly independent, together: bounds of probability 1e-4.
-    some = values[:, [0, 19, 39, 59]].sum()
+    some = values[:, [0, 16, 32, 49]].sum()
     low, high = chi2.ppf([5e-5, 1 - 5e-5], RUNS * size * 4)
     assert low < some < high
     assert not any(s.changed for s in states)
