@@ -11,7 +11,8 @@ from camcal.tracking import linear
 from camcal.tracking.base import Frame, State, TrackOptions
 from camcal.tracking.matrix_model import MatrixModel
 from camcal.tracking.motion import GROUPS
-from camcal.tracking.recursive import Reading, Recursive, Verdict
+from camcal.tracking.reading import Reading, Verdict
+from camcal.tracking.recursive import Recursive
 
 Array = np.ndarray
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from camcal.tracking import GAINS, linear, motion, noise, robust
 from camcal.tracking.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
 from camcal.tracking.detection import LARGEST, ChangeTest, normal_deviate
 from camcal.tracking.events import Alarm
-from camcal.tracking.linear import Compressed
 from camcal.tracking.model import Model
 from camcal.tracking.noise import Noise
+from camcal.tracking.reading import Reading, Verdict, innovation_factor, whitened_rows
 
 Array = np.ndarray
 
@@ -32,30 +31,6 @@ SUSPECT = 1e-3
 SCATTER = 3.0
 #: an iteration that moves the estimate by less than this part of a frame's standard deviation is the last
 SETTLED = 1e-3
-
-
-@dataclass(slots=True)
-class Reading:
-    """A frame at the prediction: its equations, the points in them, and its own fit where one was made."""
-
-    equations: Compressed
-    keep: Array
-    whitening: Any
-    innovation: float
-    alone: robust.Fit | None = None
-
-
-@dataclass(slots=True)
-class Verdict:
-    """What the change tests make of a frame; `innovation` is the lower Cholesky factor of S."""
-
-    nis: float
-    dof: int
-    score: float
-    cusum: float
-    test: str | None
-    since: int
-    innovation: Array
 
 
 class Recursive(Estimator):
@@ -383,20 +358,3 @@ class Recursive(Estimator):
         self._process, self._walked = state["process"], state["walked"]
         self._origin = None if state["origin"] is None else self.model.unpack(state["origin"])
         self.waiting = unpack_frames(state["waiting"])
-
-
-def whitened_rows(design: Array, keep: Array, whitening: Any) -> Array:
-    """The kept points of a design, whitened, as the rows of `linear.compress`."""
-    rows = design * whitening
-    if not keep.all():
-        rows = rows[:, :, keep]
-    return rows.reshape(len(design), -1)
-
-
-def innovation_factor(a: Array, factor: Array) -> Array:
-    """The lower Cholesky factor of S = A P Aᵀ + I."""
-    p = len(a)
-    spread = a @ factor[:p]
-    s = spread @ spread.T
-    s.flat[:: p + 1] += 1.0
-    return linear.cholesky(s)

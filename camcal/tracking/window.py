@@ -13,7 +13,7 @@ from camcal.tracking import linear, robust
 from camcal.tracking.base import Frame, TrackOptions, pack_frames, unpack_frames
 from camcal.tracking.gains import kalman
 from camcal.tracking.iekf import IteratedKalman
-from camcal.tracking.recursive import Reading, Verdict, innovation_factor, whitened_rows
+from camcal.tracking.reading import Reading, Verdict, innovation_factor, whitened_rows
 
 Array = np.ndarray
 

@@ -1,0 +1,54 @@
+"""A frame at its prediction: its equations, and what the change tests make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from camcal.tracking import linear, robust
+from camcal.tracking.linear import Compressed
+
+Array = np.ndarray
+
+
+@dataclass(slots=True)
+class Reading:
+    """A frame at the prediction: its equations, the points in them, and its own fit where one was made."""
+
+    equations: Compressed
+    keep: Array
+    whitening: Any
+    innovation: float
+    alone: robust.Fit | None = None
+
+
+@dataclass(slots=True)
+class Verdict:
+    """What the change tests make of a frame; `innovation` is the lower Cholesky factor of S."""
+
+    nis: float
+    dof: int
+    score: float
+    cusum: float
+    test: str | None
+    since: int
+    innovation: Array
+
+
+def whitened_rows(design: Array, keep: Array, whitening: Any) -> Array:
+    """The kept points of a design, whitened, as the rows of `linear.compress`."""
+    rows = design * whitening
+    if not keep.all():
+        rows = rows[:, :, keep]
+    return rows.reshape(len(design), -1)
+
+
+def innovation_factor(a: Array, factor: Array) -> Array:
+    """The lower Cholesky factor of S = A P Aᵀ + I."""
+    p = len(a)
+    spread = a @ factor[:p]
+    s = spread @ spread.T
+    s.flat[:: p + 1] += 1.0
+    return linear.cholesky(s)
