@@ -124,3 +124,23 @@ def test_nearest_and_fit():
     a[0] += 5  # an outlier of weight 0 does not count
     weights = np.r_[0.0, np.ones(9)]
     np.testing.assert_allclose(rotations.fit_rotation(a, b, weights), r, atol=1e-13)
+
+
+def test_left_jacobian_against_differences():
+    rng = np.random.default_rng(5)
+    for size in (0.0, 1e-9, 1e-3, 9e-3, 0.011, 0.5, 3.0, 5.0):
+        v = rng.normal(size=3)
+        v *= size / np.linalg.norm(v)
+        j = rotations.left_jacobian(v)
+        for i in range(3):
+            step = np.zeros(3)
+            step[i] = 1e-6
+            both = [rotations.log(rotations.exp(v + s * step) @ rotations.exp(v).T) for s in (1, -1)]
+            # central differences of 1e-6: rounding 1e-10
+            np.testing.assert_allclose(j[:, i], (both[0] - both[1]) / 2e-6, atol=1e-8)
+
+
+def test_left_jacobian_series_meets_the_formula():
+    axis = np.array([0.6, -0.64, 0.48])
+    below, above = (rotations.left_jacobian(axis * t) for t in (0.01 * (1 - 1e-9), 0.01 * (1 + 1e-9)))
+    np.testing.assert_allclose(below, above, atol=1e-11)
