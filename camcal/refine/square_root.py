@@ -78,7 +78,7 @@ class SquareRoot:
         camera = triangles(np.concatenate(below)[None][..., np.r_[moving, True]])[0]
         pivots = np.r_[abs(np.diag(camera)[:count]), abs(np.einsum("vii->vi", views[:, :6, :6])).ravel()]
         if (
-            pivots <= _ZERO * np.sqrt((1 + damping) * squares[np.r_[moving, views.shape[0] * 6 * [True]]])
+            pivots <= _ZERO * np.sqrt((1 + damping) * squares[np.r_[moving, np.ones(6 * len(views), bool)]])
         ).any():
             return None
         own = np.zeros(free)

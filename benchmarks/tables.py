@@ -1,0 +1,22 @@
+"""Tables of the benchmarks, and the pages that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return "\n".join(lines + ["| " + " | ".join(str(c) for c in row) + " |" for row in rows])
+
+
+def update(page: Path, name: str, text: str) -> None:
+    """Put a table between `<!-- name -->` and `<!-- /name -->` of a page."""
+    old = page.read_text(encoding="utf-8")
+    head, begin, rest = old.partition(f"<!-- {name} -->")
+    _, end, tail = rest.partition(f"<!-- /{name} -->")
+    if not begin or not end:
+        raise SystemExit(f"{page} has no place for the table '{name}'")
+    page.write_text(f"{head}{begin}\n{text}\n{end}{tail}", encoding="utf-8")
