@@ -13,7 +13,7 @@ import numpy as np
 from camcal import lenses
 from camcal.closed_form import shape
 from camcal.errors import DataError, EstimationError
-from camcal.evaluate import board_shape, conditioning
+from camcal.evaluate import board_shape, conditioning, judgement
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
 from camcal.refine import noise, ransac, starts
@@ -52,8 +52,8 @@ def calibrate(
         Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("checked", {warnings})`,
         `("crosschecked", {entries})`.
     **options
-        `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `seed`: as on
-        the command line; `checks=False` leaves out the search for reasons to warn; `normalise=False` the
+        `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `holdout`,
+        `seed`: as on the command line; `checks=False` leaves out the search for reasons to warn; `normalise=False` the
         centring and scaling of coordinates and columns at every stage.
 
     Returns
@@ -92,6 +92,7 @@ def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = 
         {"rms_point": solution.rms_point, "points": usable.point_count, "rejected": rejected},
     )
     if told.checks:
+        solution = replace(solution, holdout=run.hold_out(solution))
         solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
         solution = conditioning.with_conditioning(solution, told.normalise)
         tell("checked", {"warnings": [w.code for w in solution.warnings]})
@@ -204,6 +205,13 @@ class _Run:
         # a flat board's misfit may have made outliers of good points: judge them again
         again = robustly.reject(best.solution, partial(self.fit, board_shape=best.kind), ideal)
         return replace(board_shape.with_shape(replace(best, solution=again), trials), start=flat.start)
+
+    def hold_out(self, solution: Solution) -> Mapping[str, Any] | None:
+        """What views say that took no part."""
+        more = {"options": self.told.stopping, "normalise": self.told.normalise}
+        return judgement.hold_out(
+            solution, self.fix, self.told.holdout, optimizer=self.told.optimizer, **more
+        )
 
     def crosscheck(self, solution: Solution) -> tuple[Mapping[str, Any], ...]:
         """Every stage against cv2, which is loaded only here."""

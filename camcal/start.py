@@ -34,6 +34,7 @@ class Options:
     board_shape: str = "flat"
     checks: bool = True
     crosscheck: bool = False
+    holdout: int | None = None  #: folds; None = where it is cheap, 0 = none
     max_rms: float | None = None
     seed: int = 0
     normalise: bool = True

@@ -25,6 +25,7 @@ CALIBRATION = (
     "robust",
     "board_shape",
     "crosscheck",
+    "holdout",
     "max_rms",
     "seed",
     "normalise",

@@ -117,6 +117,11 @@ optimizer_option = option(
 crosscheck_option = option(
     "--crosscheck/--no-crosscheck", default=True, show_default=True, help="Compare every stage with OpenCV."
 )
+holdout_option = option(
+    "--holdout", type=click.IntRange(min=0), metavar="K",
+    help="Calibrate K times without every K-th view and judge the camera on it; 4 where that is quick, "
+    "0 leaves it out.",
+)  # fmt: skip
 max_rms_option = option(
     "--max-rms", type=click.FloatRange(min=0, min_open=True), metavar="PX",
     help="A gate: exit code 1 where rms_point is larger.",
@@ -184,6 +189,7 @@ calibration_options = group_of(
     robust_option,
     board_shape_option,
     crosscheck_option,
+    holdout_option,
     max_rms_option,
     seed_option,
     normalise_option,

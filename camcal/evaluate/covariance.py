@@ -131,7 +131,9 @@ def covariance(solution: Solution) -> Covariance:
     unknown_noise = not np.isfinite(scale)
     poses = eliminate_poses(solution.normal)
     columns = np.diag(solution.normal.intrinsics)
-    free, null, condition = _invert(reduce(solution.normal, poses), columns, 1.0 if unknown_noise else scale)
+    free, null, condition = invert_determined(
+        reduce(solution.normal, poses), columns, 1.0 if unknown_noise else scale
+    )
     touched = np.abs(solution.free if unknown_noise else solution.free @ null).max(-1, initial=0.0) > 0
     matrix = solution.free @ free @ solution.free.T
     matrix[touched] = matrix[:, touched] = np.nan
@@ -166,7 +168,7 @@ def reduce(normal: NormalBlocks, poses: ReducedPoses) -> Array:
     return (reduced + reduced.T) / 2
 
 
-def _invert(reduced: Array, columns: Array, scale: float) -> tuple[Array, Array, float]:
+def invert_determined(reduced: Array, columns: Array, scale: float = 1.0) -> tuple[Array, Array, float]:
     """The inverse over the determined directions, the others as columns, and the condition number."""
     if not len(reduced):
         return reduced, np.zeros((0, 0)), 1.0

@@ -32,14 +32,22 @@ class HoldOut:
     folds : int
     residuals : tuple of (N, 2) arrays
         Of the used points of each view, px, by the camera that did not see it.
-    cameras : tuple of Camera
-        One a fold.
+    fits : tuple of Solution
+        One a fold, of the views that were not held out.
+    trained : tuple of (T,) int arrays
+        Which views those were.
     """
 
     views: int
     folds: int
     residuals: tuple[Array, ...]
-    cameras: tuple[Camera, ...]
+    fits: tuple[Solution, ...] = ()
+    trained: tuple[Array, ...] = ()
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """One a fold."""
+        return tuple(fit.camera for fit in self.fits)
 
     @property
     def figures(self) -> figures.Figures:
@@ -74,7 +82,7 @@ def k_fold(
         return None
     folds = min(folds, count)
     found: list[Array] = [np.zeros((0, 2))] * count
-    cameras = []
+    fits, trained = [], []
     for fold in range(folds):
         test = np.arange(fold, count, folds)
         train = np.setdiff1d(np.arange(count), test)
@@ -86,8 +94,9 @@ def k_fold(
         held = replace(correspondences, views=tuple(kept))
         for i, r in zip(test, judge(solution, held, poses[test]), strict=True):
             found[int(i)] = r
-        cameras.append(solution.camera)
-    return HoldOut(count, folds, tuple(found), tuple(cameras))
+        fits.append(solution)
+        trained.append(train)
+    return HoldOut(count, folds, tuple(found), tuple(fits), tuple(trained))
 
 
 def judge(solution: Solution, held: Correspondences, poses: Poses) -> tuple[Array, ...]:

@@ -102,7 +102,9 @@ class ProjectionUncertainty:
         return by_params @ self.transform, np.concatenate([turn, shift], 2)
 
 
-def projection_uncertainty(solution: Solution, accuracy: Covariance | None = None) -> ProjectionUncertainty:
+def projection_uncertainty(
+    solution: Solution, accuracy: Covariance | None = None, views: Array | None = None
+) -> ProjectionUncertainty:
     """Prepare equation (3) for a solution.
 
     Parameters
@@ -110,11 +112,15 @@ def projection_uncertainty(solution: Solution, accuracy: Covariance | None = Non
     solution : Solution
     accuracy : Covariance, optional
         That of the solution, where it is known already.
+    views : (K,) int array, optional
+        The views over whose boards (1) takes its mean; all by default.
     """
     accuracy = accuracy or covariance(solution)
     reduced = accuracy.poses_reduced
     scale = accuracy.sigma_0 if np.isfinite(accuracy.sigma_0) else np.inf
     good = np.flatnonzero(~reduced.undetermined.any(1))
+    if views is not None:
+        good = np.intersect1d(good, views)
     size = solution.free.shape[1]
     if not len(good):
         follow, own = np.zeros((6, size)), np.full((6, 6), np.inf)

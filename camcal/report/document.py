@@ -12,6 +12,7 @@ from camcal.closed_form.base import scaled
 from camcal.evaluate import figures
 from camcal.evaluate.covariance import Covariance, covariance
 from camcal.geometry import projective, rotations
+from camcal.report.bias import section as bias
 from camcal.report.embedded import encode
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
@@ -73,6 +74,7 @@ def document(
         "fit": _fit(solution, accuracy),
         "uncertainty": uncertainty(solution, accuracy),
         "holdout": solution.holdout,
+        "bias": bias(solution, accuracy),
         "crosscheck": list(solution.crosscheck),
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",

@@ -7,7 +7,7 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
-from camcal.evaluate.checks import coverage, fit, lens, parameters, views
+from camcal.evaluate.checks import coverage, fit, folds, lens, parameters, views
 from camcal.evaluate.checks.facts import Facts
 from camcal.types import CalibrationWarning, Solution
 
@@ -29,6 +29,7 @@ CHECKS = (
     fit.outliers,
     fit.large_residuals,
     fit.systematic,
+    folds.views_disagree,
 )
 
 

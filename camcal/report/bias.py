@@ -1,0 +1,76 @@
+"""The report's `bias`: whether the residuals look like noise, and what each view does to the camera."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from camcal.evaluate.bias import bias_ratio, residual_tests, standardise
+from camcal.evaluate.covariance import Covariance
+from camcal.evaluate.design import Design
+from camcal.evaluate.figures import redundancy
+from camcal.evaluate.influence import bootstrap, influence, jackknife
+from camcal.evaluate.judgement import CHEAP_POINTS
+from camcal.types import Solution
+
+REPLICATES = 200
+
+
+def section(solution: Solution, accuracy: Covariance) -> dict[str, Any] | None:
+    """Tests, bias ratio, bootstrap and the views' influence; None of a large or an undetermined problem."""
+    lost = any(np.isnan(r[m]).any() for r, m in zip(solution.residuals, solution.inliers, strict=True))
+    if solution.correspondences.point_count > CHEAP_POINTS or redundancy(solution) < 10 or lost:
+        return None
+    design = Design(solution)
+    ratio = bias_ratio(design)
+    made: dict[str, Any] = {
+        "tests": [asdict(t) for t in residual_tests(standardise(design))],
+        "ratio": None if ratio is None else asdict(ratio),
+        "sigma_ratios": None,
+        "influence": None,
+    }
+    if design.transform.shape[1] and len(design.views) > 2 and not accuracy.null.size:
+        made |= _views(design, accuracy, int(_seed(solution)))
+    return made
+
+
+def _seed(solution: Solution) -> int:
+    given = solution.options.get("seed", 0)
+    return given["value"] if isinstance(given, dict) else given
+
+
+def _views(design: Design, accuracy: Covariance, seed: int) -> dict[str, Any]:
+    found = influence(design)
+    own = design.transform.shape[1]
+    sigmas = np.sqrt(np.diag(accuracy.free)[:own])
+    names = _free_names(design)
+    ratios = {
+        "jackknife": np.sqrt(np.diag(jackknife(found))) / sigmas,
+        "bootstrap": np.sqrt(np.diag(bootstrap(design, REPLICATES, seed))) / sigmas,
+    }
+    return {
+        "sigma_ratios": {
+            "replicates": REPLICATES,
+            **{
+                kind: {n: float(f"{r:.3g}") for n, r in zip(names, values, strict=True)}
+                for kind, values in ratios.items()
+            },
+        },
+        "influence": [
+            {
+                "view": view.id,
+                "cook": float(f"{found.cook[i]:.4g}"),
+                "p_value": float(f"{found.p_values[i]:.4g}"),
+                "information": float(f"{found.share[i]:.4g}"),
+            }
+            for i, view in enumerate(design.views)
+        ],
+    }
+
+
+def _free_names(design: Design) -> list[str]:
+    """The first parameter that each free direction moves: itself, or fx for a tied fy."""
+    names = design.solution.camera.lens.names
+    return [names[int(np.flatnonzero(column)[0])] for column in design.transform.T]
