@@ -9,7 +9,7 @@ from __future__ import annotations
 COMMANDS: dict[str, tuple[str, str]] = {
     "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
-    "images": ("camcal.cli.checkerboard:command", "The same for pictures of any target."),
+    "images": ("camcal.cli.checkerboard:images", "The same for pictures of any target."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),

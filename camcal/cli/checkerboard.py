@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -38,3 +39,8 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     if save_corners is not None:
         output_is_free({**options, "output": save_corners})
     return calibrate_and_report(ctx, read_pictures(images, options), options, save_corners)
+
+
+#: the same under the name for targets of any kind
+images = copy.copy(command)
+images.name = "images"
