@@ -60,12 +60,15 @@ class View:
 class SkippedView:
     """A picture or a view that gave no usable points, and why.
 
-    `status` is one of the report's: `not_found`, `unreadable` or `rejected`.
+    `status` is one of the report's: `not_found`, `unreadable` or `rejected`. `rms_point`, px, is that of its
+    points at the pose with which most of them agree, where there are points and a camera.
     """
 
     id: str
     status: str
     reason: str
+    points: int = 0
+    rms_point: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from camcal.cli.output import console, emit, progress
+from camcal.cli.params import is_report
 from camcal.cli.settings import resolved_options
 from camcal.cli.verbosity import note, verbosity
 
@@ -97,7 +98,7 @@ def calibrate_and_report(
         Where to write the final points.
     """
     told = {name: options[name] for name in CALIBRATION}
-    if told["board_shape"].lower().endswith((".yaml", ".yml")):
+    if is_report(told["board_shape"]):
         from camcal.report.board import on_known_board
 
         correspondences = on_known_board(correspondences, told["board_shape"])

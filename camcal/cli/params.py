@@ -188,13 +188,18 @@ class SpecType(CamcalType):
 
 
 class ShapeType(SpecType):
-    """A kind of board shape, or the report (a YAML file) that holds one."""
+    """A kind of board shape, or the report (a YAML or JSON file) that holds one."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the kind, or the path as it is."""
-        if str(value).lower().endswith((".yaml", ".yml")):
+        if is_report(value):
             return str(value)
         return super().convert(value, param, ctx)
+
+
+def is_report(shape: Any) -> bool:
+    """Whether a board shape is the name of a report."""
+    return str(shape).lower().endswith((".yaml", ".yml", ".json"))
 
 
 class Word(click.Choice):

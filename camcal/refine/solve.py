@@ -136,7 +136,7 @@ def on_board(correspondences: Correspondences, ideal: Array, points: Array) -> C
     near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
 
     def moved(xyz: Array) -> Array:
-        distance, index = tree.query(xyz)
+        distance, index = (np.asarray(a) for a in tree.query(xyz))
         return np.where(distance[:, None] <= near, points[index], xyz)
 
     views = tuple(replace(v, xyz=moved(v.xyz)) for v in correspondences.views)

@@ -19,7 +19,7 @@ from camcal.report.plain import plain
 from camcal.report.schema import SCHEMA
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
-from camcal.types import CalibrationWarning, Camera, Correspondences, Pose, Solution, Stage
+from camcal.types import CalibrationWarning, Camera, Correspondences, Pose, SkippedView, Solution, Stage
 from camcal.version import __version__
 
 __all__ = ["document", "load", "load_camera", "save"]
@@ -178,7 +178,7 @@ def _views(solution: Solution) -> tuple[list[dict[str, Any]], list[int]]:
     vectors = rotations.log(solution.poses.rotations)
     entries = [_used_view(solution, i, vectors[i]) for i in range(len(data.views))]
     used = [e["id"] for e in entries]
-    entries += [_skipped(s.id, s.status, s.reason) for s in data.skipped]
+    entries += [_skipped(s) for s in data.skipped]
     order = _input_order([e["id"] for e in entries], data)
     entries = [entries[i] for i in order]
     places = [i for i, e in enumerate(entries) if e["status"] == "used"]
@@ -233,14 +233,14 @@ def _used_view(solution: Solution, index: int, vector: Array) -> dict[str, Any]:
     return entry
 
 
-def _skipped(name: str, status: str, reason: str) -> dict[str, Any]:
+def _skipped(view: SkippedView) -> dict[str, Any]:
     return {
-        "id": name,
-        "status": status,
-        "reason": reason,
-        "points": 0,
-        "rejected_points": 0,
-        "rms_point": None,
+        "id": view.id,
+        "status": view.status,
+        "reason": view.reason,
+        "points": view.points,
+        "rejected_points": view.points,
+        "rms_point": view.rms_point,
         "cam_from_board": None,
     }
 

@@ -12,9 +12,9 @@ import numpy as np
 from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.lenses import make
-from camcal.refine.board import BoardProblem, make_board
+from camcal.refine.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.refine.problem import Problem
-from camcal.refine.solve import BoardResult, residuals
+from camcal.refine.solve import BoardResult, on_board, residuals
 from camcal.report import schema
 from camcal.report.embedded import Observations, decode
 from camcal.report.yaml import read_document
@@ -147,21 +147,27 @@ def _correspondences(found: Mapping[str, Any], views: list, entries: list) -> Co
         tuple(views),
         None if size is None else (int(size[0]), int(size[1])),
         found["target"],
-        tuple(SkippedView(e["id"], e["status"], e["reason"]) for e in entries if e["status"] != "used"),
+        tuple(
+            SkippedView(e["id"], e["status"], e["reason"], e["points"], e["rms_point"])
+            for e in entries
+            if e["status"] != "used"
+        ),
         tuple(inputs["files"]),
         {e["id"]: e["quality"] for e in entries if "quality" in e},
     )
 
 
 def _board(target: Mapping[str, Any] | None, seen: Observations) -> BoardResult | None:
-    """The estimated shape of the board, where the report has one."""
+    """The estimated shape of the board, where the report has one; a given shape is part of the points."""
     shape = (target or {}).get("shape") or {}
-    if shape.get("kind", "flat") == "flat" or "ideal" not in shape:
+    if shape.get("kind") not in KINDS:
         return None
     square = float((target or {}).get("square") or 1.0)
     points, ideal = (np.array(shape[k], float) * square for k in ("points", "ideal"))
+    # what a shape may do follows from the ideal board, so that it is the same as in the calibration
     kept = [v.take(m) for v, m in zip(seen.views, seen.used, strict=True)]
-    board = make_board(kept, shape["kind"])
+    flat = on_board(Correspondences(tuple(kept)), points, ideal)
+    board = make_board(flat.views, shape["kind"])
     return BoardResult(shape["kind"], ideal, points, board.size, board.basis)
 
 
@@ -177,7 +183,10 @@ def _normal(
     if board is None:
         problem = Problem(camera.lens, kept, free, weights)
     else:
-        problem = BoardProblem(camera.lens, kept, free, make_board(kept, board.kind), weights)
+        assert board.basis is not None
+        common = common_points(kept)
+        assert common is not None  # or `_board` would have said so
+        problem = BoardProblem(camera.lens, kept, free, Board(*common, board.kind, board.basis), weights)
     blocks = problem.linearise(problem.state(camera.params, poses))
     if blocks is None:
         raise DataError("a used point lies outside the lens's domain.", "The report is damaged.")

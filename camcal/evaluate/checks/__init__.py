@@ -7,7 +7,11 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
+<<<<<<< HEAD
+from camcal.evaluate.checks import board, coverage, fit, lens, noise, parameters, rejected, views
+=======
 from camcal.evaluate.checks import coverage, fit, folds, lens, parameters, views
+>>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
 from camcal.evaluate.checks.facts import Facts
 from camcal.types import CalibrationWarning, Solution
 
@@ -17,6 +21,7 @@ CHECKS = (
     views.few_views,
     views.fronto_parallel,
     views.duplicates,
+    views.repeated,
     views.mirrored,
     parameters.undetermined,
     parameters.weak,
@@ -27,9 +32,16 @@ CHECKS = (
     coverage.outside_image,
     fit.little_redundancy,
     fit.outliers,
+    rejected.many_rejected,
     fit.large_residuals,
     fit.systematic,
+<<<<<<< HEAD
+    board.not_flat,
+    noise.tails,
+    noise.rounded,
+=======
     folds.views_disagree,
+>>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
 )
 
 

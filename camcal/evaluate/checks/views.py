@@ -90,15 +90,32 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
         )
 
 
+def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Single views that repeat another, where they are too few to be worth `duplicates`."""
+    pairs = _repeats(facts)
+    if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
+        return
+    named = ", ".join(f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs[:5])
+    yield CalibrationWarning(
+        "repeated-view",
+        f"the target is where it was in another view: {named}" + (", ..." if len(pairs) > 5 else "") + ".",
+        "The repetition adds no information, but counts; leave it out.",
+    )
+
+
 def distinct_count(facts: Facts) -> int:
     """Number of views after those with the same image of the same points are counted once."""
+    return len(facts.views) - len(np.unique(_repeats(facts)[:, 1]))
+
+
+def _repeats(facts: Facts) -> Array:
+    """Pairs (K, 2) of views i < j with the same image of the same points."""
     if len(facts.views) < 2:
-        return len(facts.views)
+        return np.zeros((0, 2), int)
     corners = _seen_corners(facts)
-    good = np.isfinite(corners).all(1)
+    good = np.flatnonzero(np.isfinite(corners).all(1))
     pairs = cKDTree(corners[good]).query_pairs(SAME_PX * np.sqrt(corners.shape[1] / 2), output_type="ndarray")
-    repeats = len(np.unique(pairs[:, 1])) if len(pairs) else 0  # (i, j) with i < j
-    return len(corners) - repeats
+    return np.sort(good[pairs.reshape(-1, 2)], axis=1)
 
 
 def _seen_corners(facts: Facts) -> Array:

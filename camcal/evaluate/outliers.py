@@ -1,0 +1,266 @@
+"""What is wrong with the points and views that were rejected, in words.
+
+A rejected point that lies where another point of its view is predicted was taken for that one: two of them
+are swapped, a whole row is shifted. A rejected view whose points fit a plane of other proportions shows
+another board; one that fits the mirrored points holds them in mirrored order.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.closed_form import shape
+from camcal.evaluate import figures
+from camcal.geometry import projective
+from camcal.refine import ransac
+from camcal.types import (
+    Array,
+    CalibrationWarning,
+    Camera,
+    Correspondences,
+    Pose,
+    SkippedView,
+    Solution,
+    View,
+)
+
+#: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
+NEAR = 0.15
+#: ... and this many points with the same displacement on the board are a shift, not chance: an outlier
+#: anywhere on the board meets a prediction with probability π NEAR² = .07
+LEAST_SHIFTED = 3
+#: a plane of other proportions explains a view where it leaves no more than this many times the usual scatter
+EXPLAINED = 4.0
+#: a used view is suspected where its median residual exceeds that of the median view by this factor, and
+#: another board is the reason where it explains as much
+SUSPECT = 1.5
+#: proportions differ from those of the board if by more than this
+SAME_PROPORTION = 0.003
+#: sine of the angle between rays and the image plane below which x/z means little
+_FLAT_RAY = 0.05
+
+
+# ------------------------------------------------------------------ points
+@dataclass(frozen=True)
+class Mismatch:
+    """Rejected points of a view that were taken for others.
+
+    Attributes
+    ----------
+    view : str
+    swapped : tuple of (row, row)
+    shifted : tuple of rows
+        Points that lie where others, all displaced alike on the board, are predicted.
+    by : (3,) array
+        That displacement, in the unit of the points; zeros without any.
+    """
+
+    view: str
+    swapped: tuple[tuple[int, int], ...]
+    shifted: tuple[int, ...]
+    by: Array
+
+
+def mismatches(solution: Solution) -> Iterator[Mismatch]:
+    """The views whose rejected points lie where other points are predicted."""
+    data = solution.correspondences
+    for view, residual, used in zip(data.views, solution.residuals, solution.inliers, strict=True):
+        wrong = np.flatnonzero(~used & np.isfinite(residual).all(1))
+        if len(wrong) < 2:
+            continue
+        found = _mismatch(view, view.uv + residual, wrong)
+        if found.swapped or found.shifted:
+            yield found
+
+
+def _mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
+    known = np.flatnonzero(np.isfinite(predicted).all(1))
+    tree = cKDTree(predicted[known])
+    spacing = float(np.median(np.asarray(tree.query(predicted[known], k=2)[0])[:, 1]))
+    distance, index = (np.asarray(a) for a in tree.query(view.uv[wrong]))
+    taken = {
+        int(i): int(known[j])
+        for i, j, d in zip(wrong, index, distance, strict=True)
+        if d < NEAR * spacing and known[j] != i
+    }
+    swapped = tuple((i, j) for i, j in taken.items() if i < j and taken.get(j) == i)
+    alone = {i: j for i, j in taken.items() if taken.get(j) != i}
+    size = float(np.ptp(view.xyz, axis=0).max())
+    steps = {i: tuple(np.round((view.xyz[j] - view.xyz[i]) / size, 3)) for i, j in alone.items()}
+    step, count = Counter(steps.values()).most_common(1)[0] if steps else ((0.0, 0.0, 0.0), 0)
+    if count < LEAST_SHIFTED:
+        return Mismatch(view.id, swapped, (), np.zeros(3))
+    rows = tuple(i for i in alone if steps[i] == step)
+    return Mismatch(view.id, swapped, rows, view.xyz[alone[rows[0]]] - view.xyz[rows[0]])
+
+
+def describe(found: Mismatch, view: View) -> str:
+    """A mismatch in words; points by their number on the target, else by their row in the view."""
+
+    def name(row: int) -> str:
+        return str(int(view.point_ids[row]) if view.point_ids is not None else row)
+
+    said = []
+    if found.swapped:
+        pairs = ", ".join(f"{name(i)} and {name(j)}" for i, j in found.swapped[:5])
+        said.append(f"points {pairs} are swapped")
+    if found.shifted:
+        rows = ", ".join(map(name, found.shifted[:12])) + (", ..." if len(found.shifted) > 12 else "")
+        by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
+        said.append(f"points {rows} lie where those displaced by ({by}) belong")
+    return f"view '{found.view}': " + "; ".join(said)
+
+
+# ------------------------------------------------------------------ views
+_HINTS = {
+    "rejected-view": "Look at that picture: is it the same board, sharp, and its points in order?",
+    "other-board": "Leave the picture out, or give the right size of that board.",
+    "mirrored-views": "Its points are in mirrored order (or the picture is): mend or leave out that view.",
+    "mismatched-points": "They were left out; mend their order to use them.",
+}
+
+
+def named(solution: Solution, given: Correspondences, robust: bool = True) -> Solution:
+    """The solution with a warning for each rejected view, and for points taken for others, that says so.
+
+    Rejected views also get their residuals.
+
+    Parameters
+    ----------
+    solution : Solution
+    given : Correspondences
+        All views, those included that the solution rejected.
+    robust : bool
+        Whether outliers were treated: where they were not, they bend the camera, and with it what planes
+        measure, and used views are not suspected.
+    """
+    data, views = solution.correspondences, {v.id: v for v in given.views}
+    usual = _usual_scatter(solution)
+    skipped: list[SkippedView] = []
+    said = []
+    for entry in data.skipped:
+        view = views.get(entry.id)
+        if entry.status != "rejected" or view is None or not len(view):
+            skipped.append(entry)
+            continue
+        pose, rms = _best_pose(view, solution.camera)
+        code, what = _kind(view, solution.camera, pose, usual)
+        reason = f"{entry.reason}; {what}" if what else entry.reason
+        skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
+        said.append((code, f"view '{entry.id}' was left out: {reason}."))
+    if robust:
+        said += [("other-board", text) for text in _suspects(solution)]
+    used = {v.id: v for v in data.views}
+    said += [("mismatched-points", describe(m, used[m.view]) + ".") for m in mismatches(solution)]
+    warnings = (CalibrationWarning(code, text, _HINTS[code]) for code, text in said)
+    changed = replace(data, skipped=tuple(skipped))
+    return replace(solution, correspondences=changed, warnings=(*solution.warnings, *warnings))
+
+
+def _suspects(solution: Solution) -> Iterator[str]:
+    """Used views that a plane of other proportions explains much better than the board does."""
+    data = solution.correspondences
+    own = np.array([f.median for f in figures.per_view(solution)])
+    found: dict[int, tuple[float, float]] = {}
+    for i in np.flatnonzero(own > SUSPECT * np.median(own)):
+        view = data.views[i].take(solution.inliers[i])
+        if len(data.views) < 3 or not shape.shapes([view]).planar[0]:
+            continue
+        measured = proportions(view, solution.camera)
+        if measured is None or abs(measured[0] - 1) <= SAME_PROPORTION:
+            continue
+        if measured[2] < own[i] / SUSPECT:
+            found[int(i)] = measured[0], measured[2]
+    most = max((own[i] / median for i, (_, median) in found.items()), default=0.0)
+    for index, (ratio, median) in found.items():
+        if own[index] / median > most / 2:  # one such view also bends the camera away from the others
+            yield (
+                f"view '{data.views[index].id}' fits better as another board, {ratio:.4g} times as long in y against "
+                f"x: {median:.3g} px instead of {own[index]:.3g} px (medians)."
+            )
+
+
+def _usual_scatter(solution: Solution) -> float:
+    """The median length of the residuals that the solution rests on, px."""
+    lengths = np.linalg.norm(solution.used_residuals, axis=1)
+    return float(np.median(lengths)) if len(lengths) else float("nan")
+
+
+def _best_pose(view: View, camera: Camera) -> tuple[Pose | None, float | None]:
+    """The pose with which most points agree, and rms_point of all points there."""
+    agreed = ransac.of_poses([view], camera)[0]
+    if agreed.matrix is None:
+        return None, None
+    pose = Pose(agreed.matrix[:, :3], agreed.matrix[:, 3])
+    residual = camera.project(pose.apply(view.xyz)) - view.uv
+    return pose, figures.rms_point(residual[np.isfinite(residual).all(1)])
+
+
+def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[str, str]:
+    """Code and words for a rejected view."""
+    if shape.shapes([view]).planar[0]:
+        found = proportions(view, camera)
+        if found is not None and found[2] <= EXPLAINED * usual:
+            ratio, angle, _ = found
+            if abs(ratio - 1) > SAME_PROPORTION or abs(angle - 90) > 100 * SAME_PROPORTION:
+                return "other-board", (
+                    f"its points are those of another board, {ratio:.4g} times as long in y against x"
+                    + (
+                        f", its sides at {angle:.1f} degrees"
+                        if abs(angle - 90) > 100 * SAME_PROPORTION
+                        else ""
+                    )
+                )
+    else:
+        _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera)
+        if mirrored is not None and mirrored <= 2 * EXPLAINED * usual:
+            return "mirrored-views", "it fits once an axis is negated: its frame is mirrored"
+    if pose is not None:
+        residual = camera.project(pose.apply(view.xyz)) - view.uv
+        wrong = np.flatnonzero(np.linalg.norm(residual, axis=1) > 2 * EXPLAINED * usual)
+        mismatch = _mismatch(view, view.uv + residual, wrong)
+        if mismatch.swapped or mismatch.shifted:
+            return "mismatched-points", describe(mismatch, view).split(": ", 1)[1]
+    return "rejected-view", ""
+
+
+def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None:
+    """What a plane seen by a known camera measures, against the points that a view says it holds.
+
+    The homography from the points' plane to the rays has columns h1, h2 of one length, at right angles, where
+    the points are those of the plane that was seen (Zhang 2000, eqs. 3 and 4).
+
+    Returns
+    -------
+    ratio : float
+        |h2| / |h1|: how much longer the plane is in y, against x, than the points say.
+    angle : float
+        Between h1 and h2, degrees.
+    median : float
+        Median residual, px.
+
+    None where there are too few points.
+    """
+    rays = camera.unproject(view.uv)
+    with np.errstate(invalid="ignore"):
+        ahead = rays[:, 2] > _FLAT_RAY
+    kept = view.take(ahead)
+    ab = rays[ahead, :2] / rays[ahead, 2:]
+    origin, axes, _ = projective.fit_plane(kept.xyz)
+    # along the axes of the data where the plane is that of x and y, as for boards
+    across = np.eye(3) if abs(axes[2, 2]) > 0.999 else axes
+    points = (kept.xyz - origin) @ across[:, :2]
+    agreed = ransac.agreeing(ransac.Map(points, ab, kept.sigma), np.random.default_rng(0))
+    if agreed.matrix is None:
+        return None
+    h1, h2 = agreed.matrix[:, 0], agreed.matrix[:, 1]
+    ratio = float(np.linalg.norm(h2) / np.linalg.norm(h1))
+    cosine = h1 @ h2 / np.linalg.norm(h1) / np.linalg.norm(h2)
+    rays_of = np.c_[points, np.ones(len(points))] @ agreed.matrix.T
+    error = np.linalg.norm(camera.project(rays_of * np.sign(rays_of[:, 2:])) - kept.uv, axis=1)
+    return ratio, float(np.degrees(np.arccos(cosine))), float(np.nanmedian(error))
