@@ -13,11 +13,7 @@ import numpy as np
 from camcal import lenses
 from camcal.closed_form import shape
 from camcal.errors import DataError, EstimationError
-<<<<<<< HEAD
-from camcal.evaluate import board_shape, conditioning, outliers
-=======
-from camcal.evaluate import board_shape, conditioning, judgement
->>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
+from camcal.evaluate import board_shape, conditioning, judgement, outliers
 from camcal.evaluate.checks import check
 from camcal.geometry import projective
 from camcal.refine import noise, ransac, starts
@@ -96,11 +92,8 @@ def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = 
         {"rms_point": solution.rms_point, "points": usable.point_count, "rejected": rejected},
     )
     if told.checks:
-<<<<<<< HEAD
         solution = outliers.named(solution, usable, told.robust != "none")
-=======
         solution = replace(solution, holdout=run.hold_out(solution))
->>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
         solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
         solution = conditioning.with_conditioning(solution, told.normalise)
         tell("checked", {"warnings": [w.code for w in solution.warnings]})

@@ -7,11 +7,7 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-from camcal.evaluate.checks import board, coverage, fit, lens, noise, parameters, rejected, views
-=======
-from camcal.evaluate.checks import coverage, fit, folds, lens, parameters, views
->>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
+from camcal.evaluate.checks import board, coverage, fit, folds, lens, noise, parameters, rejected, views
 from camcal.evaluate.checks.facts import Facts
 from camcal.types import CalibrationWarning, Solution
 
@@ -35,13 +31,10 @@ CHECKS = (
     rejected.many_rejected,
     fit.large_residuals,
     fit.systematic,
-<<<<<<< HEAD
     board.not_flat,
     noise.tails,
     noise.rounded,
-=======
     folds.views_disagree,
->>>>>>> bfcf01fd85b7108cb90ba14001b79afb9e616f42
 )
 
 
