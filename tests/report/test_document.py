@@ -235,8 +235,9 @@ class TestBadFiles:
     def test_cut_off_data(self, tmp_path, solution):
         text = dump_yaml(document(solution))
         path = tmp_path / "r.yaml"
-        path.write_text(text[: int(len(text) * 0.7)])
-        with pytest.raises(DataError, match="damaged"):
+        # in the middle of the observations, or where a key breaks off
+        path.write_text(text[: text.index("\ndata:") + 600])
+        with pytest.raises(DataError, match="damaged|not a YAML file"):
             load(path)
 
     def test_a_report_is_not_overwritten_unasked(self, tmp_path, solution):
