@@ -41,6 +41,7 @@ class AprilGrid(TagBoard):
     """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a share of it."""
 
     kind = "aprilgrid"
+    first_half = second_half = 0.85  # of a small square, behind which nothing continues: no wider
 
     def __init__(
         self,
@@ -95,11 +96,13 @@ class AprilGrid(TagBoard):
         return self._origins[:, None] + self.square * CORNERS[CV2_CORNERS]
 
     @property
-    def window(self) -> float:
-        """Half the side of the square around a corner that holds no other edge.
+    def cell(self) -> float:
+        """The side of a small square, where its edges end."""
+        return self.square * self.spacing
 
-        The small square ends after a gap, the tag's black border before its bits.
-        """
+    @property
+    def clear(self) -> float:
+        """Up to the bits behind the tag's black border, or to the small square's other edge."""
         cells = dictionary(self.dictionary).markerSize + 2 * self.border
         return self.square * min(self.spacing, self.border / cells)
 

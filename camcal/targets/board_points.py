@@ -6,6 +6,7 @@ closely enough through a wide angle and on a bent sheet.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +14,13 @@ from scipy.spatial import cKDTree
 
 from camcal.geometry import homography
 from camcal.targets import saddle
+from camcal.targets.edge_model import COUNT
 
 Array = np.ndarray
 
 LOCAL_POINTS = 12  #: known points whose homography says where another is
 LEAST_GAP = 1e-3  #: of a homography's equations; below it the points stand in a row
-STRAY = 0.5  #: of the window; farther off than that, a fitted point is another corner
+STRAY = 0.5  #: of the room around a point; farther off than that, a fitted point is another corner
 SUPPORT = 4  #: markers that say where a corner is
 
 
@@ -30,43 +32,49 @@ class Known:
     uv: Array
     jacobian: Array
     covariance: Array
-    blur: Array
-    contrast: Array
+    params: Array
     noise: Array
     reasons: dict[int, str]
 
     @classmethod
     def of(cls, count: int) -> Known:
         """Nothing known of `count` points."""
-        one, two, square = np.zeros(count), np.zeros((count, 2)), np.zeros((count, 2, 2))
-        return cls(one > 0, two, square, square.copy(), one.copy(), one.copy(), one.copy(), {})
+        square = np.zeros((count, 2, 2))
+        params = np.zeros((count, COUNT))
+        return cls(
+            np.zeros(count, bool), np.zeros((count, 2)), square, square.copy(), params, np.zeros(count), {}
+        )
+
+    @property
+    def rows(self) -> Array:
+        """Ids of the good points, ascending."""
+        return np.flatnonzero(self.good)
+
+    @property
+    def corners(self) -> saddle.Corners:
+        """The good points as fitted corners."""
+        k = self.rows
+        return saddle.Corners(self.uv[k], self.covariance[k], self.params[k], self.noise[k], ("",) * len(k))
 
     def add(self, ids: Array, found: saddle.Corners, jacobian: Array) -> int:
         """Take the good ones of newly fitted points; how many those are."""
         good = found.good
         rows = ids[good]
-        self.good[rows] = True
-        self.uv[rows], self.covariance[rows], self.jacobian[rows] = (
-            found.uv[good],
-            found.covariance[good],
-            jacobian[good],
-        )
-        self.blur[rows], self.contrast[rows], self.noise[rows] = (
-            found.blur[good],
-            found.contrast[good],
-            found.noise[good],
-        )
+        self.good[ids] = good
+        self.uv[rows], self.jacobian[rows] = found.uv[good], jacobian[good]
+        self.covariance[rows], self.params[rows] = found.covariance[good], found.params[good]
+        self.noise[rows] = found.noise[good]
         self.reasons |= {int(i): r for i, r in zip(ids, found.reasons, strict=True) if r}
         return int(good.sum())
 
-    def drop_strays(self, points: Array, window: float) -> None:
-        """Reject points that are not where their neighbours alone put them."""
+    def drop_strays(self, points: Array, room: float) -> None:
+        """Reject points that are not where their neighbours alone put them; `room` is without other corners."""
         rows = np.flatnonzero(self.good)
         if len(rows) <= LOCAL_POINTS:
             return
         uv, jacobian, certain = from_points(points[rows], points[rows], self.uv[rows], leave_out=True)
-        room = np.linalg.norm(jacobian, axis=1).min(1) * window
-        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > np.maximum(STRAY * room, 1.5))
+        limit = np.maximum(STRAY * room * np.linalg.norm(jacobian, axis=1).min(1), 1.5)
+        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > limit)
         self.good[rows[stray]] = False
         self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
 
@@ -79,6 +87,19 @@ class Known:
         ids = open_[near]
         uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
         return ids[certain], uv[certain], jacobian[certain]
+
+
+def board_from_pixel(points: Array, uv: Array) -> Callable[[Array], Array]:
+    """A map from px (K, P, 2) around each of K points to the board, by the homography of its neighbours."""
+    count = min(LOCAL_POINTS, len(points))
+    near = np.asarray(cKDTree(points).query(points, k=count)[1])
+    h, gap, _ = homography.solve(uv[near], points[near], steps=1)
+    h[gap < LEAST_GAP] = np.nan
+
+    def apply(pixels: Array) -> Array:
+        return homography.transfer(h, pixels)
+
+    return apply
 
 
 def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) -> tuple[Array, Array, Array]:

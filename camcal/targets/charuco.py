@@ -90,8 +90,13 @@ class Charuco(TagBoard):
         return corner[:, None] + self.marker * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
     @property
-    def window(self) -> float:
-        """Half the side of the square around a corner that holds no other edge: up to the markers."""
+    def cell(self) -> float:
+        """The side of a square."""
+        return self.square
+
+    @property
+    def clear(self) -> float:
+        """The gap between a square's edges and its marker."""
         return (self.square - self.marker) / 2
 
     @property

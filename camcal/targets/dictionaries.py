@@ -14,6 +14,8 @@ from camcal.registry import suggestion
 
 Array = np.ndarray
 
+LEAST_PERIMETER = 36.0  #: px of a marker: six cells of a px and a half on each side
+
 
 @cache
 def names() -> tuple[str, ...]:
@@ -88,23 +90,24 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Array:
 
 
 @cache
-def detector(name: str, border: int = 1) -> Any:
-    """A detector of the markers of a dictionary.
+def detector(name: str, border: int, longest: int) -> Any:
+    """A detector of the markers of a dictionary for pictures of a size (the longer side, px).
 
     The windows of the adaptive threshold reach farther than cv2's own choice, so that large markers of
-    pictures with uneven light are closed outlines, too.
+    pictures with uneven light are closed outlines, too. Outlines too short to be read are left out: in a
+    picture of noise there are so many of them that cv2 takes minutes.
     """
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border
     options.adaptiveThreshWinSizeMin, options.adaptiveThreshWinSizeMax = 5, 45
-    options.adaptiveThreshWinSizeStep = 10
-    options.minMarkerPerimeterRate = 0.015
+    options.adaptiveThreshWinSizeStep = 20
+    options.minMarkerPerimeterRate = max(0.015, LEAST_PERIMETER / longest)
     return cv2.aruco.ArucoDetector(dictionary(name), options)
 
 
 def like_markers(gray: Array) -> int:
     """How many dark quadrilaterals with a dark rim and something bright inside a picture shows."""
-    found, _, others = detector("4X4_50").detectMarkers(gray)
+    found, _, others = detector("4X4_50", 1, max(gray.shape)).detectMarkers(gray)
     quads = np.asarray([*found, *others], np.float32).reshape(-1, 4, 2)
     if not len(quads):
         return 0
@@ -123,7 +126,7 @@ def like_markers(gray: Array) -> int:
 
 def detect(gray: Array, name: str, border: int = 1) -> tuple[Array, Array]:
     """Markers that a picture shows: ids (K,) and corners (K, 4, 2), clockwise from its own upper left."""
-    corners, ids, _ = detector(name, border).detectMarkers(gray)
+    corners, ids, _ = detector(name, border, max(gray.shape)).detectMarkers(gray)
     if ids is None or not len(corners):
         return np.zeros(0, int), np.zeros((0, 4, 2))
     return np.asarray(ids, int).ravel(), np.asarray(corners, float).reshape(-1, 4, 2)

@@ -19,13 +19,14 @@ from scipy.spatial import cKDTree
 from camcal.geometry import homography
 from camcal.targets import dictionaries, saddle
 from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Target
-from camcal.targets.board_points import Known, locate
+from camcal.targets.board_points import Known, board_from_pixel, locate
 from camcal.targets.pyramid import reduced, reductions, to_8_bits
 
 Array = np.ndarray
 
 NEIGHBOURS = 8  #: markers around one that it is compared with
 WINDOW_SHARE = 0.85  #: of the space around a corner that its fit uses; the rest bears the error of the start
+BAND = 3.0  #: blurs to each side of an edge that a fit looks at
 START_BLUR = 1.5  #: px; the starts come from markers whose corners are off by a px or two
 ROUNDS = 8  #: of fitting the neighbours of what is known
 ENOUGH = 0.5  #: share of the points for which no finer picture is searched
@@ -46,6 +47,7 @@ class TagBoard(Target):
 
     dictionary: str
     border: int = 1
+    first_half, second_half = saddle.HALF, saddle.WIDER_HALF  #: half-widths of the windows, of a cell
 
     @property
     @abstractmethod
@@ -59,8 +61,13 @@ class TagBoard(Target):
 
     @property
     @abstractmethod
-    def window(self) -> float:
-        """Half the side of the square around a point that holds no edges but its own, in `unit`."""
+    def cell(self) -> float:
+        """How far the edges through a point run at least, in `unit`: to the next corner."""
+
+    @property
+    @abstractmethod
+    def clear(self) -> float:
+        """Distance from the edges through a point within which there is no other edge, in `unit`."""
 
     @property
     @abstractmethod
@@ -125,31 +132,44 @@ class TagBoard(Target):
         for _ in range(ROUNDS):
             inside = in_picture(uv, gray.shape)
             ids, uv, jacobian = ids[inside], uv[inside], jacobian[inside]
-            if not len(ids) or not known.add(ids, self._fit(gray, ids, uv, jacobian), jacobian):
+            if not len(ids) or not known.add(ids, self._fit(gray, uv, jacobian), jacobian):
                 break
-            known.drop_strays(points, self.window)
+            known.drop_strays(points, self.clear)
             ids, uv, jacobian = known.neighbours(points, REACH * self.pitch)
-        found = np.flatnonzero(known.good)
-        if len(found) < LEAST_POINTS:
-            return Miss("none", f"a board was found, but only {len(found)} of its corners could be fitted")
-        scale = saddle.white_level(gray)
+        if len(known.rows) >= LEAST_POINTS:
+            self._sharpen(gray, known)
+        if len(known.rows) < LEAST_POINTS:
+            return Miss(
+                "none", f"a board was found, but only {len(known.rows)} of its corners could be fitted"
+            )
+        found, white = known.corners, saddle.white_level(gray)
         info = info | {
             "rejected": {i: r for i, r in sorted(known.reasons.items()) if not known.good[i]},
-            "square_px": float(np.median(np.linalg.norm(known.jacobian[found], axis=1)) * self.square),
-            "blur_px": float(np.median(known.blur[found])),
-            "contrast": float(np.median(np.abs(known.contrast[found])) * 255 / scale),
-            "noise": float(np.median(known.noise[found]) * 255 / scale),
-            "covariance": known.covariance[found],
+            "square_px": float(np.median(np.linalg.norm(known.jacobian[known.rows], axis=1)) * self.square),
+            "blur_px": float(np.median(found.blur)),
+            "contrast": float(np.median(found.contrast) * 255 / white),
+            "noise": float(np.median(found.noise) * 255 / white),
+            "covariance": found.covariance,
         }
-        sigma = np.sqrt(0.5 * np.trace(known.covariance[found], axis1=1, axis2=2))
-        return Detection(found, known.uv[found], sigma, info)
+        return Detection(known.rows, found.uv, found.sigma, info)
 
-    def _fit(self, gray: Array, ids: Array, uv: Array, jacobian: Array) -> saddle.Corners:
-        # the window as a share of a fictitious square, whose sides the fit judges distances by
-        sides = np.swapaxes(jacobian, 1, 2) * (self.window / saddle.HALF)
-        return saddle.refine(
-            gray, uv, sides, WINDOW_SHARE * saddle.HALF, START_BLUR, saddle.white_level(gray)
-        )
+    def _fit(self, gray: Array, uv: Array, jacobian: Array) -> saddle.Corners:
+        sides = np.swapaxes(jacobian, 1, 2) * self.cell
+        return saddle.refine(gray, uv, sides, self._half(sides, START_BLUR, self.first_half), START_BLUR)
+
+    def _half(self, sides: Array, blur: Array | float, half: float) -> Array:
+        """Half-widths of the windows: long ones take pixels along the edges, which must be clear of others."""
+        px = np.linalg.norm(sides, axis=2).min(1) * (self.clear / self.cell)
+        return np.where(px > BAND * blur + 3, half, np.minimum(half, WINDOW_SHARE * self.clear / self.cell))
+
+    def _sharpen(self, gray: Array, known: Known) -> None:
+        """Fit the good points once more, the perspective of their edges and the slope of the light known."""
+        rows, found = known.rows, known.corners
+        points = self.points[rows, :2]
+        sides = np.swapaxes(known.jacobian[rows], 1, 2) * self.cell
+        half = self._half(sides, found.blur, self.second_half)
+        again = saddle.sharpen(gray, found, sides, board_from_pixel(points, found.uv), half)
+        known.add(rows, again, known.jacobian[rows])
 
 
 def consistent(board: Array, corners: Array) -> Array:
