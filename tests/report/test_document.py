@@ -237,7 +237,7 @@ class TestBadFiles:
         path = tmp_path / "r.yaml"
         # in the middle of the observations, or where a key breaks off
         path.write_text(text[: text.index("\ndata:") + 600])
-        with pytest.raises(DataError, match="damaged|not a YAML file"):
+        with pytest.raises(DataError, match=r"damaged|not a YAML file"):
             load(path)
 
     def test_a_report_is_not_overwritten_unasked(self, tmp_path, solution):
