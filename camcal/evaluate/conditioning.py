@@ -34,23 +34,27 @@ def _with(stage: Stage, solution: Solution, normalise: bool) -> Stage:
     if any(not m.all() for m in solution.inliers):
         kept = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
         data = replace(data, views=tuple(kept))
-    found: dict[str, Any] | None = None
-    if stage.name == "refine":
-        found = refinement(solution, normalise)
-    elif stage.name == "central":
-        found = _central(data, normalise)
-    elif stage.name == "dlt":
-        found = _dlt(data, normalise)
-    elif stage.name == "zhang" and stage.matrix is not None:
-        found = {**_homographies(data, normalise), "conic": _conic(stage, data, normalise)}
+    found: dict[str, Any] | None
+    found = refinement(solution, normalise) if stage.name == "refine" else linear(stage.name, data, normalise)
+    if found is not None and stage.name == "zhang":
+        found["conic"] = _conic(stage, data, normalise)
     return stage if found is None else replace(stage, info={**stage.info, "conditioning": found})
+
+
+def linear(name: str, data: Correspondences, normalise: bool = True) -> dict[str, Any] | None:
+    """The condition numbers of a closed form's equations for the views; None for one without linear equations.
+
+    That of `zhang` is of its homographies.
+    """
+    known = {"central": _central, "dlt": _dlt, "zhang": _homographies}
+    return known[name](data, normalise) if name in known else None
 
 
 def _pair(before: float, after: float, normalise: bool) -> dict[str, float]:
     return {"before": before, "after": after if normalise else before}
 
 
-def refinement(solution: Solution, normalise: bool = True) -> dict[str, float]:
+def refinement(solution: Solution, normalise: bool = True) -> dict[str, Any]:
     """cond J at the solution: poses about the data's origin and columns as they are, and normalised."""
     data = solution.correspondences
     views = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
