@@ -100,8 +100,8 @@ def test_evaluate_keeps_the_camera(camcal):
     first, again = report("camera.yaml"), report("again.yaml")
     assert again["camera"]["matrix"] == first["camera"]["matrix"]
     assert all(entry["fixed"] for entry in again["camera"]["parameters"].values())
-    # the same data: poses that minimise with the camera held are those of the joint minimum, to rounding
-    assert again["fit"]["rms_point"] == pytest.approx(first["fit"]["rms_point"], rel=1e-6)
+    # the same points, but weighted by their own sigmas alone, not by the calibration's noise model: .07 % here
+    assert again["fit"]["rms_point"] == pytest.approx(first["fit"]["rms_point"], rel=5e-3)
 
 
 def test_pictures_without_noise_on_stdout(camcal):
