@@ -122,6 +122,8 @@ def _starts(
 ) -> list[Array]:
     shapes = lens.shapes(rays, uv, image_size)
     found = [_with_matrix(lens, shape, rays, uv) for shape in shapes]
+    if "fx" in shapes[0] and _near(measure(lens, found[0], rays, uv), uv):
+        return found[:1]  # a linear solution has no other minima
     nested = lens.nests()
     if (
         len(shapes) <= 2 and {} in shapes and nested

@@ -130,7 +130,7 @@ def _all_pixels(camera: Camera, size: tuple[int, int], projection: str) -> Camer
 
 def _no_black(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
     """The smallest focal length at which every pixel of the new picture lies in the old one."""
-    grid = _grid(size)
+    grid = _grid(size, size[0], size[1])
 
     def covered(f: float) -> bool:
         return bool(_sources(camera, _camera(projection, f, size), grid)[1].all())
@@ -152,17 +152,10 @@ def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
     return high
 
 
-def _grid(size: tuple[int, int]) -> Array:
-    """Pixels (N, 2) along the sides of a picture and, more coarsely, across it."""
+def _grid(size: tuple[int, int], along: int = SIDE, down: int = SIDE) -> Array:
+    """Pixels (N, 2) on the sides of a picture, so many along and down them, and more coarsely across it."""
     w, h = size[0] - 1.0, size[1] - 1.0
-    a, b = np.linspace(0, w, SIDE), np.linspace(0, h, SIDE)
+    a, b = np.linspace(0, w, along), np.linspace(0, h, down)
     u, v = np.meshgrid(np.linspace(0, w, INSIDE), np.linspace(0, h, INSIDE))
-    return np.concatenate(
-        [
-            np.c_[a, 0 * a],
-            np.c_[a, 0 * a + h],
-            np.c_[0 * b, b],
-            np.c_[0 * b + w, b],
-            np.c_[u.ravel(), v.ravel()],
-        ]
-    )
+    sides = np.c_[a, 0 * a], np.c_[a, 0 * a + h], np.c_[0 * b, b], np.c_[0 * b + w, b]
+    return np.concatenate([*sides, np.c_[u.ravel(), v.ravel()]])
