@@ -39,6 +39,8 @@ CENTRE_SPREAD = 0.05
 #: a focal length known no better than to this part of itself is not known; real boards give .001 to .005,
 #: boards that face the camera squarely, whose tilt is then noise, .08 and more
 UNCERTAIN = 0.05
+#: product of the lengths of a point and of its ray below which an angle between the two means nothing
+LEAST_LENGTHS = 1e-12
 
 
 @dataclass(frozen=True)
@@ -255,6 +257,10 @@ def depths(
         ]
         normal = sum(b.T @ b for b, *_ in systems)
         right = sum(s * (b.T @ w) for s, (b, w, *_) in zip(signs, systems, strict=True))
+        if not (
+            np.isfinite(normal).all() and np.isfinite(right).all()
+        ):  # LAPACK may never come back from these
+            return _Lens(exponents, np.full(len(exponents), np.nan), t3, signs, np.inf)
         coefficients = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
         agree = np.array([np.sign((b @ coefficients) @ w) or 1.0 for b, w, *_ in systems])
         changed = free & (agree != signs)
@@ -285,7 +291,7 @@ def _system(
         weight = np.full(len(r), 1 / max(r.mean(), 1e-300))
     else:
         f = rho[:, None] ** np.array(exponents) @ coefficients
-        weight = 1 / np.maximum(np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f), 1e-300)
+        weight = 1 / np.maximum(np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f), LEAST_LENGTHS)
     b = (weight * r)[:, None] * rho[:, None] ** np.array(exponents)
     q, w = weight * rho, weight * rho * xyz[:, 2]
     q2 = max(float(q @ q), 1e-300)
@@ -309,7 +315,9 @@ def _uncertainty(
         float(((b @ coefficients - s * w) ** 2).sum()) for s, (b, w, *_) in zip(signs, systems, strict=True)
     )
     count = sum(len(w) for _, w, *_ in systems) - len(coefficients) - len(systems)
-    variance = rest / max(count, 1) * np.linalg.pinv(normal)[0, 0]
+    variance = rest / max(count, 1) * np.linalg.pinv(normal, hermitian=True)[0, 0]
+    if not variance >= 0:  # nothing is left of the equations but rounding
+        return float("inf")
     return float(np.sqrt(variance) / max(abs(coefficients[0]), 1e-300))
 
 

@@ -18,6 +18,7 @@ R = TypeVar("R")
 ALONE = 0.4  #: s; work of one process before others are thought of
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  #: read once, at the start
 WORTH_IT = 1.5  #: s; starting processes costs about a third of that
+ENDED = 5.0  #: s; a process that was told to end is waited for no longer
 
 
 def map_unordered(
@@ -87,10 +88,21 @@ def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int]
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
         if not finished:  # ^C, or the caller has stopped: nothing is left running
-            for child in set(multiprocessing.active_children()) - before:
-                child.terminate()
-                child.join(2)
+            _end_children(before)
     return sorted(lost)
+
+
+def _end_children(before: set[Any]) -> None:
+    """End the processes that were not there before, and see that they are gone.
+
+    The pool's own thread waits for the same processes: whichever of the two sees the end first, the other may
+    for a moment hold a process for alive that is not, so that `join` alone does not tell.
+    """
+    for child in set(multiprocessing.active_children()) - before:
+        child.terminate()
+    until = time.monotonic() + ENDED
+    while set(multiprocessing.active_children()) - before and time.monotonic() < until:
+        time.sleep(0.01)
 
 
 @contextlib.contextmanager

@@ -75,23 +75,28 @@ def test_a_frame_far_away_is_no_fault():
     assert codes(replace(data, views=tuple(far))) == set()
 
 
+ZHANG, CALIB1, DBAT = "zhang1998/points.csv", "opencv_calib1/points.csv", "dbat_camcal/points.csv"
+
+
 @needs_data
 @pytest.mark.parametrize(
-    ("path", "size", "options"),
+    ("path", "size", "options", "true"),
     [
-        ("zhang1998/points.csv", (640, 480), {"model": "opencv4", "fix": {"p1": 0.0, "p2": 0.0}}),
-        ("zhang1998/points.csv", (640, 480), {"model": "opencv5"}),
-        ("opencv_calib1/points.csv", (640, 480), {"model": "opencv4"}),
-        ("mrcal_case/points.csv", (1920, 1080), {"model": "opencv5"}),
-        ("dbat_camcal/points.csv", (2272, 1704), {"model": "opencv5"}),
-        ("cs6476/pic_a.csv", (1072, 712), {"model": "pinhole"}),
+        (ZHANG, (640, 480), {"model": "opencv4", "fix": {"p1": 0.0, "p2": 0.0}}, set()),
+        (ZHANG, (640, 480), {"model": "opencv5"}, set()),
+        ("mrcal_case/points.csv", (1920, 1080), {"model": "opencv5"}, set()),
+        # seven views of 35 points differ by 2.3 times their noise; a free board brings the hold-out error
+        # from .166 to .147 px
+        (CALIB1, (640, 480), {"model": "opencv4"}, {"views-disagree", "board-not-flat"}),
+        # the sheet was bowed anew in each view: residuals are correlated over .6 between neighbours, and those
+        # of some views are far larger than of others (fourth moment 4.1)
+        (DBAT, (2272, 1704), {"model": "opencv5"}, {"views-disagree", "heavy-tailed-residuals"}),
+        # clicked by hand, on whole pixels
+        ("cs6476/pic_a.csv", (1072, 712), {"model": "pinhole"}, {"rounded-coordinates"}),
     ],
 )
-def test_no_false_alarm_on_real_data(path, size, options):
-    # seven views of 35 points differ by 2.3 times their noise, and the sheet of dbat was bowed anew in each
-    # view: its residuals are correlated over .6 between neighbours
-    known = {"views-disagree"} if path.split("/")[0] in ("opencv_calib1", "dbat_camcal") else set()
-    assert codes(read_points(DATA / path, image_size=size), **options) == known
+def test_real_data_get_no_other_warnings_than_the_true_ones(path, size, options, true):
+    assert codes(read_points(DATA / path, image_size=size), **options) == true
 
 
 # ---- views
