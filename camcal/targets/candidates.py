@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 Array = np.ndarray
 
 BLUR = 1.2  #: px; of the picture before its second derivatives
 NEIGHBOURHOOD = 5  #: px; one candidate in each such square
-MOST = 4000  #: candidates that are looked at more closely, the strongest first
+MOST = 2500  #: candidates that are looked at more closely, the strongest first
+TWINS = 3.5  #: px; candidates so close together are one corner
 LEAST_CONTRAST = 1.5  #: grey levels of 255 by which a sector differs from the mean
 RINGS = (3.0, 4.5, 7.0)  #: px; radii of the rings, the innermost must always fit between two corners
 SAMPLES = 32  #: points on a ring
@@ -59,8 +61,19 @@ def find_candidates(gray: Array) -> Candidates:
         good, angles, difference = _sectors(smooth, weak[left], radius)
         left = left[good]
         rays[left], contrast[left] = angles, difference
-    good = contrast > LEAST_CONTRAST
+    good = np.flatnonzero(contrast > LEAST_CONTRAST)
+    good = good[_single(weak[good], contrast[good])]
     return Candidates(weak[good], rays[good], contrast[good], weak)
+
+
+def _single(xy: Array, contrast: Array) -> Array:
+    """Mask (N,) that leaves the best of candidates so close that they are one corner, split by noise or smear."""
+    kept = np.ones(len(xy), bool)
+    if len(xy):
+        pairs = cKDTree(xy).query_pairs(TWINS, output_type="ndarray")
+        first_better = contrast[pairs[:, 0]] >= contrast[pairs[:, 1]]
+        kept[np.where(first_better, pairs[:, 1], pairs[:, 0])] = False
+    return kept
 
 
 def _saddles(smooth: Array) -> Array:

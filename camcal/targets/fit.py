@@ -13,7 +13,7 @@ Array = np.ndarray
 
 ITERATIONS = 25
 CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a cache of half a megabyte
-SETTLED = 5e-4  #: px; a corner that moves less is done
+SETTLED = 2e-3  #: px; a corner that moves less is done
 STILL = 0.01  #: px; one that moves less when the iterations run out counts as converged all the same
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
 MOST_BLUR = 30.0  #: px
@@ -78,7 +78,7 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
     noise = np.sqrt(cost / freedom)
     covariance = np.linalg.pinv(normal, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
-    return Fits(params, covariance, noise, moved < STILL)
+    return Fits(params, covariance, noise, moved < max(STILL, settled))
 
 
 def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:

@@ -11,6 +11,7 @@ from camcal.targets.local_map import board_from_corners
 Array = np.ndarray
 
 LEAST_CORNERS = 4  #: fewer tell nothing of each other
+MORE_BLURRED = 1.5  #: times the blur that a first fit starts from
 LEAST_GOOD = 0.5  #: share of good first fits from which on the others are tried again
 FINAL = ("at the border of the picture", "too little contrast")  #: reasons for which there is no second trial
 
@@ -36,7 +37,7 @@ def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, sa
     """
     ids = np.flatnonzero(lattice.usable.ravel())
     uv, sides = lattice.uv.reshape(-1, 2), lattice.steps().reshape(-1, 2, 2)
-    first = saddle.refine(gray, uv[ids], sides[ids], saddle.usual_half(sides[ids]), blur)
+    first = _first(gray, uv[ids], sides[ids], blur)
     again = _to_be_tried(first)
     rejected = _reasons(ids, first)
     if again.sum() < LEAST_CORNERS:
@@ -55,6 +56,16 @@ def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, sa
     second = saddle.sharpen(gray, known, sides[ids], board_from_corners(good.reshape(shape)), half)
     rejected = {i: r for i, r in rejected.items() if i not in set(ids.tolist())} | _reasons(ids, second)
     return ids[second.good], second.take(second.good), rejected
+
+
+def _first(gray: Array, uv: Array, sides: Array, blur: float) -> saddle.Corners:
+    """Fit each corner for itself; again where the picture proves more blurred than the windows allow for."""
+    half = saddle.usual_half(sides)
+    corners = saddle.refine(gray, uv, sides, half, blur)
+    seen = float(np.median(corners.blur)) if len(uv) else 0.0
+    if seen > MORE_BLURRED * blur:
+        corners = saddle.refine(gray, uv, sides, saddle.WIDER_HALF, 1.2 * seen)
+    return corners
 
 
 def _to_be_tried(first: saddle.Corners) -> Array:

