@@ -180,6 +180,32 @@ def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: in
     return best.or_better(second, rivals)
 
 
+def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 20) -> Poses:
+    """The lower of the two minima of each plane's pose, from a start near one of them.
+
+    A few steps in both tell most of them apart; only where they do not are both followed to the end.
+
+    Parameters
+    ----------
+    poses : Poses
+        Camera from plane, of V views.
+    local : (V, N, 3) array
+        Points of the planes about their centroids, z = 0.
+    ab : (V, N, 2) array
+        x/z and y/z in the camera's frame.
+    w : (V, N) array
+    steps : int
+    """
+    first = polish(poses, local, ab, w, 3)
+    second = polish(second_solution(first.poses), local, ab, w, 3)
+    open_ = np.flatnonzero(np.maximum(second.cost, first.cost) < RIVAL * np.minimum(second.cost, first.cost))
+    best = first.or_better(second)
+    if len(open_):
+        for start in (first, second):
+            best = best.or_better(polish(start.poses[open_], local[open_], ab[open_], w[open_], steps), open_)
+    return best.poses
+
+
 def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
     """Poses from the projection matrices of views in normalised coordinates, K = I."""
     from camcal.closed_form.dlt import projection_matrices

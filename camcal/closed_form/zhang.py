@@ -99,8 +99,9 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
         form = replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
     planes = _planes(correspondences, form, normalise)
     k, info = _intrinsics(planes, correspondences, skew, normalise)
-    poses = pose.from_plane(pose.from_homographies(k, planes.h), form.origins, form.axes)
-    poses = _choose_minima(poses, np.flatnonzero(planes.perspective < AMBIGUOUS), k, correspondences)
+    weak = np.flatnonzero(planes.perspective < AMBIGUOUS)
+    of_planes = _choose_minima(pose.from_homographies(k, planes.h), weak, k, correspondences, form)
+    poses = pose.from_plane(of_planes, form.origins, form.axes)
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
     if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
@@ -113,14 +114,17 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     return ClosedForm("zhang", k, poses, matrix, info)
 
 
-def _choose_minima(poses: Poses, weak: Array, k: Array, correspondences: Correspondences) -> Poses:
-    """Search both minima of the poses of views with little perspective; homographies take either by noise."""
-    if not len(weak):
-        return poses
-    views = tuple(correspondences.views[i] for i in weak)
-    found = pose.poses_for(k, Correspondences(views))
-    r, t = poses.rotations.copy(), poses.translations.copy()
-    r[weak], t[weak] = found.rotations, found.translations
+def _choose_minima(
+    poses: Poses, weak: Array, k: Array, correspondences: Correspondences, form: shape.Shapes
+) -> Poses:
+    """Search both minima of the poses of planes with little perspective; homographies take either by noise."""
+    r, t, inverse = poses.rotations.copy(), poses.translations.copy(), np.linalg.inv(k)
+    for index, xyz, uv, w in shape.batches([correspondences.views[i] for i in weak]):
+        which = weak[index]
+        local = (xyz - form.origins[which][:, None]) @ form.axes[which]
+        ab = uv @ inverse[:2, :2].T + inverse[:2, 2]
+        best = pose.lower_minimum(poses[which], local, ab, w)
+        r[which], t[which] = best.rotations, best.translations
     return Poses(r, t)
 
 

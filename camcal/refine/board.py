@@ -17,7 +17,7 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.lenses.base import Lens
-from camcal.refine.problem import Blocks, Group, Problem, State
+from camcal.refine.problem import Blocks, Group, Problem, State, products
 from camcal.types import Array, Poses, View
 
 #: a point seen in fewer views than this keeps its ideal place: its offset would only absorb noise
@@ -210,8 +210,7 @@ class BoardProblem(Problem):
                 block = self.fill(group, state)
                 if block is None:
                     return None
-                flat = block.reshape(*block.shape[:2], -1)
-                normal[group.members] = flat @ flat.transpose(0, 2, 1)
+                normal[group.members] = products(block)
                 sums.add(group, block, state.rotations[group.members])
         blocks = self.blocks(normal, state)
         return None if blocks is None else sums.extend(blocks)

@@ -11,7 +11,7 @@ along the last axis: a few dozen vector operations in place of one small LAPACK 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dposv
 
 from camcal.refine.problem import Blocks, Step
 
@@ -165,11 +165,7 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
         matrix = matrix + np.diag(idle.astype(float))
         diagonal = np.diag(matrix)
     scale = 1.0 / np.sqrt(diagonal) if scaled else np.ones(len(right))
-    try:
-        factor = np.linalg.cholesky(matrix * scale * scale[:, None])
-    except np.linalg.LinAlgError:
+    factor, solution, failed = dposv(matrix * scale * scale[:, None], right * scale, lower=1)
+    if failed:
         return None
-    # a board's shape makes the matrix large: its factor must be used as the triangle that it is
-    half = solve_triangular(factor, right * scale, lower=True, check_finite=False)
-    solution = scale * solve_triangular(factor, half, lower=True, trans="T", check_finite=False)
-    return solution, (np.diag(factor) / scale) ** 2
+    return scale * solution, (np.diag(factor) / scale) ** 2

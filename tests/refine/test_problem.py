@@ -110,10 +110,10 @@ def test_ragged_views_cost_what_they_cost_alone():
 
 
 def test_groups_of_views_hold_all_of_them_once():
-    problem, _ = problem_of(count=60, ragged=False)
+    problem, _ = problem_of(count=150, ragged=False)
     members = np.concatenate([g.members for g in problem.groups])
     assert len(problem.groups) > 1
-    assert sorted(members.tolist()) == list(range(60))
+    assert sorted(members.tolist()) == list(range(150))
 
 
 def test_sigmas_weight_and_given_weights_replace_them():
