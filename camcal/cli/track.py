@@ -252,7 +252,12 @@ def _said(summary: Summary) -> Iterator[str]:
     counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
     yield f"{summary.frames} frames ({counts}); {summary.used} of {summary.points} points used."
     if summary.ignored:
-        yield f"{summary.ignored} frames came late or twice and were ignored."
+        many = (
+            "frames came late or twice and were"
+            if summary.ignored > 1
+            else "frame came late or twice and was"
+        )
+        yield f"{summary.ignored} {many} ignored."
     shown = [c.message for c in summary.changes[:10]]
     more = summary.change_count - len(shown)
     yield f"Changes: {summary.change_count}" + ("." if not shown else ":")

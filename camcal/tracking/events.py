@@ -35,8 +35,8 @@ EXPLANATIONS = _basis()
 PENALTY = float(np.log(100.0))
 
 #: minus twice the logarithm of prior odds: a camera is turned, say, seven times as often as its sensor moves,
-#: and from a single frame the two look nearly alike
-ODDS = {"principal point": 4.0}
+#: with or without the focal length, and from a single frame the two look nearly alike
+ODDS = {"principal point": 4.0, "zoom": 4.0}
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,32 @@ def whitened_rows(design: Array, keep: Array, whitening: Any) -> Array:
     return rows.reshape(len(design), -1)
 
 
+def near_prediction(design: Array, valid: Array, whitening: Any, factor: Array, limit: float) -> Array:
+    """Which points lie within the gate of their prediction, the prediction's own uncertainty included.
+
+    Parameters
+    ----------
+    design, valid
+        Of `Model.linearise`.
+    whitening : float or (N,) array
+        One over the noise of the points, 1/px.
+    factor : (p, n) array
+        Of the covariance of the prediction.
+    limit : float
+        Largest squared distance, in sigmas.
+    """
+    p, n = len(factor), design.shape[2]
+    spread = (factor.T @ design[:p].reshape(p, -1)).reshape(-1, 2, n)
+    su, sv = spread[:, 0], spread[:, 1]
+    own = 1.0 / (whitening * whitening)
+    uu = np.einsum("ij,ij->j", su, su) + own
+    vv = np.einsum("ij,ij->j", sv, sv) + own
+    uv = np.einsum("ij,ij->j", su, sv)
+    ru, rv = design[p]
+    distance = ru * ru * vv - 2 * ru * rv * uv + rv * rv * uu
+    return valid & (distance <= limit * (uu * vv - uv * uv))
+
+
 def innovation_factor(a: Array, factor: Array) -> Array:
     """The lower Cholesky factor of S = A P Aᵀ + I."""
     p = len(a)

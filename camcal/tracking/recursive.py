@@ -10,13 +10,13 @@ import numpy as np
 
 from camcal.errors import CamcalError, DataError, EstimationError, UsageError
 from camcal.registry import look_up
-from camcal.tracking import GAINS, linear, motion, noise, robust
+from camcal.tracking import GAINS, first, linear, motion, noise, robust
 from camcal.tracking.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
 from camcal.tracking.detection import LARGEST, ChangeTest, normal_deviate
 from camcal.tracking.events import Alarm
 from camcal.tracking.model import Model
 from camcal.tracking.noise import Noise
-from camcal.tracking.reading import Reading, Verdict, innovation_factor, whitened_rows
+from camcal.tracking.reading import Reading, Verdict, innovation_factor, near_prediction, whitened_rows
 
 Array = np.ndarray
 
@@ -24,11 +24,11 @@ Array = np.ndarray
 PATIENCE = 10
 #: with a smaller part of the points near their prediction it is the camera that is off, not the points
 MAJORITY = 0.6
+#: but where the frame's own camera explains hardly more points than the prediction does, the others are outliers
+SAME = 0.9
 #: a frame whose points disagree with each other, whatever the camera, more than one frame in so many does: it
 #: may hold an outlier that the gate let through because the prediction is uncertain
 SUSPECT = 1e-3
-#: points that scatter about a camera by more than so many times the noise show no camera
-SCATTER = 3.0
 #: an iteration that moves the estimate by less than this part of a frame's standard deviation is the last
 SETTLED = 1e-3
 
@@ -98,32 +98,9 @@ class Recursive(Estimator):
         return self._report(frame, "started", keep, gain=1.0, a=found.equations.a)
 
     def _first(self, frame: Frame) -> robust.Fit:
-        needed = self.model.start_points
-        if len(frame) < needed:
-            raise EstimationError(
-                f"{len(frame)} points in the first frames; {needed} are needed to start.",
-                "Give the first frames more points.",
-            )
         if frame.sigma is not None and self.noise.known is None and not self.options.learn_noise:
             self.noise = Noise(1.0)
-        self.model.settle(frame)
-        x = self.model.start(frame)
-        known = self.noise.known
-        spare = math.inf if known is not None else 2 * len(frame) - self.model.size
-        gate = noise.gate(self.options.gate, spare)
-        found = robust.fit(self.model, x, frame, known, gate, self.model.prior(x))
-        if known is not None and found.scatter > SCATTER * known:
-            raise EstimationError(
-                f"the points of the first frames lie {found.scatter / known:.2g} times as far from "
-                f"any camera as their sigma ({known:.3g}) says.",
-                "Correct or leave out --sigma, or learn a factor of it: --learn-noise",
-            )
-        if found.keep.sum() < needed:
-            raise EstimationError(
-                f"{int(found.keep.sum())} of {len(frame)} points fit one camera; {needed} are needed.",
-                "Check which image point belongs to which point of the world.",
-            )
-        return found
+        return first.fit(self.model, frame, self.noise.known, self.options.gate)
 
     def _adopt(self, found: robust.Fit) -> None:
         """Go on from a camera fitted to one frame."""
@@ -196,15 +173,18 @@ class Recursive(Estimator):
         design, valid = self.model.linearise(self.x, frame)
         sigma = self.noise.sigma
         whitening = 1.0 / (sigma if frame.sigma is None else sigma * frame.sigma)
-        keep = self._near(design, valid, whitening)
+        limit = self.noise.gate(self.options.gate)
+        keep = near_prediction(design, valid, whitening, self.factor[: self.model.size], limit)
         alone = None
-        if np.count_nonzero(keep) < max(self.min_points, MAJORITY * len(frame)):
+        near = np.count_nonzero(keep)
+        if near < max(self.min_points, MAJORITY * len(frame)):
             alone = self._alone(frame)
-            if alone is None:
+            if near < self._most(frame) and alone is None:
                 return None
-            keep = alone.keep & valid
-            if np.count_nonzero(keep) < self.min_points:  # the prediction sees them behind the camera
-                keep = valid
+            if alone is not None and near < SAME * np.count_nonzero(alone.keep):
+                keep = alone.keep & valid
+                if np.count_nonzero(keep) < self.min_points:  # the prediction sees them behind the camera
+                    keep = valid
         equations = linear.compress(whitened_rows(design, keep, whitening))
         if alone is None and self.noise.tail(equations.rest, equations.dof) < SUSPECT:
             alone = self._alone(frame)
@@ -215,18 +195,9 @@ class Recursive(Estimator):
         innovation = float(np.sqrt((residual * residual).sum() / max(residual.shape[1], 1)))
         return Reading(equations, keep, whitening, innovation, alone)
 
-    def _near(self, design: Array, valid: Array, whitening: Any) -> Array:
-        """Which points lie within the gate of their prediction, the prediction's own uncertainty included."""
-        p, n = self.model.size, design.shape[2]
-        spread = (self.factor[:p].T @ design[:p].reshape(p, -1)).reshape(-1, 2, n)
-        su, sv = spread[:, 0], spread[:, 1]
-        own = 1.0 / (whitening * whitening)
-        uu = np.einsum("ij,ij->j", su, su) + own
-        vv = np.einsum("ij,ij->j", sv, sv) + own
-        uv = np.einsum("ij,ij->j", su, sv)
-        ru, rv = design[p]
-        distance = ru * ru * vv - 2 * ru * rv * uv + rv * rv * uu
-        return valid & (distance <= self.noise.gate(self.options.gate) * (uu * vv - uv * uv))
+    def _most(self, frame: Frame) -> float:
+        """How many points of a frame have to agree on a camera."""
+        return max(self.min_points, len(frame) / 2)
 
     def _examine(self, frame: Frame, reading: Reading) -> Verdict:
         """Test the innovation; the covariance is inflated before where the gain asks for it."""
@@ -277,10 +248,10 @@ class Recursive(Estimator):
         """The camera of this frame alone, near the prediction or anywhere; None where there is none."""
         reset = self.model.motion(self.x, motion.RESET)
         prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
-        needed = max(self.min_points, len(frame) / 2)
+        needed = self._most(frame)
         gate = self.noise.gate(self.options.gate)
         # a sigma that rests on few degrees of freedom may be much too small, and the scatter only seem large
-        scatter = SCATTER * self.noise.sigma * math.sqrt(gate / noise.gate(self.options.gate, math.inf))
+        scatter = first.SCATTER * self.noise.sigma * math.sqrt(gate / noise.gate(self.options.gate, math.inf))
         for start in (lambda: self.x, lambda: self.model.start(frame)):
             try:
                 x = start()

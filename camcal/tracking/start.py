@@ -60,7 +60,7 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     if np.linalg.det(best[:, :3]) < 0:
         raise DataError(
             "the world's frame is left-handed: no camera sees the points as they are given.",
-            "Swap two of the coordinates X, Y, Z, or change the sign of one.",
+            "Swap two of the coordinates X, Y, Z (or u and v), or change the sign of one.",
         )
     return best
 

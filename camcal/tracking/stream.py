@@ -138,10 +138,13 @@ class FrameReader:
         columns = []
         for field in fields:
             name = known.get(field.lower())
-            if name is None or name in columns:
-                problem = "unknown column" if name is None else "second column"
+            if name is None:
+                hint = suggestion(field, known) or f"Columns: {_FORM}"
+                raise DataError(f"{self.name}: unknown column '{field}'.", hint)
+            if name in columns:
                 raise DataError(
-                    f"{self.name}: {problem} '{field}'.", suggestion(field, known) or f"Columns: {_FORM}"
+                    f"{self.name}: '{field}' is a second column {name}: small and capital letters are the same.",
+                    f"Columns: {_FORM}",
                 )
             columns.append(name)
         missing = [name for name in NEEDED if name not in columns]

@@ -240,3 +240,30 @@ def test_few_points_make_neither_alarms_nor_outliers(method, points):
         states = follow(made_for(method, "static"), frames)
         assert not any(s.changed for s in states)
         assert sum(s.used for s in states) >= points * 60 - 3 * points  # the start may wait for frames
+
+
+def test_a_set_of_points_that_never_suffices_is_named():
+    """Five points come again in every frame: together they are still five."""
+    frames, _ = sequence("static", 12)
+    with pytest.raises(EstimationError, match="5 different points"):
+        follow(make("kalman"), [with_points(f, slice(0, 5)) for f in frames])
+
+
+@pytest.mark.parametrize("method", ["kalman", "iekf"])
+def test_points_matched_at_random_are_no_noise(method):
+    frames, _ = sequence("static", 12)
+    rng = np.random.default_rng(0)
+    mixed = [Frame(f.number, f.xyz, rng.permutation(f.uv)) for f in frames]
+    with pytest.raises((EstimationError, DataError)):
+        follow(make(method), mixed)
+
+
+@pytest.mark.parametrize("method", ["rls", "kalman", "iekf"])
+def test_many_outliers_are_no_change(method):
+    """Up to half of the points of a frame, which no robust fit of the frame alone is sure to survive."""
+    frames, _ = sequence("static", 60, outliers=0.38)
+    frames[0] = sequence("static", 1)[0][0]
+    states = follow(made_for(method, "static"), frames)
+    assert not any(s.changed for s in states)
+    assert max(s.points - s.used for s in states[1:] if s.used) >= 24
+    assert sum(s.status == "rejected" for s in states) <= 3
