@@ -8,7 +8,7 @@ cache; the public methods take (..., 3) and (..., 2) arrays and mask what lies o
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -259,19 +259,19 @@ class Lens(ABC):
         uv : (..., 2) array, px; NaN outside the domain
         valid : (...) bool array
         """
-        xyz = np.asarray(xyz, float)
+        points = np.asarray(xyz, float).reshape(-1, 3)
+        uv, valid = np.empty((len(points), 2)), np.empty(len(points), bool)
+        with np.errstate(all="ignore"):
+            for rows in _blocks(len(points)):
+                u, v, found = self._project(params, *np.ascontiguousarray(points[rows].T))
+                found &= np.isfinite(u)
+                found &= np.isfinite(v)
+                _fill(uv[rows], (u, v), valid[rows], found)
+        return uv.reshape(*np.shape(xyz)[:-1], 2), valid.reshape(np.shape(xyz)[:-1])
 
-        def block(rows: Array) -> tuple[Array, Array]:
-            x, y, z = np.ascontiguousarray(rows.T)
-            with np.errstate(all="ignore"):
-                valid = self.inside(params, x, y, z)
-                uv = np.stack(self.forward(params, x, y, z), -1)
-                valid &= np.isfinite(uv[:, 0]) & np.isfinite(uv[:, 1])
-            uv[~valid] = np.nan
-            return uv, valid
-
-        uv, valid = _in_blocks(block, xyz.reshape(-1, 3))
-        return uv.reshape(*xyz.shape[:-1], 2), valid.reshape(xyz.shape[:-1])
+    def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """`forward` and `inside`; models that learn both from one computation override this."""
+        return *self.forward(params, x, y, z), self.inside(params, x, y, z)
 
     def unproject(self, params: Array, uv: Array) -> tuple[Array, Array]:
         """Rays of pixels.
@@ -286,19 +286,18 @@ class Lens(ABC):
         ray : (..., 3) array of unit length in the camera's frame; NaN outside the domain
         valid : (...) bool array
         """
-        uv = np.asarray(uv, float)
-
-        def block(rows: Array) -> tuple[Array, Array]:
-            u, v = np.ascontiguousarray(rows.T)
-            with np.errstate(all="ignore"):
-                x, y, z, valid = self.backward(params, u, v)
-                ray = np.stack([x, y, z], -1)
-                ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-            ray[~valid] = np.nan
-            return ray, valid
-
-        ray, valid = _in_blocks(block, uv.reshape(-1, 2))
-        return ray.reshape(*uv.shape[:-1], 3), valid.reshape(uv.shape[:-1])
+        pixels = np.asarray(uv, float).reshape(-1, 2)
+        ray, valid = np.empty((len(pixels), 3)), np.empty(len(pixels), bool)
+        with np.errstate(all="ignore"):
+            for rows in _blocks(len(pixels)):
+                x, y, z, found = self.backward(params, *np.ascontiguousarray(pixels[rows].T))
+                scale = x * x
+                scale += y * y
+                scale += z * z
+                np.sqrt(scale, out=scale)
+                np.divide(1.0, scale, out=scale)
+                _fill(ray[rows], (x * scale, y * scale, z * scale), valid[rows], found)
+        return ray.reshape(*np.shape(uv)[:-1], 3), valid.reshape(np.shape(uv)[:-1])
 
     def jacobians(self, params: Array, xyz: Array) -> tuple[Array, Array, Array, Array]:
         """Project points (N, 3) with derivatives.
@@ -324,11 +323,18 @@ class Lens(ABC):
         return (*out, valid)
 
 
-def _in_blocks(function: Callable[[Array], tuple[Array, Array]], rows: Array) -> tuple[Array, Array]:
-    if len(rows) <= BLOCK:
-        return function(rows)
-    parts = [function(rows[i : i + BLOCK]) for i in range(0, len(rows), BLOCK)]
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+def _blocks(count: int) -> Iterator[slice]:
+    for i in range(0, count, BLOCK):
+        yield slice(i, i + BLOCK)
+
+
+def _fill(rows: Array, columns: tuple[Array, ...], valid: Array, found: Array) -> None:
+    """Write columns into rows (N, C), NaN where they are not found."""
+    for i, column in enumerate(columns):
+        rows[:, i] = column
+    valid[:] = found
+    if not found.all():
+        rows[~found] = np.nan
 
 
 def no_options(name: str, plain: Sequence[str], named: dict[str, str], known: Sequence[str] = ()) -> None:

@@ -19,12 +19,14 @@ Their affine matrix [c d; e 1] is fx, fy and skew here; e is a turn about the ax
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.lenses import direct
 from camcal.lenses.base import Lens, Parameter, example_list, no_options
-from camcal.lenses.curve import first_root, invert, memo
+from camcal.lenses.curve import Inverse, first_root, memo
 from camcal.lenses.radial import ALMOST_PI, InverseRadialLens, RadialLens
 
 Array = np.ndarray
@@ -55,24 +57,32 @@ class PolynomialDepth(InverseRadialLens):
     def _depth(self, k: Array, radius: Array) -> tuple[Array, Array]:
         """z of (1) or (3) and z - R dz/dR."""
         z, fold = np.ones_like(radius), np.ones_like(radius)
-        for c, e in zip(k.tolist(), self.exponents, strict=True):
-            power = c * radius**e
-            z += power
-            power *= e - 1
-            fold -= power
+        for c, e, power in zip(k.tolist(), self.exponents, self._powers(radius), strict=True):
+            z += c * power
+            fold -= (c * (e - 1)) * power
         return z, fold
+
+    def _powers(self, radius: Array) -> Iterator[Array]:
+        """R to each exponent, by multiplication; each is used up before the next."""
+        square, power, last = radius * radius, np.ones_like(radius), 0
+        for e in self.exponents:
+            while last < e:
+                power *= radius if e - last == 1 else square
+                last += 1 if e - last == 1 else 2
+            yield power
 
     def ray_angle(self, k: Array, radius: Array) -> tuple[Array, Array]:
         """θ = atan2(R, z)."""
         z, fold = self._depth(k, radius)
-        return np.arctan2(radius, z), fold / (radius * radius + z * z)
+        fold /= radius * radius + z * z
+        return np.arctan2(radius, z), fold
 
     def ray_angle_rows(self, k: Array, radius: Array, d_k: Array) -> None:
         """dθ/dz = -R / (R² + z²)."""
         z, _ = self._depth(k, radius)
         slope = -radius / (radius * radius + z * z)
-        for i, e in enumerate(self.exponents):
-            np.multiply(slope, radius**e, out=d_k[:, i])
+        for i, power in enumerate(self._powers(radius)):
+            np.multiply(slope, power, out=d_k[:, i])
 
     def reach(self, k: Array) -> float:
         """The first root of z - R dz/dR."""
@@ -211,11 +221,11 @@ class ReciprocalDivision(RadialLens):
 
     def _series(self, k: Array, s: Array) -> tuple[Array, Array]:
         """The denominator D of (2) and D - a dD/da."""
-        d, fold = np.ones_like(s), np.ones_like(s)
+        d, fold, power = np.ones_like(s), np.ones_like(s), np.ones_like(s)
         for i, c in enumerate(k.tolist(), 1):
-            power = c * s**i
-            d += power
-            fold -= (2 * i - 1) * power
+            power *= s
+            d += c * power
+            fold -= ((2 * i - 1) * c) * power
         return d, fold
 
     def curve(self, k: Array, r: Array, z: Array) -> Array:
@@ -248,14 +258,22 @@ class ReciprocalDivision(RadialLens):
         """Newton on (2), in the angle."""
         if not self.terms:
             return radius, np.ones_like(radius), np.isfinite(radius)
+        theta, solved = memo(self, k, self._inverse, "inverse")(radius)
+        return np.tan(theta, out=theta), np.ones_like(theta), solved
 
+    def _inverse(self, k: Array) -> Inverse:
         def in_angle(theta: Array) -> tuple[Array, Array]:
             a = np.tan(theta)
-            d, fold = self._series(k, a * a)
-            return a / d, fold / (d * d) * (1 + a * a)
+            s = a * a
+            d, fold = self._series(k, s)
+            s += 1.0
+            s *= fold
+            s /= d
+            s /= d
+            a /= d
+            return a, s
 
-        theta, solved = invert(in_angle, self.limit(k) * (1 - 1e-9), radius)
-        return np.tan(theta), np.ones_like(theta), solved
+        return Inverse(in_angle, self.limit(k) * (1 - 1e-9))
 
 
 def count_option(name: str, plain: list[str], default: int, least: int, most: int) -> int:

@@ -113,16 +113,13 @@ class InverseLens(MappedLens):
         """Where Newton ends within the domain."""
         return self._solve(k, x, y, z)[3]
 
-    def project(self, params: Array, xyz: Array) -> tuple[Array, Array]:
-        """See `Lens.project`; solves once for pixel and domain."""
-        xyz = np.asarray(xyz, float)
-        with np.errstate(all="ignore"):
-            x, y, z = np.ascontiguousarray(np.moveaxis(xyz, -1, 0))
-            p, q, _, valid = self._solve(params[self._own :], x, y, z)
-        m = np.stack([p, q, np.ones_like(p)], -1)
-        uv = m @ self.matrix(params)[:2].T
-        uv[~valid] = np.nan
-        return uv, valid
+    def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """Solves once for pixel and domain."""
+        p, q, _, valid = self._solve(params[self._own :], x, y, z)
+        u = params[0] * p + params[2]
+        if self.has_skew:
+            u += params[4] * q
+        return u, params[1] * q + params[3], valid
 
     def bend_derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array

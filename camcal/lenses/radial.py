@@ -14,7 +14,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from camcal.lenses.curve import invert, memo
+from camcal.lenses.curve import Inverse, memo
 from camcal.lenses.mapped import MappedLens
 
 Array = np.ndarray
@@ -123,16 +123,22 @@ class InverseRadialLens(RadialLens):
         return min(float(self.ray_angle(k, np.array([self.reach(k)]))[0][0]), ALMOST_PI)
 
     def curve(self, k: Array, r: Array, z: Array) -> Array:
-        """Solve θ(R) = atan2(r, z), in t = atan R, in which θ is close to linear."""
+        """Solve θ(R) = atan2(r, z)."""
+        t, _ = memo(self, k, self._inverse, "inverse")(np.arctan2(r, z))
+        return np.tan(t, out=t)
+
+    def _inverse(self, k: Array) -> Inverse:
+        """In t = atan R, in which θ is close to linear."""
 
         def in_t(t: Array) -> tuple[Array, Array]:
             radius = np.tan(t)
             theta, slope = self.ray_angle(k, radius)
-            return theta, slope * (1 + radius * radius)
+            radius *= radius
+            radius += 1.0
+            radius *= slope
+            return theta, radius
 
-        top = min(np.arctan(self.reach(k)), np.pi / 2 - 1e-9)
-        t, _ = invert(in_t, top, np.arctan2(r, z))
-        return np.tan(t)
+        return Inverse(in_t, min(np.arctan(self.reach(k)), np.pi / 2 - 1e-9))
 
     def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
         """The implicit function theorem on θ(R; k) = atan2(r, z)."""
