@@ -53,7 +53,8 @@ def difference_of_folds(solution: Solution, held: HoldOut) -> Mapping[str, Any] 
         own = covariance(fit)
         part = projection_uncertainty(fit, own).at_pixels(pixels)
         # one estimate of the noise in both, or a fold with little of it would leave a negative difference
-        spread = part * (accuracy.sigma_0 / own.sigma_0) ** 2 - whole
+        with np.errstate(invalid="ignore"):  # infinite less infinite: not a number, and left out
+            spread = part * (accuracy.sigma_0 / own.sigma_0) ** 2 - whole
         found.append(np.einsum("ni,ni->n", moved, moved))
         expected.append(np.einsum("nii->n", spread))
     squares, variances = np.array(found), np.array(expected)

@@ -125,7 +125,7 @@ def projection_uncertainty(
     if not len(good):
         follow, own = np.zeros((6, size)), np.full((6, 6), np.inf)
     else:
-        e = _twists(_centroids(solution)[good])
+        e = twists(_centroids(solution)[good])
         follow = (e @ reduced.gain[good]).mean(0) - _board_follow(solution, good)
         own = (e @ reduced.inverse[good] @ e.transpose(0, 2, 1)).sum(0) / len(good) ** 2
         own = scale**2 * own if np.isfinite(scale) else np.full((6, 6), np.inf)
@@ -141,7 +141,7 @@ def _centroids(solution: Solution) -> Array:
     return np.einsum("vij,vj->vi", poses.rotations, offsets) + poses.translations
 
 
-def _twists(centroids: Array) -> Array:
+def twists(centroids: Array) -> Array:
     """E_v of (2), (V, 6, 6)."""
     out = np.tile(np.eye(6), (len(centroids), 1, 1))
     out[:, 3:, :3] = rotations.skew(centroids)

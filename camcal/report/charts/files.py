@@ -38,25 +38,47 @@ def write_charts(
     UsageError
         Where matplotlib is not installed, or a file exists and `force` is false.
     """
-    try:
-        import matplotlib
-    except ImportError:
-        raise UsageError(
-            "charts as files need matplotlib, which is not installed.", "Try: pip install 'camcal[report]'"
-        ) from None
+    _needs_matplotlib()
     found = charts(solution)
     folder.mkdir(parents=True, exist_ok=True)
     paths = [(chart, folder / f"{name}.{format}") for name, chart in found.items() for format in formats]
     for _, path in paths:
         check_writable(path, force)
-    with matplotlib.rc_context({"svg.hashsalt": "camcal", "font.size": 9}):  # the same file every time
-        for chart, path in paths:
-            atomic_write(path, drawn(chart, path.suffix[1:]), force)
+    for chart, path in paths:
+        write_chart(chart, path, force)
     return [path for _, path in paths]
 
 
+def _needs_matplotlib() -> None:
+    try:
+        import matplotlib  # noqa: F401 - only whether it is there
+    except ImportError:
+        raise UsageError(
+            "charts as files need matplotlib, which is not installed.", "Try: pip install 'camcal[report]'"
+        ) from None
+
+
+def write_chart(chart: Chart, path: Path, force: bool = False) -> None:
+    """Write one chart; the file's name says in which format.
+
+    Raises
+    ------
+    UsageError
+        As `write_charts`.
+    """
+    _needs_matplotlib()
+    atomic_write(path, drawn(chart, path.suffix[1:].lower()), force)
+
+
 def drawn(chart: Chart, format: str) -> bytes:
-    """One chart as the bytes of a file."""
+    """One chart as the bytes of a file, the same bytes every time."""
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.hashsalt": "camcal", "font.size": 9}):
+        return _drawn(chart, format)
+
+
+def _drawn(chart: Chart, format: str) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

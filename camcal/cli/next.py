@@ -1,0 +1,99 @@
+"""`camcal next`: which picture to take next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import config_option, force_option, format_option, option, seed_option
+from camcal.cli.verbosity import note, verbosity_options
+from camcal.errors import UsageError
+
+FILE = click.Path(path_type=Path)
+DRAWINGS = (".svg", ".png", ".pdf")
+
+
+@click.command("next")
+@click.argument("report", type=FILE, metavar="REPORT")
+@option(
+    "--count", type=click.IntRange(1, 50), default=1, show_default=True, metavar="N",
+    help="How many pictures to suggest, each taken for granted by the next.",
+)  # fmt: skip
+@option(
+    "--distance", type=params.DistanceType(), default=float("inf"), show_default=True, metavar="D|inf",
+    help="At which the uncertainty counts, in the unit of the data.",
+)  # fmt: skip
+@option(
+    "--target-px", type=click.FloatRange(min=0, min_open=True), metavar="PX",
+    help="Say how many more pictures bring the worst uncertainty down to PX.",
+)  # fmt: skip
+@option("--output", "-o", type=FILE, metavar="FILE", help="Draw where to hold the target (.svg, .png, .pdf).")
+@seed_option
+@force_option
+@format_option
+@config_option
+@verbosity_options
+def command(report: Path, **options: Any) -> None:
+    """Suggest the picture that would make a camera best known.
+
+    Poses that keep the whole target in the picture are tried; the one that reduces the worst projection
+    uncertainty over the picture most is described, and drawn with -o. With --count N several drawings are
+    named NAME-1, NAME-2, ...
+    """
+    output = options["output"]
+    paths = _paths(output, options["count"])
+    if output is not None:
+        from camcal.io.writing import check_writable
+
+        for path in paths:
+            check_writable(path, options["force"])
+    from camcal.cli.output import emit
+    from camcal.report.document import load
+    from camcal.report.next_view import drawing, suggest
+
+    solution = load(report)
+    answer, found = suggest(
+        solution, options["count"], options["distance"], options["target_px"], options["seed"]
+    )
+    if output is not None:
+        from camcal.report.charts.files import write_chart
+
+        for number, (path, suggestion) in enumerate(zip(paths, found, strict=True), 1):
+            write_chart(drawing(solution, suggestion, number), path, options["force"])
+            note(f"Drawing written to {path}.")
+    emit(answer, options["format"], lambda: _table(answer))
+
+
+def _paths(output: Path | None, count: int) -> list[Path]:
+    if output is None:
+        return []
+    if output.suffix.lower() not in DRAWINGS:
+        raise UsageError(f"cannot draw to '{output}'.", f"Known: {', '.join(DRAWINGS)}.")
+    if count == 1:
+        return [output]
+    return [output.with_name(f"{output.stem}-{i + 1}{output.suffix}") for i in range(count)]
+
+
+def _table(answer: dict[str, Any]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    rows: list[list[Any]] = [["now", *(number(answer["now"][k], 3) for k in ("worst_px", "median_px")), ""]]
+    for i, s in enumerate(answer["suggestions"], 1):
+        rows.append([str(i), number(s["worst_px"], 3), number(s["median_px"], 3), s["words"]])
+    parts = [table(["picture", "worst ± px", "median", "where to hold the target"], rows)]
+    if "target" in answer:
+        wanted = answer["target"]
+        more = wanted["more_pictures"]
+        said = (
+            f"More than {wanted['tried']} pictures for {wanted['worst_px']:g} px: sharper corners gain more."
+            if more is None
+            else f"{more} more picture{'' if more == 1 else 's'} for {wanted['worst_px']:g} px."
+        )
+        parts += [Text(""), Text(said)]
+    return Group(*parts)

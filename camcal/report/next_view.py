@@ -1,0 +1,205 @@
+"""The next best view in words, as a document and as a picture of where to hold the target."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.errors import DataError, EstimationError
+from camcal.evaluate.candidate_views import lattice, rotations_onto, surround, target_points
+from camcal.evaluate.checks.facts import Facts
+from camcal.evaluate.next_view import NextView, Suggestion
+from camcal.geometry import rotations
+from camcal.report.charts.base import Chart, Layer, Line, Points, Tone
+from camcal.report.charts.coverage import hull_of, unit_of
+from camcal.report.charts.residuals import picture_limits, thinned
+from camcal.types import Pose, Solution
+
+Array = np.ndarray
+
+#: a target that is tilted by less counts as facing the camera
+FACING_DEGREES = 8.0
+#: pictures after which a wanted uncertainty is given up
+MOST_PICTURES = 100
+#: points along an edge of the drawn target: straight edges are curved in a picture with distortion
+_STEPS = 7
+_ASIDE = 0.4  #: share of a tilt along an axis from which on it is worth a word
+_MOST_CELLS = 1000  #: more would be a grey surface
+_TITLE_WIDTH = 72
+
+
+def suggest(
+    solution: Solution, count: int = 1, distance: float = np.inf, target: float | None = None, seed: int = 0
+) -> tuple[dict[str, Any], list[Suggestion]]:
+    """What `camcal next` answers, and the poses behind it.
+
+    Raises
+    ------
+    DataError
+        Where nothing of the camera was estimated, or its picture's size is not known.
+    EstimationError
+        Where the residuals say nothing on the noise.
+    """
+    if not solution.free.any():
+        raise DataError(
+            "nothing of this camera was estimated, so no picture makes it better known.",
+            "Give the report of a calibration, not of `camcal evaluate`.",
+        )
+    if solution.camera.image_size is None:
+        raise DataError("the report does not say how large the pictures are.", "Calibrate with --image-size.")
+    search = NextView(solution, distance, seed=seed)
+    if not np.isfinite(search.design.sigma_0):
+        raise EstimationError("there are no more coordinates than unknowns: the noise is not known.")
+    found = search.best(count)
+    worst, median = search.before
+    answer: dict[str, Any] = {
+        "schema": "camcal-next/1",
+        "distance": distance,
+        "now": {"worst_px": worst, "median_px": median},
+        "suggestions": [_entry(solution, search.candidates.points, s) for s in found],
+    }
+    if target is not None:
+        more = search.pictures_until(target, MOST_PICTURES)
+        answer["target"] = {"worst_px": target, "more_pictures": more, "tried": MOST_PICTURES}
+    return answer, found
+
+
+def _entry(solution: Solution, points: Array, found: Suggestion) -> dict[str, Any]:
+    outline = _outline(solution, points, found.pose)
+    return {
+        "words": words(solution, points, found.pose),
+        "worst_px": found.worst,
+        "median_px": found.median,
+        "cam_from_board": {
+            "rotation_vector": rotations.log(found.pose.rotation).tolist(),
+            "translation": found.pose.translation.tolist(),
+        },
+        "outline": np.round(outline, 1).tolist(),
+    }
+
+
+def _outline(solution: Solution, points: Array, pose: Pose) -> Array:
+    """Corners (K, 2) of the hull of the target's image with its outermost cells, px."""
+    return hull_of(solution.camera.project(pose.apply(np.concatenate([points, surround(points)]))))
+
+
+def words(solution: Solution, points: Array, pose: Pose) -> str:
+    """Where to hold the target: place in the picture, tilt, size, distance."""
+    facts = Facts(solution)
+    outline = _outline(solution, points, pose)
+    x, y = picture_limits(facts)
+    middle = (outline.min(0) + outline.max(0)) / 2
+    place = _place((middle[0] - x[0]) / (x[1] - x[0]), (middle[1] - y[0]) / (y[1] - y[0]))
+    fills = np.ptp(outline, axis=0) / [x[1] - x[0], y[1] - y[0]]
+    size = f"over {100 * float(fills.max()):.0f} % of its {('width', 'height')[int(fills.argmax())]}"
+    far = float(np.linalg.norm(pose.apply(points.mean(0))))
+    said = f"{place} of the picture, {size}, {short(far)} {unit_of(solution)} away"
+    return f"{said}, {_tilt(points, pose)}" if facts.planar else said
+
+
+def short(value: float) -> str:
+    """Three digits of a number, without an exponent where it is an everyday one."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def _place(u: float, v: float) -> str:
+    across = "" if 0.42 < u < 0.58 else ("left" if u < 0.5 else "right")
+    down = "" if 0.42 < v < 0.58 else ("top" if v < 0.5 else "bottom")
+    return " ".join(w for w in (down, across) if w) or "middle"
+
+
+def _tilt(points: Array, pose: Pose) -> str:
+    facing = _facing(points, pose)
+    normal = facing[:, 2] * (1 if facing[2, 2] >= 0 else -1)
+    angle = math.degrees(math.acos(min(1.0, float(normal[2]))))
+    if angle < FACING_DEGREES:
+        return "facing the camera"
+    # with the normal away from the camera, the side that it leans to is the nearer one
+    x, y = float(normal[0]), float(normal[1])
+    side = ("right" if x > 0 else "left") if abs(x) > _ASIDE * math.hypot(x, y) else ""
+    edge = ("bottom" if y > 0 else "top") if abs(y) > _ASIDE * math.hypot(x, y) else ""
+    nearer = " ".join(w for w in (edge, side) if w)
+    return f"turned by {angle:.0f} degrees with its {nearer} side towards the camera"
+
+
+def _facing(points: Array, pose: Pose) -> Array:
+    """The target's rotation (3, 3) as seen along the line of sight to its middle."""
+    middle = pose.apply(points.mean(0))
+    return rotations_onto(middle[None] / np.linalg.norm(middle))[0].T @ pose.rotation
+
+
+def drawing(solution: Solution, found: Suggestion, number: int = 1) -> Chart:
+    """The picture with the target where it should be held, over the points that there are."""
+    facts = Facts(solution)
+    points = target_points(solution)
+    x, y = picture_limits(facts)
+    uv = facts.image_points
+    layers: list[Layer] = [Points(uv[thinned(len(uv))], tone="faint", radius=1.2, label="points so far")]
+    layers += _flat_target(solution, points, found.pose) or [
+        Line(_outline(solution, points, found.pose), tone="second", closed=True)
+    ]
+    said = words(solution, points, found.pose)
+    return Chart(
+        f"Picture {number}: where to hold the target\n" + textwrap.fill(said, _TITLE_WIDTH),
+        f"Hold the target: {said}. After it the worst projection uncertainty is {found.worst:.2g} px.",
+        "u, px",
+        "v, px",
+        x,
+        y,
+        tuple(layers),
+        picture=True,
+    )
+
+
+def _flat_target(solution: Solution, points: Array, pose: Pose) -> list[Layer]:
+    """A flat grid drawn as a checkerboard, its sides that are nearer marked; nothing of another target."""
+    around = surround(points)
+    if not len(around):
+        return []
+
+    def line(
+        corners: Sequence[tuple[float, float]], tone: Tone, label: str = "", filled: bool = False
+    ) -> Line:
+        path = _path(np.array(corners))
+        path = np.c_[path, np.full(len(path), around[0, 2])]
+        return Line(solution.camera.project(pose.apply(path)), tone, label, closed=filled, filled=filled)
+
+    columns, rows = lattice(np.concatenate([points, around]))
+    cells = [(r, c) for r in range(len(rows) - 1) for c in range(len(columns) - 1) if (r + c) % 2 == 0]
+    layers: list[Layer] = []
+    for r, c in cells if len(cells) <= _MOST_CELLS else []:
+        x0, x1, y0, y1 = columns[c], columns[c + 1], rows[r], rows[r + 1]
+        layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "ink", filled=True))
+    x0, x1, y0, y1 = columns[0], columns[-1], rows[0], rows[-1]
+    layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "second"))
+    near = _nearer_sides(_facing(points, pose), (x0, x1), (y0, y1))
+    return layers + [line(s, "accent", "" if i else "nearer to the camera") for i, s in enumerate(near)]
+
+
+def _nearer_sides(
+    facing: Array, x: tuple[float, float], y: tuple[float, float]
+) -> list[list[tuple[float, float]]]:
+    """The one or two sides of a rectangle that are turned towards the camera; none where it faces it."""
+    tilt_x, tilt_y = (float(facing[2, i]) for i in (0, 1))  # depth gained per unit along x and y
+    steep = math.hypot(tilt_x, tilt_y)
+    if steep < math.sin(math.radians(FACING_DEGREES)):
+        return []
+    sides = []
+    if abs(tilt_x) > _ASIDE * steep:
+        at = x[0] if tilt_x > 0 else x[1]
+        sides.append([(at, y[0]), (at, y[1])])
+    if abs(tilt_y) > _ASIDE * steep:
+        at = y[0] if tilt_y > 0 else y[1]
+        sides.append([(x[0], at), (x[1], at)])
+    return sides
+
+
+def _path(corners: Array) -> Array:
+    """Points (N, 2) along the lines between corners (K, 2)."""
+    part = np.linspace(0, 1, _STEPS)[:, None]
+    return np.concatenate([a + part * (b - a) for a, b in itertools.pairwise(corners)])
