@@ -347,42 +347,6 @@ def no_options(name: str, plain: Sequence[str], named: dict[str, str], known: Se
         )
 
 
-def newton(
-    residual: Callable[[Array, Array], tuple[Array, Array, Array, Array, Array, Array]],
-    a: Array,
-    b: Array,
-    scale: float,
-    iterations: int = 20,
-) -> tuple[Array, Array, Array]:
-    """Solve two equations in two unknowns for every point at once.
-
-    Parameters
-    ----------
-    residual : function (a, b) -> (r, s, dr/da, dr/db, ds/da, ds/db)
-    a, b : (N,) arrays, the start
-    scale : float
-        Size of the values of r and s; the iteration stops when all are below 1e-15 of it, or at their best.
-
-    Returns
-    -------
-    a, b : (N,) arrays
-    solved : (N,) bool array, |r|, |s| below 1e-11 of the scale
-    """
-    a, b = a.copy(), b.copy()
-    best = np.full(a.shape, np.inf)
-    for _ in range(iterations):
-        r, s, ra, rb, sa, sb = residual(a, b)
-        size = np.maximum(abs(r), abs(s))
-        if not (size > 1e-15 * scale).any() or not (size < 0.5 * best).any():
-            break
-        best = np.fmin(size, best)
-        det = ra * sb - rb * sa
-        a -= (sb * r - rb * s) / det
-        b -= (ra * s - sa * r) / det
-    r, s = residual(a, b)[:2]
-    return a, b, np.maximum(abs(r), abs(s)) < 1e-11 * scale
-
-
 def example_list(*cameras: Any) -> list[tuple[Array, tuple[int, int]]]:
     """Collect (params, image_size) pairs as float arrays."""
     return [(np.array(params, float), size) for params, size in cameras]

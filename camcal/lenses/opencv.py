@@ -15,8 +15,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from camcal.lenses.base import Lens, OpenCVForm, Parameter, example_list, newton, no_options
-from camcal.lenses.curve import first_root
+from camcal.lenses import newton
+from camcal.lenses.base import Lens, OpenCVForm, Parameter, example_list, no_options
+from camcal.lenses.curve import first_root, memo
 from camcal.lenses.rational import fit_rational
 from camcal.lenses.start import image_radii
 
@@ -93,13 +94,16 @@ class OpenCV(Lens):
 
     def _radial(self, k: list[float], s: Array) -> tuple[Array, Array, Array | None]:
         """f of (1), df/ds, and 1 / denominator where there is one."""
-        num = s * (s * (s * k[4] + k[1]) + k[0]) + 1.0
-        slope = s * (s * (3 * k[4]) + 2 * k[1]) + k[0]
+        num, slope = cubic(s, k[0], k[1], k[4])
         if self.count < 8:
             return num, slope, None
-        inverse = 1.0 / (s * (s * (s * k[7] + k[6]) + k[5]) + 1.0)
-        f = num * inverse
-        return f, (slope - f * (s * (s * (3 * k[7]) + 2 * k[6]) + k[5])) * inverse, inverse
+        inverse, below = cubic(s, *k[5:8])
+        np.divide(1.0, inverse, out=inverse)
+        num *= inverse
+        below *= num
+        slope -= below
+        slope *= inverse
+        return num, slope, inverse
 
     def _distort(self, k: list[float], a: Array, b: Array) -> tuple[Array, Array]:
         s = a * a + b * b
@@ -204,13 +208,22 @@ class OpenCV(Lens):
         """xd, yd and d(xd)/da, d(xd)/db, d(yd)/db, and d(yd)/da where it differs from d(xd)/db."""
         p1, p2 = k[2], k[3]
         pa, pb = (2 * p2) * a, (2 * p1) * b
-        common = f + pa + pb
+        common = f + pa
+        common += pb
+        xd, yd = a * common, b * common
+        xd += p2 * s
+        yd += p1 * s
         twice = 2.0 * slope
-        ga, gb = twice * a, twice * b
-        xd, yd = a * common + p2 * s, b * common + p1 * s
-        xa = common + a * (ga + 4 * p2)
-        yb = common + b * (gb + 4 * p1)
-        cross = a * (gb + 2 * p1) + (2 * p2) * b
+        xa, cross = twice * a, twice * b
+        xa += 4 * p2
+        xa *= a
+        xa += common
+        yb = cross + 4 * p1
+        yb *= b
+        yb += common
+        cross += 2 * p1
+        cross *= a
+        cross += (2 * p2) * b
         if self.count < 12:
             return xd, yd, xa, cross, yb
         xd += s * (k[9] * s + k[8])
@@ -308,29 +321,35 @@ class OpenCV(Lens):
             )
         k, limit = self._coefficients(params), self.radius(params)
 
-        def residual(a: Array, b: Array) -> tuple[Array, ...]:
+        def distort(a: Array, b: Array) -> tuple[Array, ...]:
             s = a * a + b * b
             f, slope, _ = self._radial(k, s)
-            xp, yp, xa, cross, yb, *ya = self._plane_derivatives(k, a, b, s, f, slope)
-            return xp - xd, yp - yd, xa, cross, ya[0] if ya else cross, yb
+            x, y, xa, cross, yb, *ya = self._plane_derivatives(k, a, b, s, f, slope)
+            return x, y, xa, cross, ya[0] if ya else cross, yb
 
-        ratio = self._radial_inverse(k, limit, np.hypot(xd, yd))
-        a, b, solved = newton(residual, xd * ratio, yd * ratio, 1.0)  # type: ignore[arg-type]
+        a, b = memo(self, params[self._bend :], self._start, "start")(xd, yd)
+        a, b, solved = newton.solve(distort, xd, yd, a, b)
         return a, b, one, solved & (a * a + b * b < limit**2)
 
-    def _radial_inverse(self, k: list[float], limit: float, distorted: Array) -> Array:
-        """r / rd of (1) by interpolation in a table that reaches the fold, or the largest rd."""
-        top = np.nanmax(distorted, initial=1e-3)
-        reach = limit
-        if np.isinf(limit):
-            reach = 1.5 * top
-            while reach * self._radial(k, np.array([reach**2]))[0][0] < top and reach < 1e6:
-                reach *= 1.5
-        r = np.linspace(0, reach, 257)[1:]
-        if np.isfinite(limit):
-            r = r[:-1]
-        rd = np.maximum.accumulate(r * self._radial(k, r * r)[0])
-        return np.interp(distorted, rd, r / rd)
+    def _start(self, distortion: Array) -> newton.RadialStart:
+        k = [*distortion.tolist(), *[0.0] * (14 - self.count)]
+        limit = _first_fold((1.0, k[0], k[1], k[4]), (1.0, k[5], k[6], k[7]))
+        return newton.RadialStart(lambda s: self._radial(k, s)[:2], limit)
+
+
+def cubic(s: Array, c1: float, c2: float, c3: float) -> tuple[Array, Array]:
+    """1 + c1 s + c2 s² + c3 s³ and its derivative."""
+    value = s * c3
+    slope = 3 * value
+    value += c2
+    value *= s
+    value += c1
+    value *= s
+    value += 1.0
+    slope += 2 * c2
+    slope *= s
+    slope += c1
+    return value, slope
 
 
 @lru_cache(maxsize=64)

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.lenses.base import newton
-from camcal.lenses.curve import first_root
+from camcal.lenses import newton
+from camcal.lenses.curve import first_root, memo
 
 Array = np.ndarray
 
@@ -54,15 +54,52 @@ class PlaneDistortion:
     def derivatives(self, c: Array, a: Array, b: Array) -> tuple[Array, ...]:
         """(xd, yd) and d(xd)/da, d(xd)/db, d(yd)/da, d(yd)/db."""
         k, p1, p2, higher, s1, s2 = self._split(c)
-        s = a * a + b * b
-        (f, slope), (h, h_slope) = _series(k, s), _series(higher, s)
-        dx, dy = 2 * p1 * a * b + p2 * (s + 2 * a * a), p1 * (s + 2 * b * b) + 2 * p2 * a * b
-        cross = 2 * a * b * slope
-        xa = f + 2 * a * a * slope + h * (2 * p1 * b + 6 * p2 * a) + 2 * a * (h_slope * dx + s1)
-        xb = cross + h * (2 * p1 * a + 2 * p2 * b) + 2 * b * (h_slope * dx + s1)
-        ya = cross + h * (2 * p1 * a + 2 * p2 * b) + 2 * a * (h_slope * dy + s2)
-        yb = f + 2 * b * b * slope + h * (6 * p1 * b + 2 * p2 * a) + 2 * b * (h_slope * dy + s2)
-        return a * f + h * dx + s1 * s, b * f + h * dy + s2 * s, xa, xb, ya, yb
+        aa, bb, ab = a * a, b * b, a * b
+        s = aa + bb
+        f, slope = _series(k, s)
+        slope *= 2
+        x, y, cross = a * f, b * f, ab * slope
+        aa *= slope
+        aa += f
+        bb *= slope
+        bb += f
+        slopes = [aa, cross, cross, bb]
+        if self.decentering:
+            self._decentre(p1, p2, higher, a, b, s, ab, (x, y), slopes)
+        if self.prism:
+            x += s1 * s
+            y += s2 * s
+            slopes = [d + (2 * w) * c for d, w, c in zip(slopes, (s1, s1, s2, s2), (a, b, a, b), strict=True)]
+        return x, y, *slopes
+
+    def _decentre(
+        self, p1: float, p2: float, higher: list[float], a: Array, b: Array, s: Array, ab: Array,
+        xy: tuple[Array, Array], slopes: list[Array],
+    ) -> None:  # fmt: skip
+        """Add the decentering terms to (xd, yd) in place and to the slopes."""
+        p1a, p1b, p2a, p2b = p1 * a, p1 * b, p2 * a, p2 * b
+        common = p1b + p2a
+        common *= 2
+        dx, dy = a * common + p2 * s, b * common + p1 * s
+        xa, mixed, yb = 2 * p1b + 6 * p2a, 2 * (p1a + p2b), 6 * p1b + 2 * p2a
+        if not higher:
+            for total, part in ((xy[0], dx), (xy[1], dy), (slopes[0], xa), (slopes[3], yb)):
+                total += part
+            slopes[1] += mixed  # the same array as slopes[2]
+            return
+        h, h_slope = _series(higher, s)
+        h_slope *= 2
+        xy[0][...] += h * dx
+        xy[1][...] += h * dy
+        mixed *= h
+        dx *= h_slope
+        dy *= h_slope
+        slopes[:] = [
+            slopes[0] + h * xa + a * dx,
+            slopes[1] + mixed + b * dx,
+            slopes[2] + mixed + a * dy,
+            slopes[3] + h * yb + b * dy,
+        ]
 
     def coefficient_rows(self, c: Array, a: Array, b: Array, rows: Array) -> None:
         """Write d(xd, yd)/d coefficients into rows (V, Q, 2, N)."""
@@ -90,6 +127,9 @@ class PlaneDistortion:
 
     def fold(self, c: Array) -> float:
         """Radius at which a f(a²) folds back: root of 1 + 3 k1 s + 5 k2 s² + ...; inf without one."""
+        return memo(self, c, self._fold, "fold")
+
+    def _fold(self, c: Array) -> float:
         k = c[: self.radial]
         return float(np.sqrt(first_root(np.array([1.0, *((2 * i + 3) * v for i, v in enumerate(k))]))))
 
@@ -97,29 +137,13 @@ class PlaneDistortion:
         """(a, b) of (xd, yd) within the fold, and which were found: Newton from the radial part's inverse."""
         if not len(self.names):
             return xd, yd, np.isfinite(xd) & np.isfinite(yd)
-        limit = self.fold(c)
+        a, b = memo(self, c, self._start, "start")(xd, yd)
+        a, b, solved = newton.solve(lambda a, b: self.derivatives(c, a, b), xd, yd, a, b)
+        return a, b, solved & (a * a + b * b < self.fold(c) ** 2)
 
-        def residual(a: Array, b: Array) -> tuple[Array, ...]:
-            x, y, *slopes = self.derivatives(c, a, b)
-            return x - xd, y - yd, *slopes
-
-        ratio = self._radial_inverse(c, limit, np.sqrt(xd * xd + yd * yd))
-        a, b, solved = newton(residual, xd * ratio, yd * ratio, 1.0)  # type: ignore[arg-type]
-        return a, b, solved & (a * a + b * b < limit**2)
-
-    def _radial_inverse(self, c: Array, limit: float, distorted: Array) -> Array:
-        """r / rd of the radial part by interpolation in a table that reaches the fold, or the largest rd."""
+    def _start(self, c: Array) -> newton.RadialStart:
         k = c[: self.radial].tolist()
-        top = float(np.nanmax(np.where(np.isfinite(distorted), distorted, 0.0), initial=1e-3))
-        reach = limit
-        if np.isinf(limit):
-            reach = 1.5 * top
-            while reach * _series(k, np.array([reach**2]))[0][0] < top and reach < 1e6:
-                reach *= 1.5
-        # denser at the fold, where the inverse is steep like a root
-        r = reach * np.sin(np.linspace(0, np.pi / 2, 258)[1:-1])
-        rd = np.maximum.accumulate(r * _series(k, r * r)[0])
-        return np.interp(distorted, rd, r / rd)
+        return newton.RadialStart(lambda s: _series(k, s), self.fold(c))
 
 
 def _series(c: list[float], s: Array) -> tuple[Array, Array]:
