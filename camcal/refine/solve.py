@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +20,8 @@ from camcal.types import Array, Camera, Correspondences, Fit, NormalBlocks, Pose
 
 #: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
 _SAME_POINT = 1e-6
+#: that are projected in one go: a lens model has some 20 numbers a point in use
+POINTS_AT_A_TIME = 16_000
 
 
 def refine(
@@ -145,15 +147,30 @@ def on_board(correspondences: Correspondences, ideal: Array, points: Array) -> C
 
 def residuals(camera: Camera, poses: Poses, correspondences: Correspondences) -> tuple[Array, ...]:
     """Predicted - observed (N, 2) of every point of each view, px; NaN outside the lens's domain."""
+    found: list[Array] = []
     views = correspondences.views
-    if not views:
-        return ()
-    ends = np.cumsum([len(v) for v in views])
-    cam, seen = np.empty((ends[-1], 3)), np.concatenate([v.uv for v in views])
-    for v, r, t, end in zip(views, poses.rotations, poses.translations, ends, strict=True):
-        np.matmul(v.xyz, r.T, out=cam[end - len(v) : end])
-        cam[end - len(v) : end] += t
-    return tuple(np.split(camera.project(cam) - seen, ends[:-1]))
+    begin = 0
+    for end in _portions([len(v) for v in views]):
+        rows = slice(begin, end)
+        pairs = zip(views[rows], poses.rotations[rows], poses.translations[rows], strict=True)
+        cam = np.concatenate([v.xyz @ r.T + t for v, r, t in pairs])
+        seen = np.concatenate([v.uv for v in views[rows]])
+        ends = np.cumsum([len(v) for v in views[rows]])
+        found += np.split(camera.project(cam) - seen, ends[:-1])
+        begin = end
+    return tuple(found)
+
+
+def _portions(counts: Sequence[int]) -> Iterator[int]:
+    """Where to cut views into portions whose points fit into a cache: their ends."""
+    points = 0
+    for index, count in enumerate(counts):
+        if points and points + count > POINTS_AT_A_TIME:
+            yield index
+            points = 0
+        points += count
+    if counts:
+        yield len(counts)
 
 
 def _check_count(views: Sequence, free: Array) -> None:
