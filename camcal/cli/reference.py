@@ -43,13 +43,25 @@ def reference() -> str:
 
 def _chapter(title: str, command: click.Command) -> str:
     arguments = [_argument(p) for p in command.params if isinstance(p, click.Argument)]
+    arguments += ["COMMAND"] if isinstance(command, click.Group) else []
     usage = " ".join([title, *arguments, "[OPTIONS]"])
     rows = [
         _row(p) for p in command.params if isinstance(p, click.Option) and p.name not in ("verbose", "quiet")
     ]
-    lines = [f"## {title}", "", "```", usage, "```", "", *_paragraphs(command.help or ""), ""]
+    lines = [
+        f"{'#' * title.count(' ')}# {title}",
+        "",
+        "```",
+        usage,
+        "```",
+        "",
+        *_paragraphs(command.help or ""),
+        "",
+    ]
     if rows:
         lines += ["| option | what it does | default | environment |", "|---|---|---|---|", *rows, ""]
+    if isinstance(command, click.Group):
+        lines += [_chapter(f"{title} {name}", part) for name, part in command.commands.items()]
     return "\n".join(lines)
 
 

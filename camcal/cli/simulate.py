@@ -9,6 +9,7 @@ import click
 
 from camcal.cli import params
 from camcal.cli.options import config_option, force_option, group_of, model_option, option, seed_option
+from camcal.cli.simulate_frames import command as frames_command
 from camcal.cli.verbosity import note, verbosity_options
 
 POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and the same on every machine
@@ -114,6 +115,9 @@ run_options = group_of(seed_option, force_option, config_option, verbosity_optio
 @click.group("simulate")
 def command() -> None:
     """Make data whose truth is known, and write it into a YAML file beside them."""
+
+
+command.add_command(frames_command)
 
 
 @command.command("points")

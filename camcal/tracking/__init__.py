@@ -47,3 +47,6 @@ MOTION_SUMMARIES = {
     "pan": "the camera turns on its mount",
     "free": "the camera turns and travels",
 }
+
+#: kind of simulated sequence -> the motion that its camera walks by
+SEQUENCES = {"static": "fixed", "thermal": "thermal", "knock": "fixed", "pan": "pan", "zoom": "zoom"}

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.geometry import projective, rotations
+from camcal.tracking import SEQUENCES
 from camcal.tracking.base import Frame
 from camcal.tracking.decompose import noise_columns
 from camcal.tracking.motion import MOTIONS, figures, scaled
+from camcal.tracking.table import MATRIX, PARAMETERS
 
 Array = np.ndarray
-
-#: kind of sequence -> the motion that its camera walks by
-SEQUENCES = {"static": "fixed", "thermal": "thermal", "knock": "fixed", "pan": "pan", "zoom": "zoom"}
 
 
 @dataclass(frozen=True)
@@ -122,6 +121,26 @@ def _seen(number: int, xyz: Array, truth: Truth, scene: Scene, rng: np.random.Ge
         inside &= ((uv >= -0.5) & (uv <= size - 0.5)).all(1)
     truth.good = ~wild[inside]
     return Frame(number, xyz[inside], uv[inside])
+
+
+def frame_rows(frames: Iterable[Frame]) -> str:
+    """The table `frame,X,Y,Z,u,v` of frames, to a millionth of a unit and a ten thousandth of a pixel."""
+    lines = ["frame,X,Y,Z,u,v\n"]
+    for frame in frames:
+        for x, y, z, u, v in np.hstack([frame.xyz, frame.uv]).tolist():
+            lines.append(f"{frame.number},{x:.6f},{y:.6f},{z:.6f},{u:.4f},{v:.4f}\n")
+    return "".join(lines)
+
+
+def truth_rows(pairs: Iterable[tuple[Frame, Truth]]) -> str:
+    """The true cameras as a table with the columns that a track has for them; m34 = 1."""
+    lines = [",".join(["frame", *MATRIX, *PARAMETERS]) + "\n"]
+    for frame, true in pairs:
+        k, matrix = true.k, true.matrix / true.matrix[2, 3]
+        numbers = [*matrix.ravel(), k[0, 0], k[1, 1], k[0, 1], k[0, 2], k[1, 2]]
+        numbers += [*rotations.log(true.rotation), *true.translation]
+        lines.append(",".join([str(frame.number), *(f"{x:.12g}" for x in numbers)]) + "\n")
+    return "".join(lines)
 
 
 __all__ = ["MOTIONS", "SEQUENCES", "Scene", "Truth", "simulate"]

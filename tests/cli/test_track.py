@@ -275,3 +275,22 @@ def test_pictures_of_a_fixed_board(camcal):
     assert "0.5 deg about y" in err
     code, _, err = camcal("track", "pictures", "--board", "8x5", "-j", "1", "-o", "u.csv")
     assert code == 4 and "plane" in err and "--fix intrinsics" in err
+
+
+def test_a_simulated_stream_is_tracked_to_its_truth(camcal):
+    args = ("simulate", "frames", "--kind", "knock", "--frames", "40", "--at", "25", "--outliers", "0.05")
+    code, _, err = camcal(*args, "-o", "s.csv")
+    assert code == 0, err
+    assert camcal(*args, "-o", "s.csv")[0] == 2  # exists
+    code, _, err = camcal("track", "s.csv", "--motion", "fixed", "-o", "t.csv")
+    assert code == 0 and "camera moved at frame 25: 0.3 deg about y" in err
+    truth, found = read("s.truth.csv"), read("t.csv")
+    assert [r["frame"] for r in truth] == [r["frame"] for r in found] == [str(i) for i in range(40)]
+    for row, true in ((found[24], truth[24]), (found[39], truth[39])):
+        for name in ("m11", "m24", "fx", "cy", "ry", "tz"):
+            assert abs(float(row[name]) - float(true[name])) < 4.5 * float(row[f"sigma_{name}"])
+    report = yaml.safe_load(Path("s.truth.yaml").read_text())
+    last = [float(truth[-1][f"m{i}{j}"]) for i in "123" for j in "1234"]
+    np.testing.assert_allclose(np.ravel(report["projection_matrix"]), last, rtol=1e-9)
+    code, _, err = camcal("evaluate", "s.truth.yaml", "s.csv")  # the truth is a camera like any other
+    assert code == 0, err

@@ -260,10 +260,14 @@ def test_points_matched_at_random_are_no_noise(method):
 
 @pytest.mark.parametrize("method", ["rls", "kalman", "iekf"])
 def test_many_outliers_are_no_change(method):
-    """Up to half of the points of a frame, which no robust fit of the frame alone is sure to survive."""
-    frames, _ = sequence("static", 60, outliers=0.38)
-    frames[0] = sequence("static", 1)[0][0]
-    states = follow(made_for(method, "static"), frames)
-    assert not any(s.changed for s in states)
-    assert max(s.points - s.used for s in states[1:] if s.used) >= 24
-    assert sum(s.status == "rejected" for s in states) <= 3
+    """With 27 of 50 points good, a robust fit of the frame alone can take in one that is a little off."""
+    frames, truths = sequence("static", 50, image_size=None)
+    rng = np.random.default_rng(0)
+    for frame in frames[20:]:
+        frame.uv[:22] = rng.uniform(0, 480, (22, 2))
+        frame.uv[22] += rng.choice([-3.5, 3.5], 2)
+    estimator = made_for(method, "static")
+    states = follow(estimator, frames)
+    assert {s.status for s in states[1:]} == {"updated"}
+    assert all(s.used <= 29 for s in states[20:])  # a point anywhere may fall within the gate, rarely
+    assert projection_error(estimator, states[-1], truths[-1], frames[0].xyz) < 0.12

@@ -1,0 +1,114 @@
+"""`camcal simulate frames`: a stream of frames for `camcal track`, with its truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli import params
+from camcal.cli.options import config_option, force_option, group_of, option, seed_option
+from camcal.cli.verbosity import note, verbosity_options
+from camcal.tracking import SEQUENCES
+
+stream_options = group_of(
+    option(
+        "--kind",
+        type=params.Word(list(SEQUENCES)),
+        default="knock",
+        show_default=True,
+        help="How the camera moves: as the motion of that name walks; static and knock stand still.",
+    ),
+    option("--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Number of frames."),
+    option(
+        "--points", type=click.IntRange(min=1), default=50, show_default=True, help="In a cube of side 2."
+    ),
+    option(
+        "--noise",
+        type=click.FloatRange(min=0),
+        default=0.3,
+        show_default=True,
+        help="Of each coordinate, px.",
+    ),
+    option(
+        "--outliers",
+        type=click.FloatRange(0, 1),
+        default=0.0,
+        show_default=True,
+        help="Part of the points that lies anywhere in the picture.",
+    ),
+    option(
+        "--at",
+        type=click.IntRange(min=0),
+        metavar="FRAME",
+        help="In which the camera is knocked. [default: half-way]",
+    ),
+    option(
+        "--angle",
+        type=float,
+        default=0.3,
+        show_default=True,
+        metavar="DEGREES",
+        help="By which it is turned then, about y.",
+    ),
+)
+
+
+@click.command("frames")
+@stream_options
+@option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.csv",
+    help="Where to write.",
+)
+@group_of(seed_option, force_option, config_option, verbosity_options)
+@click.pass_context
+def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: Any) -> None:
+    """A stream of frames seen by a camera that moves or is knocked, as a table for `camcal track`.
+
+    Beside FILE.csv, FILE.truth.csv has the true camera of each frame under the names that the table of
+    `camcal track` uses, and FILE.truth.yaml the last one as a camera file.
+    """
+    from camcal.io.writing import atomic_write, check_writable
+    from camcal.report.plain import plain
+    from camcal.report.yaml import dump_yaml
+    from camcal.tracking import simulate
+
+    truth_table, truth_report = (output.with_name(f"{output.stem}.truth.{kind}") for kind in ("csv", "yaml"))
+    for path in (output, truth_table, truth_report):
+        check_writable(path, force)
+    at = given["frames"] // 2 if given["at"] is None else given["at"]
+    scene = simulate.Scene(
+        points=given["points"],
+        noise=given["noise"],
+        outliers=given["outliers"],
+        knock=at,
+        angle=given["angle"],
+    )
+    pairs = list(simulate.simulate(given["kind"], given["frames"], seed, scene))
+    atomic_write(output, simulate.frame_rows(frame for frame, _ in pairs), force)
+    atomic_write(truth_table, simulate.truth_rows(pairs), force)
+    atomic_write(truth_report, dump_yaml(plain(_document(ctx, pairs[-1][1], seed))), force)
+    note(f"{sum(len(f) for f, _ in pairs)} points in {len(pairs)} frames: {output}")
+    note(f"The true cameras: {truth_table}; the last one: {truth_report}")
+
+
+def _document(ctx: click.Context, last: Any, seed: int) -> dict[str, Any]:
+    import numpy as np
+
+    from camcal import lenses
+    from camcal.cli.settings import resolved_options
+    from camcal.simulation.cameras import truth_document
+    from camcal.types import Camera, Pose, Poses
+
+    lens = lenses.make("pinhole")
+    camera = Camera(lens, lens.pinhole(last.k[0, 0], last.k[1, 1], last.k[0, 2], last.k[1, 2]), (640, 480))
+    poses = Poses.stack([Pose(last.rotation, np.asarray(last.translation))])
+    options = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in ("output", "force")}
+    run = {"command": ["simulate", "frames"], "seed": seed, "options": options}
+    matrix = last.matrix / last.matrix[2, 3]
+    return {**truth_document(camera, poses, ["last"], **run), "projection_matrix": matrix}
