@@ -8,7 +8,7 @@ cache; the public methods take (..., 3) and (..., 2) arrays and mask what lies o
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,8 @@ from camcal.errors import UsageError
 
 Array = np.ndarray
 
-#: points worked on at a time, so that the temporaries stay in the cache
-BLOCK = 4096
+#: points worked on at a time: the temporaries stay in the cache, and the calls of numpy cost little beside them
+BLOCK = 8192
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,8 @@ class Lens(ABC):
         Those of them that turn the picture, as a pose does; where there is no pose they are estimated.
     shaped_by_data : bool
         Whether the model must see rays and pixels before it can hold any camera well (`shapes`).
+    several_minima : bool
+        Whether cameras that lie far apart can both fit nearly as well as can be.
     neutral_curve : str
         What the lens without distortion does: `perspective` (r = tan θ) or `equidistant` (r = θ).
     """
@@ -85,6 +87,7 @@ class Lens(ABC):
     default_fixed: tuple[str, ...] = ()
     turns: tuple[str, ...] = ()
     shaped_by_data: bool = False
+    several_minima: bool = False
     neutral_curve: str = "perspective"
 
     def __init__(self, name: str, distortion: Sequence[Parameter], skew: bool = False):

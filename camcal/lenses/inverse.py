@@ -22,11 +22,11 @@ Array = np.ndarray
 
 #: directions about the axis in which the extent of the domain is looked for, and radii along each
 SPOKES, STEPS = 24, 100
-#: Newton stops after a step this small in units of the focal length (the next would be its square), or after
-#: so many; a handful suffices unless a point has left the domain
-LAST_STEP, ITERATIONS = 1e-9, 20
-#: distance from the ray, rad, up to which a pixel counts as found
-FOUND = 1e-11
+#: cells of the table of radii over 180 degrees
+CELLS = 512
+#: Newton stops after a step this small in units of the focal length (the next would be its square): the pixel
+#: is found; tried so often with all points, and with those that have not arrived
+LAST_STEP, QUICK, ITERATIONS = 1e-9, 5, 20
 
 
 class InverseLens(MappedLens):
@@ -47,7 +47,7 @@ class InverseLens(MappedLens):
 
     # ------------------------------------------------------------------ projection
     def _extent(self, k: Array) -> tuple[Array, Array]:
-        """The radius up to which D > 0 on each spoke, (SPOKES,), and radii with their mean angles, (2, T)."""
+        """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of even mean angles, (CELLS + 1,)."""
         return memo(self, k, self._find_extent, "extent")
 
     def _find_extent(self, k: Array) -> tuple[Array, Array]:
@@ -64,58 +64,70 @@ class InverseLens(MappedLens):
         count = np.isfinite(angle).sum(1)
         mean = np.where(count > 0, np.nansum(angle, 1) / np.maximum(count, 1), np.inf)
         used = count > 0
-        return reach, np.stack([radius[used], np.maximum.accumulate(mean[used])])
+        even = np.linspace(0, np.pi, CELLS + 1)
+        return reach, np.interp(even, np.maximum.accumulate(mean[used]), radius[used])
 
     def pixel_inside(self, p: Array, q: Array, k: Array) -> Array:
         """Where the model says anything; everywhere, unless it has borders."""
         return np.ones(np.broadcast(p, q).shape, bool)
 
-    def _solve(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-        """p, q, [X, dX/dp, dX/dq] there, and which points are found within the domain."""
-        reach, (radii, angles) = self._extent(k)
+    def _solve(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """p, q, and which points are found within the domain."""
+        _, radii = self._extent(k)
         r = np.sqrt(x * x + y * y) + 1e-200
-        scale = np.interp(np.arctan2(r, z), angles, radii) / r
+        place = np.arctan2(r, z) * (CELLS / np.pi)
+        cell = place.astype(np.intp)
+        below = radii.take(cell, mode="clip")
+        scale = (below + (place - cell) * (radii.take(cell + 1, mode="clip") - below)) / r
         p, q = x * scale, y * scale
         target = np.stack([x, y, z]) / np.sqrt(r * r + z * z)
-        for _ in range(ITERATIONS):
-            state = self.ray(k, p, q)
-            dp, dq = _newton_step(state, target)
+        solved, ahead = self._iterate(k, p, q, target, QUICK)
+        if not solved.all():  # next to a fold, or outside
+            rest = ~solved
+            some = p[rest], q[rest]
+            solved[rest], ahead[rest] = self._iterate(k, *some, target[:, rest], ITERATIONS)
+            p[rest], q[rest] = some
+        return p, q, solved & ahead & self._within(k, p, q)
+
+    def _iterate(self, k: Array, p: Array, q: Array, target: Array, most: int) -> tuple[Array, Array]:
+        """Newton on p, q in place: which have arrived, and which with D > 0."""
+        for _ in range(most):
+            dp, dq, ahead = _newton_step(self.ray(k, p, q), target)
             # a step that is large beside the radius comes from a poor start
             size = np.abs(dp) + np.abs(dq)
-            short = np.minimum(1.0, 0.5 * (0.2 + np.hypot(p, q)) / np.maximum(size, 1e-300))
-            p, q = p + short * dp, q + short * dq
+            if size.max(initial=0.0) > 0.1:
+                short = np.minimum(1.0, 0.5 * (0.2 + np.hypot(p, q)) / np.maximum(size, 1e-300))
+                dp, dq = short * dp, short * dq
+            p += dp
+            q += dq
             if not (size > LAST_STEP).any():
                 break
-        state = self.ray(k, p, q)
-        return p, q, state, self._found(k, p, q, state, target, reach)
+        return size <= LAST_STEP, ahead > 0
 
-    def _found(self, k: Array, p: Array, q: Array, state: Array, target: Array, reach: Array) -> Array:
-        x = state[0]
-        norm = np.sqrt((x * x).sum(0))
-        off = np.abs(x - norm * target).max(0)
-        spoke = np.arctan2(q, p) * (SPOKES / (2 * np.pi)) % SPOKES
-        low = (
-            np.minimum(spoke.astype(int, casting="unsafe") % SPOKES, SPOKES - 1)
-            if spoke.size
-            else spoke.astype(int)
-        )
-        limit = np.minimum(reach[low], reach[(low + 1) % SPOKES])
-        ahead = (np.hypot(p, q) <= limit) & (_triple(*state) > 0) & self.pixel_inside(p, q, k)
-        return np.asarray((off <= FOUND * norm) & ahead)
+    def _within(self, k: Array, p: Array, q: Array) -> Array:
+        """Which pixels lie within the extent and the borders."""
+        reach, _ = self._extent(k)
+        radius = np.sqrt(p * p + q * q)
+        inside = self.pixel_inside(p, q, k)
+        if radius.max(initial=0.0) <= reach.min():
+            return inside
+        spoke = np.nan_to_num(np.arctan2(q, p)) * (SPOKES / (2 * np.pi)) % SPOKES
+        low = np.minimum(spoke.astype(int), SPOKES - 1)
+        return np.asarray(inside & (radius <= np.minimum(reach[low], reach[(low + 1) % SPOKES])))
 
     # ------------------------------------------------------------------ MappedLens
     def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
         """Newton."""
-        p, q, _, _ = self._solve(k, x, y, z)
+        p, q, _ = self._solve(k, x, y, z)
         return p, q
 
     def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """Where Newton ends within the domain."""
-        return self._solve(k, x, y, z)[3]
+        return self._solve(k, x, y, z)[2]
 
     def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """Solves once for pixel and domain."""
-        p, q, _, valid = self._solve(params[self._own :], x, y, z)
+        p, q, valid = self._solve(params[self._own :], x, y, z)
         u = params[0] * p + params[2]
         if self.has_skew:
             u += params[4] * q
@@ -125,7 +137,8 @@ class InverseLens(MappedLens):
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
     ) -> tuple[Array, Array, bool]:
         """Equation (1)."""
-        p, q, (ray, a, b), valid = self._solve(k, x, y, z)
+        p, q, valid = self._solve(k, x, y, z)
+        ray, a, b = self.ray(k, p, q)
         length = np.sqrt((ray * ray).sum(0) / (x * x + y * y + z * z))
         inverse = 1.0 / _triple(ray, a, b)
         for i, normal in enumerate((_cross(b, ray) * inverse, _cross(ray, a) * inverse)):
@@ -136,24 +149,36 @@ class InverseLens(MappedLens):
 
     def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """As stated."""
-        state = self.ray(k, mx, my)
-        reach, _ = self._extent(k)
-        target = state[0] / np.sqrt((state[0] * state[0]).sum(0))
-        x, y, z = state[0]
-        return x, y, z, self._found(k, mx, my, state, target, reach)
+        ray, a, b = self.ray(k, mx, my)
+        valid = self._within(k, mx, my) & (_triple(ray, a, b) > 0)
+        x, y, z = ray
+        return x, y, z, valid
 
 
 def _cross(a: Array, b: Array) -> Array:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    out = np.empty_like(a)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
+    return out
+
+
+def _dot(a: Array, b: Array) -> Array:
+    out = a[0] * b[0]
+    out += a[1] * b[1]
+    out += a[2] * b[2]
+    return np.asarray(out)
 
 
 def _triple(x: Array, a: Array, b: Array) -> Array:
     """x · (a x b)."""
-    return (x * _cross(a, b)).sum(0)
+    return _dot(x, _cross(a, b))
 
 
-def _newton_step(state: Array, target: Array) -> tuple[Array, Array]:
-    """Solve X + a dp + b dq = λ target for dp, dq."""
+def _newton_step(state: Array, target: Array) -> tuple[Array, Array, Array]:
+    """Solve X + a dp + b dq = λ target for dp, dq; and target · (a x b), of the sign of D."""
     x, a, b = state
-    inverse = -1.0 / _triple(target, a, b)
-    return (x * _cross(b, target)).sum(0) * inverse, (x * _cross(target, a)).sum(0) * inverse
+    across, along = _cross(b, target), _cross(target, a)
+    d = _dot(a, across)
+    inverse = -1.0 / d
+    return _dot(x, across) * inverse, _dot(x, along) * inverse, d

@@ -149,15 +149,23 @@ class Spline(InverseLens):
     def _surface(self, k: Array, p: Array, q: Array) -> Array:
         """S, dS/dp, dS/dq: (3, 2, ...)."""
         i, f, j, g, wide, high = self._cells(k, p, q)
-        control = k[4:].reshape(2, self.rows, self.columns)
+        control = k[4:].reshape(2, -1)
         out = np.zeros((3, 2, *np.shape(p)))
         columns = list(zip(weights(f), slopes(f), strict=True))
         for n, (wg, dg) in enumerate(zip(weights(g), slopes(g), strict=True)):
-            for m, (wf, df) in enumerate(columns):
-                c = control[:, j + n, i + m]
-                out[0] += c * (wf * wg)
-                out[1] += c * (df * wg * wide)
-                out[2] += c * (wf * dg * high)
+            at = (j + n) * self.columns + i
+            for axis in range(2):
+                # along the row first, then down the four rows
+                value, slope = np.zeros(np.shape(p)), np.zeros(np.shape(p))
+                for m, (wf, df) in enumerate(columns):
+                    c = control[axis].take(at + m)
+                    value += c * wf
+                    slope += c * df
+                out[0, axis] += value * wg
+                out[1, axis] += slope * wg
+                out[2, axis] += value * dg
+        out[1] *= wide
+        out[2] *= high
         return out
 
     def _scatter(self, k: Array, p: Array, q: Array, factor: Array, rows: Array) -> None:
