@@ -1,6 +1,6 @@
 """How exact corners are: camcal's two passes beside OpenCV's refinements and the bound, on rendered boards.
 
-    python benchmarks/corners.py [--pictures 60] [--seed 1] [--size 640x480]
+    python benchmarks/corners.py [--pictures 60] [--seed 1] [--size 640x480] [--update docs/figures.md]
 
 Boards of 9x6 corners at random poses (tilt to 65 degrees) through lenses with strong distortion, squares of
 8 to 80 px, blur 0.5 to 2.5 px, noise 0 to 10 grey levels, uneven light. Every method is scored on the
@@ -21,9 +21,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
+from tables import markdown, update
 
 from camcal import lenses
 from camcal.geometry import rotations
@@ -37,6 +39,10 @@ from camcal.types import Camera, Pose, View
 
 BOARD = Checkerboard(9, 6)
 WINDOWS = (3, 4, 5, 7, 9, 11)  #: half-widths of cornerSubPix, px
+HEADER = (
+    "corners", "pictures", "number", "median px", "p95 px", "in the 95 % ellipse, %", "of cv2's best median",
+    "of the bound",
+)  # fmt: skip
 IN_95 = 5.991  #: chi square of two degrees of freedom
 MEDIAN = np.sqrt(2 * np.log(2))  #: of the length of a Gaussian error in the plane, in sigmas
 
@@ -157,16 +163,15 @@ class Score:
     def median(self) -> float:
         return float(np.median(np.concatenate(self.errors))) if self.errors else np.inf
 
-    def row(self, name: str) -> str:
-        if not self.errors:
-            return f"{name:<28} nothing found"
-        all_errors = np.concatenate(self.errors)
-        text = f"{name:<28}{len(self.errors):5d}{len(all_errors):8d}{self.median:9.4f}"
-        text += f"{np.percentile(all_errors, 95):9.4f}"
-        return text + (f"{100 * np.concatenate(self.inside).mean():9.1f}" if self.inside else "")
+    def row(self, name: str) -> list[str]:
+        every = np.concatenate(self.errors) if self.errors else np.array([np.nan])
+        inside = f"{100 * np.concatenate(self.inside).mean():.1f}" if self.inside else ""
+        p95 = np.percentile(every, 95)
+        return [name, str(len(self.errors)), str(len(every)), f"{np.median(every):.4f}", f"{p95:.4f}", inside]
 
 
-def run(count: int, seed: int, size: tuple[int, int]) -> None:
+def run(count: int, seed: int, size: tuple[int, int]) -> str:
+    """The table."""
     rng = np.random.default_rng(seed)
     names = ["SB", "SB accuracy", *(f"cornerSubPix {w}" for w in WINDOWS), "camcal, first pass"]
     scores = {name: Score() for name in names}
@@ -182,16 +187,17 @@ def run(count: int, seed: int, size: tuple[int, int]) -> None:
             missed += sb
             continue
         add_camcal(scene, found, scores, predicted)
-    print(f"{count} pictures; found by camcal alone {alone}, by SB alone {missed}\n")
-    print(f"{'':<28}{'pics':>5}{'corners':>8}{'median':>9}{'p95 px':>9}{'in 95 %':>9}")
-    for name, score in scores.items():
-        print(score.row(name))
+    print(f"{count} pictures; found by camcal alone {alone}, by SB alone {missed}")
     best = min(scores[n].median for n in names[:-1])
-    print(f"\nbest of cv2: {best:.4f} px")
-    for name, half in [("camcal, first pass", 0.5), *((f"camcal, second pass {h}", h) for h in halves)]:
-        relative = np.concatenate(scores[name].errors) / np.concatenate(predicted[half])
-        ratio, worse = scores[name].median / best, np.median(relative) / MEDIAN
-        print(f"{name}: {ratio:.2f} of cv2's best; {worse:.2f} times the bound of a window of {half}")
+    windows = {"camcal, first pass": 0.5} | {f"camcal, second pass {h}": h for h in halves}
+    rows = []
+    for name, score in scores.items():
+        more = ["", ""]
+        if name in windows:
+            relative = np.concatenate(score.errors) / np.concatenate(predicted[windows[name]])
+            more = [f"{score.median / best:.2f}", f"{np.median(relative) / MEDIAN:.2f}"]
+        rows.append([*score.row(name), *more])
+    return markdown(HEADER, rows)
 
 
 def add_opencv(scene: Scene, scores: dict[str, Score]) -> bool:
@@ -234,9 +240,13 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--size", default="640x480")
+    parser.add_argument("--update", type=Path, metavar="PAGE", help="a page whose table is to be renewed")
     told = parser.parse_args()
     width, height = map(int, told.size.split("x"))
-    run(told.pictures, told.seed, (width, height))
+    table = run(told.pictures, told.seed, (width, height))
+    print(table)
+    if told.update:
+        update(told.update, "corners", table)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Seconds to find a 9x6 checkerboard, beside the usual OpenCV script and findChessboardCornersSB.
 
-    python benchmarks/detect.py [--megapixels 0.3 2 12 48] [--pictures 3] [--limit 60] [--data FOLDER]
+    python benchmarks/detect.py [--megapixels 0.3 2 12 48] [--pictures 3] [--limit 60] [--data FOLDER] [--update PAGE]
 
 Pictures are made here: a board at a random pose in front of clutter, and clutter alone. Each detector runs
 in a process of its own with one thread, so that a call that does not come back can be ended after `--limit`
@@ -23,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from tables import markdown, update
 
 BOARD = (9, 6)
 SETS = {
@@ -136,34 +137,34 @@ def timed(name: str, gray: np.ndarray, size: tuple[int, int], limit: float) -> t
     return seconds, found
 
 
-def table_of_times(megapixels: list[float], pictures: int, limit: float) -> None:
-    print(
-        f"{'MP':>5} {'board':>5} " + "".join(f"{n + ' s':>12}{'found':>6}" for n in DETECTORS) + "   ratios"
-    )
+def table_of_times(megapixels: list[float], pictures: int, limit: float) -> str:
+    """Median (worst) seconds and boards found, for each size of picture."""
+    rows = []
     for size in megapixels:
         for board in (True, False):
             scenes = [scene(seed, size, board) for seed in range(pictures)]
-            middle, row = {}, ""
+            row, middle = [f"{size:g}", "yes" if board else "no"], {}
             for name in DETECTORS:
                 runs = [timed(name, gray, BOARD, limit) for gray in scenes]
                 middle[name] = statistics.median(s for s, _ in runs)
-                worst = max(s for s, _ in runs)
-                row += f"{middle[name]:7.3f}/{worst:4.2f}{sum(f for _, f in runs):4d}/{pictures}"
-            ratio = [f"{n} {middle[n] / middle['camcal']:.1f}x" for n in DETECTORS if n != "camcal"]
-            print(f"{size:5g} {'yes' if board else 'no':>5} {row}   {', '.join(ratio)}", flush=True)
+                worst, found = max(s for s, _ in runs), sum(f for _, f in runs)
+                row.append(f"{middle[name]:.3f} ({worst:.3f}), {found} of {pictures}")
+            row += [f"{middle[n] / middle['camcal']:.1f}" for n in DETECTORS if n != "camcal"]
+            print("  ".join(row), flush=True)
+            rows.append(row)
+    times = [f"{n}, s (worst), found" for n in DETECTORS]
+    return markdown(["megapixels", "board", *times, "script / camcal", "SB / camcal"], rows)
 
 
-def table_of_finds(data: Path) -> None:
-    print(f"{'set':<14}{'pictures':>9}" + "".join(f"{n:>8}" for n in DETECTORS) + f"{'union of both':>15}")
+def table_of_finds(data: Path) -> str:
+    """Boards found on the real sets."""
+    rows = []
     for name, size in SETS.items():
         counts = dict.fromkeys(DETECTORS, 0)
         union = pictures = 0
         for path in sorted((data / name).iterdir()):
-            gray = (
-                cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-                if path.suffix not in (".yaml", ".txt", ".json")
-                else None
-            )
+            known = path.suffix not in (".yaml", ".txt", ".json")
+            gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if known else None
             if gray is None:
                 continue
             pictures += 1
@@ -171,8 +172,8 @@ def table_of_finds(data: Path) -> None:
             for n in DETECTORS:
                 counts[n] += found[n]
             union += found["script"] or found["SB"]
-        row = "".join(f"{counts[n]:8d}" for n in DETECTORS)
-        print(f"{name:<14}{pictures:9d}{row}{union:15d}", flush=True)
+        rows.append([name, pictures, *(counts[n] for n in DETECTORS), union])
+    return markdown(["set", "pictures", *DETECTORS, "union of both"], rows)
 
 
 def main() -> None:
@@ -183,10 +184,15 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=3)
     parser.add_argument("--limit", type=float, default=60.0, help="seconds after which a call is ended")
     parser.add_argument("--data", type=Path, help="folder with the real sets")
+    parser.add_argument("--update", type=Path, metavar="PAGE", help="a page whose tables are to be renewed")
     told = parser.parse_args()
-    table_of_times(told.megapixels, told.pictures, told.limit)
+    tables = {"detect": table_of_times(told.megapixels, told.pictures, told.limit)}
     if told.data:
-        table_of_finds(told.data)
+        tables["finds"] = table_of_finds(told.data)
+    for name, table in tables.items():
+        print(table)
+        if told.update:
+            update(told.update, name, table)
 
 
 if __name__ == "__main__":

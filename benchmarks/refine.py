@@ -6,7 +6,7 @@ in 5.0). The two are timed in turn, A B A B ..., and the medians and the median 
 Peak memory is that of a process of its own that calibrates once, less that of one that only makes the data;
 both libraries are loaded and have solved a small problem before.
 
-Usage: python benchmarks/refine.py [--runs 5] [--quick]
+Usage: python benchmarks/refine.py [--runs 5] [--quick] [--update docs/figures.md]
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from tables import markdown, update
 
 import camcal
 from camcal import lenses
@@ -26,6 +27,7 @@ from camcal.types import Correspondences, View
 
 SIZE = (640, 480)
 CASES = [(10, 9, 6), (50, 9, 6), (200, 9, 6), (500, 9, 6), (50, 20, 20), (200, 20, 20), (1000, 20, 20)]
+HEADER = ("model", "views x points", "camcal ms", "cv2 ms", "ratio", "rms / rms - 1", "camcal MB", "cv2 MB")
 FLAGS = {"opencv5": 0, "opencv8": cv2.CALIB_RATIONAL_MODEL}
 
 
@@ -92,8 +94,8 @@ def peak_memory(which: str, case: tuple[int, int, int], model: str) -> float:
     return sizes[1] - sizes[0]
 
 
-def compare(case: tuple[int, int, int], model: str, runs: int) -> None:
-    """Print one row."""
+def compare(case: tuple[int, int, int], model: str, runs: int) -> list[str]:
+    """A row of the table."""
     data = simulate(*case)
     run_camcal(data, model)
     ours, theirs = [], []
@@ -106,12 +108,15 @@ def compare(case: tuple[int, int, int], model: str, runs: int) -> None:
         theirs.append(time.perf_counter() - middle)
     ratio = np.median(np.array(theirs) / np.array(ours))
     memory = [peak_memory(which, case, model) for which in ("camcal", "cv2")]
-    print(
-        f"{model:8} {case[0]:5d} x {case[1] * case[2]:3d}  {np.median(ours) * 1e3:9.1f} "
-        f"{np.median(theirs) * 1e3:9.1f}  {ratio:6.2f}  {rms / rms_cv2 - 1:+9.1e}"
-        f"  {memory[0]:10.1f} {memory[1]:6.1f}",
-        flush=True,
-    )
+    return [
+        model,
+        f"{case[0]} x {case[1] * case[2]}",
+        f"{np.median(ours) * 1e3:.1f}",
+        f"{np.median(theirs) * 1e3:.1f}",
+        f"{ratio:.2f}",
+        f"{rms / rms_cv2 - 1:+.1e}",
+        *(f"{m:.1f}" for m in memory),
+    ]
 
 
 def main() -> None:
@@ -119,12 +124,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="only the small cases")
+    parser.add_argument("--update", type=Path, metavar="PAGE", help="a page whose table is to be renewed")
     told = parser.parse_args()
     print(f"cv2 {cv2.__version__}, {cv2.getNumThreads()} threads; median of {told.runs}")
-    print("model    views x pts   camcal ms    cv2 ms   ratio  rms/rms-1   MB: camcal    cv2")
+    rows = []
     for model in FLAGS:
         for case in CASES[:4] if told.quick else CASES:
-            compare(case, model, told.runs)
+            rows.append(compare(case, model, told.runs))
+            print("  ".join(f"{cell:>10}" for cell in rows[-1]), flush=True)
+    table = markdown(HEADER, rows)
+    print(table)
+    if told.update:
+        update(told.update, "refine", table)
 
 
 if __name__ == "__main__":
