@@ -218,9 +218,9 @@ class _Run:
         """Every stage against cv2, which is loaded only here."""
         from camcal.crosscheck.run import crosscheck
 
-        def rerun(correspondences: Correspondences, skew: bool) -> Solution:
+        def rerun(correspondences: Correspondences, skew: bool, board_shape: str = "flat") -> Solution:
             told = replace(
-                self.told, robust="none", checks=False, crosscheck=False, skew=skew, board_shape="flat"
+                self.told, robust="none", checks=False, crosscheck=False, skew=skew, board_shape=board_shape
             )
             return _calibrate(correspondences, told)
 

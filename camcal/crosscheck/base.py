@@ -10,12 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from camcal.types import Array, Camera, Correspondences, Poses, Solution
+from camcal.types import Array, Camera, Poses, Solution
 
 Entry = dict[str, Any]
 #: calibrates correspondences again by the same options, but with a linear loss and without a cross-check:
-#: (correspondences, skew) -> Solution; its parameters other than skew are free or held as before
-Rerun = Callable[[Correspondences, bool], Solution]
+#: (correspondences, skew[, board_shape]) -> Solution; its parameters other than skew are free or held as
+#: before, the board is flat where nothing else is said
+Rerun = Callable[..., Solution]
 
 #: cv2 may come out lower than camcal by this part of the rms: both sums are taken in float64 over the same
 #: numbers, camcal stops at a predicted decrease of 1e-14 of the cost, and cv2's answer is taken as it is.
@@ -45,7 +46,8 @@ class Task:
 class Result:
     """What cv2 returned, and the figure recomputed from it.
 
-    `rms_point` is over the exact points, in float64, with the parameters and poses as returned.
+    `rms_point` is over the exact points, in float64, with the parameters and poses as returned. `board` are the
+    board's points (M, 3) where they were estimated, in the frame and at the scale of camcal's.
     """
 
     camera: Camera
@@ -53,6 +55,7 @@ class Result:
     rms_point: float
     distortion: Array
     start: str
+    board: Array | None = None
 
 
 #: runs cv2's calibration from a guess, or from where it begins by itself

@@ -7,6 +7,10 @@ poses that it returned, because what it prints need not belong to them (4.14.0 a
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -53,14 +57,8 @@ def run(task: Task, guess: Camera | None) -> Result:
         Where cv2 cannot estimate the same parameters, or refuses the data.
     """
     solution = task.solution
-    if guess is None and _needs_guess(task):
-        guess = solution.start
-    flags = flags_of(solution)
-    start = solution.start if guess is None else guess
-    matrix, distortion = start.matrix.copy(), _coefficients(start)
-    if guess is not None:
-        flags |= cv2.CALIB_USE_INTRINSIC_GUESS
-    try:
+    guess, flags, matrix, distortion = begin(task, guess)
+    with refusals():
         _, *returned = cv2.calibrateCamera(
             [xyz.astype(np.float32).reshape(-1, 1, 3) for xyz, _ in task.views],
             [uv.astype(np.float32).reshape(-1, 1, 2) for _, uv in task.views],
@@ -70,23 +68,56 @@ def run(task: Task, guess: Camera | None) -> Result:
             flags=flags,
             criteria=CRITERIA,
         )
+    k, bend, rvecs, tvecs = answer(returned)
+    return Result(
+        camera_of(solution, k, bend),
+        _poses(task, rvecs, tvecs),
+        rms_of(task.views, k, bend, rvecs, tvecs),
+        bend,
+        where(guess, solution),
+    )
+
+
+def begin(task: Task, guess: Camera | None) -> tuple[Camera | None, int, Array, Array]:
+    """Where cv2 is to begin: the guess it needs, its flags, its camera matrix and distortion.
+
+    Raises
+    ------
+    NotComparableError
+        Where cv2 cannot estimate the same parameters.
+    """
+    solution = task.solution
+    if guess is None and _needs_guess(task):
+        guess = solution.start
+    flags = flags_of(solution)
+    start = solution.start if guess is None else guess
+    if guess is not None:
+        flags |= cv2.CALIB_USE_INTRINSIC_GUESS
+    return guess, flags, start.matrix.copy(), _coefficients(start)
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Say it as a `NotComparableError` where cv2 refuses the data."""
+    try:
+        yield
     except cv2.error as error:
         raise NotComparableError(f"cv2 refuses these data: {_message(error)}") from error
-    # 4.x returns the distortion as it came in, 5.0 as a row; the poses as tuples of columns
+
+
+def answer(returned: Sequence[Any]) -> tuple[Array, Array, Array, Array]:
+    """Matrix (3, 3), distortion (n,), rotation vectors and translations (V, 3) of what cv2 returned.
+
+    4.x returns the distortion as it came in, 5.0 as a row; the poses as tuples of columns.
+    """
     k, bend = np.array(returned[0], float), np.array(returned[1], float).ravel()
     rvecs, tvecs = (np.array(r, float).reshape(-1, 3) for r in returned[2:4])
     if not all(np.isfinite(a).all() for a in (k, bend, rvecs, tvecs)):
         raise NotComparableError("cv2 returned NaN")
-    return Result(
-        _camera(solution, k, bend),
-        _poses(task, rvecs, tvecs),
-        _rms(task, k, bend, rvecs, tvecs),
-        bend,
-        _where(guess, solution),
-    )
+    return k, bend, rvecs, tvecs
 
 
-def _where(guess: Camera | None, solution: Solution) -> str:
+def where(guess: Camera | None, solution: Solution) -> str:
     """Where cv2 began, in words."""
     if guess is None:
         return "by itself"
@@ -160,7 +191,8 @@ def _coefficients(camera: Camera) -> Array:
     return np.r_[form.distortion, np.zeros(length - len(form.distortion))].reshape(1, -1)
 
 
-def _camera(solution: Solution, matrix: Array, distortion: Array) -> Camera:
+def camera_of(solution: Solution, matrix: Array, distortion: Array) -> Camera:
+    """A camera of the solution's model with cv2's numbers."""
     lens = solution.camera.lens
     values = dict(zip(COEFFICIENTS, distortion.tolist(), strict=False))
     values |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
@@ -172,10 +204,12 @@ def _poses(task: Task, rvecs: Array, tvecs: Array) -> Poses:
     return Poses(turned, tvecs - np.einsum("vij,vj->vi", turned, task.centroids))
 
 
-def _rms(task: Task, matrix: Array, distortion: Array, rvecs: Array, tvecs: Array) -> float:
+def rms_of(
+    views: Sequence[tuple[Array, Array]], matrix: Array, distortion: Array, rvecs: Array, tvecs: Array
+) -> float:
     """rms_point over the exact points by cv2's own projection in float64."""
     total, count = 0.0, 0
-    for (xyz, uv), rvec, tvec in zip(task.views, rvecs, tvecs, strict=True):
+    for (xyz, uv), rvec, tvec in zip(views, rvecs, tvecs, strict=True):
         seen = cv2.projectPoints(xyz.reshape(-1, 1, 3), rvec, tvec, matrix, distortion)[0]
         total += float(np.square(np.reshape(seen, (-1, 2)) - uv).sum())
         count += len(uv)

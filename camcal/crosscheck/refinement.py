@@ -53,11 +53,11 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
     if form is None or form.function not in CALIBRATORS:
         why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
         return [entry(STAGE, against, "not_applicable", why)]
-    unlike, data, skew = _unlike(solution)
-    if not unlike:
+    missing, data, skew = unlike(solution)
+    if not missing:
         shaped = "board" in solution.extras
         return [compare(solution, against, "both with the board as estimated" if shaped else "")]
-    entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(unlike)}")]
+    entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(missing)}")]
     if rerun is not None:
         remarks = ["without skew in both"] if skew else []
         if data is not solution.correspondences:
@@ -71,7 +71,7 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
     return entries
 
 
-def _unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
+def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
     """What cv2 does not have of this solution, the data without it, and whether skew is among it."""
     found, data = [], solution.correspondences
     lens = solution.camera.lens
@@ -103,11 +103,14 @@ def unweighted(solution: Solution) -> Correspondences:
     return replace(data, views=tuple(replace(v, sigma=None) for v in views))
 
 
-def compare(solution: Solution, against: str, remark: str = "") -> Entry:
-    """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason."""
+def compare(solution: Solution, against: str, remark: str = "", run: Calibrate | None = None) -> Entry:
+    """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
+
+    `run` is the function of cv2, where it is another than that of the model.
+    """
     form = solution.camera.lens.opencv(solution.camera.params)
     assert form is not None
-    run, task = load(CALIBRATORS[form.function]), task_of(solution)
+    run, task = run or load(CALIBRATORS[form.function]), task_of(solution)
     try:
         first = run(task, None)
     except NotComparableError as error:
@@ -168,7 +171,12 @@ def _unseen(solution: Solution, result: Result) -> int:
 
 def _figures(solution: Solution, result: Result, apart: Difference, sigmas: float) -> dict:
     ours, theirs = solution.camera.values, result.camera.values
-    return {
+    board = {}
+    if result.board is not None:
+        board["board_max"] = float(
+            np.linalg.norm(solution.extras["board"].points - result.board, axis=1).max()
+        )
+    return board | {
         "rms_point": solution.rms_point - result.rms_point,
         "projection_max_px": apart.max_px,
         "projection_rms_px": apart.rms_px,

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from camcal.crosscheck import closed_form, find_homography, project_points, refinement, rodrigues
+from camcal.crosscheck import (
+    calibrate_camera_ro,
+    closed_form,
+    find_homography,
+    project_points,
+    refinement,
+    rodrigues,
+)
 from camcal.crosscheck.base import Entry, Rerun, one_thread
 from camcal.types import Solution, Stage
 
@@ -15,8 +22,9 @@ def crosscheck(solution: Solution, rerun: Rerun | None = None) -> tuple[Entry, .
     solution : Solution
         With its `stages`; those named `refine` stand for the solution itself.
     rerun : callable, optional
-        `rerun(correspondences, skew) -> Solution` calibrates again by the same options with a linear loss;
-        called where cv2 lacks a part of the problem (skew, weights), so that the rest can be compared.
+        `rerun(correspondences, skew[, board_shape]) -> Solution` calibrates again by the same options with a
+        linear loss and, where nothing else is said, a flat board; called where cv2 lacks a part of the problem
+        (skew, weights, points that are not in all views), so that the rest can be compared.
 
     Returns
     -------
@@ -30,6 +38,8 @@ def crosscheck(solution: Solution, rerun: Rerun | None = None) -> tuple[Entry, .
             if stage.name != refinement.STAGE:
                 entries += _closed_form(stage, solution)
         entries += refinement.against_cv2(solution, rerun)
+        shaped = calibrate_camera_ro.against_cv2(solution, rerun)
+        entries += [shaped] if shaped else []
         projected = project_points.of_solution(solution)
         entries += [projected] if projected else []
         entries.append(rodrigues.against_cv2(solution.poses, refinement.STAGE))

@@ -18,6 +18,7 @@ from camcal.closed_form import shape
 from camcal.evaluate import figures
 from camcal.geometry import projective
 from camcal.refine import ransac
+from camcal.refine.losses import RAYLEIGH_MEDIAN
 from camcal.types import (
     Array,
     CalibrationWarning,
@@ -39,6 +40,8 @@ EXPLAINED = 4.0
 #: a used view is suspected where its median residual exceeds that of the median view by this factor, and
 #: another board is the reason where it explains as much
 SUSPECT = 1.5
+#: points whose residuals (median, at the best pose) exceed this part of the spacing are not those of the board
+FAR_OFF = 0.5
 #: proportions differ from those of the board if by more than this
 SAME_PROPORTION = 0.003
 #: sine of the angle between rays and the image plane below which x/z means little
@@ -81,7 +84,7 @@ def mismatches(solution: Solution) -> Iterator[Mismatch]:
 def _mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
     known = np.flatnonzero(np.isfinite(predicted).all(1))
     tree = cKDTree(predicted[known])
-    spacing = float(np.median(np.asarray(tree.query(predicted[known], k=2)[0])[:, 1]))
+    spacing = _spacing(predicted[known])
     distance, index = (np.asarray(a) for a in tree.query(view.uv[wrong]))
     taken = {
         int(i): int(known[j])
@@ -148,7 +151,7 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
         if entry.status != "rejected" or view is None or not len(view):
             skipped.append(entry)
             continue
-        pose, rms = _best_pose(view, solution.camera)
+        pose, rms = _best_pose(view, solution.camera, usual)
         code, what = _kind(view, solution.camera, pose, usual)
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
@@ -191,9 +194,10 @@ def _usual_scatter(solution: Solution) -> float:
     return float(np.median(lengths)) if len(lengths) else float("nan")
 
 
-def _best_pose(view: View, camera: Camera) -> tuple[Pose | None, float | None]:
-    """The pose with which most points agree, and rms_point of all points there."""
-    agreed = ransac.of_poses([view], camera)[0]
+def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, float | None]:
+    """The pose with which most points agree, as the others do, and rms_point of all points there."""
+    unit = 1.0 if view.sigma is None else float(np.median(view.sigma))
+    agreed = ransac.of_poses([view], camera, sigma=usual / RAYLEIGH_MEDIAN / unit)[0]
     if agreed.matrix is None:
         return None, None
     pose = Pose(agreed.matrix[:, :3], agreed.matrix[:, 3])
@@ -217,7 +221,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
                     )
                 )
     else:
-        _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera)
+        _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera, usual)
         if mirrored is not None and mirrored <= 2 * EXPLAINED * usual:
             return "mirrored-views", "it fits once an axis is negated: its frame is mirrored"
     if pose is not None:
@@ -226,7 +230,14 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
         mismatch = _mismatch(view, view.uv + residual, wrong)
         if mismatch.swapped or mismatch.shifted:
             return "mismatched-points", describe(mismatch, view).split(": ", 1)[1]
+        if np.median(np.linalg.norm(residual, axis=1)) > FAR_OFF * _spacing(view.uv):
+            return "other-board", "no pose explains its points: another board, or points out of order"
     return "rejected-view", ""
+
+
+def _spacing(uv: Array) -> float:
+    """The median distance of a point from its nearest neighbour, px."""
+    return float(np.median(np.asarray(cKDTree(uv).query(uv, k=2)[0])[:, 1]))
 
 
 def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None:
