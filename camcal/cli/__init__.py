@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "camcal.cli.compare_optimizers:command",
         "Run all optimizers on one problem, from the same starts.",
     ),
+    "doctor": ("camcal.cli.doctor:command", "Say what is wrong and what to do next."),
     "next": ("camcal.cli.next:command", "Suggest the picture that would make a camera best known."),
     "track": ("camcal.cli.track:command", "Follow a camera that changes with time."),
     "board": ("camcal.cli.board:command", "Write a target to print, at true scale."),

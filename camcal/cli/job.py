@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,8 @@ CALIBRATION = (
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
 
+OnPicture = Callable[[Mapping[str, Any]], Any]
+
 
 def output_is_free(options: dict[str, Any]) -> None:
     """Raise a UsageError where `--output` cannot be written, before any work is done."""
@@ -44,17 +46,24 @@ def output_is_free(options: dict[str, Any]) -> None:
             check_writable(path, options["force"])
 
 
-def read_data(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
+def read_data(
+    paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
+) -> Correspondences:
     """Read tables of points or pictures of a board, whichever the names say."""
     if all(Path(path).suffix.lower() in TABLES for path in paths):
         from camcal.io.points import read_points
 
         return read_points(*paths, image_size=options["image_size"])
-    return read_pictures(paths, options)
+    return read_pictures(paths, options, on_picture)
 
 
-def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspondences:
-    """Find the board in pictures; `options` holds the values of `board_options`."""
+def read_pictures(
+    paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
+) -> Correspondences:
+    """Find the board in pictures; `options` holds the values of `board_options`.
+
+    `on_picture` is called with the details of each picture: id, status, reason, ...
+    """
     from camcal.io.images import detect_images
 
     told = {name: options[name] for name in ("target", "board", "square", "jobs", "seconds", "cache")}
@@ -63,6 +72,8 @@ def read_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Correspond
         def tell(event: str, details: Mapping[str, Any]) -> None:
             if event == "picture":
                 show(details["done"], details["count"])
+                if on_picture is not None:
+                    on_picture(details)
                 if details["status"] != "found":
                     note(f"{details['id']}: {details['reason']}", 1)
             elif event == "board":

@@ -1,0 +1,132 @@
+"""What a report shows to be wrong with its calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from camcal.report import words
+from camcal.report.doctor import remedies
+from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
+from camcal.types import Solution
+
+Document = Mapping[str, Any]
+
+#: warnings after which the result is not to be used as it is
+GRAVE = frozenset(
+    (
+        "not-converged",
+        "single-view",
+        "fronto-parallel-views",
+        "parallel-views",
+        "undetermined-parameters",
+        "mirrored-views",
+        "points-outside-image",
+        "points-outside-model",
+        "fold-in-image",
+        "large-residuals",
+        "outliers",
+    )
+)
+#: warnings that more pictures in the right places do away with
+_PICTURES = frozenset(
+    (
+        "single-view",
+        "few-views",
+        "few-points",
+        "fronto-parallel-views",
+        "parallel-views",
+        "duplicate-views",
+        "poor-coverage",
+        "undetermined-parameters",
+        "weak-parameters",
+        "weak-geometry",
+        "correlated-parameters",
+    )
+)
+
+
+def examine(report: Document, solution: Solution, source: str) -> list[Finding]:
+    """All findings on a calibration, in order.
+
+    Parameters
+    ----------
+    report : dict
+        The document.
+    solution : Solution
+        The same.
+    source : str
+        What the report is called in the commands that are suggested.
+    """
+    pictures, board = remedies.next_views(solution, source), remedies.board_shape(solution)
+    model = remedies.lens_model(solution, report, board)
+    # of equal gains the first stands first: where to hold the target before what that would mend
+    found = [f for f in (pictures, model, remedies.worse_views(solution, report)) if f]
+    found += [*_gates(report), *_warnings(report, pictures, board), *_lost(report)]
+    if board and not any(f.code == board.code for f in found):
+        found.append(board)
+    biased = remedies.bias(report)
+    if biased and not (board or model):  # these say what it comes from
+        found.append(biased)
+    return ordered(found)
+
+
+def _gates(report: Document) -> Iterator[Finding]:
+    for failure in report.get("failures", []):
+        yield Finding(
+            "gate",
+            "wrong",
+            f"{failure}.",
+            "See `crosscheck` in the report for what OpenCV found instead."
+            if "cross-check" in failure
+            else "What follows below says what would lower it.",
+        )
+
+
+def _lost(report: Document) -> Iterator[Finding]:
+    views = report["views"]
+    lost = [v for v in views if v["status"] != "used"]
+    return remedies.lost_pictures(len(views) - len(lost), lost)
+
+
+def _warnings(report: Document, pictures: Finding | None, board: Finding | None) -> Iterator[Finding]:
+    """The report's warnings, each with the gain of what does away with it."""
+    for warning in report["warnings"]:
+        code = warning["code"]
+        gain: Gain | None = None
+        if code in _PICTURES and pictures:
+            gain = pictures.gain
+        elif board and code == board.code:
+            yield replace(board, message=warning["message"])
+            continue
+        elif code == "views-disagree":
+            gain = _agreement(report)
+        yield Finding(code, "wrong" if code in GRAVE else "better", warning["message"], warning["hint"], gain)
+
+
+def _agreement(report: Document) -> Gain | None:
+    difference = (report.get("holdout") or {}).get("difference")
+    if not difference:
+        return None
+    return Gain("differences to what noise explains", difference["ratio"], 1.0, "if all of it went", True)
+
+
+def sentence(report: Document, findings: list[Finding]) -> str:
+    """The diagnosis in a sentence or two."""
+    wrong = [f for f in findings if f.grade == "wrong"]
+    trust = words.trust(report)
+    if wrong:
+        return f"Do not use this calibration as it is: {wrong[0].message}"
+    better = [f for f in findings if f.grade == "better"]
+    if not better:
+        return f"Nothing is wrong with this calibration. {trust}".rstrip()
+    gaining = [f for f in better if f.gain]
+    first = gaining[0] if gaining else better[0]
+    return f"This calibration can be used, and it can be better: {first.message} {trust}".rstrip()
+
+
+def diagnose(report: Document, solution: Solution, source: str) -> dict[str, Any]:
+    """The document on a calibration."""
+    found = examine(report, solution, source)
+    return diagnosis("calibration", sentence(report, found), found, source=source)

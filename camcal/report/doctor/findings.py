@@ -1,0 +1,100 @@
+"""A finding: what is wrong, what to do, what that gains; and findings in order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from camcal.report.next_view import short
+
+SCHEMA = "camcal-doctor/1"
+#: `wrong`: the result is not to be used; `better`: it can be used and can gain; `note`: good to know
+Grade = Literal["wrong", "better", "note"]
+GRADES: tuple[Grade, ...] = ("wrong", "better", "note")
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a remedy promises: a figure that shrinks.
+
+    Attributes
+    ----------
+    figure : str
+        What shrinks, with its unit.
+    now, after : float
+    how : str
+        Where the promise comes from.
+    at_most : bool
+        The remedy gains so much only if it removes all of the cause.
+    """
+
+    figure: str
+    now: float
+    after: float
+    how: str
+    at_most: bool = False
+
+    @property
+    def times(self) -> float:
+        """How many times smaller the figure becomes."""
+        return self.now / self.after if self.after > 0 else math.inf
+
+    @property
+    def words(self) -> str:
+        """The gain in a line."""
+        limit = "at best " if self.at_most else ""
+        return f"{self.figure}: {short(self.now)} -> {limit}{short(self.after)} ({self.how})"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong, or could be better.
+
+    Attributes
+    ----------
+    code : str
+        For programs; that of a warning where it is one.
+    grade : Grade
+    message : str
+        What was found.
+    todo : str
+        What to do next.
+    gain : Gain, optional
+    """
+
+    code: str
+    grade: Grade
+    message: str
+    todo: str
+    gain: Gain | None = None
+
+
+def ordered(findings: Iterable[Finding]) -> list[Finding]:
+    """What is wrong first; within a grade the largest gain first, then those whose gain is not known."""
+
+    def key(finding: Finding) -> tuple[int, float]:
+        return GRADES.index(finding.grade), -(finding.gain.times if finding.gain else 0.0)
+
+    return sorted(findings, key=key)
+
+
+def diagnosis(about: str, sentence: str, findings: Sequence[Finding], **more: Any) -> dict[str, Any]:
+    """The document that `camcal doctor` gives: `healthy` is false where something is wrong."""
+    found = ordered(findings)
+    return {
+        "schema": SCHEMA,
+        "about": about,
+        "healthy": all(f.grade != "wrong" for f in found),
+        "sentence": sentence,
+        "findings": [_entry(f) for f in found],
+        **more,
+    }
+
+
+def _entry(finding: Finding) -> dict[str, Any]:
+    made = asdict(finding)
+    if finding.gain is not None:
+        made["gain"] |= {"times": finding.gain.times}
+    return made

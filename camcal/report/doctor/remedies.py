@@ -1,0 +1,222 @@
+"""What could be done about a calibration, and how much it would gain as far as that can be told beforehand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.errors import CamcalError
+from camcal.evaluate import figures
+from camcal.evaluate.checks.board import GAIN as BOARD_GAIN
+from camcal.evaluate.checks.board import SIGNIFICANT, promise
+from camcal.evaluate.checks.facts import Facts
+from camcal.evaluate.judgement import CHEAP_PARAMETERS, CHEAP_POINTS
+from camcal.report.doctor.findings import Finding, Gain
+from camcal.report.next_view import suggest
+from camcal.types import Solution
+
+#: pictures that are suggested at once
+MORE = 3
+#: gains below these are not worth a word: of pictures (each costs a minute), of anything else
+WORTH_PICTURES, WORTH = 1.3, 1.05
+#: a view is worse than the others from this multiple of their median rms on
+WORSE_VIEW = 1.8
+#: share of the mean square that is not noise from which on the bias ratio is a finding of its own
+BIASED = 0.3
+#: share of the variance that a test of the residuals explains, from which on its remedy is worth trying
+LARGE_EFFECT = 0.1
+FEWEST_VIEWS = 4
+#: a remedy that brings sigma_hat within this of the corners' noise leaves nothing to explain
+EXPLAINS = 1.1
+
+#: what to do where a test of the residuals finds much
+_TODO = {
+    "radius": "Try models with more radial terms: camcal select.",
+    "angle": "Try models with decentering or thin-prism terms: camcal select.",
+    "board-position": "Let camcal find the board's shape: --board-shape auto.",
+    "view": "Look at the noisiest pictures: blur, light.",
+    "noise-by-radius": "Give sigmas with the points, or sharpen the borders of the picture (a smaller aperture).",
+    "neighbours": "Try --board-shape auto, and models: camcal select.",
+    "gaussian": "Outliers make such tails: --robust huber.",
+}
+
+Document = Mapping[str, Any]
+
+
+def next_views(solution: Solution, source: str) -> Finding | None:
+    """More pictures where they tell most."""
+    if (
+        not solution.free.any()
+        or solution.camera.image_size is None
+        or solution.camera.lens.size > CHEAP_PARAMETERS
+    ):
+        return None
+    try:
+        answer, _ = suggest(solution, MORE)
+    except CamcalError:
+        return None
+    now, last = answer["now"]["worst_px"], answer["suggestions"][-1]["worst_px"]
+    gain = Gain("worst uncertainty of far points, px", now, last, f"predicted for {MORE} more pictures")
+    if not gain.times >= WORTH_PICTURES:
+        return None
+    return Finding(
+        "next-pictures",
+        "better",
+        "some parts of the picture are known far less well than more pictures would tell."
+        if now > 2 * answer["now"]["median_px"]
+        else "more pictures would tell more about the camera.",
+        f"Take {MORE} more pictures. The first: the target at the {answer['suggestions'][0]['words']}. "
+        f"All, drawn: camcal next {source} --count {MORE} -o next.png",
+        gain,
+    )
+
+
+def board_shape(solution: Solution) -> Finding | None:
+    """A board that is not what it is taken for."""
+    found = promise(Facts(solution))
+    if found is None or found.p_value > SIGNIFICANT or found.after > BOARD_GAIN * found.before:
+        return None
+    return Finding(
+        "board-not-flat",
+        "better",
+        "the residuals repeat at the same points of the board: it is bent or not printed true.",
+        "Let camcal find its shape: calibrate again with --board-shape auto. Or mount it on glass.",
+        Gain("sigma_hat, px", found.before, found.after, "predicted for a board of free shape"),
+    )
+
+
+def lens_model(solution: Solution, report: Document, board: Finding | None) -> Finding | None:
+    """Another lens model, tried out on views held out where the residuals call for one.
+
+    Where the board's shape leaves only the corners' noise, there is nothing for a lens model to explain.
+    """
+    if not _calls_for_a_model(report) or solution.correspondences.point_count > CHEAP_POINTS:
+        return None
+    if board and board.gain and board.gain.after <= EXPLAINS * _detector_sigma(report):
+        return None
+    if len(solution.poses) <= FEWEST_VIEWS or not solution.free.any():
+        return None
+    from camcal.selection import described, select
+
+    try:
+        found = described(select(solution.correspondences))
+    except CamcalError:
+        return None
+    held = {m["model"]: (m.get("holdout") or {}).get("rms_point") for m in found["models"]}
+    now, best = held.get(report["camera"]["model"]), held.get(found["chosen"])
+    if now is None or best is None or not now > WORTH * best:
+        return None
+    return Finding(
+        "lens-model",
+        "better",
+        f"{report['camera']['model']} does not follow this lens; {found['chosen']} does better on views held out.",
+        f"Calibrate with --model {found['chosen']}.",
+        Gain("rms on views held out, px", now, best, "tried out"),
+    )
+
+
+def _detector_sigma(report: Document) -> float:
+    """What sigma_hat would be if all but the corners' noise were explained, px."""
+    ratio = (report.get("bias") or {}).get("ratio")
+    return float(report["fit"]["sigma_hat"] * math.sqrt(max(1 - ratio["ratio"], 0.0))) if ratio else 0.0
+
+
+def _calls_for_a_model(report: Document) -> bool:
+    large = {t["name"] for t in large_effects(report)}
+    return bool(large & {"radius", "angle"}) or any(
+        w["code"] in ("systematic-residuals", "large-residuals") for w in report["warnings"]
+    )
+
+
+def large_effects(report: Document) -> list[Mapping[str, Any]]:
+    """The tests of the residuals that find something that matters, the largest effect first."""
+    tests = (report.get("bias") or {}).get("tests") or []
+    found = [t for t in tests if t["p_corrected"] < 1e-3 and t["effect"] > LARGE_EFFECT]
+    return sorted(found, key=lambda t: -t["effect"])
+
+
+def bias(report: Document) -> Finding | None:
+    """Residuals of which much is not noise."""
+    ratio = (report.get("bias") or {}).get("ratio")
+    if not ratio or not ratio["ratio"] >= BIASED or ratio["p_value"] > 1e-3:
+        return None
+    share, sigma = ratio["ratio"], report["fit"]["sigma_hat"]
+    large = large_effects(report)
+    names = f" It shows by: {', '.join(t['name'] for t in large)}." if large else ""
+    return Finding(
+        "not-only-noise",
+        "better",
+        f"{share:.0%} of the residuals' mean square is not noise of the corners, but lens or board.{names}",
+        _TODO[large[0]["name"]] if large else "Try --board-shape auto, and models: camcal select.",
+        Gain("sigma_hat, px", sigma, _detector_sigma(report), "if lens and board held exactly", True),
+    )
+
+
+def worse_views(solution: Solution, report: Document) -> Finding | None:
+    """Views that are worse than the others, by their rms or by what the pictures look like."""
+    seen = {v["id"]: v for v in report["views"]}
+    own = figures.per_view(solution)
+    rms = np.array([f.rms_point for f in own])
+    median = float(np.nanmedian(rms)) if len(rms) else 0.0
+    said, worse = [], []
+    for i, view in enumerate(solution.correspondences.views):
+        looks = ((seen.get(view.id) or {}).get("quality") or {}).get("warnings") or []
+        if rms[i] > WORSE_VIEW * median or looks:
+            worse.append(i)
+            said.append(f"{view.id} (rms {rms[i]:.2g} px{''.join('; ' + w for w in looks)})")
+    if not worse or len(rms) - len(worse) < FEWEST_VIEWS:
+        return None
+    gain = _without(solution, worse)
+    enough = gain is not None and gain.times >= WORTH
+    return Finding(
+        "worse-pictures",
+        "better" if enough else "note",
+        f"some pictures are worse than the others: {listed(said)}.",
+        "Take them again: target still, sharp, evenly lit. Or leave them out.",
+        gain if enough else None,
+    )
+
+
+def _without(solution: Solution, views: list[int]) -> Gain | None:
+    """sigma_hat with the residuals that are there, without some views."""
+    squares = sum(float(np.square(solution.residuals[i][solution.inliers[i]]).sum()) for i in views)
+    points = sum(int(solution.inliers[i].sum()) for i in views)
+    freedom = figures.redundancy(solution)
+    left, rest = freedom - 2 * points + 6 * len(views), figures.sigma_hat(solution) ** 2 * freedom - squares
+    if left <= 0 or rest <= 0:
+        return None
+    after = math.sqrt(rest / left)
+    return Gain("sigma_hat, px", figures.sigma_hat(solution), after, "of the other pictures")
+
+
+def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
+    """Pictures that were of no use: entries of a report's `views`."""
+    if not lost:
+        return
+    every = used + len(lost)
+    gain = Gain(
+        "error, relative to now",
+        1.0,
+        math.sqrt(max(used, 1) / every),
+        "if these were as good as the others",
+        True,
+    )
+    enough = gain.times >= WORTH
+    yield Finding(
+        "lost-pictures",
+        "better" if enough else "note",
+        f"{len(lost)} of {every} pictures were of no use: "
+        + listed([f"{v['id']} ({v['reason'] or v['status'].replace('_', ' ')})" for v in lost])
+        + ".",
+        "Take them again: the whole target in the picture, still, sharp, evenly lit, all of one size.",
+        gain if enough else None,
+    )
+
+
+def listed(parts: list[str], most: int = 5) -> str:
+    """The first few of a list, and how many more there are."""
+    more = len(parts) - most
+    return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
