@@ -110,15 +110,18 @@ def described(trial: Trial, trials: Sequence[Trial], square: float) -> dict[str,
     Returns
     -------
     dict
-        kind, points [[X, Y, Z], ...] in the order of the board's corners, rms_offset, max_offset, p_value,
-        words, and the hold-out error of each kind that was tried.
+        kind, points [[X, Y, Z], ...] in the order of the board's corners, the ideal ones alike, rms_offset,
+        max_offset, p_value, aspect and angle of the print, words, and the errors of each kind that was tried.
     """
     board = trial.solution.extras.get("board")
     said: dict[str, Any] = {"kind": trial.kind, "p_value": trial.p_value}
     if isinstance(board, BoardResult):
         offset = (board.points - board.ideal) / square
         size = np.linalg.norm(offset, axis=1)
+        aspect, angle = printed(board)
         said |= {
+            "aspect": aspect,
+            "angle": angle,
             "rms_offset": float(np.sqrt((size**2).mean())),
             "max_offset": float(size.max()),
             "words": words(board, square),
@@ -145,15 +148,27 @@ def _of_change(change: Change | None, square: float) -> dict[str, float]:
     }
 
 
+def printed(board: BoardResult) -> tuple[float, float]:
+    """How much longer the print is in y against x than designed, and the angle of its sides in degrees."""
+    ideal, points = (x[:, :2] - x[:, :2].mean(0) for x in (board.ideal, board.points))
+    (xx, xy), (yx, yy) = np.linalg.lstsq(ideal, points, rcond=None)[0]
+    lengths = np.hypot(xx, xy), np.hypot(yx, yy)
+    cosine = (xx * yx + xy * yy) / (lengths[0] * lengths[1])
+    return float(lengths[1] / lengths[0]), float(np.degrees(np.arccos(cosine)))
+
+
 def words(board: BoardResult, square: float) -> str:
     """The shape in a sentence: how far it bends out of its plane and how uneven the print is."""
     offset = (board.points - board.ideal) / square
     plane = np.c_[board.ideal[:, :2], np.ones(len(offset))]
     out = offset[:, 2] - plane @ np.linalg.lstsq(plane, offset[:, 2], rcond=None)[0]
     depth, place = np.ptp(out), np.sqrt((offset[:, :2] ** 2).sum(1).mean())
+    aspect, angle = printed(board)
+    longer = "longer" if aspect > 1 else "shorter"
     return (
         f"the board bends by {depth:.2g} squares out of its plane and its corners lie "
-        f"{place:.2g} squares (rms) off the ideal grid"
+        f"{place:.2g} squares (rms) off the ideal grid; the print is {100 * abs(aspect - 1):.2g} % {longer} in y "
+        f"than in x, its sides at {angle:.2f} degrees"
     )
 
 

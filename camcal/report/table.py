@@ -26,6 +26,9 @@ _STYLE = {"pass": "green", "fail": "bold red", "not_applicable": "dim", "used": 
 def tables(report: Document) -> RenderableType:
     """Parameters, views, stages and cross-check of a report."""
     parts = [_parameters(report), _fit(report["fit"]), _views(report["views"])]
+    shape = (report.get("target") or {}).get("shape")
+    if shape:
+        parts.append(_board(shape))
     if report["stages"]:
         parts.append(_stages(report["stages"]))
     if report["crosscheck"]:
@@ -144,6 +147,22 @@ def _views(views: Sequence[Mapping[str, Any]]) -> RenderableType:
         points = str(v["points"]) + (f" (-{v['rejected_points']})" if v["rejected_points"] else "")
         made.add_row(escape(v["id"]), points, number(v["rms_point"]), note)
     return made
+
+
+def _board(shape: Mapping[str, Any]) -> RenderableType:
+    """The board's shape in words, and the errors of each shape that was tried."""
+    taken = shape["kind"] + (f", from {shape['from']}" if shape.get("from") else "")
+    parts: list[RenderableType] = [Text(f"board: {taken}", style="bold")]
+    if shape.get("words"):
+        parts.append(Padding(Text(shape["words"]), (0, 0, 0, 2)))
+    if shape.get("tried") and not shape.get("from"):
+        made = _table("", "tried", "rms", "hold-out", "p")
+        made.title = None
+        for t in shape["tried"]:
+            p = "-" if t["kind"] == "flat" else f"{t['p_value']:.1g}" if t["p_value"] else "< 1e-300"
+            made.add_row(t["kind"], number(t["rms_point"]), number(t["holdout_rms_point"]), p)
+        parts.append(made)
+    return Group(*parts)
 
 
 def _or_zero(value: float | None) -> float:
