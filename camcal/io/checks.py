@@ -53,12 +53,19 @@ def check_not_swapped(table: Table) -> None:
 
     A board's points stand on a grid of few different coordinates; measured pixels hardly ever share one.
     Pixels on an exact grid do exist (a projector's pattern), so a header is believed unless the grid starts
-    at (0, 0), a board's corner, and X, Y have the signs and the span of pixels.
+    at (0, 0), a board's corner, and X, Y have the signs and the span of pixels; or unless the first two views
+    have exactly the same u, v at different X, Y, which no camera sees and every board has.
 
     Raises
     ------
     DataError
     """
+    if _repeats(table, "uv") and not _repeats(table, "XY"):
+        raise DataError(
+            f"{table.where(0)}: u and v are exactly the same in two views, like a board, and X and Y are not, like "
+            "pixels; X,Y,Z are needed on the board and u,v in the picture.",
+            _exchange(table),
+        )
     rows = slice(None) if table.view_index is None else table.view_index == 0
     x, y, z, u, v = (_column_or_zero(table, c)[rows] for c in ("X", "Y", "Z", "u", "v"))
     if len(x) < FEWEST_FOR_GRID or not _is_scatter(x, y):
@@ -72,16 +79,26 @@ def check_not_swapped(table: Table) -> None:
     if not (swapped or rotated):
         return
     found = "u and v are a regular grid" if swapped else "Z and u are a regular grid and v is 0"
-    hint = (
-        "Exchange the names in the header."
-        if table.header
-        else "Name the columns in a first row: view,X,Y,Z,u,v."
-    )
     raise DataError(
         f"{table.where(0)}: {found}, like a board, and X and Y are scattered, like pixels; "
         "X,Y,Z are needed on the board and u,v in the picture.",
-        hint,
+        _exchange(table),
     )
+
+
+def _exchange(table: Table) -> str:
+    if table.header:
+        return "Exchange the names in the header."
+    return "Name the columns in a first row: view,X,Y,Z,u,v."
+
+
+def _repeats(table: Table, names: str) -> bool:
+    """Whether the first two views hold the same set of values in these columns."""
+    if table.view_index is None:
+        return False
+    columns = np.stack([_column_or_zero(table, c) for c in names], 1)
+    first, second = (np.unique(columns[table.view_index == i], axis=0) for i in (0, 1))
+    return len(first) >= FEWEST_FOR_GRID and np.array_equal(first, second)
 
 
 def _column_or_zero(table: Table, name: str) -> Array:

@@ -21,6 +21,7 @@ from camcal.types import Correspondences, SkippedView, View
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 
+MOST_REASONS = 3  #: that are told where no picture shows the target
 LEAST_VOTES = 0.35  #: share of the pictures with a grid that must agree on the size of the board
 
 
@@ -208,13 +209,14 @@ def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -
 
 
 def _nothing_found(what: str, outcomes: list[Outcome]) -> DataError:
-    """The error for a set of pictures without the target, with the commonest reason as its hint."""
-    codes = Counter(o.code or o.status for o in outcomes)
-    code, number = codes.most_common(1)[0]
+    """The error for a set of pictures without the target, with the commonest reasons as its hint."""
     other = Counter(o.board for o in outcomes if o.code == "other-size" and o.board)
     message = f"no {what} was found in {len(outcomes)} picture{'s' * (len(outcomes) != 1)}."
     if other:
         (columns, rows), count = other.most_common(1)[0]
         return DataError(message, f"{count} show a {columns}x{rows} board. Try: --board {columns}x{rows}")
-    reason = next(o.reason for o in outcomes if (o.code or o.status) == code)
-    return DataError(message, f"In {number} of them: {reason}.")
+    # reasons of one code differ in figures; those of files that cannot be read have no code
+    example = {o.code or o.reason: o.reason for o in reversed(outcomes)}
+    kinds = Counter(o.code or o.reason for o in outcomes).most_common(MOST_REASONS)
+    said = "; ".join(f"{number} of {len(outcomes)}: {example[kind]}" for kind, number in kinds)
+    return DataError(message, said + ".")

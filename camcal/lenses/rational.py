@@ -24,8 +24,11 @@ def fit_rational(r: Array, rd: Array, numerator: int, denominator: int) -> tuple
 
     Returns
     -------
-    k, m, or None where the curve has a pole or does not grow between 0 and the largest r.
+    k, m, or None where the curve has a pole or does not grow between 0 and the largest r, and where there are fewer
+    points than terms.
     """
+    if len(r) < max(numerator + denominator, 1):
+        return None
     s = r * r
     powers = s[:, None] ** np.arange(1, max(numerator, denominator, 1) + 1)
     top = np.abs(powers).max(0)  # the columns are scaled by it: r is tan of up to 85 degrees

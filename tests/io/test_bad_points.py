@@ -240,3 +240,16 @@ def test_a_board_seen_straight_on_is_read(tmp_path):
         "\n".join(f"{i % 5},{i // 5},0,{100 + 10 * (i % 5)},{50 + 10 * (i // 5)}" for i in range(25))
     )
     assert read_points(path).point_count == 25
+
+
+def test_exchanged_columns_are_told_by_two_views(tmp_path):
+    # separate squares: no regular grid, and negative coordinates; only their repetition tells
+    rng = np.random.default_rng(0)
+    board = rng.integers(-9, 9, (30, 2)) + rng.choice([0, 0.3], (30, 2)) + np.arange(30)[:, None]
+    rows = [
+        f"{view},{x},{y},0,{u},{v}"
+        for view in "ab"
+        for (x, y), (u, v) in zip(rng.uniform(0, 400, (30, 2)), board, strict=True)
+    ]
+    error = refused(tmp_path, "\n".join([HEADER, *rows]))
+    assert "exactly the same in two views" in error.message and "Exchange" in error.hint
