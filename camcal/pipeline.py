@@ -176,7 +176,19 @@ class _Run:
         told = self.told
         agree = partial(ransac.of_maps, planar=planar, seed=told.seed)
         flat = robustly.estimate(correspondences, self.begin, self.fit, agree, told.robust, told.seed)
+        flat = self.truest(flat)
         return flat if told.board_shape == "flat" else self.with_shape(flat)
+
+    def truest(self, found: Solution) -> Solution:
+        """The best of the minima of a model that has several; which one is met depends on the start."""
+        if not self.lens.several_minima or self.told.fix or found.weights is not None:
+            return found
+        tried = [found]
+        for camera in starts.twins(found):
+            with contextlib.suppress(EstimationError):
+                tried.append(self.fit(camera, found.poses, found.correspondences, inliers=found.inliers))
+        best = starts.best(tried)
+        return replace(best, fit=replace(best.fit, info={**found.fit.info, **best.fit.info}))
 
     def weighted(self, usable: Correspondences, first: Solution) -> Solution:
         """Solve again with the given sigmas as far as the first solution's residuals bear them out."""

@@ -7,6 +7,9 @@ import camcal
 from camcal import lenses
 from camcal.errors import DataError, EstimationError, UsageError
 from camcal.geometry import rotations
+from camcal.refine.solve import refine
+from camcal.simulation.points import simulate_points
+from camcal.simulation.poses import simulate_poses
 
 SIZE = (640, 480)
 GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2)
@@ -173,3 +176,20 @@ def test_events_tell_how_far_it_is():
     found = camcal.calibrate(data, on_event=lambda name, details: heard.append((name, details)))
     assert [name for name, _ in heard] == ["refined", "checked"]
     assert heard[0][1] == {"rms_point": found.rms_point, "points": 324, "rejected": 0}
+
+
+@pytest.mark.parametrize("robust", ["none", "auto"])
+def test_the_better_of_two_minima_is_taken(robust):
+    # of these seeds the closed form of each leads to the double sphere's wrong minimum
+    lens = lenses.make("ds")
+    truth = camcal.Camera(lens, *lens.examples()[0])
+    board = np.c_[GRID, np.zeros(54)]
+    for seed in (0, 1):
+        rng = np.random.default_rng(seed)
+        poses = simulate_poses(board, truth, rng, 12)
+        data = simulate_points(truth, board, poses, rng, noise=0.2)
+        best = refine(truth, poses, data)
+        found = camcal.calibrate(data, model="ds", robust=robust)
+        # outliers are rejected beyond some sigmas, so that a Gaussian point or two may be missing
+        assert found.rms_point == pytest.approx(best.rms_point, rel=1e-6 if robust == "none" else 0.02)
+        assert found.camera.values["xi"] < 0 and found.camera.values["fx"] == pytest.approx(365, rel=0.05)

@@ -21,6 +21,9 @@ XI = Parameter("xi", "distortion", lower=-1.0, upper=1.0)
 class DoubleSphere(RadialLens):
     """`ds`."""
 
+    #: a sphere apart by ξ < 0 and one by ξ > 0 differ by some hundredths of a pixel
+    several_minima = True
+
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> DoubleSphere:
         """No options."""

@@ -21,6 +21,8 @@ CONES = (0.4, 0.7, 0.9, 1.0)
 LAST_STEPS, STEPS = 50, 12
 #: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
 EXACT = 1e-6
+#: results whose parameters agree to this part are the same minimum: a fit stops where the cost falls by 1e-9 of it
+SAME = 1e-3
 #: pairs that a fit needs at most: a model has few parameters, a spline some hundred
 ENOUGH = 700
 #: a start from which the fit finds its way covers this part of the rays, with an error of this part of the
@@ -96,6 +98,25 @@ def regress(
         if found[-1].score < EXACT**2:
             break
     return min(found, key=lambda r: r.score)
+
+
+def minima(
+    lens: Lens,
+    rays: Array,
+    uv: Array,
+    image_size: tuple[int, int] | None = None,
+    hold: Sequence[str] | None = None,
+) -> list[Array]:
+    """Parameters (P,) of all minima that `regress` meets from its several starts, the best first."""
+    rays, uv = _thinned(rays / np.linalg.norm(rays, axis=1, keepdims=True), uv)
+    held = lens.default_fixed if hold is None else hold
+    free = np.array([n not in held for n in lens.names])
+    found: list[Regression] = []
+    for start in _starts(lens, rays, uv, image_size, hold):
+        result = _grow(lens, start, rays, uv, free)
+        if result.covered.all() and not any(np.allclose(result.params, r.params, rtol=SAME) for r in found):
+            found.append(result)
+    return [r.params for r in sorted(found, key=lambda r: r.score)]
 
 
 def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ import numpy as np
 from camcal.closed_form import ladder, radial
 from camcal.lenses import make
 from camcal.lenses.base import Lens
-from camcal.lenses.regress import regress
+from camcal.lenses.regress import minima, regress
 from camcal.refine.parameters import ASPECT, apply_fixed
 from camcal.refine.solve import refine, residuals
 from camcal.types import Camera, Correspondences, Poses, Solution, Stage
@@ -182,6 +182,18 @@ def adopted(lens: Lens, inner: Solution, fix: Mapping[str, float | None]) -> tup
     """The solution of a model that `lens` contains, as a start."""
     params = apply_fixed(lens, lens.adopt(inner.camera.lens, inner.camera.params), fix)
     return Camera(lens, params, inner.camera.image_size), inner.poses
+
+
+def twins(solution: Solution) -> list[Camera]:
+    """Cameras of the model that fit the solution's rays nearly as well, and may fit the points better."""
+    lens, camera = solution.camera.lens, solution.camera
+    pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
+    uv = np.concatenate([v.uv[m] for v, m in pairs])
+    rays = camera.unproject(uv)
+    seen = np.isfinite(rays).all(1)
+    held = [n for n, free in zip(lens.names, solution.free.any(1).tolist(), strict=True) if not free]
+    found = minima(lens, rays[seen], uv[seen], camera.image_size, held)
+    return [Camera(lens, p, camera.image_size) for p in found]
 
 
 def best(solutions: Sequence[Solution]) -> Solution:

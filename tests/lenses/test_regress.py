@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from camcal import lenses
-from camcal.lenses.regress import measure, regress
+from camcal.lenses.regress import measure, minima, regress
 
 
 def pairs(model, index=0, columns=30, rows=20):
@@ -80,3 +80,16 @@ def test_a_start_is_followed():
     lens = lenses.make("ds")
     begin = lens.examples()[0][0] * 1.01
     assert regress(lens, rays, uv, size, start=begin).rms < 1e-6
+
+
+def test_both_minima_of_the_double_sphere_are_found():
+    lens = lenses.make("ds")
+    params, size = lens.examples()[0]
+    uv = np.stack(np.meshgrid(np.linspace(0, size[0], 15), np.linspace(0, size[1], 12)), -1).reshape(-1, 2)
+    rays, seen = lens.unproject(params, uv)
+    found = minima(lens, rays[seen], uv[seen], size)
+    assert np.allclose(found[0], params, rtol=1e-6)
+    # the other is a sphere on the other side, less than the noise of a corner away
+    assert found[1][lens.index("xi")] > 0.1
+    apart = np.linalg.norm(lens.project(found[1], rays[seen])[0] - uv[seen], axis=1)
+    assert 1e-4 < np.median(apart) < 0.2
