@@ -11,6 +11,7 @@ import numpy as np
 from camcal.closed_form.base import scaled
 from camcal.evaluate import figures
 from camcal.evaluate.covariance import Covariance, covariance
+from camcal.evaluate.curvature import beyond_linear
 from camcal.geometry import projective, rotations
 from camcal.report.bias import section as bias
 from camcal.report.embedded import encode
@@ -54,7 +55,7 @@ def document(
     dict
     """
     data = solution.correspondences
-    accuracy = covariance(solution)
+    accuracy = beyond_linear(solution, covariance(solution))
     views, places = _views(solution)
     fallen = [*failed_gates(solution), *failures]
     made: dict[str, Any] = {

@@ -8,6 +8,7 @@ import numpy as np
 
 from camcal.closed_form.shape import Shapes, shapes
 from camcal.evaluate.covariance import Covariance, covariance
+from camcal.evaluate.curvature import beyond_linear
 from camcal.evaluate.difference import grid_of
 from camcal.types import Array, Solution
 
@@ -23,8 +24,8 @@ class Facts:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """Of parameters and poses."""
-        return covariance(self.solution)
+        """Of parameters and poses, infinite where the sigmas do not hold."""
+        return beyond_linear(self.solution, covariance(self.solution))
 
     @cached_property
     def shapes(self) -> Shapes:

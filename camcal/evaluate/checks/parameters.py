@@ -22,8 +22,10 @@ def undetermined(facts: Facts) -> Iterator[CalibrationWarning]:
     """Infinite standard deviations."""
     names = facts.covariance.undetermined
     if names:
-        what = f"the data do not determine {', '.join(names)}: other values fit as well."
-        yield CalibrationWarning("undetermined-parameters", what, _HINT)
+        what = f"the data do not determine {', '.join(names)}: other values fit as well"
+        if not facts.covariance.null.size:
+            what += ", along a curve, and sigmas that are left can be too small with it"
+        yield CalibrationWarning("undetermined-parameters", f"{what}.", _HINT)
 
 
 def weak(facts: Facts) -> Iterator[CalibrationWarning]:
