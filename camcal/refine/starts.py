@@ -191,7 +191,8 @@ def twins(solution: Solution) -> list[Camera]:
     uv = np.concatenate([v.uv[m] for v, m in pairs])
     rays = camera.unproject(uv)
     seen = np.isfinite(rays).all(1)
-    held = [n for n, free in zip(lens.names, solution.free.any(1).tolist(), strict=True) if not free]
+    fixed = ~np.any(solution.free, axis=1)
+    held = [n for n, hold in zip(lens.names, fixed, strict=True) if hold]
     found = minima(lens, rays[seen], uv[seen], camera.image_size, held)
     return [Camera(lens, p, camera.image_size) for p in found]
 

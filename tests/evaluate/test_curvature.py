@@ -53,7 +53,7 @@ def test_poses_that_turn_far_are_no_curvature():
 
 
 def test_a_camera_that_is_known_or_without_redundancy_is_left_alone():
-    s = solved(views=4, fix={n: None for n in camera_of().lens.names})
+    s = solved(views=4, fix=dict.fromkeys(camera_of().lens.names))
     c = covariance(s)
     assert beyond_linear(s, c) is c
     t = solved(views=4)
