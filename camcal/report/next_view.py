@@ -6,13 +6,15 @@ import itertools
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from camcal.errors import DataError, EstimationError
+from camcal.errors import CamcalError, DataError, EstimationError
 from camcal.evaluate.candidate_views import lattice, rotations_onto, surround, target_points
 from camcal.evaluate.checks.facts import Facts
+from camcal.evaluate.judgement import CHEAP_PARAMETERS
 from camcal.evaluate.next_view import NextView, Suggestion
 from camcal.geometry import rotations
 from camcal.report.charts.base import Chart, Layer, Line, Points, Tone
@@ -133,20 +135,31 @@ def _facing(points: Array, pose: Pose) -> Array:
     return rotations_onto(middle[None] / np.linalg.norm(middle))[0].T @ pose.rotation
 
 
+def chart(solution: Solution) -> Chart | None:
+    """Where to hold the target for the next picture; None where that cannot be said, or only slowly."""
+    if solution.camera.lens.size > CHEAP_PARAMETERS:
+        return None
+    try:
+        _, (found,) = suggest(solution)
+    except CamcalError:
+        return None
+    return replace(drawing(solution, found), title="Where to hold the target next")
+
+
 def drawing(solution: Solution, found: Suggestion, number: int = 1) -> Chart:
     """The picture with the target where it should be held, over the points that there are."""
     facts = Facts(solution)
     points = target_points(solution)
     x, y = picture_limits(facts)
     uv = facts.image_points
-    layers: list[Layer] = [Points(uv[thinned(len(uv))], tone="faint", radius=1.2, label="points so far")]
+    layers: list[Layer] = [Points(uv[thinned(len(uv))], tone="faint", radius=1.3, label="points so far")]
     layers += _flat_target(solution, points, found.pose) or [
         Line(_outline(solution, points, found.pose), tone="second", closed=True)
     ]
     said = words(solution, points, found.pose)
     return Chart(
         f"Picture {number}: where to hold the target\n" + textwrap.fill(said, _TITLE_WIDTH),
-        f"Hold the target: {said}. After it the worst projection uncertainty is {found.worst:.2g} px.",
+        f"Hold it at the {said}. After it the worst projection uncertainty is {found.worst:.2g} px.",
         "u, px",
         "v, px",
         x,
@@ -178,7 +191,8 @@ def _flat_target(solution: Solution, points: Array, pose: Pose) -> list[Layer]:
     x0, x1, y0, y1 = columns[0], columns[-1], rows[0], rows[-1]
     layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "second"))
     near = _nearer_sides(_facing(points, pose), (x0, x1), (y0, y1))
-    return layers + [line(s, "accent", "" if i else "nearer to the camera") for i, s in enumerate(near)]
+    sides = [line(s, "accent", "" if i else "nearer to the camera") for i, s in enumerate(near)]
+    return [*layers, *(replace(side, heavy=True) for side in sides)]
 
 
 def _nearer_sides(

@@ -52,7 +52,7 @@ def test_what_is_wrong_stands_first_then_the_largest_gain():
 def test_a_gain_in_words():
     assert (
         Gain("sigma_hat, px", 0.1147, 0.0540, "predicted").words
-        == "sigma_hat, px: 0.115 -> 0.054 (predicted)"
+        == "sigma_hat, px: from 0.115 to 0.054 (predicted)"
     )
     assert "at best 1 " in Gain("x", 2.75, 1.0, "y", True).words
     assert Gain("x", 1.0, 0.0, "").times == np.inf

@@ -17,6 +17,7 @@ CHARTS: dict[str, str] = {
     "coverage": "camcal.report.charts.coverage:image",
     "tilts": "camcal.report.charts.coverage:tilts",
     "distances": "camcal.report.charts.coverage:distances",
+    "next-view": "camcal.report.next_view:chart",
     "distortion-curve": "camcal.report.charts.lens:curve",
     "distortion-field": "camcal.report.charts.lens:field",
     "uncertainty-board": "camcal.report.charts.lens:uncertainty_at_board",

@@ -18,7 +18,7 @@ Tone = Literal["ink", "accent", "second", "bad", "faint", "hull"]
 
 @dataclass(frozen=True)
 class Line:
-    """A polyline through xy (N, 2); `closed` joins its ends, `filled` shades what it encloses."""
+    """A polyline through xy (N, 2); `closed` joins its ends, `filled` shades what it encloses, `heavy` is wider."""
 
     xy: Array
     tone: Tone = "accent"
@@ -26,6 +26,7 @@ class Line:
     dashed: bool = False
     closed: bool = False
     filled: bool = False
+    heavy: bool = False
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def image(solution: Solution) -> Chart | None:
         layers.insert(0, Line(hull, tone="faint", closed=True, filled=True))
     return Chart(
         "Coverage of the picture",
-        f"The points of all views; the hull around them covers {share:.0%} of the picture. What the "
+        f"The points of all views; the hull around them covers {100 * share:.0f} % of the picture. What the "
         "lens does outside of it is extrapolated.",
         "u, px",
         "v, px",
@@ -80,7 +80,6 @@ def tilts(solution: Solution) -> Chart | None:
     reach = max(50.0, 1.1 * float(angle.max()))
     turn = np.linspace(0, 2 * np.pi, 73)
     circles = [Line(c * np.c_[np.cos(turn), np.sin(turn)], tone="faint") for c in CIRCLES]
-    dots = angle[:, None] * np.c_[np.cos(around), np.sin(around)]
     dots = angle[:, None] * np.c_[np.cos(around), np.sin(around)]
     titles = [f"{v.id}: {a:.0f} degrees" for v, a in zip(facts.views, angle, strict=True)]
     return Chart(

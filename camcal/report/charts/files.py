@@ -110,9 +110,9 @@ def _line(axes: Any, layer: Line) -> None:
     if layer.filled:
         axes.fill(xy[:, 0], xy[:, 1], color=colour, alpha=0.16, lw=0, label=layer.label or None)
     else:
-        axes.plot(
-            xy[:, 0], xy[:, 1], "--" if layer.dashed else "-", color=colour, lw=1.3, label=layer.label or None
-        )
+        width = 2.8 if layer.heavy else 1.3
+        dash = "--" if layer.dashed else "-"
+        axes.plot(xy[:, 0], xy[:, 1], dash, color=colour, lw=width, label=layer.label or None)
 
 
 def _points(axes: Any, layer: Points) -> None:

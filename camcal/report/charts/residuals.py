@@ -94,9 +94,9 @@ def histogram(solution: Solution) -> Chart | None:
     bell = np.exp(-0.5 * (at / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     return Chart(
         "Histogram of the residuals",
-        f"Both coordinates together, with the Gaussian of the estimated sigma of {sigma:.3g}{unit}. Bars far "
+        f"Both coordinates together, beside the Gaussian of their estimated sigma, {sigma:.3g} {unit}. Bars far "
         "out or much higher in the middle than the curve speak of points that do not belong.",
-        "residual, px" if unit == " px" else "residual in given sigmas",
+        "residual, px" if unit == "px" else "residual, in sigmas of its point",
         "density",
         (-reach, reach),
         (0.0, 1.08 * float(max(density.max(), bell.max()))),
@@ -114,7 +114,7 @@ def standardised(solution: Solution) -> tuple[Array, float, str]:
     parts = [r[m] if v.sigma is None else r[m] / v.sigma[m, None] for v, r, m in views]
     flat = np.concatenate(parts).ravel() if parts else np.zeros(0)
     flat = flat[np.isfinite(flat)]
-    return flat, figures.sigma_0(solution), " of the given sigmas" if given else " px"
+    return flat, figures.sigma_0(solution), "times those given with the points" if given else "px"
 
 
 def views(solution: Solution) -> Chart | None:

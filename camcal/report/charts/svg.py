@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
@@ -16,9 +17,11 @@ Array = np.ndarray
 WIDTH = 640
 #: of charts that are no pictures
 HEIGHT = 360
-LEFT, RIGHT, TOP, BOTTOM = 62, 16, 14, 46
-BAR_OF_COLOURS = 74  #: room for the scale beside a map
-LEGEND_LINE = 20
+LEFT, RIGHT, TOP, BOTTOM = 78, 16, 16, 56
+BAR_OF_COLOURS = 84  #: room for the scale beside a map
+LEGEND_LINE = 24
+LETTER = 8.0  #: width of a letter beside an axis
+LONGEST_NAME = 12
 
 
 @dataclass(frozen=True)
@@ -109,30 +112,32 @@ def _axes(frame: _Frame) -> str:
     bottom = frame.top + frame.height
     bars = chart.named_bars
     parts = [
-        f'<text class="tick" text-anchor="end" x="{frame.left - 7:.1f}" y="{y + 4:.1f}">{tick_text(v)}</text>'
+        f'<text class="tick" text-anchor="end" x="{frame.left - 7:.1f}" y="{y + 5:.1f}">{tick_text(v)}</text>'
         for v, y in zip(up, frame.y(np.array(up)), strict=True)
     ]
     if bars is None:
         parts += [
-            f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 17:.1f}">{tick_text(v)}</text>'
+            f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 20:.1f}">{tick_text(v)}</text>'
             for v, x in zip(across, frame.x(np.array(across)), strict=True)
         ]
     elif len(bars.names) <= 30:  # more names than that cannot be read
         slots = frame.x(np.arange(len(bars.names)))
-        room = max(4, int(frame.width / max(len(bars.names), 1) / 6.5))
+        names = [_shortened(n, LONGEST_NAME) for n in bars.names]
+        step = math.ceil((max(map(len, names)) + 1) * LETTER * len(names) / frame.width)
         parts += [
-            f'<text class="tick{" odd" if i % 2 and len(slots) > 6 else ""}" text-anchor="middle" '
-            f'x="{x:.1f}" y="{bottom + 17:.1f}">{escape(_shortened(n, room))}</text>'
-            for i, (n, x) in enumerate(zip(bars.names, slots, strict=True))
+            f'<text class="tick{" odd" if i // step % 2 and len(slots) > 6 else ""}" text-anchor="middle" '
+            f'x="{x:.1f}" y="{bottom + 20:.1f}">{escape(n)}</text>'
+            for i, (n, x) in enumerate(zip(names, slots, strict=True))
+            if i % step == 0
         ]
     middle = frame.left + frame.width / 2
     parts.append(
-        f'<text class="label" text-anchor="middle" x="{middle:.1f}" y="{bottom + 38:.1f}">'
+        f'<text class="label" text-anchor="middle" x="{middle:.1f}" y="{bottom + 45:.1f}">'
         f"{escape(chart.x_label)}</text>"
     )
     parts.append(
         '<text class="label" text-anchor="middle" '
-        f'transform="translate(15 {frame.top + frame.height / 2:.1f}) rotate(-90)">'
+        f'transform="translate(18 {frame.top + frame.height / 2:.1f}) rotate(-90)">'
         f"{escape(chart.y_label)}</text>"
     )
     return "".join(parts)
@@ -156,8 +161,8 @@ def _legend(layers: list, frame: _Frame) -> str:
             parts.append(
                 f'<rect class="fill {layer.tone}" x="{x + 6:.1f}" y="{y - 5}" width="10" height="10"/>'
             )
-        parts.append(f'<text class="tick" x="{x + 28:.1f}" y="{y + 4}">{escape(layer.label)}</text>')
-        x += 44 + 9.6 * len(layer.label)  # room for the larger letters on a phone
+        parts.append(f'<text class="tick" x="{x + 28:.1f}" y="{y + 5}">{escape(layer.label)}</text>')
+        x += 46 + 10.5 * len(layer.label)  # room for the larger letters on a phone
     return "".join(parts)
 
 
@@ -173,7 +178,7 @@ def _scale(cells: Cells, frame: _Frame) -> str:
     for value in cells.marks:
         y = frame.top + frame.height * (1 - float(cells.part(np.array(value))))
         parts.append(f'<text class="tick" x="{x + 19:.1f}" y="{y + 4:.1f}">{tick_text(value)}</text>')
-    parts.append(f'<text class="tick" x="{x:.1f}" y="{frame.top - 4:.1f}">{escape(cells.unit)}</text>')
+    parts.append(f'<text class="tick" x="{x:.1f}" y="{frame.top - 6:.1f}">{escape(cells.unit)}</text>')
     return "".join(parts)
 
 
@@ -182,7 +187,8 @@ def _line(layer: Line, frame: _Frame) -> str:
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in frame.xy(layer.xy) if np.isfinite(x + y))
     dash = ' stroke-dasharray="5 4"' if layer.dashed else ""
     kind = "polygon" if layer.closed else "polyline"
-    return f'<{kind} class="line {layer.tone}{" shaded" if layer.filled else ""}" points="{points}"{dash}/>'
+    classes = ["line", layer.tone, *(["shaded"] if layer.filled else []), *(["heavy"] if layer.heavy else [])]
+    return f'<{kind} class="{" ".join(classes)}" points="{points}"{dash}/>'
 
 
 def _points(layer: Points, frame: _Frame) -> str:

@@ -47,7 +47,7 @@ _PICTURES = frozenset(
 )
 
 
-def examine(report: Document, solution: Solution, source: str) -> list[Finding]:
+def examine(report: Document, solution: Solution, source: str, try_models: bool = True) -> list[Finding]:
     """All findings on a calibration, in order.
 
     Parameters
@@ -58,9 +58,11 @@ def examine(report: Document, solution: Solution, source: str) -> list[Finding]:
         The same.
     source : str
         What the report is called in the commands that are suggested.
+    try_models : bool
+        Whether other lens models are fitted where the residuals call for one: seconds.
     """
     pictures, board = remedies.next_views(solution, source), remedies.board_shape(solution)
-    model = remedies.lens_model(solution, report, board)
+    model = remedies.lens_model(solution, report, board) if try_models else None
     # of equal gains the first stands first: where to hold the target before what that would mend
     found = [f for f in (pictures, model, remedies.worse_views(solution, report)) if f]
     found += [*_gates(report), *_warnings(report, pictures, board), *_lost(report)]

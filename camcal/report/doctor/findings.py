@@ -45,7 +45,7 @@ class Gain:
     def words(self) -> str:
         """The gain in a line."""
         limit = "at best " if self.at_most else ""
-        return f"{self.figure}: {short(self.now)} -> {limit}{short(self.after)} ({self.how})"
+        return f"{self.figure}: from {short(self.now)} to {limit}{short(self.after)} ({self.how})"
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from camcal.errors import UsageError
 from camcal.report import table, words
 from camcal.report.charts import charts
 from camcal.report.charts.svg import svg
+from camcal.report.doctor.calibration import examine
 from camcal.report.html import pictures, scene
 from camcal.types import Solution
 
@@ -17,7 +18,7 @@ _HERE = Path(__file__).parent
 #: charts in sections of the page, by name
 SECTIONS = {
     "residuals": ("residuals", "histogram", "views", "radius"),
-    "coverage": ("coverage", "tilts", "distances"),
+    "coverage": ("coverage", "tilts", "distances", "next-view"),
     "lens": ("distortion-curve", "distortion-field", "uncertainty-board", "uncertainty-infinity"),
     "board": ("board-shape",),
 }
@@ -49,6 +50,7 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
         source=source,
         sentence=table.sentence(report),
         trust=words.trust(report),
+        findings=examine(report, solution, source, try_models=False),
         parameters=_parameters(report),
         charts=drawn,
         sections=SECTIONS,
