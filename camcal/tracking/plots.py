@@ -139,13 +139,18 @@ def parameters(columns: dict[str, Array]) -> Any:
                 alpha=0.2,
                 lw=0,
             )
-            axis.plot(columns["frame"], value - middle, color=colour, lw=1, label=f"{name} {-middle:+.6g}")
+            axis.plot(columns["frame"], value - middle, color=colour, lw=1, label=_less(name, middle))
         axis.set_ylabel(title)
         axis.legend(loc="upper left", fontsize=7, ncols=3)
         _limit(axis, columns, names)
         _mark(axis, columns)
     figure.suptitle("Parameters less their medians, with bands of two sigmas; alarms dashed", fontsize=9)
     return figure
+
+
+def _less(name: str, middle: float) -> str:
+    """What is drawn, in words: `fx - 900.1`."""
+    return f"{name} {'-' if middle >= 0 else '+'} {abs(middle):.6g}"
 
 
 def _limit(axis: Any, columns: dict[str, Array], names: list[str]) -> None:
@@ -203,7 +208,8 @@ def matrix(columns: dict[str, Array], reference: Array | None = None) -> Any:
     left.set_yscale("log")
     left.set_xticks(place, MATRIX, rotation=60, fontsize=7)
     left.set_ylabel("|entry|, m34 = 1")
-    left.legend(fontsize=7)
+    left.margins(y=0.15)
+    left.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     size = np.linalg.norm(wanted)
     spread = np.sqrt(sum(columns[f"sigma_{n}"] ** 2 for n in MATRIX))
     right.semilogy(
@@ -212,6 +218,6 @@ def matrix(columns: dict[str, Array], reference: Array | None = None) -> Any:
     right.semilogy(columns["frame"], spread / size, color="black", lw=1, ls=":", label="expected (1 sigma)")
     right.set_xlabel("frame")
     right.set_ylabel("|M - reference| / |reference|")
-    right.legend(fontsize=7)
+    right.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     _mark(right, columns)
     return figure
