@@ -17,7 +17,7 @@ from camcal.evaluate.checks.facts import Facts
 from camcal.evaluate.judgement import CHEAP_PARAMETERS
 from camcal.evaluate.next_view import NextView, Suggestion
 from camcal.geometry import rotations
-from camcal.report.charts.base import Chart, Layer, Line, Points, Tone
+from camcal.report.charts.base import Chart, Layer, Line, Points, Tone, short
 from camcal.report.charts.coverage import hull_of, unit_of
 from camcal.report.charts.residuals import picture_limits, thinned
 from camcal.types import Pose, Solution
@@ -102,11 +102,6 @@ def words(solution: Solution, points: Array, pose: Pose) -> str:
     far = float(np.linalg.norm(pose.apply(points.mean(0))))
     said = f"{place} of the picture, {size}, {short(far)} {unit_of(solution)} away"
     return f"{said}, {_tilt(points, pose)}" if facts.planar else said
-
-
-def short(value: float) -> str:
-    """Three digits of a number, without an exponent where it is an everyday one."""
-    return f"{float(f'{value:.3g}'):g}"
 
 
 def _place(u: float, v: float) -> str:

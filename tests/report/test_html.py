@@ -185,6 +185,16 @@ def test_the_scene_is_centred_and_nearer_polygons_come_last(full):
     assert depths == sorted(depths, reverse=True)
 
 
+def test_the_scene_fits_into_its_drawing(full):
+    polygons = scene.drawing(full)["polygons"]
+    places = np.array(
+        [[float(n) for n in p.split(",")] for p in re.findall(r"-?[0-9.]+,-?[0-9.]+", polygons)]
+    )
+    assert (places >= 0).all() and (places <= [scene.WIDTH, scene.HEIGHT]).all()
+    taken = np.ptp(places, axis=0) / [scene.WIDTH, scene.HEIGHT]
+    assert taken.max() > 0.6
+
+
 def test_the_boards_stand_before_the_camera(full):
     boards = [s for s in scene.shapes(full) if s.kind == "board"]
     assert len(boards) == 12

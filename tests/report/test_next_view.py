@@ -7,8 +7,8 @@ import pytest
 
 from camcal.evaluate.next_view import NextView, Suggestion
 from camcal.geometry import rotations
-from camcal.report.charts.base import Line
-from camcal.report.next_view import drawing, short, words
+from camcal.report.charts.base import Line, short
+from camcal.report.next_view import drawing, words
 from camcal.types import Pose
 from tests.solved import grid, rig, solved
 

@@ -167,3 +167,8 @@ def ticks(low: float, high: float, wanted: int = 6) -> list[float]:
 def tick_text(value: float) -> str:
     """A number at an axis."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
+
+
+def short(value: float) -> str:
+    """Three digits of a number, without an exponent where it is an everyday one."""
+    return f"{float(f'{value:.3g}'):g}"

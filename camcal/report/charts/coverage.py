@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from camcal.evaluate.checks.coverage import hull_area
 from camcal.evaluate.checks.facts import Facts
-from camcal.report.charts.base import Chart, Line, Points
+from camcal.report.charts.base import Chart, Line, Points, short
 from camcal.report.charts.residuals import picture_limits, thinned
 from camcal.types import Solution
 
@@ -108,13 +108,13 @@ def distances(solution: Solution) -> Chart | None:
             continue
         far.append(float(np.linalg.norm(pose.apply(view.xyz[used].mean(0)))))
         share.append(100 * hull_area(view.uv[used]) / area)
-        titles.append(f"{view.id}: at {far[-1]:.4g}, {share[-1]:.0f} % of the picture")
+        titles.append(f"{view.id}: at {short(far[-1])}, {share[-1]:.0f} % of the picture")
     if len(far) < 2:
         return None
     unit = unit_of(solution)
     return Chart(
         "Distance and size of the boards",
-        f"Each dot is a view. Boards are {min(far):.3g} to {max(far):.3g} {unit} away and fill "
+        f"Each dot is a view. Boards are {short(min(far))} to {short(max(far))} {unit} away and fill "
         f"{min(share):.0f} to {max(share):.0f} % of the picture; a mixture of distances is good.",
         f"distance from the camera, {unit}",
         "share of the picture, %",

@@ -7,7 +7,7 @@ import numpy as np
 from camcal.evaluate.checks.facts import Facts
 from camcal.evaluate.difference import image_grid
 from camcal.evaluate.uncertainty import board_distance, map_over_image, projection_uncertainty
-from camcal.report.charts.base import Arrows, Cells, Chart, Line
+from camcal.report.charts.base import Arrows, Cells, Chart, Line, short
 from camcal.report.charts.coverage import hull_of, unit_of
 from camcal.report.charts.residuals import enlargement, picture_limits
 from camcal.types import Solution
@@ -98,7 +98,9 @@ def uncertainty_at_board(solution: Solution) -> Chart | None:
     if not solution.free.shape[1] or not len(solution.poses):
         return None
     distance = board_distance(solution)
-    return _uncertainty(solution, distance, f"at the boards' distance ({distance:.3g} {unit_of(solution)})")
+    return _uncertainty(
+        solution, distance, f"at the boards' distance ({short(distance)} {unit_of(solution)})"
+    )
 
 
 def uncertainty_at_infinity(solution: Solution) -> Chart | None:

@@ -81,8 +81,8 @@ def svg(chart: Chart, name: str) -> str:
 def _ticks(frame: _Frame) -> tuple[list[float], list[float]]:
     chart = frame.chart
     return (
-        ticks(*chart.x, wanted=max(3, int(frame.width // 90))),
-        ticks(*chart.y, wanted=max(3, int(frame.height // 60))),
+        ticks(*chart.x, wanted=max(3, int(frame.width // 80))),
+        ticks(*chart.y, wanted=max(3, int(frame.height // 45))),
     )
 
 
@@ -120,7 +120,7 @@ def _axes(frame: _Frame) -> str:
             f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 20:.1f}">{tick_text(v)}</text>'
             for v, x in zip(across, frame.x(np.array(across)), strict=True)
         ]
-    elif len(bars.names) <= 30:  # more names than that cannot be read
+    else:  # only so many as can be read
         slots = frame.x(np.arange(len(bars.names)))
         names = [_shortened(n, LONGEST_NAME) for n in bars.names]
         step = math.ceil((max(map(len, names)) + 1) * LETTER * len(names) / frame.width)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from camcal.report.next_view import short
+from camcal.report.charts.base import short
 
 SCHEMA = "camcal-doctor/1"
 #: `wrong`: the result is not to be used; `better`: it can be used and can gain; `note`: good to know

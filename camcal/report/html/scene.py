@@ -22,8 +22,9 @@ YAW, PITCH = 35.0, -22.0
 WIDTH, HEIGHT = 640, 440
 #: distance of the eye in radii of the scene: a little perspective, no distortion
 EYE = 4.0
-#: the ball around the scene is drawn larger than the drawing: hardly any scene fills its ball
-FILL = 1.35
+#: part of the drawing that the scene takes up at first, and how much larger than itself the ball around it is
+#: drawn for that at most: a flat scene must not run out of the drawing as soon as it is turned
+FILL, LARGEST = 0.94, 1.8
 #: more boards than this are thinned out
 MOST = 60
 #: size of the drawn camera in parts of the median distance of the boards
@@ -84,17 +85,26 @@ def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:
     return pivot, float(np.linalg.norm(every - pivot, axis=1).max()) or 1.0
 
 
-def projected(points: Array, pivot: Array, radius: float, yaw: float, pitch: float) -> tuple[Array, float]:
+def projected(
+    points: Array, pivot: Array, radius: float, yaw: float, pitch: float, fill: float = 1.0
+) -> tuple[Array, float]:
     """Places (N, 2) in the drawing, and the mean depth, by which nearer polygons cover farther ones.
 
-    Turned about the vertical by `yaw` and then about the horizontal by `pitch`, radians; `scene.js` does the
-    same.
+    Turned about the vertical by `yaw` and then about the horizontal by `pitch`, radians; the ball of `radius`
+    fills `fill` of the drawing's height. `scene.js` does the same.
     """
     x, y, z = ((points - pivot) / radius).T
     x, z = np.cos(yaw) * x - np.sin(yaw) * z, np.sin(yaw) * x + np.cos(yaw) * z
     y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
-    scale = 0.5 * HEIGHT * FILL * EYE / (EYE + z)
+    scale = 0.5 * HEIGHT * fill * EYE / (EYE + z)
     return np.stack([WIDTH / 2 + scale * x, HEIGHT / 2 + scale * y], 1), float(z.mean())
+
+
+def filling(made: list[Shape], pivot: Array, radius: float, yaw: float, pitch: float) -> float:
+    """How large to draw the ball so that the scene fits into the drawing."""
+    every = np.concatenate([projected(s.points, pivot, radius, yaw, pitch)[0] for s in made])
+    middle = np.array([WIDTH / 2, HEIGHT / 2])
+    return min(LARGEST, FILL * float((middle / np.abs(every - middle).max(0)).min()))
 
 
 def drawing(solution: Solution) -> dict[str, Any]:
@@ -102,7 +112,8 @@ def drawing(solution: Solution) -> dict[str, Any]:
     made = shapes(solution)
     pivot, radius = pivot_and_scale(made)
     yaw, pitch = np.radians(YAW), np.radians(PITCH)
-    places = [projected(s.points, pivot, radius, yaw, pitch) for s in made]
+    fill = filling(made, pivot, radius, yaw, pitch)
+    places = [projected(s.points, pivot, radius, yaw, pitch, fill) for s in made]
     order = sorted(range(len(made)), key=lambda i: -places[i][1])
     polygons = [
         f'<polygon class="{made[i].kind}" data-shape="{i}" points="'
@@ -115,7 +126,7 @@ def drawing(solution: Solution) -> dict[str, Any]:
         "yaw": yaw,
         "pitch": pitch,
         "eye": EYE,
-        "fill": FILL,
+        "fill": fill,
         "width": WIDTH,
         "height": HEIGHT,
     }
