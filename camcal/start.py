@@ -47,8 +47,14 @@ def leave_out_unusable(correspondences: Correspondences) -> Correspondences:
     Raises
     ------
     DataError
-        Where none is left.
+        Where none is left, or all are exact copies of one.
     """
+    count = len(correspondences.views)
+    if count > 1 and shape.all_same(correspondences.views):
+        raise DataError(
+            f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
+            "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
+        )
     bad = shape.unusable(correspondences)
     if len(bad) == len(correspondences.views):
         shape.check(correspondences)  # raises, with the reason of the first view

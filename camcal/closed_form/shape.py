@@ -152,6 +152,12 @@ def distinct(views: Sequence[View]) -> int:
     return len({(v.xyz.tobytes(), v.uv.tobytes()) for v in views})
 
 
+def all_same(views: Sequence[View]) -> bool:
+    """Whether every view is an exact repetition of the first."""
+    first = views[0]
+    return all(np.array_equal(v.uv, first.uv) and np.array_equal(v.xyz, first.xyz) for v in views[1:])
+
+
 def check(correspondences: Correspondences) -> Shapes:
     """The shapes of views that can all be used.
 

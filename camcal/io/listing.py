@@ -64,9 +64,9 @@ def _in_folder(folder: Path) -> list[Path]:
         p for p in entries if p.suffix.lower() in PICTURES and not p.name.startswith(".") and p.is_file()
     ]
     if not files:
-        found = f"holds no pictures among its {len(entries)} entries" if entries else "is empty"
+        inside = f" among its {len(entries)} entries" if entries else "; it is empty"
         raise DataError(
-            f"the folder '{folder}' {found}; pictures are needed.",
+            f"the folder '{folder}' holds no pictures{inside}.",
             "Name a folder with files such as .jpg, .png or .tif.",
         )
     return sorted(files, key=natural_order)

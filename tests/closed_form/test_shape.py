@@ -1,10 +1,13 @@
 """Which closed form the geometry of the data chooses, and which views none can take."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from camcal.closed_form import shape
 from camcal.errors import DataError, EstimationError
+from camcal.pipeline import calibrate
 from camcal.types import Correspondences, View
 from tests.closed_form import scenes
 
@@ -76,3 +79,10 @@ def test_what_a_plane_determines():
     )
     rig = scenes.scene(scenes.rig(), scenes.tilts(1)).correspondences
     shape.require_determined(rig, ("fx", "fy", "cx", "cy", "skew"))
+
+
+def test_exact_copies_of_one_view_are_one_view():
+    one = scenes.scene(scenes.board(), scenes.tilts(1), noise=0.1).correspondences.views[0]
+    copies = tuple(replace(one, id=f"v{i}") for i in range(5))
+    with pytest.raises(DataError, match="all 5 views hold exactly the same points"):
+        calibrate(Correspondences(copies, scenes.SIZE), model="pinhole")
