@@ -122,7 +122,7 @@ def drawing(solution: Solution) -> dict[str, Any]:
         for i in order
     ]
     data = {
-        "shapes": [np.round((s.points - pivot) / radius, 4).tolist() for s in made],
+        "shapes": [np.round((s.points - pivot) / radius, 6).tolist() for s in made],
         "yaw": yaw,
         "pitch": pitch,
         "eye": EYE,
