@@ -6,4 +6,9 @@
 
 CALIBRATORS = {
     "calibrateCamera": "camcal.crosscheck.calibrate_camera:run",
+    "fisheye.calibrate": "camcal.crosscheck.fisheye_calibrate:run",
+    "omnidir.calibrate": "camcal.crosscheck.omnidir_calibrate:run",
 }
+
+#: those that know skew
+WITH_SKEW = ("fisheye.calibrate", "omnidir.calibrate")

@@ -47,7 +47,8 @@ class Result:
     """What cv2 returned, and the figure recomputed from it.
 
     `rms_point` is over the exact points, in float64, with the parameters and poses as returned. `board` are the
-    board's points (M, 3) where they were estimated, in the frame and at the scale of camcal's.
+    board's points (M, 3) where they were estimated, in the frame and at the scale of camcal's. `rounded` says
+    whether cv2 got the image points as float32.
     """
 
     camera: Camera
@@ -56,6 +57,7 @@ class Result:
     distortion: Array
     start: str
     board: Array | None = None
+    rounded: bool = True
 
 
 #: runs cv2's calibration from a guess, or from where it begins by itself
@@ -64,6 +66,14 @@ Calibrate = Callable[[Task, Camera | None], Result]
 
 class NotComparableError(Exception):
     """cv2 has no counterpart; the text says why. Stays inside this room."""
+
+
+class LeftOutError(NotComparableError):
+    """cv2 did without some views; `kept` are the numbers of those that it used."""
+
+    def __init__(self, message: str, kept: tuple[int, ...]):
+        super().__init__(message)
+        self.kept = kept
 
 
 def entry(

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.crosscheck import CALIBRATORS
+from camcal.crosscheck import CALIBRATORS, WITH_SKEW
 from camcal.crosscheck.base import (
     LOWER,
     LOWER_PX,
@@ -21,6 +21,7 @@ from camcal.crosscheck.base import (
     SIGMAS,
     Calibrate,
     Entry,
+    LeftOutError,
     NotComparableError,
     Rerun,
     Result,
@@ -29,6 +30,7 @@ from camcal.crosscheck.base import (
     entry,
 )
 from camcal.crosscheck.calibrate_camera import task_of
+from camcal.crosscheck.nearest import nearest
 from camcal.errors import CamcalError
 from camcal.evaluate.covariance import eliminate_poses, reduce
 from camcal.evaluate.difference import Difference, difference, image_grid
@@ -51,12 +53,15 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
     form = solution.camera.lens.opencv(solution.camera.params)
     against = f"cv2.{form.function}" if form is not None else "cv2.calibrateCamera"
     if form is None or form.function not in CALIBRATORS:
-        why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
-        return [entry(STAGE, against, "not_applicable", why)]
+        return [nearest(solution, STAGE)]
     missing, data, skew = unlike(solution)
     if not missing:
         shaped = "board" in solution.extras
-        return [compare(solution, against, "both with the board as estimated" if shaped else "")]
+        remark = "both with the board as estimated" if shaped else ""
+        try:
+            return [compare(solution, against, remark)]
+        except LeftOutError as left:
+            return [_without_views(solution, against, left, rerun)]
     entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(missing)}")]
     if rerun is not None:
         remarks = ["without skew in both"] if skew else []
@@ -67,16 +72,36 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
         except CamcalError as error:
             why = f"{' and '.join(remarks)} there is no camera: {error}"
             return [*entries, entry(STAGE, against, "not_applicable", why)]
-        entries.append(compare(again, against, " and ".join(remarks)))
+        try:
+            entries.append(compare(again, against, " and ".join(remarks)))
+        except LeftOutError as left:
+            entries.append(entry(STAGE, against, "not_applicable", str(left)))
     return entries
+
+
+def _without_views(solution: Solution, against: str, left: LeftOutError, rerun: Rerun | None) -> Entry:
+    """Compare on the views that cv2 keeps."""
+    if rerun is None:
+        return entry(STAGE, against, "not_applicable", str(left))
+    data = unweighted(solution)
+    data = replace(data, views=tuple(data.views[i] for i in left.kept))
+    try:
+        again = rerun(data, "skew" in solution.camera.lens.names)
+        return compare(again, against, f"over the {len(data.views)} views that cv2 keeps")
+    except (CamcalError, LeftOutError) as error:
+        return entry(STAGE, against, "not_applicable", f"{left}; over the others: {error}")
 
 
 def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
     """What cv2 does not have of this solution, the data without it, and whether skew is among it."""
     found, data = [], solution.correspondences
     lens = solution.camera.lens
-    skew = "skew" in lens.names and (
-        bool(solution.free[lens.index("skew")].any()) or solution.camera.values["skew"] != 0
+    form = lens.opencv(solution.camera.params)
+    known = form is not None and form.function in WITH_SKEW
+    skew = (
+        not known
+        and "skew" in lens.names
+        and (bool(solution.free[lens.index("skew")].any()) or solution.camera.values["skew"] != 0)
     )
     if skew:
         found.append("skew")
@@ -107,12 +132,19 @@ def compare(solution: Solution, against: str, remark: str = "", run: Calibrate |
     """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
 
     `run` is the function of cv2, where it is another than that of the model.
+
+    Raises
+    ------
+    LeftOutError
+        Where cv2 does without some of the views.
     """
     form = solution.camera.lens.opencv(solution.camera.params)
     assert form is not None
     run, task = run or load(CALIBRATORS[form.function]), task_of(solution)
     try:
         first = run(task, None)
+    except LeftOutError:
+        raise
     except NotComparableError as error:
         return entry(STAGE, against, "not_applicable", str(error))
     best, said = first, [remark] if remark else []
@@ -146,7 +178,7 @@ def _judged(solution: Solution, result: Result, against: str, said: list[str]) -
         said.append(f"cv2 reaches a lower rms, {theirs:.9g} px instead of {ours:.9g} px")
         if blind:
             said.append(f"but its distortion folds back before {blind} of the points: no camera sees them so")
-    elif theirs > ours * (1 + SAME) + LOWER_PX + _rounding(solution):
+    elif theirs > ours * (1 + SAME) + LOWER_PX + (_rounding(solution) if result.rounded else 0.0):
         said.append(f"cv2 ends at a higher rms, {theirs:.9g} px instead of {ours:.9g} px")
     elif not (apart.max_px <= PROJECTION_PX or sigmas <= SIGMAS):
         status = "fail"

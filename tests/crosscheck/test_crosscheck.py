@@ -198,13 +198,6 @@ def test_a_rerun_that_fails_is_said():
     assert [e["status"] for e in entries] == ["not_applicable"] * 2 and "no camera." in entries[1]["why"]
 
 
-def test_a_model_that_cv2_does_not_have(monkeypatch):
-    solution = solved(views=4)
-    monkeypatch.setattr(type(solution.camera.lens), "opencv", lambda self, params: None)
-    (made,) = refinement.against_cv2(solution)
-    assert made["status"] == "not_applicable" and "no counterpart" in made["why"]
-
-
 @pytest.mark.parametrize("fix", [{"p1": 0.0}, {"cx": 320.0}, {"fx": 533.0}])
 def test_what_cv2_cannot_hold_alone(fix):
     (made,) = refinement.against_cv2(solved(views=6, fix=fix))
