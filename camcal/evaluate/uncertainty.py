@@ -126,7 +126,7 @@ def projection_uncertainty(
         follow, own = np.zeros((6, size)), np.full((6, 6), np.inf)
     else:
         e = twists(_centroids(solution)[good])
-        follow = (e @ reduced.gain[good]).mean(0) - _board_follow(solution, good)
+        follow = (e @ reduced.gain[good]).mean(0) - board_follow(solution, good)
         own = (e @ reduced.inverse[good] @ e.transpose(0, 2, 1)).sum(0) / len(good) ** 2
         own = scale**2 * own if np.isfinite(scale) else np.full((6, 6), np.inf)
     free = accuracy.free if np.isfinite(scale) else np.full_like(accuracy.free, np.inf)
@@ -148,7 +148,7 @@ def twists(centroids: Array) -> Array:
     return out
 
 
-def _board_follow(solution: Solution, views: Array) -> Array:
+def board_follow(solution: Solution, views: Array) -> Array:
     """The mean twist (6, F) by which the board's frame moves with its shape's parameters.
 
     The frame is settled on the points: offsets δX of theirs that look like a + b x X + s X are taken for a
