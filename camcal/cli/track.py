@@ -12,14 +12,13 @@ from click.core import ParameterSource
 
 from camcal.cli.options import board_options
 from camcal.cli.track_options import FROM_FILE, FROM_PIPE, method_options, run_options
+from camcal.cli.track_results import deliver, may_replace, reference_matrix
 from camcal.cli.verbosity import note, verbosity_options
 
 if TYPE_CHECKING:
     from camcal.tracking.base import Frame, TrackOptions
     from camcal.tracking.events import Change
-    from camcal.tracking.follow import Summary
 
-CHANGED = 1
 #: changes that are told as they are seen
 TOLD = 20
 
@@ -61,7 +60,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     except BaseException:  # also on ^C: no table that looks complete
         output.discard()
         raise
-    return _deliver(ctx, summary, follower, options)
+    return deliver(ctx, summary, follower, options)
 
 
 # ------------------------------------------------------------------ before the run
@@ -70,7 +69,7 @@ def _check_files(options: dict[str, Any]) -> None:
     from camcal.errors import UsageError
     from camcal.io.writing import check_writable
 
-    force = _may_replace(options)
+    force = may_replace(options)
     for name in ("output", "report"):
         if options[name] is not None:
             check_writable(options[name], force)
@@ -86,12 +85,7 @@ def _check_files(options: dict[str, Any]) -> None:
             for path in plots.paths(options["plots"]):
                 check_writable(path, force)
         if options["reference"] is not None:
-            _reference(options["reference"])
-
-
-def _may_replace(options: dict[str, Any]) -> bool:
-    """Whether outputs may be overwritten: with --force, and those of a run that keeps a state."""
-    return options["force"] or (options["state"] is not None and options["state"].is_file())
+            reference_matrix(options["reference"])
 
 
 def _estimator(
@@ -112,13 +106,16 @@ def _estimator(
     special = {own.get(p.name or "", p.name): p for p in ctx.command.params}
     known = {f.name for f in fields(TrackOptions)}
     for name in sorted(known - cls.takes - _FOR_ALL):
-        given = ctx.get_parameter_source(special[name].name or "")
-        if given not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, None):
+        if _given(ctx, special[name].name or ""):
             flag = max(special[name].opts, key=len)
             takers = [m for m, path in ESTIMATORS.items() if name in look_up({m: path}, m, "method").takes]
             raise UsageError(
                 f"{flag} means nothing to the method '{method}'.", f"It is for {', '.join(takers)}."
             )
+    gain = options["gain"] or next(iter(cls.gains), None)
+    for name, owner in _OF_GAIN.items():
+        if gain in cls.gains and gain != owner and _given(ctx, name):
+            raise UsageError(f"--{name} means nothing to the gain '{gain}'.", f"Add --gain {owner}.")
     values = {n: options[next((k for k, v in own.items() if v == n), n)] for n in known}
     if options["camera"] is not None:
         values["camera"] = _camera(ctx, options)
@@ -129,6 +126,14 @@ def _estimator(
     return cls(made), made
 
 
+def _given(ctx: click.Context, name: str) -> bool:
+    """Whether an option was given for this run, not by default or in a configuration for many."""
+    found = ctx.get_parameter_source(name)
+    return found not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, None)
+
+
+#: options that belong to one gain
+_OF_GAIN = {"alpha": "fixed", "forgetting": "forgetting"}
 _FOR_ALL = frozenset(("sigma", "learn_noise", "gate", "false_alarm", "min_points", "rate"))
 
 
@@ -173,7 +178,15 @@ def _is_table(frames: tuple[str, ...]) -> bool:
 def _frames(
     frames: tuple[str, ...], options: dict[str, Any], before_read: Callable[[], object]
 ) -> Iterable[Frame]:
+    from camcal.errors import UsageError
+
     if not _is_table(frames):
+        tables = [name for name in frames if _is_table((name,))]
+        if tables and len(frames) > 1:
+            raise UsageError(
+                f"{len(frames)} inputs, '{tables[0]}' among them; a table goes alone.",
+                "Put the tables together, frames in ascending order.",
+            )
         return _from_pictures(frames, options)
     if frames[0] == "-":
         return _from_stream(sys.stdin.buffer, "stdin", before_read)
@@ -229,75 +242,3 @@ class _Teller:
             note(f"{change.message}.")
         elif self.told == TOLD + 1:
             note("Further changes are counted, not told; does the motion fit? See --motion.")
-
-
-# ------------------------------------------------------------------ after the run
-def _deliver(ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any]) -> int:
-    """Say on stderr what the run amounts to, write report and plots; the exit code."""
-    for line in _said(summary):
-        note(line)
-    failed = options["fail_on_change"] and summary.change_count > 0
-    if options["report"] is not None:
-        _write_report(ctx, summary, follower, options, failed)
-    if options["plots"] is not None:
-        from camcal.tracking.plots import draw
-
-        reference = None if options["reference"] is None else _reference(options["reference"])
-        for path in draw(options["output"], options["plots"], reference, _may_replace(options)):
-            note(f"Plot written to {path}.")
-    return CHANGED if failed else 0
-
-
-def _said(summary: Summary) -> Iterator[str]:
-    counts = ", ".join(f"{count} {status}" for status, count in summary.statuses.items())
-    yield f"{summary.frames} frames ({counts}); {summary.used} of {summary.points} points used."
-    if summary.ignored:
-        many = (
-            "frames came late or twice and were"
-            if summary.ignored > 1
-            else "frame came late or twice and was"
-        )
-        yield f"{summary.ignored} {many} ignored."
-    shown = [c.message for c in summary.changes[:10]]
-    more = summary.change_count - len(shown)
-    yield f"Changes: {summary.change_count}" + ("." if not shown else ":")
-    yield from (f"  {message}" for message in shown)
-    if more > 0 and shown:
-        yield f"  and {more} more"
-
-
-def _write_report(
-    ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any], failed: bool
-) -> None:
-    from camcal.cli.job import command_line
-    from camcal.cli.settings import resolved_options
-    from camcal.report.document import save, tool
-    from camcal.report.plain import plain
-    from camcal.report.schema import SCHEMA
-    from camcal.tracking.summary import document
-
-    made = {
-        "schema": SCHEMA,
-        "tool": tool(),
-        "command": command_line(ctx),
-        "inputs": {"image_size": None, "frames": summary.frames, "points": summary.points},
-        "options": resolved_options(ctx),
-        **document(summary, follower.estimator, options["method"]),
-        "verdict": "fail" if failed else "pass",
-    }
-    save(plain(made), options["report"], _may_replace(options))
-    note(f"Report written to {options['report']}.")
-
-
-def _reference(path: Path) -> Any:
-    import numpy as np
-
-    from camcal.errors import DataError
-    from camcal.report.yaml import read_document
-
-    matrix = np.array(read_document(path).get("projection_matrix") or (), float)
-    if matrix.shape != (3, 4):
-        raise DataError(
-            f"'{path}' holds no projection_matrix.", "Give a report of a single view or of `track`."
-        )
-    return matrix

@@ -140,6 +140,9 @@ def test_nothing_is_overwritten_or_left_half_written(camcal, knock):
         (["--gain", "fixed", "--velocity"], "cannot follow a velocity"),
         (["--method", "iekf", "--gain", "mean"], "does not work with the gain"),
         (["--forgetting", "1.5"], "--forgetting"),
+        (["--alpha", "0.3"], "Add --gain fixed"),
+        (["--method", "rls", "--gain", "mean", "--forgetting", "0.9"], "--forgetting means nothing"),
+        (["other.csv"], "a table goes alone"),
     ],
 )
 def test_contradictions_are_usage_errors(camcal, knock, args, said):
