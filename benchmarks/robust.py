@@ -8,7 +8,8 @@ lengths, px, and of what the camera projects (root mean square over the picture 
 Clean data: the variance of least squares over that of each `--robust` method on the same Gaussian noise (the
 relative efficiency), the ratio of their times, taken in turn, and how many runs of `auto` reject anything at all.
 
-Usage: OPENBLAS_NUM_THREADS=1 python benchmarks/robust.py [--runs 30] [--alarms 10000] [--update docs/robustness.md]
+Usage: OPENBLAS_NUM_THREADS=1 python benchmarks/robust.py [--runs 20] [--alarms 4000]
+    [--figure docs/figures/breakdown.svg] [--update docs/robustness.md]
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.stats import poisson
 from tables import markdown, update
 
@@ -42,6 +44,8 @@ SHARES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
 GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0), [0.0]), -1).reshape(-1, 3)
 #: a camera that does not see this part of the picture is none
 LOST = 0.05
+#: Okabe and Ito's colours
+LINES = (("#0072B2", "o-"), ("#D55E00", "s-"), ("#009E73", "^--"))
 
 Spoil = Callable[[Correspondences, float, np.random.Generator], Correspondences]
 Calibrate = Callable[[Correspondences], Camera]
@@ -117,7 +121,7 @@ def by_cv2(data: Correspondences) -> Camera:
 def by_huber(data: Correspondences) -> Camera:
     """Least squares on all points, then Huber's loss from there."""
     plain = camcal.calibrate(data, robust="none", checks=False)
-    return reweight(plain, refine, LOSSES["huber"], rounds=30).camera
+    return reweight(plain, refine, LOSSES["huber"], rounds=15).camera
 
 
 WAYS: dict[str, Calibrate] = {"camcal": by_camcal, "cv2": by_cv2, "LM + Huber": by_huber}
@@ -135,8 +139,11 @@ def errors(calibrate: Calibrate, data: Correspondences, truth: Camera) -> tuple[
 
 
 # ---------------------------------------------------------------------- tables
-def breakdown(kind: str, runs: int) -> str:
-    """Errors against the share of outliers (medians over runs), and those at 20 % over those of clean data."""
+def breakdown(kind: str, runs: int, curves: dict[str, dict[str, Array]]) -> str:
+    """Errors against the share of outliers (medians over runs), and those at 20 % over those of clean data.
+
+    The medians also go to `curves`, by kind and method.
+    """
     truth, spoil = example_camera("opencv5"), KINDS[kind]
     found = {name: np.empty((len(SHARES), runs, 2)) for name in WAYS}
     for i, share in enumerate(SHARES):
@@ -149,7 +156,7 @@ def breakdown(kind: str, runs: int) -> str:
             kind, share, {n: np.median(e[i], axis=0).round(3).tolist() for n, e in found.items()}, flush=True
         )
     header = ["outliers", *(f"{n}: f" for n in WAYS), *(f"{n}: projection" for n in WAYS)]
-    medians = {name: np.median(e, axis=1) for name, e in found.items()}
+    medians = curves[kind] = {name: np.median(e, axis=1) for name, e in found.items()}
     rows = [
         [f"{share:.0%}", *(_px(medians[n][i][k]) for k in (0, 1) for n in WAYS)]
         for i, share in enumerate(SHARES)
@@ -161,6 +168,24 @@ def breakdown(kind: str, runs: int) -> str:
         f"{markdown(header, rows)}\n\nMedians of {runs} runs, px. At 20 % the root mean square of camcal's errors is "
         f"{f:.2f} (f) and {p:.2f} (projection) times that of clean data; the worst run's projection {worst:.2f} times."
     )
+
+
+def draw(curves: dict[str, dict[str, Array]]) -> Figure:
+    """The breakdown curves; a line ends where there is no camera."""
+    figure = Figure(figsize=(8.5, 6), layout="constrained")
+    axes = figure.subplots(2, len(curves), sharex=True, sharey="row", squeeze=False)
+    for column, (kind, medians) in zip(axes.T, curves.items(), strict=True):
+        for k, axis in enumerate(column):
+            for (name, values), (colour, line) in zip(medians.items(), LINES, strict=True):
+                shown = np.where(np.isfinite(values[:, k]), values[:, k], np.nan)
+                axis.semilogy([100 * s for s in SHARES], shown, line, color=colour, label=name, lw=1.5, ms=4)
+            axis.grid(alpha=0.3)
+        column[0].set_title(kind, fontsize=10)
+        column[1].set_xlabel("outliers (%)")
+    axes[0, 0].set_ylabel("error of f (px)")
+    axes[1, 0].set_ylabel("error of projection (px)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper center")
+    return figure
 
 
 def _px(value: float) -> str:
@@ -212,15 +237,17 @@ def alarms(runs: int, sizes: Sequence[int] = (3, 12, 40)) -> str:
 def main() -> None:
     """Print the tables, and write them into a page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--runs", type=int, default=30)
-    parser.add_argument("--alarms", type=int, default=10000, help="runs on Gaussian noise")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--alarms", type=int, default=4000, help="runs on Gaussian noise")
     parser.add_argument("--update", type=Path, metavar="PAGE")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw the curves (SVG)")
     parser.add_argument("--only", help="one of the tables")
     told = parser.parse_args()
+    curves: dict[str, dict[str, Array]] = {}
     tables: dict[str, Callable[[], str]] = {
-        f"breakdown-{kind}": partial(breakdown, kind, told.runs) for kind in KINDS
+        f"breakdown-{kind}": partial(breakdown, kind, told.runs, curves) for kind in KINDS
     }
-    tables |= {"clean": partial(on_clean_data, 5 * told.runs), "alarms": partial(alarms, told.alarms)}
+    tables |= {"clean": partial(on_clean_data, 8 * told.runs), "alarms": partial(alarms, told.alarms)}
     for name, make in tables.items():
         if told.only not in (None, name):
             continue
@@ -228,6 +255,8 @@ def main() -> None:
         print(f"\n{name}\n{text}\n", flush=True)
         if told.update is not None:
             update(told.update, name, text)
+    if told.figure is not None and curves:
+        draw(curves).savefig(told.figure, metadata={"Date": None})
 
 
 if __name__ == "__main__":

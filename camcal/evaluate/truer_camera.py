@@ -26,11 +26,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.evaluate.covariance import eliminate_poses, reduce
+from camcal.evaluate.difference import grid_of
 from camcal.evaluate.figures import sigma_0
 from camcal.evaluate.fold_difference import covered_pixels
 from camcal.geometry import rotations
 from camcal.refine.solve import BoardResult
 from camcal.types import Array, Solution
+
+#: columns of the grid over the picture
+COLUMNS = 20
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ class Change:
         Deviation of the points' offsets that the simpler board does not explain, unit of the data.
     simple_px, shaped_px : float
         Root mean square distance of the cameras with the simpler board and with the shape from that of (1), over
-        the part of the picture that points cover and after the best-fitting rotation.
+        the picture (where its size is not known, over what the points cover) and after the best-fitting rotation.
     """
 
     tau: float
@@ -125,9 +129,9 @@ def _seen_by_none(board: BoardResult) -> Array:
 
 
 def _projections(solution: Solution) -> Array:
-    """d pixels / d free parameters (2 N, F) over the covered part, after the best-fitting rotation."""
-    lens, params = solution.camera.lens, solution.camera.params
-    rays, seen = lens.unproject(params, covered_pixels(solution))
+    """d pixels / d free parameters (2 N, F) over the picture, after the best-fitting rotation."""
+    lens, params, size = solution.camera.lens, solution.camera.params, solution.camera.image_size
+    rays, seen = lens.unproject(params, covered_pixels(solution) if size is None else grid_of(size, COLUMNS))
     _, by_xyz, by_params, _ = lens.jacobians(params, rays[seen])
     turns = (by_xyz @ rotations.skew(rays[seen])).reshape(-1, 3)
     moves = (by_params @ solution.free).reshape(len(turns), -1)

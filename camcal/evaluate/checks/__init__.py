@@ -7,7 +7,18 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
-from camcal.evaluate.checks import board, coverage, fit, folds, lens, noise, parameters, rejected, views
+from camcal.evaluate.checks import (
+    board,
+    coverage,
+    fit,
+    folds,
+    lens,
+    mirror,
+    noise,
+    parameters,
+    rejected,
+    views,
+)
 from camcal.evaluate.checks.facts import Facts
 from camcal.types import CalibrationWarning, Solution
 
@@ -19,6 +30,7 @@ CHECKS = (
     views.duplicates,
     views.repeated,
     views.mirrored,
+    mirror.mirrored_pictures,
     parameters.undetermined,
     parameters.weak,
     parameters.correlated,
