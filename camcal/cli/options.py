@@ -164,7 +164,7 @@ cache_option = option(
 
 seconds_option = option(
     "--seconds", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, metavar="S",
-    help="Time to search one picture; past it, the picture counts as not found.",
+    help="Processor time to search one picture; past it, the picture counts as not found.",
 )  # fmt: skip
 
 #: How a board is found in pictures.

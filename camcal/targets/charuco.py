@@ -7,14 +7,13 @@ the outer corner of the upper left square; point ids are OpenCV's, row by row fr
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import cv2
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, parse_grid, parse_length
+from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, clock, parse_grid, parse_length
 from camcal.targets.board_points import from_points
 from camcal.targets.dictionaries import (
     black_cells,
@@ -106,11 +105,11 @@ class Charuco(TagBoard):
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
         """Look for the board by its markers; where few can be read, by its corners and all of them."""
-        start = time.perf_counter()
+        start = clock()
         found = super().find(gray, seconds)
         if isinstance(found, Detection) and 2 * len(found) >= len(self.points):
             return found
-        left = seconds - (time.perf_counter() - start)
+        left = seconds - (clock() - start)
         other = self._by_grid(gray, left) if left > 0 else None
         if other is None or (isinstance(found, Detection) and len(found) >= len(other)):
             return found

@@ -11,13 +11,21 @@ The points are where the discs' centres are seen. The picture of a disc is not c
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, parse_grid, parse_length
+from camcal.targets.base import (
+    DEFAULT_SECONDS,
+    Detection,
+    Miss,
+    Pattern,
+    Target,
+    clock,
+    parse_grid,
+    parse_length,
+)
 from camcal.targets.board_points import LOCAL_POINTS, from_points
 from camcal.targets.disc_fit import fit_discs
 from camcal.targets.disc_grid import Grid, as_board, best_box, candidates
@@ -211,10 +219,10 @@ def search(
     sizes : list of (columns, rows)
         Of the complete grids that were seen, where none was as wanted.
     """
-    began, picture = time.perf_counter(), to_8_bits(gray)
+    began, picture = clock(), to_8_bits(gray)
     sizes: list[tuple[int, int]] = []
     for factor in reductions(picture.shape):
-        start = time.perf_counter()
+        start = clock()
         discs = find_discs(reduced(picture, factor))
         discs = Discs((discs.centre + 0.5) * factor - 0.5, discs.shape * factor)
         for piece in lattices(discs)[:4]:
@@ -223,7 +231,7 @@ def search(
                 if found is not None and len(found.ids) >= ENOUGH * found.columns * found.rows:
                     return found, sizes
                 sizes += best_box(cells)
-        if 5 * (time.perf_counter() - start) > seconds - (time.perf_counter() - began):
+        if 5 * (clock() - start) > seconds - (clock() - began):
             break
     return None, sizes
 

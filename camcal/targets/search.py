@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from camcal.targets import grid, lattice
-from camcal.targets.base import Miss
+from camcal.targets.base import Miss, clock
 from camcal.targets.candidates import find_candidates
 from camcal.targets.lattice import Lattice
 
@@ -68,11 +67,11 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
     size : (columns, rows), optional
         Either way round.
     """
-    began = time.perf_counter()
+    began = clock()
     rate, best, in_time = 0.0, None, True
     for factor in levels(gray.shape):
         pixels = gray.size / factor**2
-        spent = time.perf_counter() - began
+        spent = clock() - began
         if rate and spent + SLOWER * rate * pixels > seconds:
             in_time = False
             continue
@@ -83,7 +82,7 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
                 return found
             if best is None or found.lattice.present.sum() > best.lattice.present.sum():
                 best = found
-        rate = (time.perf_counter() - began - spent) / pixels
+        rate = (clock() - began - spent) / pixels
     return _verdict(gray, best, size, in_time, seconds)
 
 

@@ -7,7 +7,6 @@ that was not read, and the corners are then fitted as the saddles of grey value 
 
 from __future__ import annotations
 
-import time
 from abc import abstractmethod
 from typing import Any
 
@@ -18,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from camcal.geometry import homography
 from camcal.targets import dictionaries, saddle
-from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Target
+from camcal.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
 from camcal.targets.board_points import Known, board_from_pixel, locate
 from camcal.targets.pyramid import reduced, reductions, to_8_bits
 
@@ -76,16 +75,16 @@ class TagBoard(Target):
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
         """Look for the board; a part of it is enough."""
-        start = time.perf_counter()
+        start = clock()
         picture = to_8_bits(gray)
         best: Detection | Miss = Miss("none", "no marker of this board was found")
         for factor in reductions(picture.shape, enlarge=True):  # small markers that touch are told apart
-            began = time.perf_counter()
+            began = clock()
             found = self._at_size(gray, picture, factor)
             if isinstance(best, Miss) or (isinstance(found, Detection) and len(found) > len(best)):
                 best = found
-            spent = time.perf_counter() - began
-            left = seconds - (time.perf_counter() - start)
+            spent = clock() - began
+            left = seconds - (clock() - start)
             enough = isinstance(best, Detection) and len(best) >= ENOUGH * len(self.points)
             if enough or 4 * spent > left:  # the next picture is four times as large
                 break
