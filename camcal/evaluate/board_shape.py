@@ -11,6 +11,7 @@ so many parameters that it can do both and leave the camera worse than it was; `
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -96,10 +97,11 @@ def choose(flat: Solution, ideal: Correspondences, fit: Fit) -> tuple[Trial, tup
     best, tried = trials[0], trials[:1]
     for trial in trials[1:]:
         if trial.kind == "free":
-            trial = replace(trial, change=change(best.solution, trial.solution))
+            with contextlib.suppress(np.linalg.LinAlgError):  # a camera that the data leave open is not truer
+                trial = replace(trial, change=change(best.solution, trial.solution))
         tried.append(trial)
         real = trial.p_value < SIGNIFICANT and trial.holdout_rms < BETTER * best.holdout_rms
-        if real and (trial.change is None or trial.change.truer):
+        if real and (trial.kind != "free" or (trial.change is not None and trial.change.truer)):
             best = trial
     return best, tuple(tried)
 

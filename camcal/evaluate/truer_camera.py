@@ -67,13 +67,13 @@ def change(simple: Solution, shaped: Solution) -> Change:
     f = len(s) - board.size
     loose = np.eye(3 * len(board.points)) - _seen_by_none(board)
     d = loose @ board.directions()
+    q = d.T @ d
 
     def coordinates(offsets: Array) -> Array:
-        return np.linalg.lstsq(d, loose @ offsets, rcond=None)[0]
+        return np.linalg.solve(q, d.T @ offsets)
 
     theta = coordinates((board.points - board.ideal).reshape(-1))
     inside = coordinates(inner.directions()) if isinstance(inner, BoardResult) else theta[:, None][:, :0]
-    q = d.T @ d
     q_left = q - q @ inside @ np.linalg.pinv(inside.T @ q @ inside) @ inside.T @ q
     left = _eliminated(s, f, inside)
     sigma2 = sigma_0(shaped) ** 2
@@ -116,8 +116,7 @@ def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
     f = len(s) - len(theta)
     prior = np.zeros_like(s)
     prior[f:, f:] = weight * q
-    right = np.r_[np.zeros(f), weight * q @ theta]
-    return np.asarray(-np.linalg.lstsq(s + prior, right, rcond=None)[0][:f])
+    return np.asarray(-np.linalg.solve(s + prior, np.r_[np.zeros(f), weight * q @ theta])[:f])
 
 
 def _seen_by_none(board: BoardResult) -> Array:
