@@ -31,9 +31,9 @@ REACH = 2.0
 #: The sum of squares may have grown by so many times what was said: the interval is then right to a factor √2.
 #: Regular models lie between 0.9 and 1.1 with eight views of .5 px.
 GROWN = (0.5, 2.0)
-#: Directions with a larger eigenvalue are no weaker than a thirtieth of what a parameter alone would be, and too
-#: short to be curved; they cost no evaluation.
-WEAK = 1e-3
+#: Directions with a larger eigenvalue have at most a hundred times the sigma of a parameter alone: too
+#: short to be curved, and not worth an evaluation.
+WEAK = 1e-4
 #: Part of a parameter's variance from which on it is lost with the direction: the other nine tenths hold its
 #: sigma to 5 %.
 SHARE = 0.1

@@ -42,9 +42,10 @@ def difference_of_folds(solution: Solution, held: HoldOut) -> Mapping[str, Any] 
     -------
     mapping
         median_px, max_px: of the differences between each fold's camera and that of all views; predicted_px:
-        the median of what the uncertainty predicts; ratio.
+        the median of what the uncertainty predicts; ratio; map: both over the picture.
     """
-    pixels = covered_pixels(solution)
+    grid, covered = covered_grid(solution)
+    pixels = grid[covered]
     accuracy = covariance(solution)
     found, expected = [], []
     for fit, views in zip(held.fits, held.trained, strict=True):
@@ -66,19 +67,40 @@ def difference_of_folds(solution: Solution, held: HoldOut) -> Mapping[str, Any] 
         "max_px": float(np.sqrt(squares[good].max())),
         "predicted_px": float(np.sqrt(np.median(variances[good]))),
         "ratio": float(np.sqrt(np.mean(squares[good] / variances[good]))),
+        "map": _map(grid, covered, np.where(good, squares, np.nan), np.where(good, variances, np.nan)),
     }
+
+
+def _map(grid: Array, covered: Array, squares: Array, variances: Array) -> dict[str, Any]:
+    """Root mean squares over the folds (K, N) on the grid, NaN where no points cover it."""
+    rows = len(grid) // COLUMNS
+    made: dict[str, Any] = {"u": grid[:COLUMNS, 0].tolist(), "v": grid[::COLUMNS, 1].tolist()}
+    for name, values in (("found_px", squares), ("predicted_px", variances)):
+        some = np.isfinite(values).any(0)
+        mean = np.full(values.shape[1], np.nan)
+        mean[some] = np.sqrt(np.nanmean(values[:, some], axis=0))
+        whole = np.full(len(grid), np.nan)
+        whole[covered] = mean
+        made[name] = whole.reshape(rows, COLUMNS).tolist()
+    return made
 
 
 def covered_pixels(solution: Solution) -> Array:
     """The pixels (N, 2) of a grid that lie within the hull of the used points."""
+    grid, covered = covered_grid(solution)
+    return grid[covered]
+
+
+def covered_grid(solution: Solution) -> tuple[Array, Array]:
+    """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
     pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
     uv = np.concatenate([v.uv[m] for v, m in pairs])
     pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
     try:
         sides = ConvexHull(uv).equations
     except QhullError:  # all points on a line
-        return pixels[:0]
-    return pixels[(pixels @ sides[:, :2].T + sides[:, 2] <= 0).all(1)]
+        return pixels, np.zeros(len(pixels), bool)
+    return pixels, (pixels @ sides[:, :2].T + sides[:, 2] <= 0).all(1)
 
 
 def seen_by_fold(solution: Solution, fit: Solution, views: Array, pixels: Array) -> Array:

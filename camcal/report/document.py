@@ -14,6 +14,7 @@ from camcal.evaluate.covariance import Covariance, covariance
 from camcal.evaluate.curvature import beyond_linear
 from camcal.geometry import projective, rotations
 from camcal.report.bias import section as bias
+from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
@@ -76,6 +77,7 @@ def document(
         "uncertainty": uncertainty(solution, accuracy),
         "holdout": solution.holdout,
         "bias": bias(solution, accuracy),
+        "coverage": coverage(solution),
         "crosscheck": list(solution.crosscheck),
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",

@@ -7,7 +7,8 @@ import pytest
 
 from camcal.errors import UsageError
 from camcal.evaluate.checks import check
-from camcal.evaluate.fold_difference import covered_pixels, seen_by_fold
+from camcal.evaluate.fold_difference import covered_pixels, difference_of_folds, seen_by_fold
+from camcal.evaluate.holdout import k_fold
 from camcal.evaluate.judgement import hold_out, refitter
 from camcal.pipeline import calibrate
 from camcal.refine.losses import LOSSES
@@ -94,3 +95,22 @@ def test_the_same_camera_sees_the_same():
     s = solved(views=6)
     pixels = covered_pixels(s)
     assert np.allclose(seen_by_fold(s, s, np.arange(6), pixels), pixels, atol=1e-8)
+
+
+def test_the_map_of_the_folds_is_what_the_figures_are_made_of():
+    s = solved(views=12)
+    data, refit = refitter(s, {})
+    held = k_fold(data, s.poses, s.inliers, refit)
+    found = difference_of_folds(s, held)
+    grid = found["map"]
+    seen, said = np.array(grid["found_px"]), np.array(grid["predicted_px"])
+    assert seen.shape == said.shape == (len(grid["v"]), len(grid["u"]))
+    inside = np.isfinite(seen)
+    assert inside.sum() == len(covered_pixels(s)) and not inside.all()
+    # one pixel of the map by hand: the folds' cameras at that place
+    j, i = np.argwhere(inside)[7]
+    pixel = np.array([[grid["u"][i], grid["v"][j]]])
+    moves = [seen_by_fold(s, f, v, pixel) - pixel for f, v in zip(held.fits, held.trained, strict=True)]
+    assert seen[j, i] == pytest.approx(np.sqrt(np.mean([(m**2).sum() for m in moves])))
+    # noise alone: map and prediction agree within the ratio of all of them
+    assert np.sqrt(np.nanmean(seen**2 / said**2)) == pytest.approx(found["ratio"], rel=0.3)

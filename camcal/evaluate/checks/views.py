@@ -70,13 +70,22 @@ def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def tilts(facts: Facts) -> tuple[float, float]:
     """Tilt of the boards against the image plane, and spread of their normals, both rms in degrees."""
-    normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
-    normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
-    tilt = np.arccos(np.clip(normals[:, 2], -1, 1))
+    normals = _normals(facts)
     # 1 - the largest eigenvalue of the mean of n nᵀ is the mean squared sine about the common axis
     largest = np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1]
     spread = np.arcsin(np.sqrt(np.clip(1 - largest, 0, 1)))
-    return float(np.degrees(np.sqrt(np.mean(tilt**2)))), float(np.degrees(spread))
+    return float(np.sqrt(np.mean(tilt_of_views(facts) ** 2))), float(np.degrees(spread))
+
+
+def tilt_of_views(facts: Facts) -> Array:
+    """Angle (V,) between each board's normal and the optical axis, degrees."""
+    return np.degrees(np.arccos(np.clip(_normals(facts)[:, 2], -1, 1)))
+
+
+def _normals(facts: Facts) -> Array:
+    """The boards' normals (V, 3) in the camera's frame, those pointing away from the camera."""
+    normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
+    return np.asarray(normals * np.where(normals[:, 2:] < 0, -1.0, 1.0))
 
 
 def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:

@@ -1,0 +1,34 @@
+"""The report's `coverage`: how much of the picture, of the directions and of the distances the views cover."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from camcal.evaluate.checks.coverage import hull_area
+from camcal.evaluate.checks.facts import Facts
+from camcal.evaluate.checks.views import distinct_count, tilt_of_views, tilts
+from camcal.types import Array, Solution
+
+
+def section(solution: Solution) -> dict[str, Any] | None:
+    """What the views cover; None without views."""
+    facts = Facts(solution)
+    if not len(facts.views):
+        return None
+    size = facts.image_size
+    centres = [v.xyz[m].mean(0) for v, m in zip(facts.views, solution.inliers, strict=True)]
+    poses = solution.poses
+    placed = np.einsum("vij,vj->vi", poses.rotations, np.array(centres)) + poses.translations
+    return {
+        "image": None if size is None else hull_area(facts.image_points) / float(np.prod(size)),
+        "tilt_degrees": _spread(tilt_of_views(facts)) if facts.planar else None,
+        "normals_spread_degrees": tilts(facts)[1] if facts.planar else None,
+        "distance": _spread(np.linalg.norm(placed, axis=1)),
+        "different_views": distinct_count(facts),
+    }
+
+
+def _spread(values: Array) -> dict[str, float]:
+    return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
