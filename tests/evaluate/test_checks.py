@@ -167,6 +167,15 @@ def test_a_fold_inside_the_image():
     assert "%" in warning.message
 
 
+@needs_data
+def test_corners_outside_the_image_circle_are_no_fold():
+    # 93 degrees from the axis in a circle of 477 px in a picture of 1280x800
+    data = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=(1280, 800))
+    found = {w.code: w.message for w in check(calibrate(data, "kb4", checks=False))}
+    assert "fold-in-image" not in found and "ends at 105 degrees" in found["image-circle"]
+    assert "image-circle" not in codes(data, "opencv8", robust="none")
+
+
 def test_an_image_size_that_is_too_small():
     data = seen()
     assert "points-outside-image" in codes(replace(data, image_size=(640, 480)))
