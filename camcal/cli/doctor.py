@@ -85,7 +85,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
         wrong = [*own, *pictures.lost(found), pictures.not_calibrated(error)]
         return diagnosis("pictures", f"These data give no calibration: {error.message}", wrong)
     report = document(solution)
-    more = calibration.examine(report, solution, "report.yaml")
+    more = calibration.examine(report, solution, "")
     said = calibration.sentence(report, more)
     return diagnosis("data", said, _once([*own, *more]), rms_point=report["fit"]["rms_point"])
 

@@ -29,6 +29,7 @@ def test_of_pictures(camcal):
     code, out, _ = camcal("doctor", SAMPLES / "board", "--format", "yaml")
     found = yaml.safe_load(out)
     assert code == 0 and found["about"] == "data" and found["rms_point"] < 1
+    assert all("then camcal next" in f["todo"] for f in found["findings"] if f["code"] == "next-pictures")
 
 
 def test_of_pictures_without_a_board(camcal):

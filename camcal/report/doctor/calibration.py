@@ -57,7 +57,7 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
     solution : Solution
         The same.
     source : str
-        What the report is called in the commands that are suggested.
+        What the report is called in the commands that are suggested; empty where there is none yet.
     try_models : bool
         Whether other lens models are fitted where the residuals call for one: seconds.
     """

@@ -62,6 +62,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
     gain = Gain("worst uncertainty of far points, px", now, last, f"predicted for {MORE} more pictures")
     if not gain.times >= WORTH_PICTURES:
         return None
+    first = "" if source else "calibrate with -o report.yaml, then "
     return Finding(
         "next-pictures",
         "better",
@@ -69,7 +70,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
         if now > 2 * answer["now"]["median_px"]
         else "more pictures would tell more about the camera.",
         f"Take {MORE} more pictures. The first: the target at the {answer['suggestions'][0]['words']}. "
-        f"All, drawn: camcal next {source} --count {MORE} -o next.png",
+        f"All, drawn: {first}camcal next {source or 'report.yaml'} --count {MORE} -o next.png",
         gain,
     )
 
