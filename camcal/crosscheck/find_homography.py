@@ -23,6 +23,8 @@ NAME = "cv2.findHomography"
 PART = 0.02
 #: ... or by this, px: rounding to float32 in cv2, at most 2.4e-4 px in a picture of 8,000 px.
 FLOOR_PX = 1e-3
+#: Gauss-Newton steps: both go to the minimum, also of a wide lens, where a start is content with two.
+STEPS = 10
 #: A view is a plane where the extent across is below this part of the extent along it: rounding.
 FLAT = 1e-9
 
@@ -59,7 +61,7 @@ def _transfers(views: Sequence[View]) -> Iterator[tuple[View, Array, Array]]:
         uv = np.array([views[i].uv for i in chosen])
         local = np.array([views[i].xyz for i in chosen]) - form.origins[chosen][:, None]
         plane = local @ form.axes[chosen][:, :, :2]
-        ours = homography.transfer(homography.solve(plane, uv)[0], plane)
+        ours = homography.transfer(homography.solve(plane, uv, steps=STEPS)[0], plane)
         for i, points, seen, mapped in zip(chosen, plane, uv, ours, strict=True):
             found, _ = cv2.findHomography(points.reshape(-1, 1, 2), seen.reshape(-1, 1, 2), 0)
             if found is not None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal.crosscheck import nearest, omnidir_calibrate, refinement
+from camcal.crosscheck import find_homography, nearest, omnidir_calibrate, refinement
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.io.points import read_points
@@ -131,3 +131,10 @@ def test_real_lenses():
     data = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=SIZE)
     _, (made,) = refined(data, "kb4")
     assert made["status"] == "not_applicable" and "90 degrees" in made["why"]
+
+
+@needs_data
+def test_homographies_of_a_wide_lens_are_compared_at_their_minimum():
+    views = read_points(DATA / "ov_plane" / "train.csv").views
+    made = find_homography.against_cv2(views, "zhang")
+    assert made["status"] == "pass" and made["opencv"]["rms_point"] > 10
