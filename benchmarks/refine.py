@@ -27,7 +27,17 @@ from camcal.types import Correspondences, View
 
 SIZE = (640, 480)
 CASES = [(10, 9, 6), (50, 9, 6), (200, 9, 6), (500, 9, 6), (50, 20, 20), (200, 20, 20), (1000, 20, 20)]
-HEADER = ("model", "views x points", "camcal ms", "cv2 ms", "ratio", "rms / rms - 1", "camcal MB", "cv2 MB")
+HEADER = (
+    "model",
+    "views x points",
+    "camcal ms",
+    "cv2 ms",
+    "ratio",
+    "camcal rms px",
+    "rms / rms of cv2 - 1",
+    "camcal MB",
+    "cv2 MB",
+)
 FLAGS = {"opencv5": 0, "opencv8": cv2.CALIB_RATIONAL_MODEL}
 
 
@@ -114,6 +124,7 @@ def compare(case: tuple[int, int, int], model: str, runs: int) -> list[str]:
         f"{np.median(ours) * 1e3:.1f}",
         f"{np.median(theirs) * 1e3:.1f}",
         f"{ratio:.2f}",
+        f"{rms:.9f}",
         f"{rms / rms_cv2 - 1:+.1e}",
         *(f"{m:.1f}" for m in memory),
     ]
