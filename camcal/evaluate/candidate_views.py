@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from camcal.errors import DataError
 from camcal.geometry import rotations
@@ -18,6 +19,8 @@ SPREAD = Spread(tilt=(0.0, 50.0), fill=(0.25, 0.9), roll=90.0, margin=0.01)
 MOVE = (0.15, 0.08)
 #: images of the target that are on average nearer than this part of the picture's diagonal are one view taken twice
 SAME_VIEW = 0.03
+#: parts of the distance between its points by which a grid may be uneven and bent
+UNEVEN = 0.2
 #: steps of the fit of distance and place: each takes off most of what is wrong
 _FITS = 25
 
@@ -138,9 +141,20 @@ def target_points(solution: Solution) -> Array:
 
 
 def lattice(points: Array) -> tuple[Array, Array]:
-    """Columns x (C,) and rows y (R,) on which the points (N, 3) of a flat grid lie."""
-    columns, rows = (np.unique(c.round(9)) for c in points[:, :2].T)
-    return columns, rows
+    """Columns x (C,) and rows y (R,) on which the points (N, 3) of a grid lie, up to a bend or a bad print."""
+    gap = UNEVEN * _spacing(points)
+    return _levels(points[:, 0], gap), _levels(points[:, 1], gap)
+
+
+def _levels(values: Array, gap: float) -> Array:
+    """The means of the groups of values that lie within `gap` of the next."""
+    values = np.sort(values)
+    return np.array([g.mean() for g in np.split(values, np.flatnonzero(np.diff(values) > gap) + 1)])
+
+
+def _spacing(points: Array) -> float:
+    """The median distance from a point to the one nearest to it."""
+    return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
 
 
 def surround(points: Array) -> Array:
@@ -148,13 +162,13 @@ def surround(points: Array) -> Array:
 
     A checkerboard's outermost corners are found only where the squares beyond them are in the picture.
     """
-    if np.ptp(points[:, 2]) > 1e-9 * np.ptp(points):
+    if len(points) < 4 or np.ptp(points[:, 2]) > UNEVEN * _spacing(points):
         return np.zeros((0, 3))
     columns, rows = lattice(points)
-    if len(columns) < 2 or len(rows) < 2 or len(columns) * len(rows) > 4 * len(points):
+    if len(columns) < 2 or len(rows) < 2 or not len(points) <= len(columns) * len(rows) <= 4 * len(points):
         return np.zeros((0, 3))
     x, y = (np.r_[c[0] - np.diff(c)[0], c, c[-1] + np.diff(c)[-1]] for c in (columns, rows))
     sides = [np.c_[x, np.full(len(x), edge)] for edge in (y[0], y[-1])]
     sides += [np.c_[np.full(len(y), edge), y] for edge in (x[0], x[-1])]
     flat = np.concatenate(sides)
-    return np.c_[flat, np.full(len(flat), points[0, 2])]
+    return np.c_[flat, np.full(len(flat), points[:, 2].mean())]

@@ -32,7 +32,7 @@ MOST_PICTURES = 100
 _STEPS = 7
 _ASIDE = 0.4  #: share of a tilt along an axis from which on it is worth a word
 _MOST_CELLS = 1000  #: more would be a grey surface
-_TITLE_WIDTH = 72
+_TITLE_WIDTH = 62
 
 
 def suggest(

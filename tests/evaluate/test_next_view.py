@@ -109,7 +109,10 @@ def test_pictures_until_counts_from_what_is_there():
 def test_the_surround_is_one_cell_wider():
     around = surround(grid(square=2.0))
     assert around[:, :2].min(0).tolist() == [-2, -2] and around[:, :2].max(0).tolist() == [18, 12]
-    assert not len(surround(rig()))
+    bent = grid() + np.random.default_rng(0).normal(0, 0.01, (54, 3))
+    assert surround(bent)[:, :2].min(0) == pytest.approx([-1, -1], abs=0.03)
+    for other in (rig(), np.random.default_rng(0).random((60, 3)) * [9, 6, 0]):
+        assert not len(surround(other))
 
 
 def test_rotations_onto_take_the_axis_to_the_ray():
