@@ -338,7 +338,7 @@ def test_a_wrong_homography_is_seen(monkeypatch):
     assert find_homography.against_cv2(views, "zhang")["status"] == "pass"
     real = find_homography.homography.solve
     monkeypatch.setattr(
-        find_homography.homography, "solve", lambda x, u: (real(x, u)[0] @ np.diag([1, 1.001, 1]),)
+        find_homography.homography, "solve", lambda x, u, **_: (real(x, u)[0] @ np.diag([1, 1.001, 1]),)
     )
     made = find_homography.against_cv2(views, "zhang")
     assert made["status"] == "fail" and "better" in made["why"]
