@@ -91,7 +91,7 @@ def _parameters(report: dict[str, Any]) -> list[dict[str, str]]:
                 "name": name,
                 "value": value,
                 "sigma": "held" if p["fixed"] else sigma,
-                "start": f"{p['start']:.6g}",
+                "start": f"{p['start']:.5g}",
             }
         )
     return rows
