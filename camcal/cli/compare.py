@@ -135,7 +135,9 @@ def _tables(found: dict[str, Any]) -> Any:
     rows = []
     for p in found["projection"]:
         where = "-" if p["worst"] is None else "{:.0f}, {:.0f}".format(*p["worst"])
-        figures = [number(p[k], 4) for k in ("max_px", "rms_px", "median_px", "max_sigma", "median_sigma")]
+        # to a billionth: two equal cameras differ by 0, not by what their arithmetic rounds
+        keys = ("max_px", "rms_px", "median_px", "max_sigma", "median_sigma")
+        figures = [number(p[k] if p[k] is None else round(p[k], 9), 4) for k in keys]
         rows.append([number(p["distance"]), *figures, where, p["pixels_outside"]])
     columns = ["distance", "max px", "rms", "median", "max sigma", "median", "worst at u, v", "outside"]
     names = [f"{side.upper()}: {found[side]['name']} ({found[side]['model']})\n" for side in "ab"]

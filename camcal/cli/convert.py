@@ -22,6 +22,8 @@ from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import EstimationError, UsageError
 
 FILE = click.Path(path_type=Path)
+#: models that can stand for most others, for the message where one cannot
+RICHER = ("kb4", "opencv8", "spline:12x9")
 
 
 def _lenses() -> Any:
@@ -85,7 +87,8 @@ def _converted(source: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any
         raise EstimationError(
             f"no camera of model '{lens.name}' is within {options['max_px']:g} px of this one: the closest "
             f"differs by {found.rms_px:.3g} px rms, at worst {worst}.",
-            "Choose a model that can do more (kb4, opencv8, spline:12x9), or give a larger --max-px.",
+            f"Choose a model that can do more ({', '.join(m for m in RICHER if m != lens.name)}), "
+            "or give a larger --max-px.",
         )
     figures = {"model": source.lens.name, "max_px": found.max_px, "rms_px": found.rms_px}
     return found.camera, {**figures, "part_without_ray": found.without_ray}
