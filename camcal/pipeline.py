@@ -14,7 +14,7 @@ from camcal import lenses
 from camcal.closed_form import shape
 from camcal.errors import DataError, EstimationError
 from camcal.evaluate import board_shape, conditioning, judgement, outliers
-from camcal.evaluate.checks import check
+from camcal.evaluate.checks import check, still_true
 from camcal.geometry import projective
 from camcal.refine import noise, ransac, starts
 from camcal.refine import robust as robustly
@@ -94,7 +94,7 @@ def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = 
     if told.checks:
         solution = outliers.named(solution, usable, told.robust != "none")
         solution = replace(solution, holdout=run.hold_out(solution))
-        solution = replace(solution, warnings=(*solution.warnings, *check(solution)))
+        solution = replace(solution, warnings=(*still_true(solution), *check(solution)))
         solution = conditioning.with_conditioning(solution, told.normalise)
         tell("checked", {"warnings": [w.code for w in solution.warnings]})
     if told.crosscheck:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from camcal.errors import CamcalError
-from camcal.evaluate.checks import check
+from camcal.evaluate.checks import check, still_true
 from camcal.evaluate.checks.facts import Facts
 from camcal.evaluate.checks.views import distinct_count, tilts
 from camcal.geometry import rotations
@@ -248,3 +248,13 @@ def test_each_warning_says_what_to_do():
     found = check(solved(views=2, noise=1.0, tilt=0.02))
     assert found
     assert all(w.hint and w.message.endswith(".") and w.hint.endswith(".") for w in found)
+
+
+def test_a_doubt_of_the_closed_form_ends_with_a_good_refinement():
+    data = wide(20, 70)
+    good = calibrate(data, model="kb4")
+    assert all(w.code != "weak-geometry" for w in good.warnings)
+    doubt = CalibrationWarning("weak-geometry", "said")
+    assert still_true(replace(good, warnings=(doubt,))) == ()
+    poor = solved("pinhole", views=2, noise=1.0, tilt=0.12)
+    assert still_true(replace(poor, warnings=(doubt,))) == (doubt,)

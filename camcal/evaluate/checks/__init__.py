@@ -65,3 +65,16 @@ def check(solution: Solution) -> tuple[CalibrationWarning, ...]:
     known = {w.code for w in solution.warnings}
     facts = Facts(solution)
     return tuple(w for one in CHECKS for w in one(facts) if w.code not in known)
+
+
+def still_true(solution: Solution) -> tuple[CalibrationWarning, ...]:
+    """The warnings that a solution carries, without the doubts of the closed form that the refinement settled.
+
+    A closed form for pinhole cameras can be all but lost on a wide lens, and what was refined from another start
+    be good to a thousandth.
+    """
+    if all(w.code != "weak-geometry" for w in solution.warnings) or not parameters.focal_known(
+        Facts(solution)
+    ):
+        return solution.warnings
+    return tuple(w for w in solution.warnings if w.code != "weak-geometry")

@@ -38,6 +38,13 @@ def weak(facts: Facts) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning("weak-parameters", f"hardly determined: {', '.join(found)}.", _HINT)
 
 
+def focal_known(facts: Facts) -> bool:
+    """Whether the focal lengths were estimated and none of them is weak."""
+    names = facts.groups("focal")
+    focal = float(np.abs(facts.camera.params[:2]).max())
+    return bool(names) and all(facts.covariance.sigmas[n] <= WEAK * focal for n in names)
+
+
 def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
     """Strong correlation between parameters of different groups."""
     group = {p.name: p.group for p in facts.camera.lens.parameters}
