@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.closed_form import dlt, shape
+from camcal.closed_form import shape
 from camcal.closed_form.base import ClosedForm
 from camcal.errors import EstimationError
-from camcal.geometry import projective
+from camcal.geometry import projective, resection
 from camcal.types import Correspondences, Poses, View
 
 Array = np.ndarray
@@ -138,7 +138,7 @@ def _require_m34(view: View) -> None:
     neither on the unit nor on the scale of M.
     """
     weights = None if view.sigma is None else view.sigma[None] ** -2.0
-    a, t_xyz, _ = dlt.system(view.xyz[None], view.uv[None], weights)
+    a, t_xyz, _ = resection.system(view.xyz[None], view.uv[None], weights)
     _, singular, vt = np.linalg.svd(
         np.concatenate([a[0], np.zeros((max(12 - a.shape[1], 0), 12))]), full_matrices=False
     )

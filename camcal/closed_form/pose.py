@@ -12,7 +12,7 @@ import numpy as np
 
 from camcal.closed_form import shape
 from camcal.errors import DataError
-from camcal.geometry import homography, rotations
+from camcal.geometry import homography, resection, rotations
 from camcal.types import Correspondences, Poses, View
 
 Array = np.ndarray
@@ -208,9 +208,7 @@ def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 
 
 def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
     """Poses from the projection matrices of views in normalised coordinates, K = I."""
-    from camcal.closed_form.dlt import projection_matrices
-
-    p = projection_matrices(xyz, ab, w)
+    p = resection.projection_matrices(xyz, ab, w)
     scale = np.linalg.norm(p[..., :3], axis=(1, 2)) / np.sqrt(3)
     p = p / scale[:, None, None]
     return Poses(rotations.nearest(p[..., :3]), p[..., 3])

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from camcal.closed_form import central, conic, dlt, ladder, shape
-from camcal.geometry import projective
+from camcal.closed_form import central, conic, ladder, shape
+from camcal.geometry import projective, resection
 from camcal.refine.condition import condition
 from camcal.refine.problem import Problem
 from camcal.types import Correspondences, Solution, Stage
@@ -82,7 +82,7 @@ def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
     planar = shape.shapes(data.views).planar
     views = [v for v, flat in zip(data.views, planar, strict=True) if not flat]
     both = [
-        max(_ratio(dlt.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
+        max(_ratio(resection.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
         for n in (False, True)
     ]
     return _pair(both[0], both[1], normalise)

@@ -17,8 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
-from camcal.closed_form import dlt
-from camcal.geometry import homography, projective
+from camcal.geometry import homography, projective, resection
 from camcal.refine import p3p
 from camcal.refine.losses import RAYLEIGH_MEDIAN
 from camcal.refine.poses import refine_poses
@@ -174,7 +173,7 @@ class Map:
             if self.sample == 4:
                 matrices = homography.homographies(points, uv, relative**-2.0, steps=0)
             else:
-                matrices = dlt.projection_matrices(points, uv, relative**-2.0)
+                matrices = resection.projection_matrices(points, uv, relative**-2.0)
         return np.nan_to_num(matrices, nan=0.0, posinf=0.0, neginf=0.0)
 
     def _errors(self, matrices: Array) -> Array:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.closed_form import dlt
 from camcal.errors import DataError, EstimationError
-from camcal.geometry import projective
+from camcal.geometry import projective, resection
 from camcal.tracking.robust import majority
 
 Array = np.ndarray
@@ -47,7 +46,7 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     """
     if is_flat(xyz):
         raise EstimationError(PLANE, PLANE_HINT)
-    matrices, singular = dlt.solve(xyz[None], uv[None])
+    matrices, singular = resection.solve(xyz[None], uv[None])
     if singular[0, 10] <= UNDETERMINED * singular[0, 0]:
         raise EstimationError(
             "the points leave the projection matrix open (a degenerate arrangement).",
@@ -76,7 +75,7 @@ def _sampled(xyz: Array, uv: Array) -> Array:
         return np.zeros((0, 3, 4))
     rng = np.random.default_rng(0)
     rows = rng.random((SAMPLES, len(xyz))).argpartition(6, axis=1)[:, :6]
-    return dlt.projection_matrices(xyz[rows], uv[rows])
+    return resection.projection_matrices(xyz[rows], uv[rows])
 
 
 def _distances(matrices: Array, xyz: Array, uv: Array) -> Array:

@@ -5,6 +5,7 @@ import pytest
 
 from camcal.closed_form import central, dlt
 from camcal.errors import EstimationError
+from camcal.geometry import resection
 from camcal.types import Correspondences
 from tests.closed_form import scenes
 
@@ -73,7 +74,7 @@ def test_dlt_needs_no_m34():
 def test_dlt_of_a_single_array():
     scene = scenes.scene(scenes.rig(), TURN)
     view = scene.correspondences.views[0]
-    m = dlt.dlt(view.xyz, view.uv)
+    m = resection.dlt(view.xyz, view.uv)
     x = np.c_[view.xyz, np.ones(30)] @ m.T
     assert (x[:, 2] > 0).all() and np.linalg.norm(m) == pytest.approx(1)
     np.testing.assert_allclose(x[:, :2] / x[:, 2:], view.uv, atol=1e-10)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from camcal import calibrate
-from camcal.closed_form import dlt
 from camcal.evaluate import conditioning
+from camcal.geometry import resection
 from camcal.refine import rows
 from camcal.refine.problem import Problem
 from tests import solved
@@ -18,7 +18,7 @@ def test_a_rig_far_from_the_origin():
     assert set(found) == {"central", "dlt", "refine"}
     view = near.correspondences.views[0]
     for normalise, key in ((False, "before"), (True, "after")):
-        a = dlt.system(view.xyz[None], view.uv[None], None, normalise)[0][0]
+        a = resection.system(view.xyz[None], view.uv[None], None, normalise)[0][0]
         s = np.linalg.svd(a, compute_uv=False)
         assert found["dlt"][key] == pytest.approx(s[0] / s[10], rel=1e-9)
     for pair in found.values():
