@@ -18,6 +18,7 @@ ALIASES = {
     "v": "v py pixely imagey imgy imy row y2d 2dy ypx yimage",
     "sigma": "sigma sigmapx std stddev",
     "id": "id pointid pointids point pt marker markerid cornerid",
+    "t": "t time seconds timestamp",
 }
 NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id")
 _BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.split()}
@@ -49,6 +50,13 @@ POINTS = Form(
     ("view", "id", "X", "Y", "Z", "u", "v", "sigma"),
     {4: ("X", "Y", "u", "v"), 5: ("X", "Y", "Z", "u", "v"), 6: ("view", "X", "Y", "Z", "u", "v")},
     "4 (X Y u v), 5 (X Y Z u v) or 6 (view X Y Z u v)",
+)
+#: a stream of frames, `camcal track`; the column `view` is the frame's number
+FRAMES = Form(
+    ("view", "X", "Y", "Z", "u", "v"),
+    ("view", "id", "X", "Y", "Z", "u", "v", "sigma", "t"),
+    {6: ("view", "X", "Y", "Z", "u", "v")},
+    "6 (frame X Y Z u v)",
 )
 POINTS_3D = Form(
     ("X", "Y"), ("view", "id", "X", "Y", "Z"), {2: ("X", "Y"), 3: ("X", "Y", "Z")}, "3 (X Y Z) or 2 (X Y)"

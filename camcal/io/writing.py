@@ -33,7 +33,7 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
     if not folder.is_dir():
         found = "is a file" if folder.exists() else "does not exist"
         raise UsageError(f"cannot write '{target}': the folder '{folder}' {found}.", "Make the folder first.")
-    if _is_special(target):
+    if is_special(target):
         if not os.access(target, os.W_OK):
             raise UsageError(f"cannot write '{target}': permission denied.", "Choose another file.")
         return
@@ -61,7 +61,7 @@ def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = Fa
     data = content.encode("utf-8") if isinstance(content, str) else content
     target = Path(path)
     try:
-        if _is_special(target):
+        if is_special(target):
             target.write_bytes(data)
         else:
             _replace(target.resolve(), data, force)
@@ -130,7 +130,8 @@ def _all_or_none(views: tuple[View, ...], attribute: str, words: str) -> bool:
     return bool(have)
 
 
-def _is_special(path: Path) -> bool:
+def is_special(path: Path) -> bool:
+    """Whether a path is a device, a pipe or a socket: it is written to and never replaced."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import IO
 
 from camcal.errors import UsageError
+from camcal.io.writing import is_special
 from camcal.tracking.base import State
 from camcal.tracking.table import Table
 
@@ -37,7 +38,11 @@ class Output:
         block: int = 256,
     ):
         self.table, self.format, self.path, self.block = table, format, path, block
-        self.part = path if growing or path is None else path.with_name(f".{path.name}.{os.getpid()}.part")
+        if path is None or growing or is_special(path):  # a device or a pipe is never replaced
+            self.part = path
+        else:
+            self.path = path = path.resolve()  # a symbolic link stays; its target is replaced
+            self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._stream: IO[str] | None = None
         self._states: list[State] = []
         self._begun = False
@@ -49,14 +54,14 @@ class Output:
             self.flush()
 
     def flush(self) -> int:
-        """Write what there is; the number of bytes in the file so far, 0 for stdout."""
+        """Write what there is; the number of bytes in the file so far, 0 for stdout, devices and pipes."""
         stream = self._open()
         if self._states:
             text = self.table.csv(self._states) if self.format == "csv" else self.table.jsonl(self._states)
             stream.write(text)
             self._states = []
         stream.flush()
-        return 0 if self.part is None else stream.tell()
+        return 0 if self.part is None or is_special(self.part) else stream.tell()
 
     def _open(self) -> IO[str]:
         if self._stream is None:
@@ -71,7 +76,8 @@ class Output:
         return self._stream
 
     def resume(self, size: int) -> None:
-        """Go on with a file of which the first `size` bytes count; with stdout, go on without a header.
+        """Go on with a file of which the first `size` bytes count; with stdout, a device or a pipe, go on
+        without a header.
 
         Raises
         ------
@@ -79,7 +85,7 @@ class Output:
             Where the file is missing or shorter.
         """
         self._begun = True
-        if self.part is None:
+        if self.part is None or is_special(self.part):
             return
         found = self.part.stat().st_size if self.part.is_file() else 0
         if found < size:

@@ -1,6 +1,7 @@
 """Frames out of a table of points, read block by block: a file of any length, or a pipe as it fills.
 
-Columns `frame,X,Y,Z,u,v[,sigma][,t]`, named by a header in any order, or these six without one. The rows of a
+Columns `frame,X,Y,Z,u,v[,sigma][,t]`, named by a header in any order (camcal.io.columns knows their other
+names), or these six without one. The rows of a
 frame follow each other. A frame is complete when a row of another frame, an empty line or the end comes;
 a program that feeds a pipe ends each frame with an empty line to have its answer at once.
 
@@ -15,6 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from camcal.errors import DataError
+from camcal.io.columns import FRAMES, plain, role_of
 from camcal.registry import suggestion
 from camcal.tracking.base import Frame
 
@@ -22,8 +24,8 @@ Array = np.ndarray
 
 NEEDED = ("frame", "X", "Y", "Z", "u", "v")
 OPTIONAL = ("sigma", "t")
-#: what else the columns are called, in lower case
-ALIASES = {"view": "frame", "time": "t"}
+#: a column that may be there and says nothing here
+UNUSED = "id"
 #: bytes at a time: about 100 frames of 50 points
 BLOCK = 1 << 19
 
@@ -134,17 +136,17 @@ class FrameReader:
         return NEEDED
 
     def _named(self, fields: list[str]) -> tuple[str, ...]:
-        known = {name.lower(): name for name in (*NEEDED, *OPTIONAL)} | ALIASES
-        columns = []
+        columns: list[str] = []
         for field in fields:
-            name = known.get(field.lower())
+            role = role_of(field, FRAMES)
+            name = "frame" if role == "view" else role
             if name is None:
-                hint = suggestion(field, known) or f"Columns: {_FORM}"
+                hint = suggestion(plain(field), (*NEEDED, *OPTIONAL)) or f"Columns: {_FORM}"
                 raise DataError(f"{self.name}: unknown column '{field}'.", hint)
             if name in columns:
+                first = fields[columns.index(name)]
                 raise DataError(
-                    f"{self.name}: '{field}' is a second column {name}: small and capital letters are the same.",
-                    f"Columns: {_FORM}",
+                    f"{self.name}: the columns '{first}' and '{field}' both mean {name}.", f"Columns: {_FORM}"
                 )
             columns.append(name)
         missing = [name for name in NEEDED if name not in columns]
@@ -178,8 +180,9 @@ class FrameReader:
         except ValueError:
             values = self._parse_slowly(lines, first)
         table = np.full((len(values), 8), np.nan)
-        order = [(*NEEDED, *OPTIONAL).index(name) for name in self.columns]
-        table[:, order] = values
+        used = [i for i, name in enumerate(self.columns) if name != UNUSED]
+        order = [(*NEEDED, *OPTIONAL).index(self.columns[i]) for i in used]
+        table[:, order] = values if len(used) == len(self.columns) else values[:, used]
         self._check(table, lines, first)
         return table
 

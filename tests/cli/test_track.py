@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -297,3 +298,18 @@ def test_a_simulated_stream_is_tracked_to_its_truth(camcal):
     np.testing.assert_allclose(np.ravel(report["projection_matrix"]), last, rtol=1e-9)
     code, _, err = camcal("evaluate", "s.truth.yaml", "s.csv")  # the truth is a camera like any other
     assert code == 0, err
+
+
+def test_devices_pipes_and_links_are_not_replaced(camcal, knock):
+    os.mkfifo("pipe")
+    got = []
+    reader = threading.Thread(target=lambda: got.append(Path("pipe").read_text()))
+    reader.start()
+    code, _, err = camcal("track", knock, "-o", "pipe")
+    reader.join(30)
+    assert code == 0, err
+    assert Path("pipe").is_fifo() and len(got[0].splitlines()) == 61
+    Path("far").mkdir()
+    Path("link.csv").symlink_to(Path("far") / "table.csv")
+    assert camcal("track", knock, "-o", "link.csv")[0] == 0
+    assert Path("link.csv").is_symlink() and Path("far/table.csv").read_text() == got[0]

@@ -32,6 +32,7 @@ def test_frames_of_a_table():
         b"\xef\xbb\xbfframe;X;Y;Z;u;v\r\n0;1;2;3;4;5\r\n1;1;2;3;4;5\r\n",
         b"# made by hand\nframe X Y Z u v\n0 1 2 3 4 5\n# between\n1  1 2 3 4 5",
         b"v,u,Z,Y,X,Frame\n5,4,3,2,1,0\n5,4,3,2,1,1\n",
+        b"Image,id,x,y,z,px,py\n0,9,1,2,3,4,5\n1,9,1,2,3,4,5\n",
         b"view\tx\ty\tz\tu\tv\n0\t1\t2\t3\t4\t5\n1\t1\t2\t3\t4\t5\n".replace(b"x\ty\tz", b"X\tY\tZ"),
     ],
 )
@@ -92,8 +93,8 @@ def test_an_empty_line_ends_a_frame_at_once():
         (HEADER, "no frames"),
         (b"frame,X,Y,Z,u\n0,1,2,3,4\n", "lacks v"),
         (b"frame,X,Y,Z,u,v,w\n", "unknown column 'w'"),
-        (b"frame,X,Y,Z,u,u\n", "'u' is a second column u"),
-        (b"frame,X,Y,Z,x,y\n", "'x' is a second column X"),
+        (b"frame,X,Y,Z,u,u\n", "'u' and 'u' both mean u"),
+        (b"frame,X,Y,Z,x,y\n", "'X' and 'x' both mean X"),
         (b"0,1,2,3,4,5,6\n", "7 columns without a header"),
         (HEADER + b"0,1,2,3,4,5\n0,1,2,3,4\n", "points.csv:3: 5 fields"),
         (HEADER + b"0,1,2,3,4,5\n\n0,1,2,3,4,5,6\n", "points.csv:4: 7 fields"),
