@@ -58,6 +58,12 @@ class Inverse:
 
     def __init__(self, function: Callable[[Array], tuple[Array, Array]], top: float):
         self.function, self.top = function, top
+        with np.errstate(all="ignore"):  # a slope of 0 at the fold itself
+            self._fill()
+
+    def _fill(self) -> None:
+        """Make the table."""
+        function, top = self.function, self.top
         grid = np.linspace(0.0, top, CELLS + 1)
         values = np.maximum.accumulate(np.nan_to_num(function(grid)[0], nan=0.0, posinf=HUGE))
         self.end = float(values[-1])
@@ -85,7 +91,8 @@ class Inverse:
         reachable = (target >= 0) & (target <= self.end)
         if not reachable.all():
             target = np.where(reachable, target, 0.0)
-        t, solved = self._newton(self.start(target), target)
+        with np.errstate(all="ignore"):
+            t, solved = self._newton(self.start(target), target)
         return t, reachable & solved
 
     def _newton(self, t: Array, target: Array) -> tuple[Array, Array]:
@@ -105,11 +112,8 @@ class Inverse:
 
     def _bracketed(self, target: Array) -> tuple[Array, Array]:
         """Newton with bisection where it would leave its bracket."""
-        t, low, high = (
-            np.full_like(target, 0.5 * self.top),
-            np.zeros_like(target),
-            np.full_like(target, self.top),
-        )
+        low, high = np.zeros_like(target), np.full_like(target, self.top)
+        t = 0.5 * high
         for _ in range(60):
             f, slope = self.function(t)
             f = f - target
