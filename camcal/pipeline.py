@@ -79,9 +79,10 @@ def _nobody(_: str, __: Mapping[str, Any]) -> None:
 def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = _nobody) -> Solution:
     usable = leave_out_unusable(correspondences)
     run = _Run(told, lenses.make(told.model, told.skew))
-    solution = run.solve(noise.unweighted(usable))
-    if all(v.sigma is not None for v in usable.views):
-        solution = run.weighted(usable, solution)
+    solution = run.solve_weighted(usable)
+    if told.robust == "auto":
+        good = outliers.without_mirrored(usable, solution)
+        solution = solution if good is usable else run.solve_weighted(good)
     if len(solution.poses) < len(usable.views) or not all(m.all() for m in solution.inliers):
         run.begin_again(solution)
     stages = (*run.begun.stages, _refine_stage(solution))
@@ -169,6 +170,11 @@ class _Run:
                 solved = run.fit(camera, poses, correspondences, **more)
                 found.append(self.fit(*starts.adopted(self.lens, solved, self.fix), correspondences, **more))
         return found
+
+    def solve_weighted(self, usable: Correspondences) -> Solution:
+        """Solve, and again with the given sigmas where all views have them."""
+        solution = self.solve(noise.unweighted(usable))
+        return self.weighted(usable, solution) if all(v.sigma is not None for v in usable.views) else solution
 
     def solve(self, correspondences: Correspondences) -> Solution:
         """Camera, poses and, where told, the board's shape, with outliers treated as told."""

@@ -1,26 +1,26 @@
 """What is wrong with the points and views that were rejected, in words.
 
-A rejected point that lies where another point of its view is predicted was taken for that one: two of them
-are swapped, a whole row is shifted. A rejected view whose points fit a plane of other proportions shows
-another board; one that fits the mirrored points holds them in mirrored order.
+Points that were taken for others are told by `mismatch.py`. A rejected view whose points fit a plane of other
+proportions shows another board; one that fits the mirrored points holds them in mirrored order; one that fits
+as its own mirror image is of a picture that was mirrored.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.closed_form import shape
-from camcal.evaluate import figures
+from camcal.evaluate import figures, mismatch
+from camcal.evaluate.checks import mirror
+from camcal.evaluate.checks.facts import Facts
 from camcal.geometry import projective
 from camcal.refine import ransac
 from camcal.refine.losses import RAYLEIGH_MEDIAN
+from camcal.refine.outliers import LEAST_LEFT
 from camcal.types import (
-    Array,
     CalibrationWarning,
     Camera,
     Correspondences,
@@ -30,11 +30,6 @@ from camcal.types import (
     View,
 )
 
-#: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
-NEAR = 0.15
-#: ... and this many points with the same displacement on the board are a shift, not chance: an outlier
-#: anywhere on the board meets a prediction with probability π NEAR² = .07
-LEAST_SHIFTED = 3
 #: a plane of other proportions explains a view where it leaves no more than this many times the usual scatter
 EXPLAINED = 4.0
 #: a used view is suspected where its median residual exceeds that of the median view by this factor, and
@@ -48,84 +43,24 @@ SAME_PROPORTION = 0.003
 _FLAT_RAY = 0.05
 
 
-# ------------------------------------------------------------------ points
-@dataclass(frozen=True)
-class Mismatch:
-    """Rejected points of a view that were taken for others.
-
-    Attributes
-    ----------
-    view : str
-    swapped : tuple of (row, row)
-    shifted : tuple of rows
-        Points that lie where others, all displaced alike on the board, are predicted.
-    by : (3,) array
-        That displacement, in the unit of the points; zeros without any.
-    """
-
-    view: str
-    swapped: tuple[tuple[int, int], ...]
-    shifted: tuple[int, ...]
-    by: Array
-
-
-def mismatches(solution: Solution) -> Iterator[Mismatch]:
-    """The views whose rejected points lie where other points are predicted."""
-    data = solution.correspondences
-    for view, residual, used in zip(data.views, solution.residuals, solution.inliers, strict=True):
-        wrong = np.flatnonzero(~used & np.isfinite(residual).all(1))
-        if len(wrong) < 2:
-            continue
-        found = _mismatch(view, view.uv + residual, wrong)
-        if found.swapped or found.shifted:
-            yield found
-
-
-def _mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
-    known = np.flatnonzero(np.isfinite(predicted).all(1))
-    tree = cKDTree(predicted[known])
-    spacing = _spacing(predicted[known])
-    distance, index = (np.asarray(a) for a in tree.query(view.uv[wrong]))
-    taken = {
-        int(i): int(known[j])
-        for i, j, d in zip(wrong, index, distance, strict=True)
-        if d < NEAR * spacing and known[j] != i
-    }
-    swapped = tuple((i, j) for i, j in taken.items() if i < j and taken.get(j) == i)
-    alone = {i: j for i, j in taken.items() if taken.get(j) != i}
-    size = float(np.ptp(view.xyz, axis=0).max())
-    steps = {i: tuple(np.round((view.xyz[j] - view.xyz[i]) / size, 3)) for i, j in alone.items()}
-    step, count = Counter(steps.values()).most_common(1)[0] if steps else ((0.0, 0.0, 0.0), 0)
-    if count < LEAST_SHIFTED:
-        return Mismatch(view.id, swapped, (), np.zeros(3))
-    rows = tuple(i for i in alone if steps[i] == step)
-    return Mismatch(view.id, swapped, rows, view.xyz[alone[rows[0]]] - view.xyz[rows[0]])
-
-
-def describe(found: Mismatch, view: View) -> str:
-    """A mismatch in words; points by their number on the target, else by their row in the view."""
-
-    def name(row: int) -> str:
-        return str(int(view.point_ids[row]) if view.point_ids is not None else row)
-
-    said = []
-    if found.swapped:
-        pairs = ", ".join(f"{name(i)} and {name(j)}" for i, j in found.swapped[:5])
-        said.append(f"points {pairs} are swapped")
-    if found.shifted:
-        rows = ", ".join(map(name, found.shifted[:12])) + (", ..." if len(found.shifted) > 12 else "")
-        by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
-        said.append(f"points {rows} lie where those displaced by ({by}) belong")
-    return f"view '{found.view}': " + "; ".join(said)
-
-
-# ------------------------------------------------------------------ views
 _HINTS = {
     "rejected-view": "Look at that picture: is it the same board, sharp, and its points in order?",
     "other-board": "Leave the picture out, or give the right size of that board.",
     "mirrored-views": "Its points are in mirrored order (or the picture is): mend or leave out that view.",
+    "mirrored-picture": "The picture seems to be mirrored as a whole: mirror it back, or leave it out.",
     "mismatched-points": "They were left out; mend their order to use them.",
 }
+
+
+def without_mirrored(correspondences: Correspondences, solution: Solution) -> Correspondences:
+    """The correspondences without the views that a solution shows to be mirror images; the same if there are none."""
+    views = solution.correspondences.views
+    bad = {views[i].id for i in mirror.mirrored_views(Facts(solution))}
+    if not bad or len(correspondences.views) - len(bad) < LEAST_LEFT:
+        return correspondences
+    left_out = (SkippedView(name, "rejected", "does not fit the other views") for name in sorted(bad))
+    kept = tuple(v for v in correspondences.views if v.id not in bad)
+    return replace(correspondences, views=kept, skipped=(*correspondences.skipped, *left_out))
 
 
 def named(solution: Solution, given: Correspondences, robust: bool = True) -> Solution:
@@ -153,13 +88,17 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
             continue
         pose, rms = _best_pose(view, solution.camera, usual)
         code, what = _kind(view, solution.camera, pose, usual)
+        if rms is not None and _is_mirrored(view, solution.camera, rms, usual):
+            code, what = "mirrored-picture", "it fits as a mirror image"
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
         said.append((code, f"view '{entry.id}' was left out: {reason}."))
     if robust:
         said += [("other-board", text) for text in _suspects(solution)]
     used = {v.id: v for v in data.views}
-    said += [("mismatched-points", describe(m, used[m.view]) + ".") for m in mismatches(solution)]
+    said += [
+        ("mismatched-points", mismatch.describe(m, used[m.view]) + ".") for m in mismatch.mismatches(solution)
+    ]
     warnings = (CalibrationWarning(code, text, _HINTS[code]) for code, text in said)
     changed = replace(data, skipped=tuple(skipped))
     return replace(solution, correspondences=changed, warnings=(*solution.warnings, *warnings))
@@ -205,6 +144,14 @@ def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, f
     return pose, figures.rms_point(residual[np.isfinite(residual).all(1)])
 
 
+def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
+    """Whether a view of a plane, of this rms_point, fits much better as its own mirror image."""
+    if camera.image_size is None or not shape.shapes([view]).planar[0]:
+        return False
+    _, other = _best_pose(mirror.mirrored(view, camera.image_size[0]), camera, usual)
+    return other is not None and other <= EXPLAINED * usual and other**2 * mirror.SQUARES < rms**2
+
+
 def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[str, str]:
     """Code and words for a rejected view."""
     if shape.shapes([view]).planar[0]:
@@ -227,17 +174,12 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
     if pose is not None:
         residual = camera.project(pose.apply(view.xyz)) - view.uv
         wrong = np.flatnonzero(np.linalg.norm(residual, axis=1) > 2 * EXPLAINED * usual)
-        mismatch = _mismatch(view, view.uv + residual, wrong)
-        if mismatch.swapped or mismatch.shifted:
-            return "mismatched-points", describe(mismatch, view).split(": ", 1)[1]
-        if np.median(np.linalg.norm(residual, axis=1)) > FAR_OFF * _spacing(view.uv):
+        taken = mismatch.mismatch(view, view.uv + residual, wrong)
+        if taken.swapped or taken.shifted:
+            return "mismatched-points", mismatch.describe(taken, view).split(": ", 1)[1]
+        if np.median(np.linalg.norm(residual, axis=1)) > FAR_OFF * mismatch.spacing(view.uv):
             return "other-board", "no pose explains its points: another board, or points out of order"
     return "rejected-view", ""
-
-
-def _spacing(uv: Array) -> float:
-    """The median distance of a point from its nearest neighbour, px."""
-    return float(np.median(np.asarray(cKDTree(uv).query(uv, k=2)[0])[:, 1]))
 
 
 def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None:

@@ -87,7 +87,7 @@ LIES = {
     "another board": (lambda: boards(board=GRID * [1, 1.1, 1]), "other-board", "1.1 times as long in y"),
     "points in disorder": (lambda: reordered(disorder), "other-board", "out of order"),
     "a mirrored order": (lambda: reordered(lambda g: g[:, ::-1]), "mirrored-views", f"behind: {NAME}"),
-    "a mirrored picture": (lambda: reordered(mirrored_picture), "mirrored-picture", f"images: {NAME}"),
+    "a mirrored picture": (lambda: reordered(mirrored_picture), "mirrored-picture", "as a mirror image"),
     "a view taken twice": (twice, "repeated-view", f"again ({NAME})"),
 }
 
@@ -108,15 +108,15 @@ def estimate(camcal, tmp_path):
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_each_lie_is_named_and_does_little_harm(estimate, name):
+def test_each_lie_is_named_and_harmless(estimate, name):
     make, code, words = LIES[name]
     report, screen = estimate(make())
     warning = next(w for w in report["warnings"] if w["code"] == code)
     assert words in warning["message"]
     assert warning["hint"]
     assert code in screen
-    # at 0.2 px noise fx has a sigma of .6 px; a mirrored picture is used, and moves it by 2.4 px
-    assert report["camera"]["parameters"]["fx"]["value"] == pytest.approx(CAMERA.params[0], abs=2.5)
+    # at 0.2 px noise fx has a sigma of .6 px
+    assert report["camera"]["parameters"]["fx"]["value"] == pytest.approx(CAMERA.params[0], abs=1.8)
 
 
 def test_what_is_rejected_stands_in_the_report(estimate):

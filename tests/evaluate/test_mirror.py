@@ -59,6 +59,6 @@ def test_points_in_space_and_pictures_of_no_known_size_are_not_looked_at():
 def test_the_mirrored_start_is_the_pose_of_the_mirrored_view():
     # a view that is its own mirror image gains nothing and loses nothing
     facts = found(mirrored=(), truth=CENTRED, noise=0.0)
-    gains, counts = gains_of_mirroring(facts)
+    gains, counts = gains_of_mirroring(facts, np.arange(10))
     assert (counts == 54).all()
     assert np.sqrt(np.exp(-gains) * [np.square(r).sum() for r in facts.solution.residuals]).max() < 1e-3

@@ -15,26 +15,22 @@ import numpy as np
 
 from camcal.evaluate.checks.facts import Facts
 from camcal.refine.poses import refine_poses
-from camcal.types import Array, CalibrationWarning, Poses
+from camcal.types import Array, CalibrationWarning, Poses, View
 
 #: The mirrored view has to be likelier by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
 LIKELIER = 14.0
 #: ... and the sum of squares to be this many times as large: neighbouring points share errors, and good real
 #: views reach 1.4. Views that were mirrored have 2 to 5 at 0.2 px noise, and more with less.
 SQUARES = 1.8
-#: Larger problems are not searched: it takes as long as the refinement itself.
-MOST_POINTS = 20_000
+#: Only views whose rms exceeds that of the median view by this are looked at: a mirrored one has 1.3 and more.
+SUSPECT = 1.15
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Views that fit much better as mirror images."""
-    few = facts.solution.correspondences.point_count <= MOST_POINTS
-    if not facts.planar or facts.image_size is None or len(facts.views) < 3 or not few:
-        return
-    gains, counts = gains_of_mirroring(facts)
-    found = np.flatnonzero((counts * gains > LIKELIER) & (gains > np.log(SQUARES)))
-    if not len(found) or 2 * len(found) > len(facts.views):
+    found = mirrored_views(facts)
+    if not len(found):
         return
     names = ", ".join(facts.views[i].id for i in found[:5]) + (", ..." if len(found) > 5 else "")
     yield CalibrationWarning(
@@ -44,20 +40,36 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     )
 
 
-def gains_of_mirroring(facts: Facts) -> tuple[Array, Array]:
-    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and points; (V,) each."""
+def mirrored_views(facts: Facts) -> Array:
+    """The indices of views that fit much better as mirror images; none where they are most."""
+    none = np.zeros(0, int)
+    if not facts.planar or facts.image_size is None or len(facts.views) < 3:
+        return none
+    pairs = zip(facts.solution.residuals, facts.solution.inliers, strict=True)
+    squares = np.array([np.square(r[m]).sum(1).mean() for r, m in pairs])
+    chosen = np.flatnonzero(squares > SUSPECT**2 * np.median(squares))
+    gains, counts = gains_of_mirroring(facts, chosen)
+    found = chosen[(counts * gains > LIKELIER) & (gains > np.log(SQUARES))]
+    return none if 2 * len(found) > len(facts.views) else found
+
+
+def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
+    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and points.
+
+    Of the chosen views, (C,) each.
+    """
     solution, width = facts.solution, (facts.image_size or (0, 0))[0]
-    kept = [v.take(m) for v, m in zip(facts.views, solution.inliers, strict=True)]
-    views = [
-        replace(v, xyz=v.xyz * _MIRROR, uv=np.c_[width - 1 - v.uv[:, 0], v.uv[:, 1]], sigma=None)
-        for v in kept
-    ]
-    poses = solution.poses
+    kept = [facts.views[i].take(solution.inliers[i]) for i in chosen]
+    poses = Poses(solution.poses.rotations[chosen], solution.poses.translations[chosen])
     start = Poses(poses.rotations * np.outer(_MIRROR, _MIRROR), poses.translations * _MIRROR)
-    _, costs, _ = refine_poses(facts.camera, views, start)
-    own = np.array(
-        [0.5 * np.square(r[m]).sum() for r, m in zip(solution.residuals, solution.inliers, strict=True)]
-    )
+    _, costs, _ = refine_poses(facts.camera, [mirrored(v, width) for v in kept], start)
+    own = np.array([0.5 * np.square(solution.residuals[i][solution.inliers[i]]).sum() for i in chosen])
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.log(own / costs)
     return np.where(np.isfinite(ratios), ratios, -np.inf), np.array([len(v) for v in kept])
+
+
+def mirrored(view: View, width: int) -> View:
+    """A view as its mirror image: picture and target; unweighted."""
+    uv = np.c_[width - 1 - view.uv[:, 0], view.uv[:, 1]]
+    return replace(view, xyz=view.xyz * _MIRROR, uv=uv, sigma=None)
