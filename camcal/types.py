@@ -339,7 +339,7 @@ class Solution:
     @property
     def used_residuals(self) -> Array:
         """Residuals (M, 2) of the points the solution rests on, px."""
-        return np.concatenate([r[m] for r, m in zip(self.residuals, self.inliers, strict=True)])
+        return np.concatenate(self.residuals)[np.concatenate(self.inliers)]
 
     @property
     def rms_point(self) -> float:

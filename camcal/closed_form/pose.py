@@ -196,14 +196,22 @@ def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 
     w : (V, N) array
     steps : int
     """
-    first = polish(poses, local, ab, w, 3)
-    second = polish(second_solution(first.poses), local, ab, w, 3)
-    open_ = np.flatnonzero(np.maximum(second.cost, first.cost) < RIVAL * np.minimum(second.cost, first.cost))
-    best = first.or_better(second)
-    if len(open_):
-        for start in (first, second):
-            best = best.or_better(polish(start.poses[open_], local[open_], ab[open_], w[open_], steps), open_)
-    return best.poses
+    both = Polished(_joined(poses, second_solution(poses)), np.full(2 * len(poses), np.inf))
+    open_ = np.arange(len(poses))
+    for most in (3, steps):  # the two starts of each view side by side: as many calls as for one
+        rows = np.r_[open_, len(poses) + open_]
+        xyz, seen, weights = (np.concatenate([a[open_], a[open_]]) for a in (local, ab, w))
+        both = both.or_better(polish(both.poses[rows], xyz, seen, weights, most), rows)
+        first, second = both.cost.reshape(2, -1)
+        open_ = np.flatnonzero(np.maximum(first, second) < RIVAL * np.minimum(first, second))
+        if not len(open_):
+            break
+    better = second < first
+    return both.poses[np.arange(len(poses)) + len(poses) * better]
+
+
+def _joined(a: Poses, b: Poses) -> Poses:
+    return Poses(np.r_[a.rotations, b.rotations], np.r_[a.translations, b.translations])
 
 
 def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:

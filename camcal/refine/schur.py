@@ -32,15 +32,14 @@ def cholesky(blocks: Array) -> Array | None:
     """
     n = len(blocks)
     factor = np.zeros_like(blocks)
-    for j in range(n):
-        pivot = blocks[j, j] - np.einsum("kv,kv->v", factor[j, :j], factor[j, :j])
-        if not (pivot > 0).all():
-            return None
-        factor[j, j] = 1.0 / np.sqrt(pivot)
-        if j + 1 < n:
-            below = blocks[j + 1 :, j] - np.einsum("ikv,kv->iv", factor[j + 1 :, :j], factor[j, :j])
-            factor[j + 1 :, j] = below * factor[j, j]
-    return factor
+    with np.errstate(all="ignore"):  # a pivot that is not positive makes NaN, and shows at the end
+        for j in range(n):
+            column = blocks[j:, j]
+            if j:
+                column = column - np.einsum("ikv,kv->iv", factor[j:, :j], factor[j, :j])
+            factor[j, j] = 1.0 / np.sqrt(column[0])
+            factor[j + 1 :, j] = column[1:] * factor[j, j]
+    return factor if np.isfinite(factor).all() else None
 
 
 def forward_substitution(factor: Array, right: Array) -> Array:

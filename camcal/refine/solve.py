@@ -151,12 +151,16 @@ def residuals(camera: Camera, poses: Poses, correspondences: Correspondences) ->
     views = correspondences.views
     begin = 0
     for end in _portions([len(v) for v in views]):
-        rows = slice(begin, end)
-        pairs = zip(views[rows], poses.rotations[rows], poses.translations[rows], strict=True)
-        cam = np.concatenate([v.xyz @ r.T + t for v, r, t in pairs])
-        seen = np.concatenate([v.uv for v in views[rows]])
-        ends = np.cumsum([len(v) for v in views[rows]])
-        found += np.split(camera.project(cam) - seen, ends[:-1])
+        some, counts = views[begin:end], [len(v) for v in views[begin:end]]
+        xyz = np.concatenate([v.xyz for v in some])
+        r, t = poses.rotations[begin:end], poses.translations[begin:end]
+        if min(counts) == max(counts):  # in one go: for small views the calls would cost more than the work
+            cam = (xyz.reshape(len(some), -1, 3) @ r.transpose(0, 2, 1) + t[:, None]).reshape(-1, 3)
+        else:
+            cam = np.einsum("nij,nj->ni", np.repeat(r, counts, 0), xyz) + np.repeat(t, counts, 0)
+        off = camera.project(cam) - np.concatenate([v.uv for v in some])
+        ends = np.cumsum(counts)
+        found += [off[a:b] for a, b in zip([0, *ends[:-1]], ends, strict=True)]
         begin = end
     return tuple(found)
 
