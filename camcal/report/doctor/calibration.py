@@ -22,6 +22,7 @@ GRAVE = frozenset(
         "parallel-views",
         "undetermined-parameters",
         "mirrored-views",
+        "mirrored-picture",
         "points-outside-image",
         "points-outside-model",
         "fold-in-image",
