@@ -81,7 +81,7 @@ def _calibrate(correspondences: Correspondences, told: Options, tell: OnEvent = 
     run = _Run(told, lenses.make(told.model, told.skew))
     solution = run.solve_weighted(usable)
     if told.robust == "auto":
-        good = outliers.without_mirrored(usable, solution)
+        good = outliers.without_strangers(usable, solution)
         solution = solution if good is usable else run.solve_weighted(good)
     if len(solution.poses) < len(usable.views) or not all(m.all() for m in solution.inliers):
         run.begin_again(solution)

@@ -7,8 +7,7 @@ as its own mirror image is of a picture that was mirrored.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +38,9 @@ SUSPECT = 1.5
 FAR_OFF = 0.5
 #: proportions differ from those of the board if by more than this
 SAME_PROPORTION = 0.003
+#: a used view of proportions that are off by more than this is left out: prints stay below .002, and a real view
+#: that was skewed (in motion, by a bent board) had .009
+OTHER_PROPORTION = 0.02
 #: sine of the angle between rays and the image plane below which x/z means little
 _FLAT_RAY = 0.05
 
@@ -52,10 +54,14 @@ _HINTS = {
 }
 
 
-def without_mirrored(correspondences: Correspondences, solution: Solution) -> Correspondences:
-    """The correspondences without the views that a solution shows to be mirror images; the same if there are none."""
+def without_strangers(correspondences: Correspondences, solution: Solution) -> Correspondences:
+    """The correspondences without views that fit a pose well enough to be used, but bend the camera.
+
+    They are mirror images, or clearly of another board. The same correspondences if there are none.
+    """
     views = solution.correspondences.views
     bad = {views[i].id for i in mirror.mirrored_views(Facts(solution))}
+    bad |= {views[s.index].id for s in _suspects(solution) if abs(s.ratio - 1) > OTHER_PROPORTION}
     if not bad or len(correspondences.views) - len(bad) < LEAST_LEFT:
         return correspondences
     left_out = (SkippedView(name, "rejected", "does not fit the other views") for name in sorted(bad))
@@ -94,7 +100,7 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
         said.append((code, f"view '{entry.id}' was left out: {reason}."))
     if robust:
-        said += [("other-board", text) for text in _suspects(solution)]
+        said += [("other-board", s.words(data.views[s.index].id)) for s in _suspects(solution)]
     used = {v.id: v for v in data.views}
     said += [
         ("mismatched-points", mismatch.describe(m, used[m.view]) + ".") for m in mismatch.mismatches(solution)
@@ -104,11 +110,27 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
     return replace(solution, correspondences=changed, warnings=(*solution.warnings, *warnings))
 
 
-def _suspects(solution: Solution) -> Iterator[str]:
+@dataclass(frozen=True)
+class _Suspect:
+    """A used view that fits better as another board: the median residuals as that and as it is, px."""
+
+    index: int
+    ratio: float
+    other: float
+    own: float
+
+    def words(self, name: str) -> str:
+        return (
+            f"view '{name}' fits better as another board, {self.ratio:.4g} times as long in y against x: "
+            f"{self.other:.3g} px instead of {self.own:.3g} px (medians)."
+        )
+
+
+def _suspects(solution: Solution) -> list[_Suspect]:
     """Used views that a plane of other proportions explains much better than the board does."""
     data = solution.correspondences
     own = np.array([f.median for f in figures.per_view(solution)])
-    found: dict[int, tuple[float, float]] = {}
+    found = []
     for i in np.flatnonzero(own > SUSPECT * np.median(own)):
         view = data.views[i].take(solution.inliers[i])
         if len(data.views) < 3 or not shape.shapes([view]).planar[0]:
@@ -117,14 +139,10 @@ def _suspects(solution: Solution) -> Iterator[str]:
         if measured is None or abs(measured[0] - 1) <= SAME_PROPORTION:
             continue
         if measured[2] < own[i] / SUSPECT:
-            found[int(i)] = measured[0], measured[2]
-    most = max((own[i] / median for i, (_, median) in found.items()), default=0.0)
-    for index, (ratio, median) in found.items():
-        if own[index] / median > most / 2:  # one such view also bends the camera away from the others
-            yield (
-                f"view '{data.views[index].id}' fits better as another board, {ratio:.4g} times as long in y against "
-                f"x: {median:.3g} px instead of {own[index]:.3g} px (medians)."
-            )
+            found.append(_Suspect(int(i), measured[0], measured[2], float(own[i])))
+    most = max((s.own / s.other for s in found), default=0.0)
+    # one such view also bends the camera away from the others
+    return [s for s in found if s.own / s.other > most / 2]
 
 
 def _usual_scatter(solution: Solution) -> float:
@@ -173,11 +191,13 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
             return "mirrored-views", "it fits once an axis is negated: its frame is mirrored"
     if pose is not None:
         residual = camera.project(pose.apply(view.xyz)) - view.uv
-        wrong = np.flatnonzero(np.linalg.norm(residual, axis=1) > 2 * EXPLAINED * usual)
+        lengths = np.linalg.norm(residual, axis=1)
+        wrong = np.flatnonzero(lengths > 2 * EXPLAINED * usual)
         taken = mismatch.mismatch(view, view.uv + residual, wrong)
         if taken.swapped or taken.shifted:
             return "mismatched-points", mismatch.describe(taken, view).split(": ", 1)[1]
-        if np.median(np.linalg.norm(residual, axis=1)) > FAR_OFF * mismatch.spacing(view.uv):
+        # a point that does not project is as far off as can be
+        if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * mismatch.spacing(view.uv):
             return "other-board", "no pose explains its points: another board, or points out of order"
     return "rejected-view", ""
 

@@ -85,6 +85,12 @@ LIES = {
     "shifted rows": (lambda: reordered(shifted_rows), "mismatched-points", "displaced by (0, -1, 0)"),
     "two swapped corners": (lambda: reordered(swapped), "mismatched-points", "5 and 40 are swapped"),
     "another board": (lambda: boards(board=GRID * [1, 1.1, 1]), "other-board", "1.1 times as long in y"),
+    "nearly the same board": (
+        # fits a pose to .8 px, bends fx by 3.5 px, and is known only once the others have been seen
+        lambda: boards(board=GRID * [1, 1.05, 1], seed=2),
+        "other-board",
+        "1.051 times as long in y",
+    ),
     "points in disorder": (lambda: reordered(disorder), "other-board", "out of order"),
     "a mirrored order": (lambda: reordered(lambda g: g[:, ::-1]), "mirrored-views", f"behind: {NAME}"),
     "a mirrored picture": (lambda: reordered(mirrored_picture), "mirrored-picture", "as a mirror image"),
