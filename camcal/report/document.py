@@ -57,7 +57,7 @@ def document(
     """
     data = solution.correspondences
     accuracy = beyond_linear(solution, covariance(solution))
-    views, places = _views(solution)
+    views, places = _views(solution, accuracy)
     fallen = [*failed_gates(solution), *failures]
     made: dict[str, Any] = {
         "schema": SCHEMA,
@@ -175,11 +175,12 @@ def _projection_matrix(camera: Camera, pose: Pose) -> Array:
     return scaled(projective.compose(camera.matrix, pose.rotation, pose.translation))
 
 
-def _views(solution: Solution) -> tuple[list[dict[str, Any]], list[int]]:
+def _views(solution: Solution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
     """The entries of all views in the input's order, and where the used ones stand among them."""
     data = solution.correspondences
     vectors = rotations.log(solution.poses.rotations)
-    entries = [_used_view(solution, i, vectors[i]) for i in range(len(data.views))]
+    sigmas = np.sqrt(np.diagonal(accuracy.poses(), axis1=1, axis2=2))
+    entries = [_used_view(solution, i, vectors[i], sigmas[i]) for i in range(len(data.views))]
     used = [e["id"] for e in entries]
     entries += [_skipped(s) for s in data.skipped]
     order = _input_order([e["id"] for e in entries], data)
@@ -207,7 +208,7 @@ def _input_order(ids: list[str], data: Correspondences) -> list[int]:
     return order if kept == sorted(kept) else plain_order
 
 
-def _used_view(solution: Solution, index: int, vector: Array) -> dict[str, Any]:
+def _used_view(solution: Solution, index: int, vector: Array, sigmas: Array) -> dict[str, Any]:
     view = solution.correspondences.views[index]
     residuals, inliers = solution.residuals[index], solution.inliers[index]
     entry: dict[str, Any] = {
@@ -220,6 +221,7 @@ def _used_view(solution: Solution, index: int, vector: Array) -> dict[str, Any]:
         "cam_from_board": {
             "rotation_vector": vector,
             "translation": solution.poses.translations[index],
+            "sigma": {"rotation": sigmas[:3], "centroid": sigmas[3:]},
         },
     }
     if not inliers.all():

@@ -9,6 +9,7 @@ import yaml
 
 import camcal
 from camcal.errors import DataError, UsageError
+from camcal.evaluate.covariance import covariance
 from camcal.report.document import document, load, load_camera, save
 from camcal.report.plain import plain
 from camcal.report.yaml import dump_json, dump_yaml
@@ -271,3 +272,14 @@ def test_a_camera_of_a_report(tmp_path, solution):
     (tmp_path / "x.yaml").write_text("a: 1\n")
     with pytest.raises(DataError, match="no camera"):
         load_camera(tmp_path / "x.yaml")
+
+
+def test_poses_have_their_sigmas():
+    s = solved(views=5)
+    entries = document(s)["views"]
+    blocks = covariance(s).poses()
+    for entry, block in zip(entries, blocks, strict=True):
+        sigma = entry["cam_from_board"]["sigma"]
+        assert np.allclose([*sigma["rotation"], *sigma["centroid"]], np.sqrt(np.diag(block)))
+    # a board of 9 units at 13 units: turned to a milliradian, and placed to a hundredth
+    assert 1e-5 < entries[0]["cam_from_board"]["sigma"]["rotation"][0] < 1e-2
