@@ -22,6 +22,7 @@ import numpy as np
 from camcal.errors import DataError
 from camcal.evaluate.checks.facts import Facts
 from camcal.evaluate.covariance import covariance
+from camcal.evaluate.curvature import beyond_linear
 from camcal.evaluate.difference import Difference, difference, image_grid
 from camcal.evaluate.uncertainty import (
     ProjectionUncertainty,
@@ -53,7 +54,7 @@ class Side:
         """A calibration; one of which nothing was estimated counts as exact."""
         if not solution.free.shape[1] or not len(solution.poses):
             return cls(name, solution.camera)
-        accuracy = covariance(solution)
+        accuracy = beyond_linear(solution, covariance(solution))
         sigmas = {n: s for n, s in accuracy.sigmas.items() if s > 0}
         uv = Facts(solution).image_points
         box = uv.min(0), uv.max(0)
