@@ -12,13 +12,16 @@ from camcal.cli.output import emit, table
 from camcal.cli.params import Word
 from camcal.cli.verbosity import verbosity_options
 
-#: kind -> (module, its table); each module may hold SUMMARIES, name -> one line, beside the table.
+#: kind -> (module, its table); each module may hold SUMMARIES, name -> one line, beside the table; a table of
+#: summaries has its own lines.
 TABLES: dict[str, tuple[str, str]] = {
     "models": ("camcal.lenses", "LENSES"),
     "targets": ("camcal.targets", "TARGETS"),
     "optimizers": ("camcal.refine.optimizers", "OPTIMIZERS"),
     "closed-forms": ("camcal.closed_form", "CLOSED_FORMS"),
     "estimators": ("camcal.tracking", "ESTIMATORS"),
+    "gains": ("camcal.tracking", "GAIN_SUMMARIES"),
+    "motions": ("camcal.tracking", "MOTION_SUMMARIES"),
     "formats": ("camcal.formats", "FORMATS"),
     "commands": ("camcal.cli", "COMMANDS"),
 }
@@ -30,7 +33,11 @@ def entries(kind: str) -> list[dict[str, str]]:
     module = importlib.import_module(module_name)
     known: Mapping[str, object] = getattr(module, attribute, {})
     summaries: Mapping[str, str] = getattr(module, "SUMMARIES", {})
-    return [{"name": name, "summary": summaries.get(name, _own_text(value))} for name, value in known.items()]
+    own = attribute.endswith("SUMMARIES")
+    return [
+        {"name": name, "summary": str(value) if own else summaries.get(name, _own_text(value))}
+        for name, value in known.items()
+    ]
 
 
 def _own_text(value: object) -> str:
@@ -45,7 +52,7 @@ def _own_text(value: object) -> str:
 def command(kind: str, format: str) -> None:
     """List what there is of one KIND, with a line on each.
 
-    KIND is models, targets, optimizers, closed-forms, estimators, formats or commands.
+    KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, formats or commands.
     """
     found = entries(kind)
     emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))

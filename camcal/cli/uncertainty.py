@@ -9,7 +9,7 @@ import click
 
 from camcal.cli import params
 from camcal.cli.options import config_option, format_option, option
-from camcal.cli.verbosity import verbosity_options
+from camcal.cli.verbosity import note, verbosity_options
 
 PIXEL = params.PixelType()
 DISTANCE = params.DistanceType()
@@ -48,7 +48,10 @@ def command(
     found = inquire(load(report), at, distance)
     emit(found, format, lambda: _tables(found))
     worst = max(p["sigma_px"] for p in found["points"])
-    return 1 if max_px is not None and not worst <= max_px else 0
+    fell = max_px is not None and not worst <= max_px
+    if max_px is not None:
+        note(f"{'FAIL' if fell else 'PASS'}: the largest sigma is {worst:.4g} px; {max_px:g} px is allowed.")
+    return 1 if fell else 0
 
 
 def _tables(found: dict[str, Any]) -> Any:

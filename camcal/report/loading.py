@@ -55,6 +55,11 @@ def load(path: str | os.PathLike) -> Solution:
 
 def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
     """The solution of a document that `document` made."""
+    if "track" in found:
+        raise DataError(
+            f"'{source}' is a report of `camcal track`: it holds a camera, but no views that could be judged.",
+            "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
+        )
     with _damage(source):
         camera = _camera(found["camera"])
         start, free = _start_and_free(found["camera"], camera)

@@ -313,3 +313,20 @@ def test_devices_pipes_and_links_are_not_replaced(camcal, knock):
     Path("link.csv").symlink_to(Path("far") / "table.csv")
     assert camcal("track", knock, "-o", "link.csv")[0] == 0
     assert Path("link.csv").is_symlink() and Path("far/table.csv").read_text() == got[0]
+
+
+def test_a_track_is_no_calibration(camcal, knock):
+    assert camcal("track", knock, "-o", "a.csv", "--report", "r.yaml")[0] == 0
+    for name in ("report", "doctor", "uncertainty"):
+        code, _, err = camcal(name, "r.yaml", *(["-o", "r.html"] if name == "report" else []))
+        assert code == 3 and "report of `camcal track`" in err
+
+
+def test_gains_and_motions_are_listed(camcal):
+    from camcal.tracking import GAIN_SUMMARIES, GAINS
+
+    assert set(GAINS) == set(GAIN_SUMMARIES)
+    code, out, _ = camcal("list", "gains", "--format", "json")
+    assert code == 0 and {e["name"]: e["summary"] for e in json.loads(out)} == GAIN_SUMMARIES
+    code, out, _ = camcal("list", "motions")
+    assert code == 0 and "warms up" in out

@@ -50,8 +50,10 @@ def test_the_table(camcal, report):
 
 
 def test_a_gate(camcal, report):
-    assert camcal("uncertainty", report, "--max-px", "1e-6")[0] == 1
-    assert camcal("uncertainty", report, "--max-px", "1e6")[0] == 0
+    code, _, err = camcal("uncertainty", report, "--max-px", "1e-6")
+    assert code == 1 and "FAIL: the largest sigma" in err
+    code, _, err = camcal("uncertainty", report, "--max-px", "1e6")
+    assert code == 0 and "PASS" in err
 
 
 @pytest.mark.parametrize(
