@@ -330,3 +330,11 @@ def test_gains_and_motions_are_listed(camcal):
     assert code == 0 and {e["name"]: e["summary"] for e in json.loads(out)} == GAIN_SUMMARIES
     code, out, _ = camcal("list", "motions")
     assert code == 0 and "warms up" in out
+
+
+def test_every_key_of_the_report_is_documented(camcal, knock):
+    assert camcal("track", knock, "-o", "a.csv", "--report", "r.yaml")[0] == 0
+    track = yaml.safe_load(Path("r.yaml").read_text())["track"]
+    page = (Path(__file__).resolve().parents[2] / "docs" / "tracking.md").read_text()
+    told = {word.strip() for part in page.split("`")[1::2] for word in part.split(",")}
+    assert {*track, *(k for k in track["changes"][0] if not k.startswith("sigma_"))} <= told
