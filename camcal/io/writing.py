@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import glob
 import io
 import os
 import secrets
@@ -137,6 +138,13 @@ def is_special(path: Path) -> bool:
 
 def _reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
+
+
+def sweep(path: str | os.PathLike) -> None:
+    """Remove what an `atomic_write` that was killed has left beside a file that only one process writes."""
+    target = Path(path).resolve()
+    for left in target.parent.glob(f".{glob.escape(target.name[:40])}.{'[0-9a-f]' * 16}.part"):
+        left.unlink(missing_ok=True)
 
 
 def _replace(target: Path, data: bytes, force: bool) -> None:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from camcal.errors import DataError, UsageError
-from camcal.io.writing import atomic_write
+from camcal.io.writing import atomic_write, sweep
 from camcal.tracking.base import State
 from camcal.tracking.decompose import Cameras
 from camcal.tracking.events import Alarm
@@ -33,13 +33,14 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Read a checkpoint.
+    """Read a checkpoint; what a run that was killed while it wrote one has left is removed.
 
     Raises
     ------
     DataError
         Where the file is not one.
     """
+    sweep(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"), object_hook=_decode)
     except (ValueError, UnicodeDecodeError) as error:

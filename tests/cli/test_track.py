@@ -210,10 +210,12 @@ def test_killed_and_started_again(tmp_path):
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
         process.communicate()
+    (tmp_path / ".state.0123456789abcdef.part").write_text("killed while it wrote")
     last = start(*args)
     said = last.communicate()[1].decode()
     assert last.returncode == 0, said
     assert table.read_bytes() == whole.read_bytes()
+    assert not [p.name for p in tmp_path.iterdir() if p.name.endswith(".part")]
     assert "240 frames" in said and "Changes: 1" in said
 
 
