@@ -17,7 +17,7 @@ from camcal.targets.checkerboard import find_any
 from camcal.targets.quality import measure
 from camcal.version import __version__
 
-DETECTOR = 1  #: raise it when a detector comes to find something else in the same picture
+DETECTOR = 2  #: raise it when a detector comes to find something else in the same picture
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ LEAST_SIDE = 3  #: corners; a smaller grid is no board
 ENOUGH = 0.8  #: share of a board's corners that must be seen
 HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, that are more than chance
 ALTERNATING = 0.9  #: share of the neighbouring squares that must differ as black and white
+BACKGROUND = (
+    0.1  #: of the area of the largest grid; a smaller one is what a screen behind it shows, or chance
+)
 NEARLY_ALL = 0.75  #: share of the corners of a side that shows where the board ends
 
 
@@ -78,7 +81,7 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
         reduced = reduce(gray, factor)
         level = _at_level(reduced, factor, size)
         for found in level[: 1 if size is None else None]:
-            if _fits(found, size):
+            if _fits(found, size) and not _in_the_background(found, level[0]):
                 return found
             if best is None or found.lattice.present.sum() > best.lattice.present.sum():
                 best = found
@@ -130,6 +133,11 @@ def _area(found: Lattice) -> float:
         return 0.0
     square = step[:, 0, 0] * step[:, 1, 1] - step[:, 0, 1] * step[:, 1, 0]
     return float(found.present.sum() * abs(np.median(square)))
+
+
+def _in_the_background(found: Found, largest: Found) -> bool:
+    """Whether a grid is so much smaller than another whole one that it is no board held up to the camera."""
+    return largest.whole and _area(found.lattice) < BACKGROUND * _area(largest.lattice)
 
 
 def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:

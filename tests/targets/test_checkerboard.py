@@ -166,3 +166,11 @@ def test_real_pictures(name, size, least):
 def test_real_pictures_without_a_board(name):
     gray = cv2.imread(str(DATA / name), cv2.IMREAD_GRAYSCALE)
     assert find_any(gray, seconds=10.0).reason == "none"
+
+
+@needs_data
+def test_a_board_of_another_size_is_no_reason_to_take_what_a_screen_shows_behind_it():
+    # asked for 7x5, some of these pictures gave a grid of 4 px a square, on a screen behind the 9x6 board
+    for path in sorted((DATA / "opencv_left").glob("*.jpg")):
+        missed = Checkerboard(7, 5).find(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), seconds=10.0)
+        assert not isinstance(missed, Detection) and missed.info["size"] == (9, 6)
