@@ -24,16 +24,16 @@ import numpy as np
 from camcal.evaluate.covariance import NULL, Covariance, eliminate_poses, reduce
 from camcal.evaluate.design import Design
 from camcal.refine.problem import Blocks, Step
-from camcal.types import Array, Solution
+from camcal.types import Array, NormalBlocks, Solution
 
 #: Ends of the interval in standard deviations.
 REACH = 2.0
 #: The sum of squares may have grown by so many times what was said: the interval is then right to a factor √2.
 #: Regular models lie between 0.9 and 1.1 with eight views of .5 px.
 GROWN = (0.5, 2.0)
-#: Directions with a larger eigenvalue have at most a hundred times the sigma of a parameter alone: too
+#: Directions with a larger eigenvalue have at most three hundred times the sigma of a parameter alone: too
 #: short to be curved, and not worth an evaluation.
-WEAK = 1e-4
+WEAK = 1e-5
 #: Part of a parameter's variance from which on it is lost with the direction: the other nine tenths hold its
 #: sigma to 5 %.
 SHARE = 0.1
@@ -53,7 +53,7 @@ def beyond_linear(solution: Solution, accuracy: Covariance) -> Covariance:
     free = solution.free[:, solution.free.any(0)]
     if not free.shape[1] or not 0 < accuracy.sigma_0 < np.inf:
         return accuracy
-    share = curved_share(solution)
+    share = curved_share(solution, accuracy)
     lost = (np.abs(free[:, share > SHARE]) > 0).any(1) & np.isfinite(np.diag(accuracy.matrix))
     if not lost.any():
         return accuracy
@@ -64,31 +64,42 @@ def beyond_linear(solution: Solution, accuracy: Covariance) -> Covariance:
     return replace(accuracy, matrix=matrix, undetermined=names)
 
 
-def curved_share(solution: Solution) -> Array:
+def curved_share(solution: Solution, accuracy: Covariance) -> Array:
     """Part (F,) of each free parameter's variance that comes from directions along which (1) fails.
 
     Zeros where a used point lies outside the lens's domain. A board whose shape was estimated counts as known.
     """
-    design = Design(solution)
-    begin = design.problem.linearise(design.state)
-    if begin is None:
-        return np.zeros(design.transform.shape[1])
-    poses = eliminate_poses(begin.normal())
-    columns = np.diag(begin.intrinsics)
+    size = int(solution.free.any(0).sum())
+    normal, gain = solution.normal, accuracy.poses_reduced.gain[:, :, :size]
+    own = NormalBlocks(normal.intrinsics[:size, :size], normal.coupling[:, :size], normal.poses)
+    columns = np.diag(own.intrinsics)
     scale = np.sqrt(np.where(columns > 0, columns, 1.0))
-    values, vectors = np.linalg.eigh(reduce(begin.normal(), poses) / np.outer(scale, scale))
+    reduced = reduce(own, replace(accuracy.poses_reduced, gain=gain))
+    values, vectors = np.linalg.eigh(reduced / np.outer(scale, scale))
     known = values > NULL
     variances = vectors**2 / np.where(known, values, np.inf)
-    curved = np.zeros(len(values), bool)
-    for k in np.flatnonzero(known & (values < WEAK)):
-        end = REACH * design.sigma_0 * vectors[:, k] / (np.sqrt(values[k]) * scale)
-        for sign in (1.0, -1.0):
-            moved = Step(sign * end, -sign * poses.gain @ end)
-            blocks = design.problem.linearise(design.problem.retract(design.state, moved))
-            grown = (_settled(blocks) - begin.cost) / (0.5 * (REACH * design.sigma_0) ** 2)
-            curved[k] |= not GROWN[0] <= grown <= GROWN[1]
+    curved = np.zeros(size, bool)
+    weak = np.flatnonzero(known & (values < WEAK))
+    if len(weak):
+        ends = REACH * accuracy.sigma_0 * vectors[:, weak] / np.sqrt(values[weak]) / scale[:, None]
+        curved[weak] = _fails(Design(solution), gain, ends.T)
     total = variances.sum(1)
     return np.asarray(variances[:, curved].sum(1) / np.where(total > 0, total, 1.0))
+
+
+def _fails(design: Design, gain: Array, ends: Array) -> Array:
+    """Whether (1) fails along each of the steps (K, F) or its opposite, as (K,) bool."""
+    problem = design.problem
+    begin = problem.linearise(design.state)
+    failed = np.zeros(len(ends), bool)
+    if begin is None:
+        return failed
+    for k, end in enumerate(ends):
+        for step in (end, -end):
+            blocks = problem.linearise(problem.retract(design.state, Step(step, -gain @ step)))
+            grown = (_settled(blocks) - begin.cost) / (0.5 * (REACH * design.sigma_0) ** 2)
+            failed[k] |= not GROWN[0] <= grown <= GROWN[1]
+    return failed
 
 
 def _settled(blocks: Blocks | None) -> float:
