@@ -11,6 +11,7 @@ import argparse
 import collections
 import multiprocessing
 import re
+import sys
 import time
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def known_codes() -> list[str]:
 def clean_table(alarms: collections.Counter, runs: int) -> str:
     silent = [c for c in known_codes() if c not in alarms]
     rows = [[f"`{c}`" if " " not in c else c, bound(n, runs)] for c, n in alarms.most_common()]
-    rows.append([f"each of the {len(silent)} others", bound(0, runs)])
+    rows.append([f"each of the {len(silent)} {'others' if alarms else 'warnings'}", bound(0, runs)])
     return markdown(["warning", f"share of {runs} clean runs"], rows)
 
 
@@ -83,6 +84,8 @@ def main() -> None:
         flagged: dict[str, list[set[str]]] = collections.defaultdict(list)
         for name, found in pool.imap(_faulty, tasks, chunksize=4):
             flagged[name].append(found)
+            if len(flagged[name]) == told.faulty:
+                print(faulty_table([CASES[name]], flagged).splitlines()[-1], file=sys.stderr, flush=True)
     if names:
         tables |= {k: faulty_table([c for c in cases if c.name in names], flagged) for k, cases in kinds.items()}
     for name, table in tables.items():
