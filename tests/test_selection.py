@@ -1,14 +1,18 @@
 """The choice among lens models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from camcal import lenses
 from camcal.errors import EstimationError
+from camcal.io.points import read_points
 from camcal.selection import described, select
 from camcal.simulation.points import simulate_points
 from camcal.simulation.poses import simulate_poses
 from camcal.types import Camera, Correspondences
+from tests.shared_data import DATA, needs_data
 
 GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2) * 0.03
 
@@ -40,6 +44,14 @@ def test_a_larger_nested_model_never_scores_worse(found):
     costs = {c.model: c.solution.fit.cost for c in found.candidates}
     for small, large in (("pinhole", "opencv4"), ("opencv4", "opencv5"), ("opencv5", "opencv8")):
         assert costs[large] <= costs[small] * (1 + 1e-9)
+
+
+@needs_data
+def test_corners_outside_the_image_circle_do_not_put_a_fisheye_model_out():
+    wide = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=(1280, 800))
+    found = select(wide, ("division:1", "kb4"))
+    assert found.chosen.model == "kb4" and not found.chosen.reasons
+    assert found.chosen.holdout_rms < 0.48
 
 
 def test_ranked_by_holdout(found):
