@@ -18,6 +18,7 @@ from camcal.evaluate.checks import check, still_true
 from camcal.geometry import projective
 from camcal.refine import noise, ransac, starts
 from camcal.refine import robust as robustly
+from camcal.refine.losses import LOSSES
 from camcal.refine.solve import refine
 from camcal.start import Options, Start, first_camera, leave_out_unusable, masked, start
 from camcal.types import (
@@ -187,14 +188,21 @@ class _Run:
 
     def truest(self, found: Solution) -> Solution:
         """The best of the minima of a model that has several; which one is met depends on the start."""
-        if not self.lens.several_minima or self.told.fix or found.weights is not None:
+        if not self.lens.several_minima or self.told.fix:
             return found
-        tried = [found]
+        tried, data = [found], found.correspondences
+        whole = None
+        if found.weights is not None:
+            pairs = zip(found.weights, data.views, strict=True)
+            whole = [w if v.sigma is None else w / v.sigma**2 for w, v in pairs]
         for camera in starts.twins(found):
             with contextlib.suppress(EstimationError):
-                tried.append(self.fit(camera, found.poses, found.correspondences, inliers=found.inliers))
+                tried.append(self.fit(camera, found.poses, data, inliers=found.inliers, weights=whole))
         best = starts.best(tried)
-        return replace(best, fit=replace(best.fit, info={**found.fit.info, **best.fit.info}))
+        best = replace(best, fit=replace(best.fit, info={**found.fit.info, **best.fit.info}))
+        if best.camera is found.camera or whole is None:
+            return best if whole is None else found
+        return robustly.reweight(best, self.fit, LOSSES[self.told.robust])
 
     def weighted(self, usable: Correspondences, first: Solution) -> Solution:
         """Solve again with the given sigmas as far as the first solution's residuals bear them out."""

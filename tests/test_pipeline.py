@@ -178,7 +178,7 @@ def test_events_tell_how_far_it_is():
     assert heard[0][1] == {"rms_point": found.rms_point, "points": 324, "rejected": 0}
 
 
-@pytest.mark.parametrize("robust", ["none", "auto"])
+@pytest.mark.parametrize("robust", ["none", "auto", "huber"])
 def test_the_better_of_two_minima_is_taken(robust):
     # of these seeds the closed form of each leads to the double sphere's wrong minimum
     lens = lenses.make("ds")
@@ -190,6 +190,8 @@ def test_the_better_of_two_minima_is_taken(robust):
         data = simulate_points(truth, board, poses, rng, noise=0.2)
         best = refine(truth, poses, data)
         found = camcal.calibrate(data, model="ds", robust=robust)
-        # outliers are rejected beyond some sigmas, so that a Gaussian point or two may be missing
+        # outliers are rejected beyond some sigmas, so that a Gaussian point or two may be missing; a loss weighs
+        # points down, and its rms over all of them is not the least
         assert found.rms_point == pytest.approx(best.rms_point, rel=1e-6 if robust == "none" else 0.02)
+        assert (found.weights is not None) == (robust == "huber")
         assert found.camera.values["xi"] < 0 and found.camera.values["fx"] == pytest.approx(365, rel=0.05)
