@@ -49,7 +49,7 @@ _HINTS = {
     "rejected-view": "Look at that picture: is it the same board, sharp, and its points in order?",
     "other-board": "Leave the picture out, or give the right size of that board.",
     "mirrored-views": "Its points are in mirrored order (or the picture is): mend or leave out that view.",
-    "mirrored-picture": "The picture seems to be mirrored as a whole: mirror it back, or leave it out.",
+    "rejected-mirror-image": "The picture seems to be mirrored as a whole: mirror it back, or leave it out.",
     "mismatched-points": "They were left out; mend their order to use them.",
 }
 
@@ -95,7 +95,7 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
         pose, rms = _best_pose(view, solution.camera, usual)
         code, what = _kind(view, solution.camera, pose, usual)
         if rms is not None and _is_mirrored(view, solution.camera, rms, usual):
-            code, what = "mirrored-picture", "it fits as a mirror image"
+            code, what = "rejected-mirror-image", "it fits as a mirror image"
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
         said.append((code, f"view '{entry.id}' was left out: {reason}."))

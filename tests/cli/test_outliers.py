@@ -93,7 +93,7 @@ LIES = {
     ),
     "points in disorder": (lambda: reordered(disorder), "other-board", "out of order"),
     "a mirrored order": (lambda: reordered(lambda g: g[:, ::-1]), "mirrored-views", f"behind: {NAME}"),
-    "a mirrored picture": (lambda: reordered(mirrored_picture), "mirrored-picture", "as a mirror image"),
+    "a mirrored picture": (lambda: reordered(mirrored_picture), "rejected-mirror-image", "as a mirror image"),
     "a view taken twice": (twice, "repeated-view", f"again ({NAME})"),
 }
 
