@@ -34,9 +34,9 @@ GROWN = (0.5, 2.0)
 #: Directions with a larger eigenvalue have at most three hundred times the sigma of a parameter alone: too
 #: short to be curved, and not worth an evaluation.
 WEAK = 1e-5
-#: Part of a parameter's variance from which on it is lost with the direction: the other nine tenths hold its
-#: sigma to 5 %.
-SHARE = 0.1
+#: Part of a parameter's variance from which on it is lost with the direction. The truth lies ten tangents away
+#: where it lies far along the curve (-12 ± 1.3 above), so that a hundredth of the variance is as much as all the rest.
+SHARE = 0.01
 
 
 def beyond_linear(solution: Solution, accuracy: Covariance) -> Covariance:
