@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from camcal.evaluate.checks import fit
 from camcal.evaluate.checks.facts import Facts
 from camcal.refine.poses import refine_poses
 from camcal.types import Array, CalibrationWarning, Poses, View
@@ -29,6 +30,8 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Views that fit much better as mirror images."""
+    if any(fit.outliers(facts)):
+        return  # a few gross points bend the camera, and what then fits better mirrored says nothing
     found = mirrored_views(facts)
     if not len(found):
         return
