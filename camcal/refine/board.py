@@ -62,6 +62,25 @@ class Board:
         """Derivatives by θ (..., B) from those by all coordinates (..., 3 M)."""
         return columns[..., self.basis] if self.basis.ndim == 1 else columns @ self.basis
 
+    def fold_blocks(self, blocks: Array) -> Array:
+        """The second moments by θ (B, B) from those of each point's coordinates (M, 3, 3)."""
+        if self.basis.ndim == 2:
+            basis = self.basis.reshape(-1, 3, self.size)
+            return np.tensordot(basis, blocks @ basis, ([0, 1], [0, 1]))
+        found = np.zeros((self.size, self.size))
+        rows, columns, there = point_slots(self.basis, len(self.points))
+        found[rows[there], columns[there]] = blocks[there]
+        return found
+
+
+def point_slots(coordinates: Array, points: int) -> tuple[Array, Array, Array]:
+    """Where the blocks of points stand among free coordinates (B,): rows, columns and which exist, (M, 3, 3)."""
+    slots = np.full(3 * points, -1)
+    slots[coordinates] = np.arange(len(coordinates))
+    of_point: Array = slots.reshape(points, 3)
+    rows, columns = np.broadcast_arrays(of_point[:, :, None], of_point[:, None, :])
+    return rows, columns, (rows >= 0) & (columns >= 0)
+
 
 def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | None:
     """The target's points (M, 3) and the ids of each view's rows; None where views disagree on a point.
@@ -181,6 +200,11 @@ class BoardProblem(Problem):
         return BoardProblem(self.lens, self.views, self.free, self.board, self.weights)
 
     @property
+    def point_coordinates(self) -> Array | None:
+        """Those of a free shape; see `Problem.point_coordinates`."""
+        return self.board.basis if self.board.basis.ndim == 1 else None
+
+    @property
     def variables(self) -> int:
         """Number of free parameters of the camera and of the shape."""
         return self.free.shape[1] + self.board.size
@@ -266,9 +290,7 @@ class _PointSums:
             return board.fold(np.swapaxes(a[..., :m], -1, -2).reshape(*a.shape[:-2], 3 * m))
 
         mixed = free.T @ flat(self.camera)
-        square = np.zeros((m, 3, m, 3))
-        square[range(m), :, range(m), :] = np.moveaxis(self.own[..., :m], -1, 0)
-        square = board.fold(board.fold(square.reshape(3 * m, 3 * m)).T)
+        square = board.fold_blocks(np.moveaxis(self.own[..., :m], -1, 0))
         return replace(
             blocks,
             intrinsics=np.block([[blocks.intrinsics, mixed], [mixed.T, square]]),

@@ -29,6 +29,7 @@ class OtherRotations:
         self.problem, self.kind = problem, kind
         self.lens, self.views, self.free = problem.lens, problem.views, problem.free
         self.rounding, self.normalise = problem.rounding, problem.normalise
+        self.point_coordinates = None  # for comparisons: always the poses first
 
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations by the other coordinates."""

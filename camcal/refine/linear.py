@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.refine.points_first import PointsFirst
 from camcal.refine.problem import Blocks, Problem, State, Step
 from camcal.refine.schur import Reduced
 from camcal.refine.square_root import SquareRoot
@@ -40,12 +41,24 @@ class Linear:
         is curvature that JᵀJ does not have; orthogonal factors do without.
         """
         if self.form != "qr":
-            reduced = Reduced(blocks, damping, self.problem.normalise)
+            reduced = self._reduced(blocks, damping, more)
             solved = reduced.step(more)
             if self.form == "schur" or more is not None or (solved is not None and reduced.weakest > WEAK):
                 return solved
         self.solved += 1
         return self._factors(state).step(blocks, damping, self.problem.normalise)
+
+    def _reduced(self, blocks: Blocks, damping: float, more: Array | None) -> Reduced | PointsFirst:
+        """The elimination that leaves fewer unknowns: of the poses, or of the points of a free board."""
+        points = self.problem.point_coordinates
+        if (
+            points is not None
+            and more is None
+            and self.problem.normalise
+            and len(points) > 6 * len(blocks.poses)
+        ):
+            return PointsFirst(blocks, damping, points)
+        return Reduced(blocks, damping, self.problem.normalise)
 
     def _factors(self, state: State) -> SquareRoot:
         if self._root is None or self._root[0] is not state:

@@ -155,6 +155,11 @@ class Problem:
         return Problem(self.lens, self.views, self.free, self.weights)
 
     @property
+    def point_coordinates(self) -> Array | None:
+        """Which coordinates of a board's points are free (B,), where these are the last of the variables; else None."""
+        return None
+
+    @property
     def variables(self) -> int:
         """Number of free parameters F, those of the board's shape included."""
         return self.free.shape[1]
