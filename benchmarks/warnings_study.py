@@ -61,7 +61,8 @@ def faulty_table(cases: list[Case], flagged: dict[str, list[set[str]]]) -> str:
         )
         good = sum(case.named(f) for f in runs) if case.right else sum(not f for f in runs)
         rows.append([case.name, bound(good, len(runs)), said or "nothing"])
-    return markdown(["case", "as it should be", "what was said most"], rows)
+    count = len(flagged[cases[0].name])
+    return markdown(["case", f"as it should be, of {count} runs", "what was said most"], rows)
 
 
 def main() -> None:
