@@ -27,7 +27,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "next": ("camcal.cli.next:command", "Suggest the picture that would make a camera best known."),
     "track": ("camcal.cli.track:command", "Follow a camera that changes with time."),
     "board": ("camcal.cli.board:command", "Write a target to print, at true scale."),
-    "simulate": ("camcal.cli.simulate:command", "Make points, rigs, pictures or frames whose truth is known."),
+    "simulate": (
+        "camcal.cli.simulate:command",
+        "Make points, rigs, pictures or frames whose truth is known.",
+    ),
     "list": (
         "camcal.cli.list_:command",
         "List the models, targets, optimizers, closed forms, formats or commands.",
