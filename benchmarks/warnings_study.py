@@ -88,7 +88,9 @@ def main() -> None:
             if len(flagged[name]) == told.faulty:
                 print(faulty_table([CASES[name]], flagged).splitlines()[-1], file=sys.stderr, flush=True)
     if names:
-        tables |= {k: faulty_table([c for c in cases if c.name in names], flagged) for k, cases in kinds.items()}
+        tables |= {
+            k: faulty_table([c for c in cases if c.name in names], flagged) for k, cases in kinds.items()
+        }
     for name, table in tables.items():
         print(f"{name}\n{table}\n")
         if told.write:
