@@ -72,7 +72,13 @@ def test_sample_pictures_are_made_again(tmp_path):
     mine, kept = (
         yaml.safe_load((folder / "truth.yaml").read_text()) for folder in (again, SAMPLES / "board")
     )
-    assert mine["views"] == kept["views"] and mine["camera"] == kept["camera"]
+    assert mine["camera"] == kept["camera"]
+    for a, b in zip(mine["views"], kept["views"], strict=True):
+        assert a["id"] == b["id"]
+        for part in ("rotation_vector", "translation"):
+            # the last digits of a product depend on the processor, and on how many poses are tried at a time
+            pair = a["cam_from_board"][part], b["cam_from_board"][part]
+            np.testing.assert_allclose(*pair, rtol=1e-12, atol=1e-12)
     for name in ("view01.jpg", "view12.jpg"):
         pair = [
             cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE).astype(float)
