@@ -109,7 +109,7 @@ def _told(found: dict[str, Any]) -> Any:
         parts += [Text(""), table(["", "what", "found"], rows)]
     style = {"wrong": "bold red", "better": "yellow", "note": "dim"}
     for place, f in enumerate(found["findings"], 1):
-        head = Text.assemble(f"{place}. ", (f["grade"], style[f["grade"]]), f" {f['message']}")
+        head = Text.assemble(f"{place}. ", (f["grade"], style[f["grade"]]), f": {f['message']}")
         parts += [Text(""), head]
         if f["todo"]:
             parts.append(Padding(Text(f["todo"]), (0, 0, 0, 3)))

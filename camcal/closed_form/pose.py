@@ -251,7 +251,8 @@ def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polishe
         trial_r, trial_t = rotations.exp(step[:, :3]) @ r, t + step[:, 3:]
         trial = _project(trial_r, trial_t, points, observed, w)
         better = trial[-1] < state[-1]
-        settled = (np.abs(state[-1] - trial[-1]) <= SETTLED * state[-1]) | (state[-1] < rounding)
+        with np.errstate(invalid="ignore"):  # both may be infinite: points behind the camera
+            settled = (np.abs(state[-1] - trial[-1]) <= SETTLED * state[-1]) | (state[-1] < rounding)
         r, t = np.where(better[:, None, None], trial_r, r), np.where(better[:, None], trial_t, t)
         state = tuple(
             np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
