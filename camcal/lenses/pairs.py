@@ -20,6 +20,8 @@ Array = np.ndarray
 
 #: ideal coordinates that spread farther than this are pixels: on the plane z = 1 it would be 168 degrees
 PLANE = 20.0
+#: of the picture's extent; pixels of one ideal point that lie farther from their mean are no repeated measurement
+SCATTER = 0.01
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,9 @@ def fit_pairs(
     Raises
     ------
     DataError
-        Where there are fewer pairs than the model has unknowns.
+        Where there are fewer pairs than the model has unknowns, or where one ideal point has several pixels.
     """
+    _check_a_map(ideal, distorted)
     hold = [n for n in lens.default_fixed if n not in lens.turns]
     unknown = lens.size - len(hold)
     if 2 * len(ideal) < unknown:
@@ -85,6 +88,22 @@ def fit_pairs(
     refined = regress(lens, rays, distorted, image_size, hold)
     camera = Camera(lens, refined.params, image_size)
     return PairFit(camera, matrix, assumed and bool((matrix != np.eye(3)).any()), direct, refined)
+
+
+def _check_a_map(ideal: Array, distorted: Array) -> None:
+    """Refuse ideal points that are seen in places farther apart than measurements scatter."""
+    points, which, counts = np.unique(ideal, axis=0, return_inverse=True, return_counts=True)
+    which = which.reshape(-1)
+    centres = np.stack([np.bincount(which, c) / counts for c in distorted.T], 1)
+    apart = np.linalg.norm(distorted - centres[which], axis=1)
+    worst = int(apart.argmax()) if len(apart) else 0
+    if len(apart) and apart[worst] > SCATTER * float(np.ptp(distorted, axis=0).max()):
+        x, y = points[which[worst]]
+        raise DataError(
+            f"the ideal point ({x:g}, {y:g}) is given {counts[which[worst]]} times, at pixels up to {apart[worst]:.3g} "
+            "px from their mean; a lens puts it in one place.",
+            "For several views of a target use: camcal estimate",
+        )
 
 
 def _ideal_camera(ideal: Array) -> Array:

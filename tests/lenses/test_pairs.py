@@ -68,3 +68,10 @@ def test_conversion():
     assert convert(source, lenses.make("opencv4")).max_px > 1
     with pytest.raises(UsageError, match="image"):
         convert(Camera(lens, params), lens)
+
+
+def test_views_of_a_board_are_no_pairs():
+    board = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), -1).reshape(-1, 2)
+    seen = np.concatenate([100 * board + 50, 80 * board + 90])
+    with pytest.raises(DataError, match="is given 2 times"):
+        fit_pairs(lenses.make("opencv5"), np.concatenate([board, board]), seen)
