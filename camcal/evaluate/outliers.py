@@ -13,7 +13,7 @@ import numpy as np
 
 from camcal.closed_form import shape
 from camcal.evaluate import figures, mismatch
-from camcal.evaluate.checks import mirror
+from camcal.evaluate.checks import fit, mirror
 from camcal.evaluate.checks.facts import Facts
 from camcal.geometry import projective
 from camcal.refine import ransac
@@ -87,14 +87,17 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
     usual = _usual_scatter(solution)
     skipped: list[SkippedView] = []
     said = []
+    follows = not any(
+        fit.systematic(Facts(solution))
+    )  # else a view that fits badly says nothing of its board
     for entry in data.skipped:
         view = views.get(entry.id)
         if entry.status != "rejected" or view is None or not len(view):
             skipped.append(entry)
             continue
         pose, rms = _best_pose(view, solution.camera, usual)
-        code, what = _kind(view, solution.camera, pose, usual)
-        if rms is not None and _is_mirrored(view, solution.camera, rms, usual):
+        code, what = _kind(view, solution.camera, pose, usual) if follows else ("rejected-view", "")
+        if follows and rms is not None and _is_mirrored(view, solution.camera, rms, usual):
             code, what = "rejected-mirror-image", "it fits as a mirror image"
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
@@ -127,8 +130,13 @@ class _Suspect:
 
 
 def _suspects(solution: Solution) -> list[_Suspect]:
-    """Used views that a plane of other proportions explains much better than the board does."""
+    """Used views that a plane of other proportions explains much better than the board does.
+
+    None where the model does not follow the lens: its errors look like other proportions.
+    """
     data = solution.correspondences
+    if any(fit.systematic(Facts(solution))):
+        return []
     own = np.array([f.median for f in figures.per_view(solution)])
     found = []
     for i in np.flatnonzero(own > SUSPECT * np.median(own)):

@@ -232,6 +232,14 @@ def test_a_model_that_does_not_follow_a_wide_lens():
     assert "systematic-residuals" in codes(wide(20, 55), robust="none")
 
 
+@needs_data
+def test_where_the_model_does_not_follow_the_lens_no_board_is_blamed():
+    data = read_points(DATA / "fisheye_jy" / "left.csv", image_size=(1280, 800))
+    found = codes(data, "bicubic", robust="auto")
+    assert "systematic-residuals" in found
+    assert not found & {"other-board", "mirrored-picture", "rejected-mirror-image", "mirrored-views"}
+
+
 def test_points_that_do_not_belong_together():
     data = seen(8)
     rng = np.random.default_rng(0)

@@ -44,9 +44,12 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def mirrored_views(facts: Facts) -> Array:
-    """The indices of views that fit much better as mirror images; none where they are most."""
+    """The indices of views that fit much better as mirror images; none where they are most.
+
+    None either where the model does not follow the lens: its errors then depend on where a view lies.
+    """
     none = np.zeros(0, int)
-    if not facts.planar or facts.image_size is None or len(facts.views) < 3:
+    if not facts.planar or facts.image_size is None or len(facts.views) < 3 or any(fit.systematic(facts)):
         return none
     pairs = zip(facts.solution.residuals, facts.solution.inliers, strict=True)
     squares = np.array([np.square(r[m]).sum(1).mean() for r, m in pairs])
