@@ -30,7 +30,10 @@ def test_starts_with_the_two_commands():
     """`.ci/run` takes the first two code blocks: one command each, the main job and the tests."""
     assert [len(text.splitlines()) for text in SHELL[:2]] == [1, 1]
     for text, start, end in zip(
-        SHELL, ("pip install .", "pip install -e '.[all]'"), ("camcal checkerboard", "pytest"), strict=False
+        SHELL,
+        ("pip install '.[report]'", "pip install -e '.[all]'"),
+        ("camcal checkerboard", "pytest"),
+        strict=False,
     ):
         parts = text.strip().split(" && ")
         assert parts[0] == "python3 -m venv .venv"
