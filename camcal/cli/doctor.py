@@ -91,9 +91,15 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _once(findings: list[Any]) -> list[Any]:
-    """Pictures that look bad are not named a second time where they gain nothing."""
+    """Pictures that look bad are not named a second time: as a warning, or where they gain nothing."""
     looked = any(f.code.startswith("pictures-") for f in findings)
-    return [f for f in findings if not (looked and f.code == "worse-pictures" and f.gain is None)]
+    codes = [f.code for f in findings]
+    return [
+        f
+        for i, f in enumerate(findings)
+        if not (looked and f.code == "worse-pictures" and f.gain is None)
+        and not (f.code.startswith("pictures-") and f.code in codes[:i])
+    ]
 
 
 def _told(found: dict[str, Any]) -> Any:

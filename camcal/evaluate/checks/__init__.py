@@ -16,6 +16,7 @@ from camcal.evaluate.checks import (
     mirror,
     noise,
     parameters,
+    pictures,
     rejected,
     views,
 )
@@ -41,6 +42,7 @@ CHECKS = (
     fit.little_redundancy,
     fit.outliers,
     rejected.many_rejected,
+    pictures.poor_pictures,
     fit.large_residuals,
     fit.systematic,
     board.not_flat,

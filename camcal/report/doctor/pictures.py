@@ -6,19 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from camcal.errors import CamcalError
+from camcal.evaluate.checks.pictures import REMEDIES, faults
 from camcal.report.doctor.findings import Finding
 from camcal.report.doctor.remedies import listed, lost_pictures
 from camcal.types import Correspondences
 
-#: what to do about a picture, by the first word of what `targets/quality.py` says of it
-REMEDIES = {
-    "blurred": "Focus on the target's distance, and keep the focus fixed; a smaller aperture helps.",
-    "motion": "Put target or camera on a stand, or expose shorter with more light.",
-    "overexposed": "Less light or a shorter exposure: white paper must not reach full scale.",
-    "flat": "More light, and a target in true black and white.",
-    "rough": "More light (less gain), no compression, a target without texture or glare.",
-    "small": "Come nearer: a target that fills half the picture tells most.",
-}
 #: fewer pictures than this seldom cover picture, tilts and distances
 ENOUGH = 10
 
@@ -29,20 +21,8 @@ def examine(found: Correspondences) -> list[Finding]:
 
 
 def _quality(found: Correspondences) -> Iterator[Finding]:
-    by_kind: dict[str, list[str]] = {}
-    used = {v.id for v in found.views}
-    for name, measured in found.picture_quality.items():
-        for said in measured.get("warnings") or []:
-            if name in used:
-                by_kind.setdefault(said.partition(":")[0], []).append(f"{name} ({said.partition(': ')[2]})")
-    for kind, pictures in by_kind.items():
-        many = len(pictures) > len(used) / 3
-        yield Finding(
-            f"pictures-{kind}",
-            "better" if many else "note",
-            f"{kind} in {len(pictures)} of {len(used)} pictures: {listed(pictures, 3)}.",
-            REMEDIES.get(kind, "Take them again."),
-        )
+    for kind, message, share in faults(found):
+        yield Finding(f"pictures-{kind}", "better" if share > 1 / 3 else "note", message, REMEDIES[kind])
 
 
 def _count(found: Correspondences) -> Iterator[Finding]:
