@@ -35,5 +35,5 @@ def faults(correspondences: Correspondences) -> Iterator[tuple[str, str, float]]
             kind, _, words = said.partition(": ")
             by_kind.setdefault(kind, []).append(f"{name} ({words})")
     for kind, pictures in by_kind.items():
-        named = ", ".join(pictures[:NAMED]) + (", ..." if len(pictures) > NAMED else "")
-        yield kind, f"{kind} in {len(pictures)} of {len(used)} pictures: {named}.", len(pictures) / len(used)
+        named = ", ".join(pictures[:NAMED]) + (", ..." if len(pictures) > NAMED else ".")
+        yield kind, f"{kind} in {len(pictures)} of {len(used)} pictures: {named}", len(pictures) / len(used)
