@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from camcal.cli import params
-from camcal.cli.options import config_option, force_option, group_of, model_option, option, seed_option
+from camcal.cli.options import group_of, model_option, option
 from camcal.cli.simulate_frames import command as frames_command
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.simulate_frames import run_options, table_option
+from camcal.cli.verbosity import note
 
 POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and the same on every machine
 
@@ -109,7 +110,6 @@ noise_options = group_of(
     ),
     option("--clip/--no-clip", default=True, show_default=True, help="Leave out points outside the picture."),
 )
-run_options = group_of(seed_option, force_option, config_option, verbosity_options)
 
 
 @click.group("simulate")
@@ -125,14 +125,7 @@ command.add_command(frames_command)
 @camera_options
 @pose_options("5,45")
 @noise_options
-@option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE.csv",
-    help="Where to write.",
-)
+@table_option
 @run_options
 @click.pass_context
 def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool, **given: Any) -> None:
@@ -177,14 +170,7 @@ def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool
 @camera_options
 @pose_options("0,20")
 @noise_options
-@option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE.csv",
-    help="Where to write.",
-)
+@table_option
 @run_options
 @click.pass_context
 def rig(

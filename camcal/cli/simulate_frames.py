@@ -12,6 +12,16 @@ from camcal.cli.options import config_option, force_option, group_of, option, se
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.tracking import SEQUENCES
 
+#: where every table that is simulated goes, and what every simulation takes
+table_option = option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.csv",
+    help="Where to write.",
+)
+run_options = group_of(seed_option, force_option, config_option, verbosity_options)
 stream_options = group_of(
     option(
         "--kind",
@@ -57,15 +67,8 @@ stream_options = group_of(
 
 @click.command("frames")
 @stream_options
-@option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE.csv",
-    help="Where to write.",
-)
-@group_of(seed_option, force_option, config_option, verbosity_options)
+@table_option
+@run_options
 @click.pass_context
 def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: Any) -> None:
     """A stream of frames seen by a camera that moves or is knocked, as a table for `camcal track`.

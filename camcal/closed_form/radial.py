@@ -257,9 +257,8 @@ def depths(
         ]
         normal = sum(b.T @ b for b, *_ in systems)
         right = sum(s * (b.T @ w) for s, (b, w, *_) in zip(signs, systems, strict=True))
-        if not (
-            np.isfinite(normal).all() and np.isfinite(right).all()
-        ):  # LAPACK may never come back from these
+        # LAPACK may never come back from infinite numbers
+        if not (np.isfinite(normal).all() and np.isfinite(right).all()):
             return _Lens(exponents, np.full(len(exponents), np.nan), t3, signs, np.inf)
         coefficients = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
         agree = np.array([np.sign((b @ coefficients) @ w) or 1.0 for b, w, *_ in systems])

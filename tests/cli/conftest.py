@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,8 @@ from camcal.cli import COMMANDS
 from camcal.cli.boundary import run
 
 TOY = ("tests.cli.toy:command", "A command of the tests.")
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +53,13 @@ def resolved(toy):
         return json.loads(out)
 
     return options
+
+
+@pytest.fixture
+def report(camcal):
+    """The report of the sample pictures."""
+    code, _, err = camcal(
+        "checkerboard", SAMPLES / "board", "--square", "25mm", "-o", "r.yaml", "--no-crosscheck"
+    )
+    assert code == 0, err
+    return "r.yaml"

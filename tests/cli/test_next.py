@@ -9,15 +9,6 @@ import pytest
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 
-@pytest.fixture
-def report(camcal):
-    code, _, err = camcal(
-        "checkerboard", SAMPLES / "board", "--square", "25mm", "-o", "r.yaml", "--no-crosscheck"
-    )
-    assert code == 0, err
-    return "r.yaml"
-
-
 def test_suggestions_as_a_document(camcal, report):
     code, out, err = camcal("next", report, "--count", "2", "--target-px", "1e-9", "--format", "json")
     assert (code, err) == (0, "")

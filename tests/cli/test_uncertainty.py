@@ -9,15 +9,6 @@ import yaml
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 
-@pytest.fixture
-def report(camcal):
-    code, _, err = camcal(
-        "checkerboard", SAMPLES / "board", "--square", "25mm", "-o", "r.yaml", "--no-crosscheck"
-    )
-    assert code == 0, err
-    return "r.yaml"
-
-
 def test_pixels_and_distances(camcal, report):
     code, out, err = camcal(
         "uncertainty", report, "--at", "320,240", "--at", "10,10", "--distance", "500", "--distance", "inf",
