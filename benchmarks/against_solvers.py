@@ -30,11 +30,13 @@ import numpy as np
 from refine import SIZE, simulate
 from tables import markdown, update
 
+from camcal.data.observations import Correspondences
 from camcal.geometry import rotations
-from camcal.pipeline import first_estimate
-from camcal.refine.optimizers import make
-from camcal.refine.problem import Problem
-from camcal.types import Camera, Correspondences, Poses
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
+from camcal.plan.pipeline import first_estimate
+from camcal.solve.optimizers import make
+from camcal.solve.problem import Problem
 
 CASES = [(10, 9, 6), (50, 9, 6), (200, 9, 6), (50, 20, 20)]
 MODEL = "opencv4"

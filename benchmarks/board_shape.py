@@ -28,15 +28,18 @@ import numpy as np
 from tables import markdown, update
 
 import camcal
-from camcal.evaluate import board_shape
-from camcal.evaluate.difference import difference
-from camcal.io.images import detect_images
-from camcal.pictures import calibrate_pictures
-from camcal.refine.solve import on_board, refine
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Array, Camera, Correspondences, Poses, Solution
+from camcal.assess import board_shape
+from camcal.assess.difference import difference
+from camcal.data.observations import Correspondences
+from camcal.detect.images import detect_images
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
+from camcal.model.pose import Array, Poses
+from camcal.plan.pictures import calibrate_pictures
+from camcal.solve.solution import Solution
+from camcal.solve.solve import on_board, refine
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 DATA = Path(os.environ.get("CAMCAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 COLUMNS, ROWS = 9, 6
@@ -98,7 +101,7 @@ def errors(found: Camera, truth: Camera) -> list[float]:
 
 
 def estimates(data: Correspondences) -> tuple[dict[str, Camera], str]:
-    """The camera with each kind of board, and which `auto` takes, as `camcal.pipeline` does it."""
+    """The camera with each kind of board, and which `auto` takes, as `camcal.plan.pipeline` does it."""
     flat = camcal.calibrate(data, checks=False)
 
     def fit(kind: str, ideal: Correspondences, poses: Poses, inliers: Sequence[Array]) -> Solution:

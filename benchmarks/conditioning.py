@@ -24,18 +24,20 @@ from pathlib import Path
 import numpy as np
 from tables import markdown, update
 
-from camcal import lenses
-from camcal.closed_form import central, dlt, zhang
-from camcal.closed_form.base import ClosedForm
+from camcal.assess import conditioning
+from camcal.data.observations import Correspondences, View
 from camcal.errors import CamcalError
-from camcal.evaluate import conditioning
 from camcal.geometry import projective, rotations
-from camcal.refine import rows, tangent
-from camcal.refine.condition import condition
-from camcal.refine.linear import Linear
-from camcal.refine.optimizers import make
-from camcal.refine.problem import Problem, State
-from camcal.types import Camera, Correspondences, Poses, View
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
+from camcal.solve import rows, tangent
+from camcal.solve.condition import condition
+from camcal.solve.linear import Linear
+from camcal.solve.optimizers import make
+from camcal.solve.problem import Problem, State
+from camcal.start import central, dlt, zhang
+from camcal.start.base import ClosedForm
 
 DATA = Path(os.environ.get("CAMCAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 SIZE = (1000, 800)

@@ -27,15 +27,17 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal import lenses
+from camcal.data.observations import View
+from camcal.detect import edge_model, saddle
+from camcal.detect.camera_pass import refine_with_camera
+from camcal.detect.targets.base import Detection
+from camcal.detect.targets.checkerboard import Checkerboard
+from camcal.detect.windows import cut, straightened
 from camcal.geometry import rotations
-from camcal.targets import edge_model, saddle
-from camcal.targets.base import Detection
-from camcal.targets.camera_pass import refine_with_camera
-from camcal.targets.checkerboard import Checkerboard
-from camcal.targets.render import Look, render
-from camcal.targets.windows import cut, straightened
-from camcal.types import Camera, Pose, View
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.study.render import Look, render
 
 BOARD = Checkerboard(9, 6)
 WINDOWS = (3, 4, 5, 7, 9, 11)  #: half-widths of cornerSubPix, px

@@ -7,7 +7,7 @@ Student's t for 2N - p degrees of freedom (1.960 to 1.965 here); sigmas are thos
 counted apart. Poses are in the coordinates of their covariance: a rotation vector on the left, and the place of
 the centroid of the view's points.
 
-A projection is what `camcal.evaluate.uncertainty` defines: a point of the camera's frame is held to the boards
+A projection is what `camcal.assess.uncertainty` defines: a point of the camera's frame is held to the boards
 by the estimated poses, the true poses put it where the boards say on average, and there the true camera sees it.
 The difference must lie in the ellipse of 95 % (Hotelling's: 2 F of 2 and 2N - p degrees of freedom).
 
@@ -27,17 +27,19 @@ import numpy as np
 from scipy import stats
 from tables import markdown, update
 
+from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.curvature import beyond_linear
+from camcal.assess.figures import redundancy
+from camcal.assess.uncertainty import board_distance, projection_uncertainty
 from camcal.errors import CamcalError
-from camcal.evaluate.covariance import Covariance, covariance
-from camcal.evaluate.curvature import beyond_linear
-from camcal.evaluate.figures import redundancy
-from camcal.evaluate.uncertainty import board_distance, projection_uncertainty
 from camcal.geometry import rotations
-from camcal.pipeline import calibrate
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import Spread, simulate_poses
-from camcal.types import Array, Camera, Poses, Solution
+from camcal.model.camera import Camera
+from camcal.model.placement import Spread, simulate_poses
+from camcal.model.pose import Array, Poses
+from camcal.plan.pipeline import calibrate
+from camcal.solve.solution import Solution
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 MODELS = (
     "pinhole", "opencv4", "opencv5", "opencv8", "brown:radial=3,decentering=1", "kb4", "ucm", "ds", "division:1",

@@ -87,8 +87,8 @@ def _put_board(rng: np.random.Generator, picture: np.ndarray) -> None:
 
 
 def camcal_finds(gray: np.ndarray, size: tuple[int, int]) -> bool:
-    from camcal.targets.base import Detection
-    from camcal.targets.checkerboard import Checkerboard
+    from camcal.detect.targets.base import Detection
+    from camcal.detect.targets.checkerboard import Checkerboard
 
     return isinstance(Checkerboard(*size).find(gray, seconds=30.0), Detection)
 

@@ -28,13 +28,13 @@ from pathlib import Path
 import numpy as np
 from tables import markdown, update
 
-from camcal import lenses
 from camcal.errors import EstimationError
-from camcal.lenses.base import Parameter
-from camcal.refine.optimizers import make
-from camcal.refine.optimizers.base import Options, Result
-from camcal.refine.problem import Problem
-from camcal.types import Poses
+from camcal.model import lenses
+from camcal.model.lenses.base import Parameter
+from camcal.model.pose import Poses
+from camcal.solve.optimizers import make
+from camcal.solve.optimizers.base import Options, Result
+from camcal.solve.problem import Problem
 
 SIZE = (1600, 1200)
 HALF_DIAGONAL = float(np.hypot(*SIZE)) / 2

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.observations import Correspondences, View
 from camcal.errors import CamcalError
 from camcal.geometry import rotations
-from camcal.lenses import make
-from camcal.pipeline import calibrate
-from camcal.types import Array, Camera, Correspondences, View
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.model.pose import Array
+from camcal.plan.pipeline import calibrate
 
 SIZE = (1280, 960)
 GLANCING = np.cos(np.deg2rad(70))

@@ -22,8 +22,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from camcal import lenses
-from camcal.lenses.base import Lens
+from camcal.model import lenses
+from camcal.model.lenses.base import Lens
 
 Array = np.ndarray
 

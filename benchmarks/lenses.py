@@ -19,13 +19,14 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal import lenses
-from camcal.evaluate.holdout import k_fold
-from camcal.pipeline import calibrate
-from camcal.refine.solve import refine
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Camera, Correspondences
+from camcal.assess.holdout import k_fold
+from camcal.data.observations import Correspondences
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
+from camcal.plan.pipeline import calibrate
+from camcal.solve.solve import refine
+from camcal.study.points import simulate_points
 
 Array = np.ndarray
 

@@ -25,17 +25,20 @@ from pathlib import Path
 import numpy as np
 from tables import markdown, update
 
-from camcal.evaluate import figures
-from camcal.evaluate.candidate_views import Candidates
-from camcal.evaluate.difference import image_grid
-from camcal.evaluate.next_view import NextView
-from camcal.evaluate.uncertainty import projection_uncertainty, worst_sigma
+from camcal.assess import figures
+from camcal.assess.candidate_views import Candidates
+from camcal.assess.difference import image_grid
+from camcal.assess.next_view import NextView
+from camcal.assess.uncertainty import projection_uncertainty, worst_sigma
+from camcal.data.observations import Correspondences
 from camcal.geometry import rotations
-from camcal.refine.solve import refine
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Camera, Correspondences, Pose, Poses, Solution
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
+from camcal.model.pose import Pose, Poses
+from camcal.solve.solution import Solution
+from camcal.solve.solve import refine
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 MODELS = ("opencv4", "opencv5", "kb4", "ds")
 #: wanted uncertainties in parts of the noise: what matters is their ratio

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from camcal.io.points import read_points
+from camcal.data.points import read_points
 
 POINTS_PER_VIEW = 1000
 BYTES_PER_POINT = 5 * 8
@@ -55,7 +55,7 @@ def peak_bytes(code: str) -> float:
     if not Path("/proc/self/status").exists():
         return math.nan
     program = (
-        "import re, numpy as np; from pathlib import Path; from camcal.io.points import read_points\n"
+        "import re, numpy as np; from pathlib import Path; from camcal.data.points import read_points\n"
         "peak = lambda: int(re.search(r'VmHWM:\\s*(\\d+) kB', Path('/proc/self/status').read_text())[1])\n"
         f"base = peak()\nkept = {code}\nprint(peak() - base)"
     )

@@ -19,11 +19,11 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal.io.images import detect_images
-from camcal.pictures import calibrate_pictures
-from camcal.pipeline import calibrate
-from camcal.targets.checkerboard import Checkerboard
-from camcal.types import Correspondences, View
+from camcal.data.observations import Correspondences, View
+from camcal.detect.images import detect_images
+from camcal.detect.targets.checkerboard import Checkerboard
+from camcal.plan.pictures import calibrate_pictures
+from camcal.plan.pipeline import calibrate
 
 SETS = {"opencv_left": (9, 6), "opencv_right": (9, 6), "bouguet": (13, 12), "stereo": (6, 4)}
 WINDOWS = (3, 5, 7, 9, 11)

@@ -21,9 +21,9 @@ import numpy as np
 from tables import markdown, update
 
 import camcal
-from camcal import lenses
+from camcal.data.observations import Correspondences, View
 from camcal.geometry import rotations
-from camcal.types import Correspondences, View
+from camcal.model import lenses
 
 SIZE = (640, 480)
 CASES = [(10, 9, 6), (50, 9, 6), (200, 9, 6), (500, 9, 6), (50, 20, 20), (200, 20, 20), (1000, 20, 20)]

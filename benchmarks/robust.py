@@ -28,16 +28,18 @@ from scipy.stats import poisson
 from tables import markdown, update
 
 import camcal
+from camcal.assess.difference import difference
+from camcal.data.observations import Correspondences
 from camcal.errors import CamcalError
-from camcal.evaluate.difference import difference
-from camcal.refine import outliers
-from camcal.refine.losses import LOSSES
-from camcal.refine.robust import METHODS, reweight
-from camcal.refine.solve import refine
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import outlier_moves, simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Array, Camera, Correspondences
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
+from camcal.model.pose import Array
+from camcal.solve import outliers
+from camcal.solve.losses import LOSSES
+from camcal.solve.robust import METHODS, reweight
+from camcal.solve.solve import refine
+from camcal.study.cameras import example_camera
+from camcal.study.points import outlier_moves, simulate_points
 
 NOISE = 0.2
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4)
@@ -112,7 +114,7 @@ def by_cv2(data: Correspondences) -> Camera:
     """cv2.calibrateCamera with its default flags."""
     xyz, uv = ([getattr(v, k).astype(np.float32) for v in data.views] for k in ("xyz", "uv"))
     _, matrix, k, *_ = cv2.calibrateCamera(xyz, uv, data.image_size, None, None)
-    lens = camcal.lenses.make("opencv5")
+    lens = camcal.model.lenses.make("opencv5")
     values = dict(zip(("k1", "k2", "p1", "p2", "k3"), k.ravel().tolist(), strict=False))
     values |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
     return Camera(lens, lens.from_values(values), data.image_size)

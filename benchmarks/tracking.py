@@ -3,7 +3,7 @@
     python benchmarks/tracking.py [--only accuracy,speed,...] [--runs 20] [--long 1000000]
                                   [--write docs/tracking-results.md]
 
-Sequences are simulated (camcal.tracking.simulate): 50 points in a cube of side 2 at distance 5, a focal
+Sequences are simulated (camcal.track.simulate): 50 points in a cube of side 2 at distance 5, a focal
 length of 900 px, 0.3 px of noise, 5 % outliers; the camera stands, warms up, is knocked by 0.3 degrees
 half-way, turns, or zooms. "cv2" is cv2.calibrateCamera on each frame with the first frame's true K as its
 guess and no distortion; "cv2 without outliers" the same with the outliers taken out by an oracle, for cv2
@@ -27,9 +27,9 @@ from tables import update
 from tracking_common import Pair, estimator, method_errors, nees, run, state_errors, table
 from tracking_speed import drift, speed, through_a_pipe
 
-from camcal.tracking import ESTIMATORS, SEQUENCES
-from camcal.tracking.detection import ChangeTest, mean_time_to_alarm, normal_deviate
-from camcal.tracking.simulate import Scene, simulate
+from camcal.track import ESTIMATORS, SEQUENCES
+from camcal.track.detection import ChangeTest, mean_time_to_alarm, normal_deviate
+from camcal.track.simulate import Scene, simulate
 
 Array = np.ndarray
 #: an estimator, its states, and the stream they come from

@@ -9,10 +9,10 @@ import numpy as np
 
 from camcal.geometry import projective
 from camcal.registry import look_up
-from camcal.tracking import ESTIMATORS, SEQUENCES
-from camcal.tracking.base import Frame, TrackOptions
-from camcal.tracking.physical_model import Physical
-from camcal.tracking.simulate import Truth
+from camcal.track import ESTIMATORS, SEQUENCES
+from camcal.track.base import Frame, TrackOptions
+from camcal.track.physical_model import Physical
+from camcal.track.simulate import Truth
 
 Array = np.ndarray
 Pair = tuple[Frame, Truth]

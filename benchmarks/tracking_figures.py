@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 from tracking_common import estimator, method_errors, nees, run
 
+from camcal.data.points import read_points
 from camcal.geometry import projective, rotations
-from camcal.io.points import read_points
 from camcal.report.yaml import read_document
-from camcal.tracking.base import Frame
-from camcal.tracking.simulate import SEQUENCES, Scene, simulate
-from camcal.tracking.table import MATRIX, PARAMETERS, Table
+from camcal.track.base import Frame
+from camcal.track.simulate import SEQUENCES, Scene, simulate
+from camcal.track.table import MATRIX, PARAMETERS, Table
 
 Array = np.ndarray
 

@@ -17,9 +17,9 @@ import numpy as np
 from tracking_common import KNOWS_MOTION, cv2_matrix, error, estimator, nees
 
 from camcal.geometry import projective
-from camcal.tracking import ESTIMATORS
-from camcal.tracking.base import Frame
-from camcal.tracking.simulate import Scene, Truth, simulate
+from camcal.track import ESTIMATORS
+from camcal.track.base import Frame
+from camcal.track.simulate import Scene, Truth, simulate
 
 WANTED = {"rls": "2,000", "kalman": "2,000", "iekf": "500"}
 #: frames after which 0.98 per frame has forgotten all that a double can hold

@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal.evaluate.covariance import covariance
-from camcal.refine.solve import refine
+from camcal.assess.covariance import covariance
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
 from camcal.report.uncertainty import section
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Camera
+from camcal.solve.solve import refine
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 VIEWS = 500
 

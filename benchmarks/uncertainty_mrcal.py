@@ -27,20 +27,16 @@ from pathlib import Path
 import numpy as np
 from tables import markdown, update
 
-from camcal.evaluate import figures
-from camcal.evaluate.uncertainty import (
-    board_distance,
-    board_follow,
-    projection_uncertainty,
-    worst_sigma,
-)
+from camcal.assess import figures
+from camcal.assess.uncertainty import board_distance, board_follow, projection_uncertainty, worst_sigma
+from camcal.data.observations import Correspondences
+from camcal.data.points import read_points
 from camcal.geometry import rotations
-from camcal.io.points import read_points
-from camcal.pipeline import calibrate
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
-from camcal.types import Correspondences, Solution
+from camcal.model.placement import simulate_poses
+from camcal.plan.pipeline import calibrate
+from camcal.solve.solution import Solution
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 DATA = Path(os.environ.get("CAMCAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 #: what was asked for: the two agree within this

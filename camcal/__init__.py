@@ -10,14 +10,14 @@ from typing import Any
 from camcal.version import __version__
 
 _PUBLIC = {
-    "Camera": "camcal.types:Camera",
-    "Correspondences": "camcal.types:Correspondences",
-    "Pose": "camcal.types:Pose",
-    "Solution": "camcal.types:Solution",
-    "View": "camcal.types:View",
-    "calibrate": "camcal.pipeline:calibrate",
+    "Camera": "camcal.model.camera:Camera",
+    "Correspondences": "camcal.data.observations:Correspondences",
+    "Pose": "camcal.model.pose:Pose",
+    "Solution": "camcal.solve.solution:Solution",
+    "View": "camcal.data.observations:View",
+    "calibrate": "camcal.plan.pipeline:calibrate",
     "load": "camcal.report.document:load",
-    "read_points": "camcal.io.points:read_points",
+    "read_points": "camcal.data.points:read_points",
 }
 
 __all__ = ["__version__", *_PUBLIC]

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from camcal.data.observations import Correspondences, View
 from camcal.geometry import rotations
-from camcal.lenses import make
-from camcal.refine.solve import refine
-from camcal.types import Camera, Correspondences, Poses, View
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.model.pose import Poses
+from camcal.solve.solve import refine
 
 SIZE = (640, 480)
 TRUTH = {

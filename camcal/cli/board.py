@@ -41,11 +41,12 @@ def command(spec: str, output: Path, page: str | None, dpi: float, force: bool) 
     SPEC is a target with its sizes, such as checkerboard:9x6:25mm; `camcal list targets` names them. A
     configuration file of the same name (.yaml) is written beside it: calibrate with --config and that file.
     """
-    from camcal import registry, targets
+    from camcal import registry
+    from camcal.data.writing import atomic_write, check_writable
+    from camcal.detect import targets
+    from camcal.detect.targets.printing import WRITERS
+    from camcal.detect.targets.printing.sheet import lay_out
     from camcal.errors import UsageError
-    from camcal.io.writing import atomic_write, check_writable
-    from camcal.targets.printing import WRITERS
-    from camcal.targets.printing.sheet import lay_out
 
     suffix = output.suffix.lower()
     if suffix not in WRITERS:

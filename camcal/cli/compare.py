@@ -67,7 +67,7 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
         raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")
     for target in (options["output"], options["junit"]):
         if target is not None:
-            from camcal.io.writing import check_writable
+            from camcal.data.writing import check_writable
 
             check_writable(target, options["force"])
     return _deliver(_comparison(a, b, options), options)
@@ -76,7 +76,7 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
 def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
-    from camcal.evaluate import comparison
+    from camcal.assess import comparison
     from camcal.report.comparison import load_side
 
     first = load_side(a)
@@ -90,8 +90,8 @@ def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, A
 
 
 def _by_cv2(a: Path) -> Any:
-    from camcal.crosscheck.camera import camera_by_cv2
-    from camcal.evaluate.comparison import Side
+    from camcal.assess.comparison import Side
+    from camcal.peers.camera import camera_by_cv2
     from camcal.report.document import load
 
     camera, name = camera_by_cv2(load(a))
@@ -109,7 +109,7 @@ def _tolerances(given: tuple[dict[str, float | None], ...]) -> dict[str, float]:
 
 def _deliver(found: dict[str, Any], options: dict[str, Any]) -> int:
     from camcal.cli.output import emit
-    from camcal.io.writing import atomic_write
+    from camcal.data.writing import atomic_write
     from camcal.report import comparison
     from camcal.report.plain import plain
     from camcal.report.yaml import save

@@ -75,7 +75,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
     from camcal.cli.job import command_line
     from camcal.cli.output import emit
     from camcal.cli.verbosity import note
-    from camcal.io.writing import atomic_write, check_writable
+    from camcal.data.writing import atomic_write, check_writable
     from camcal.report import convergence
     from camcal.report.plain import plain
     from camcal.report.yaml import save
@@ -86,7 +86,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
     if options["plot"] is not None:
         convergence.require_matplotlib()
     runs, problem, model = _run(points, options)
-    from camcal.refine.compare import judged
+    from camcal.study.compare_optimizers import judged
 
     count = sum(len(v) for v in problem.views)
     rows = judged(problem, runs)
@@ -106,13 +106,13 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
 def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, str]:
     """Read, start and run; (runs, problem, the model's full name)."""
     from camcal.cli.output import progress
-    from camcal.io.points import read_points
-    from camcal.pipeline import first_estimate
-    from camcal.refine.compare import perturbed, run_all
-    from camcal.refine.optimizers import OPTIMIZERS, make
-    from camcal.refine.optimizers.base import Options
-    from camcal.refine.parameters import free_matrix
-    from camcal.refine.problem import Problem
+    from camcal.data.points import read_points
+    from camcal.plan.pipeline import first_estimate
+    from camcal.solve.optimizers import OPTIMIZERS, make
+    from camcal.solve.optimizers.base import Options
+    from camcal.solve.parameters import free_matrix
+    from camcal.solve.problem import Problem
+    from camcal.study.compare_optimizers import perturbed, run_all
 
     specs = [name.strip() for name in (options["optimizers"] or "").split(",") if name.strip()]
     if not specs:

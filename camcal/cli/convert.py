@@ -27,7 +27,7 @@ RICHER = ("kb4", "opencv8", "spline:12x9")
 
 
 def _lenses() -> Any:
-    from camcal.lenses import LENSES
+    from camcal.model.lenses import LENSES
 
     return LENSES
 
@@ -77,8 +77,8 @@ def command(ctx: click.Context, camera: Path, **options: Any) -> int:
 
 
 def _converted(source: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    from camcal import lenses
-    from camcal.lenses.conversion import convert
+    from camcal.model import lenses
+    from camcal.model.lenses.conversion import convert
 
     lens = lenses.make(options["to_model"], options["skew"] or source.lens.has_skew)
     found = convert(source, lens)

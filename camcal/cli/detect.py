@@ -28,7 +28,7 @@ def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) 
     it. Give the size of the pictures to `camcal estimate` with --image-size.
     """
     from camcal.cli.job import read_pictures, save_detections
-    from camcal.io.writing import check_writable
+    from camcal.data.writing import check_writable
 
     check_writable(output, force)
     found = read_pictures(images, options)

@@ -8,13 +8,7 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import (
-    board_options,
-    config_option,
-    format_option,
-    image_size_option,
-    model_option,
-)
+from camcal.cli.options import board_options, config_option, format_option, image_size_option, model_option
 from camcal.cli.params import is_report
 from camcal.cli.verbosity import verbosity_options
 
@@ -66,7 +60,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
     """Pictures are looked at first, and then calibrated as `camcal checkerboard` would."""
     from camcal.cli.job import read_data
     from camcal.errors import CamcalError
-    from camcal.pipeline import calibrate
+    from camcal.plan.pipeline import calibrate
     from camcal.report.doctor import calibration, diagnosis, pictures
     from camcal.report.document import document
 

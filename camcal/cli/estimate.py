@@ -31,7 +31,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     from camcal.cli.job import calibrate_and_report, output_is_free
 
     output_is_free(options)
-    from camcal.io.points import read_points
+    from camcal.data.points import read_points
 
     given = {name: options[name] for name in ("points3d", "points2d", "image_size")}
     return calibrate_and_report(ctx, read_points(*points, **given), options)

@@ -38,9 +38,9 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.cli.job import deliver_solution, output_is_free, read_data
 
     output_is_free(options)
-    from camcal.evaluate.known_camera import evaluate
+    from camcal.assess.known_camera import evaluate
+    from camcal.plan.start import leave_out_unusable
     from camcal.report.document import load_camera
-    from camcal.start import leave_out_unusable
 
     known = load_camera(camera)
     found = leave_out_unusable(read_data(data, options))

@@ -16,7 +16,8 @@ from camcal.cli.settings import resolved_options
 from camcal.cli.verbosity import note, verbosity
 
 if TYPE_CHECKING:
-    from camcal.types import Correspondences, Solution
+    from camcal.data.observations import Correspondences
+    from camcal.solve.solution import Solution
 
 CALIBRATION = (
     "model",
@@ -39,7 +40,7 @@ OnPicture = Callable[[Mapping[str, Any]], Any]
 
 def output_is_free(options: dict[str, Any]) -> None:
     """Raise a UsageError where `--output` cannot be written, before any work is done."""
-    from camcal.io.writing import check_writable
+    from camcal.data.writing import check_writable
 
     for path in (options["output"], options.get("trace")):
         if path is not None:
@@ -51,7 +52,7 @@ def read_data(
 ) -> Correspondences:
     """Read tables of points or pictures of a board, whichever the names say."""
     if all(Path(path).suffix.lower() in TABLES for path in paths):
-        from camcal.io.points import read_points
+        from camcal.data.points import read_points
 
         return read_points(*paths, image_size=options["image_size"])
     return read_pictures(paths, options, on_picture)
@@ -64,7 +65,7 @@ def read_pictures(
 
     `on_picture` is called with the details of each picture: id, status, reason, ...
     """
-    from camcal.io.images import detect_images
+    from camcal.detect.images import detect_images
 
     told = {name: options[name] for name in ("target", "board", "square", "jobs", "seconds", "cache")}
     with progress("reading pictures") as show:
@@ -86,7 +87,7 @@ def read_pictures(
 
 def save_detections(found: Correspondences, path: Path, force: bool) -> None:
     """Write what was found in pictures as a table that `camcal estimate` reads."""
-    from camcal.io.writing import write_points
+    from camcal.data.writing import write_points
 
     write_points(path, found, force, view_column="file")
     note(f"{found.point_count} points of {len(found)} pictures written to {path}.")
@@ -119,10 +120,10 @@ def calibrate_and_report(
         selection = selected(correspondences, told)
         told["model"] = selection["chosen"]
     if "refine_corners" not in options:
-        from camcal.pipeline import calibrate
+        from camcal.plan.pipeline import calibrate
 
         return deliver_solution(ctx, calibrate(correspondences, **told), options, selection)
-    from camcal.pictures import calibrate_pictures
+    from camcal.plan.pictures import calibrate_pictures
 
     solution, points = calibrate_pictures(
         correspondences, options["refine_corners"], on_event=_tell_refined, **told
@@ -134,7 +135,7 @@ def calibrate_and_report(
 
 def selected(correspondences: Correspondences, told: dict[str, Any]) -> dict[str, Any]:
     """What `--model auto` chooses, as `camcal select` would."""
-    from camcal.selection import described, select
+    from camcal.plan.selection import described, select
 
     options = {name: told[name] for name in ("skew", "fix", "robust", "seed")}
     found = described(select(correspondences, **options))
@@ -184,7 +185,7 @@ def deliver_solution(
 
 def write_trace(solution: Solution, path: Path, force: bool) -> None:
     """Write the cost of each step of the final refinement as CSV."""
-    from camcal.io.writing import atomic_write
+    from camcal.data.writing import atomic_write
     from camcal.report.convergence import trace
 
     atomic_write(path, trace(solution.fit.samples), force)

@@ -68,10 +68,10 @@ def command(ctx: click.Context, pairs: Path, **options: Any) -> int:
 def _fitted(pairs: Path, options: dict[str, Any]) -> Any:
     import numpy as np
 
-    from camcal import lenses
-    from camcal.io.columns import POINTS
-    from camcal.io.table import read_table
-    from camcal.lenses.pairs import fit_pairs
+    from camcal.data.columns import POINTS
+    from camcal.data.table import read_table
+    from camcal.model import lenses
+    from camcal.model.lenses.pairs import fit_pairs
 
     table = read_table(str(pairs), POINTS)
     columns = [table.column(name) for name in ("X", "Y", "u", "v")]

@@ -15,14 +15,14 @@ from camcal.cli.verbosity import verbosity_options
 #: kind -> (module, its table); each module may hold SUMMARIES, name -> one line, beside the table; a table of
 #: summaries has its own lines.
 TABLES: dict[str, tuple[str, str]] = {
-    "models": ("camcal.lenses", "LENSES"),
-    "targets": ("camcal.targets", "TARGETS"),
-    "optimizers": ("camcal.refine.optimizers", "OPTIMIZERS"),
-    "closed-forms": ("camcal.closed_form", "CLOSED_FORMS"),
-    "estimators": ("camcal.tracking", "ESTIMATORS"),
-    "gains": ("camcal.tracking", "GAIN_SUMMARIES"),
-    "motions": ("camcal.tracking", "MOTION_SUMMARIES"),
-    "formats": ("camcal.formats", "FORMATS"),
+    "models": ("camcal.model.lenses", "LENSES"),
+    "targets": ("camcal.detect.targets", "TARGETS"),
+    "optimizers": ("camcal.solve.optimizers", "OPTIMIZERS"),
+    "closed-forms": ("camcal.start", "CLOSED_FORMS"),
+    "estimators": ("camcal.track", "ESTIMATORS"),
+    "gains": ("camcal.track", "GAIN_SUMMARIES"),
+    "motions": ("camcal.track", "MOTION_SUMMARIES"),
+    "formats": ("camcal.data.formats", "FORMATS"),
     "commands": ("camcal.cli", "COMMANDS"),
 }
 

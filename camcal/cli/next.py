@@ -46,7 +46,7 @@ def command(report: Path, **options: Any) -> None:
     output = options["output"]
     paths = _paths(output, options["count"])
     if output is not None:
-        from camcal.io.writing import check_writable
+        from camcal.data.writing import check_writable
 
         for path in paths:
             check_writable(path, options["force"])

@@ -43,7 +43,7 @@ def group_of(*decorators: Decorator) -> Decorator:
 
 
 def _lenses() -> Any:
-    from camcal.lenses import LENSES
+    from camcal.model.lenses import LENSES
 
     return LENSES
 
@@ -53,25 +53,25 @@ def _lenses_or_auto() -> Any:
 
 
 def _optimizers() -> Any:
-    from camcal.refine.optimizers import OPTIMIZERS
+    from camcal.solve.optimizers import OPTIMIZERS
 
     return OPTIMIZERS
 
 
 def _targets() -> Any:
-    from camcal.targets import TARGETS
+    from camcal.detect.targets import TARGETS
 
     return TARGETS
 
 
 def _robust_methods() -> Any:
-    from camcal.refine.robust import METHODS
+    from camcal.solve.robust import METHODS
 
     return METHODS
 
 
 def _board_shapes() -> Any:
-    from camcal.refine.board import KINDS
+    from camcal.solve.board import KINDS
 
     return ("flat", *KINDS, "auto")
 

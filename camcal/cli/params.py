@@ -77,7 +77,7 @@ class BoardType(CamcalType):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, int]:
         """Return (columns, rows)."""
-        from camcal.targets.base import parse_grid
+        from camcal.detect.targets.base import parse_grid
 
         with self.own_words(param, ctx):
             return parse_grid(_with_x(value))
@@ -92,7 +92,7 @@ class LengthType(CamcalType):
         """Return the length as (value, unit)."""
         if isinstance(value, Length):
             return value
-        from camcal.targets.base import parse_length
+        from camcal.detect.targets.base import parse_length
 
         with self.own_words(param, ctx):
             return Length(*parse_length(str(value)))

@@ -32,7 +32,7 @@ def command(report: Path, output: Path | None, plots: Path | None, **options: An
     in space, the pictures with their corners where they are still there, and the cross-check. With --plots
     its charts are written as PNG, SVG or PDF; with both -o and --plots, both.
     """
-    from camcal.io.writing import check_writable
+    from camcal.data.writing import check_writable
 
     page = output or (None if plots else report.with_suffix(".html"))
     if page is not None:
@@ -45,7 +45,7 @@ def command(report: Path, output: Path | None, plots: Path | None, **options: An
     check(found, str(report))
     solution = from_document(found, str(report))
     if page is not None:
-        from camcal.io.writing import atomic_write
+        from camcal.data.writing import atomic_write
         from camcal.report.html.page import page as make
 
         atomic_write(page, make(found, solution, str(report)), options["force"])

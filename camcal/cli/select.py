@@ -53,9 +53,9 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """
     from camcal.cli.job import output_is_free, read_data
     from camcal.cli.output import emit, progress
+    from camcal.plan.selection import described, select
     from camcal.report.plain import plain
     from camcal.report.yaml import save
-    from camcal.selection import described, select
 
     output_is_free(options)
     models = named_models(options["models"])
@@ -78,8 +78,8 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 def named_models(text: str) -> tuple[str, ...]:
     """The specs that the text names; commas separate them only where none of them has options."""
     from camcal.errors import UsageError
-    from camcal.lenses import make
-    from camcal.selection import AUTO, all_models
+    from camcal.model.lenses import make
+    from camcal.plan.selection import AUTO, all_models
 
     if text.strip() in ("auto", "all"):
         return AUTO if text.strip() == "auto" else all_models()

@@ -86,7 +86,7 @@ def read_config(ctx: click.Context, param: click.Parameter, value: Path | None) 
     path = value or (Path(DEFAULT_FILE) if Path(DEFAULT_FILE).is_file() else None)
     if path is None or ctx.resilient_parsing:
         return
-    from camcal.io.config import load_config, validate
+    from camcal.data.config import load_config, validate
 
     config = load_config(path)
     own = settings_of(ctx.command)
@@ -129,7 +129,7 @@ def _schema(config: Mapping[str, Any], running: click.Command) -> dict[str, Any]
 
 def _entry(option: click.Option) -> Any:
     """Return the schema entry of an option: what its value looks like in YAML."""
-    from camcal.io.config import AnyOf, Choice, ListOf, Text
+    from camcal.data.config import AnyOf, Choice, ListOf, Text
 
     kind = option.type
     if option.is_flag:

@@ -39,7 +39,7 @@ class Numbers(params.CamcalType):
 
 
 def _targets() -> Any:
-    from camcal.targets import TARGETS
+    from camcal.detect.targets import TARGETS
 
     return TARGETS
 
@@ -133,8 +133,8 @@ def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool
     _check(output, force)
     import numpy as np
 
-    from camcal import targets
-    from camcal.simulation.poses import simulate_poses
+    from camcal.detect import targets
+    from camcal.model.placement import simulate_poses
 
     made = targets.make(target)
     camera, rng = _camera(given), np.random.default_rng(seed)
@@ -191,9 +191,9 @@ def rig(
 
     from camcal.errors import UsageError
     from camcal.geometry import rotations
-    from camcal.simulation.points import corner_rig, facing_corner
-    from camcal.simulation.poses import simulate_poses
-    from camcal.types import Pose, Poses
+    from camcal.model.placement import simulate_poses
+    from camcal.model.pose import Pose, Poses
+    from camcal.study.points import corner_rig, facing_corner
 
     camera, rng = _camera(given), np.random.default_rng(seed)
     xyz = corner_rig(cells, spacing.value) if points3d is None else _read_points3d(points3d)
@@ -257,11 +257,11 @@ def images(
     """Pictures of a target: area-sampled, blurred, with noise, uneven light and the lens's distortion."""
     import numpy as np
 
-    from camcal import targets
+    from camcal.detect import targets
     from camcal.errors import UsageError
-    from camcal.simulation.cameras import truth_document
-    from camcal.simulation.pictures import board_poses, bowed_sheet, simulate_pictures, uneven_looks
-    from camcal.targets.render import Look
+    from camcal.study.cameras import truth_document
+    from camcal.study.pictures import board_poses, bowed_sheet, simulate_pictures, uneven_looks
+    from camcal.study.render import Look
 
     if given["bits"] == "16" and extension == "jpg":
         raise UsageError("JPEG pictures have 8 bits.", "Try: --type png")
@@ -288,15 +288,15 @@ def images(
 
 
 def _check(output: Path, force: bool) -> None:
-    from camcal.io.writing import check_writable
+    from camcal.data.writing import check_writable
 
     check_writable(output, force)
     check_writable(_truth_path(output), force)
 
 
 def _check_folder(folder: Path, names: list[str], force: bool) -> None:
+    from camcal.data.writing import check_writable
     from camcal.errors import UsageError
-    from camcal.io.writing import check_writable
 
     if folder.is_dir():
         for name in names:
@@ -311,14 +311,14 @@ def _truth_path(output: Path) -> Path:
 
 
 def _camera(given: dict[str, Any]) -> Any:
-    from camcal.simulation.cameras import example_camera
+    from camcal.study.cameras import example_camera
 
     values = given["values"] or {}
     return example_camera(given["model"], given["image_size"], values, skew="skew" in values)
 
 
 def _spread(given: dict[str, Any]) -> Any:
-    from camcal.simulation.poses import Spread
+    from camcal.model.placement import Spread
 
     return Spread(tilt=given["tilt"], fill=given["fill"])
 
@@ -334,8 +334,8 @@ def _run(ctx: click.Context, seed: int) -> dict[str, Any]:
 def _read_points3d(path: Path) -> Any:
     import numpy as np
 
-    from camcal.io.columns import POINTS_3D
-    from camcal.io.table import read_table
+    from camcal.data.columns import POINTS_3D
+    from camcal.data.table import read_table
 
     table = read_table(str(path), POINTS_3D)
     columns = [table.column(name) for name in "XYZ"]
@@ -355,9 +355,9 @@ def _write_points(
 ) -> None:
     from dataclasses import replace
 
-    from camcal.io.writing import write_points
-    from camcal.simulation.cameras import truth_document
-    from camcal.simulation.points import simulate_points
+    from camcal.data.writing import write_points
+    from camcal.study.cameras import truth_document
+    from camcal.study.points import simulate_points
 
     found = simulate_points(camera, xyz, poses, rng, given["noise"], given["outliers"], given["clip"])
     views = tuple(
@@ -372,7 +372,7 @@ def _write_points(
 
 
 def _write_truth(path: Path, document: dict[str, Any], force: bool) -> None:
-    from camcal.io.writing import atomic_write
+    from camcal.data.writing import atomic_write
     from camcal.report.plain import plain
     from camcal.report.yaml import dump_yaml
 
@@ -382,7 +382,7 @@ def _write_truth(path: Path, document: dict[str, Any], force: bool) -> None:
 def _write_picture(path: Path, picture: Any, force: bool) -> None:
     import cv2
 
-    from camcal.io.writing import atomic_write
+    from camcal.data.writing import atomic_write
 
     options = [cv2.IMWRITE_JPEG_QUALITY, 95] if path.suffix == ".jpg" else []
     done, data = cv2.imencode(path.suffix, picture, options)

@@ -10,7 +10,7 @@ import click
 from camcal.cli import params
 from camcal.cli.options import config_option, force_option, group_of, option, seed_option
 from camcal.cli.verbosity import note, verbosity_options
-from camcal.tracking import SEQUENCES
+from camcal.track import SEQUENCES
 
 #: where every table that is simulated goes, and what every simulation takes
 table_option = option(
@@ -76,10 +76,10 @@ def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: A
     Beside FILE.csv, FILE.truth.csv has the true camera of each frame under the names that the table of
     `camcal track` uses, and FILE.truth.yaml the last one as a camera file.
     """
-    from camcal.io.writing import atomic_write, check_writable
+    from camcal.data.writing import atomic_write, check_writable
     from camcal.report.plain import plain
     from camcal.report.yaml import dump_yaml
-    from camcal.tracking import simulate
+    from camcal.track import simulate
 
     truth_table, truth_report = (output.with_name(f"{output.stem}.truth.{kind}") for kind in ("csv", "yaml"))
     for path in (output, truth_table, truth_report):
@@ -103,10 +103,11 @@ def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: A
 def _document(ctx: click.Context, last: Any, seed: int) -> dict[str, Any]:
     import numpy as np
 
-    from camcal import lenses
     from camcal.cli.settings import resolved_options
-    from camcal.simulation.cameras import truth_document
-    from camcal.types import Camera, Pose, Poses
+    from camcal.model import lenses
+    from camcal.model.camera import Camera
+    from camcal.model.pose import Pose, Poses
+    from camcal.study.cameras import truth_document
 
     lens = lenses.make("pinhole")
     camera = Camera(lens, lens.pinhole(last.k[0, 0], last.k[1, 1], last.k[0, 2], last.k[1, 2]), (640, 480))

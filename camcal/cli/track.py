@@ -16,8 +16,8 @@ from camcal.cli.track_results import deliver, may_replace, reference_matrix
 from camcal.cli.verbosity import note, verbosity_options
 
 if TYPE_CHECKING:
-    from camcal.tracking.base import Frame, TrackOptions
-    from camcal.tracking.events import Change
+    from camcal.track.base import Frame, TrackOptions
+    from camcal.track.events import Change
 
 #: changes that are told as they are seen
 TOLD = 20
@@ -37,7 +37,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
     The answer has a row a frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
     """
-    from camcal.tracking.follow import Follower
+    from camcal.track.follow import Follower
 
     _check_files(options)
     estimator, track_options = _estimator(ctx, frames, options)
@@ -66,8 +66,8 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
 # ------------------------------------------------------------------ before the run
 def _check_files(options: dict[str, Any]) -> None:
     """Refuse outputs that cannot be written, before any work is done."""
+    from camcal.data.writing import check_writable
     from camcal.errors import UsageError
-    from camcal.io.writing import check_writable
 
     force = may_replace(options)
     for name in ("output", "report"):
@@ -76,7 +76,7 @@ def _check_files(options: dict[str, Any]) -> None:
     if options["state"] is not None:
         check_writable(options["state"], force=True)
     if options["plots"] is not None:
-        from camcal.tracking import plots
+        from camcal.track import plots
 
         if options["output"] is None:
             raise UsageError("plots are drawn from the table, and it goes to stdout.", "Give -o FILE too.")
@@ -96,8 +96,8 @@ def _estimator(
 
     from camcal.errors import UsageError
     from camcal.registry import look_up
-    from camcal.tracking import ESTIMATORS
-    from camcal.tracking.base import TrackOptions
+    from camcal.track import ESTIMATORS
+    from camcal.track.base import TrackOptions
 
     method = options["method"] or ("iekf" if options["camera"] is not None else "kalman")
     options["method"] = method
@@ -190,7 +190,7 @@ def _frames(
         return _from_pictures(frames, options)
     if frames[0] == "-":
         return _from_stream(sys.stdin.buffer, "stdin", before_read)
-    from camcal.io.blocks import open_binary
+    from camcal.data.blocks import open_binary
 
     return _from_stream(open_binary(frames[0]), frames[0])
 
@@ -198,7 +198,7 @@ def _frames(
 def _from_stream(
     stream: BinaryIO, name: str, before_read: Callable[[], object] = lambda: None
 ) -> Iterator[Frame]:
-    from camcal.tracking.stream import FrameReader
+    from camcal.track.stream import FrameReader
 
     with stream:
         yield from FrameReader(stream, name, before_read)
@@ -206,7 +206,7 @@ def _from_stream(
 
 def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[Frame]:
     from camcal.cli.job import read_pictures
-    from camcal.tracking.pictures import frames_of
+    from camcal.track.pictures import frames_of
 
     return frames_of(read_pictures(paths, options))
 
@@ -219,8 +219,8 @@ def _format(options: dict[str, Any]) -> str:
 
 
 def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
-    from camcal.tracking.output import Output
-    from camcal.tracking.table import Table
+    from camcal.track.output import Output
+    from camcal.track.table import Table
 
     return Output(
         Table(model, options["covariance"]),

@@ -16,7 +16,7 @@ FROM_FILE, FROM_PIPE = 1000, 1
 
 def _names(attribute: str) -> Any:
     def table() -> Any:
-        from camcal import tracking
+        from camcal import track as tracking
 
         return getattr(tracking, attribute)
 
@@ -24,7 +24,7 @@ def _names(attribute: str) -> Any:
 
 
 def _lenses() -> Any:
-    from camcal.lenses import LENSES
+    from camcal.model.lenses import LENSES
 
     return LENSES
 

@@ -11,7 +11,7 @@ import click
 from camcal.cli.verbosity import note
 
 if TYPE_CHECKING:
-    from camcal.tracking.follow import Summary
+    from camcal.track.follow import Summary
 
 CHANGED = 1  #: the exit code of --fail-on-change
 
@@ -29,7 +29,7 @@ def deliver(ctx: click.Context, summary: Summary, follower: Any, options: dict[s
     if options["report"] is not None:
         _write_report(ctx, summary, follower, options, failed)
     if options["plots"] is not None:
-        from camcal.tracking.plots import draw
+        from camcal.track.plots import draw
 
         reference = None if options["reference"] is None else reference_matrix(options["reference"])
         for path in draw(options["output"], options["plots"], reference, may_replace(options)):
@@ -63,7 +63,7 @@ def _write_report(
     from camcal.report.document import save, tool
     from camcal.report.plain import plain
     from camcal.report.schema import SCHEMA
-    from camcal.tracking.summary import document
+    from camcal.track.summary import document
 
     made = {
         "schema": SCHEMA,

@@ -67,9 +67,9 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     the camera that would have taken them. Unreadable pictures are named and left out (exit code 1).
     """
     from camcal.cli.job import command_line
-    from camcal.io.listing import list_pictures
-    from camcal.io.resample import written_name
-    from camcal.lenses.undistort import undistortion
+    from camcal.detect.listing import list_pictures
+    from camcal.detect.resample import written_name
+    from camcal.model.lenses.undistort import undistortion
     from camcal.report.camera import camera_document
     from camcal.report.document import load_camera, save
 
@@ -93,8 +93,8 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
 
 def _check(files: list[Path], targets: list[Path], folder: Path, force: bool) -> None:
     """Refuse what would overwrite something, before any work is done."""
+    from camcal.data.writing import check_writable
     from camcal.errors import UsageError
-    from camcal.io.writing import check_writable
 
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"'{folder}' is a file; a folder is needed.", "Try: -o undistorted")
@@ -114,8 +114,8 @@ def _resample_all(
 ) -> int:
     """Resample every picture; the number of those that could not be."""
     from camcal.cli.output import progress
-    from camcal.io.decode import UnreadableError
-    from camcal.io.resample import read_picture, resample, write_picture
+    from camcal.detect.decode import UnreadableError
+    from camcal.detect.resample import read_picture, resample, write_picture
 
     failed = 0
     with progress("undistorting") as show:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from camcal.evaluate.bias import bias_ratio, residual_tests, standardise
-from camcal.evaluate.covariance import Covariance
-from camcal.evaluate.design import Design
-from camcal.evaluate.figures import redundancy
-from camcal.evaluate.influence import bootstrap, influence, jackknife
-from camcal.evaluate.judgement import CHEAP_POINTS
-from camcal.types import Solution
+from camcal.assess.bias import bias_ratio, residual_tests, standardise
+from camcal.assess.covariance import Covariance
+from camcal.assess.design import Design
+from camcal.assess.figures import redundancy
+from camcal.assess.influence import bootstrap, influence, jackknife
+from camcal.assess.judgement import CHEAP_POINTS
+from camcal.solve.solution import Solution
 
 REPLICATES = 200
 

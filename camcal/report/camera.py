@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from camcal.model.camera import Camera
 from camcal.report.document import tool
 from camcal.report.plain import plain
 from camcal.report.schema import SCHEMA
-from camcal.types import Camera
 
 
 def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from camcal.evaluate.comparison import Side
+from camcal.assess.comparison import Side
 from camcal.report.loading import from_document, load_camera
 from camcal.report.yaml import read_document
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.refine.compare import Run
-from camcal.refine.optimizers.base import Sample
+from camcal.solve.optimizers.base import Sample
+from camcal.study.compare_optimizers import Run
 
 SCHEMA = "camcal-optimizers/1"
 #: excesses below this are the rounding of a cost and are drawn on the axis

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from camcal.evaluate.checks.coverage import hull_area
-from camcal.evaluate.checks.facts import Facts
-from camcal.evaluate.checks.views import distinct_count, tilt_of_views, tilts
-from camcal.types import Array, Solution
+from camcal.assess.checks.coverage import hull_area
+from camcal.assess.checks.facts import Facts
+from camcal.assess.checks.views import distinct_count, tilt_of_views, tilts
+from camcal.model.pose import Array
+from camcal.solve.solution import Solution
 
 
 def section(solution: Solution) -> dict[str, Any] | None:

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from camcal.closed_form.base import scaled
-from camcal.evaluate import figures
-from camcal.evaluate.covariance import Covariance, covariance
-from camcal.evaluate.curvature import beyond_linear
+from camcal.assess import figures
+from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.curvature import beyond_linear
+from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
 from camcal.report.bias import section as bias
 from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
@@ -21,7 +23,8 @@ from camcal.report.plain import plain
 from camcal.report.schema import SCHEMA
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
-from camcal.types import CalibrationWarning, Camera, Correspondences, Pose, SkippedView, Solution, Stage
+from camcal.solve.solution import CalibrationWarning, Solution, Stage
+from camcal.start.base import scaled
 from camcal.version import __version__
 
 __all__ = ["document", "load", "load_camera", "save"]

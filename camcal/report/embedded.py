@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.observations import View
 from camcal.errors import DataError
-from camcal.types import View
 
 Array = np.ndarray
 

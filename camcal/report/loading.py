@@ -9,27 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.observations import Correspondences, SkippedView
 from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
-from camcal.lenses import make
-from camcal.refine.board import KINDS, Board, BoardProblem, common_points, make_board
-from camcal.refine.problem import Problem
-from camcal.refine.solve import BoardResult, on_board, residuals
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.model.pose import Poses
 from camcal.report import schema
 from camcal.report.embedded import Observations, decode
 from camcal.report.yaml import read_document
-from camcal.simulation.cameras import TRUTH_SCHEMA
-from camcal.types import (
-    CalibrationWarning,
-    Camera,
-    Correspondences,
-    Fit,
-    NormalBlocks,
-    Poses,
-    SkippedView,
-    Solution,
-    Stage,
-)
+from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
+from camcal.solve.problem import Problem
+from camcal.solve.solution import CalibrationWarning, Fit, NormalBlocks, Solution, Stage
+from camcal.solve.solve import BoardResult, on_board, residuals
+from camcal.study.cameras import TRUTH_SCHEMA
 
 Array = np.ndarray
 

@@ -11,16 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.candidate_views import lattice, rotations_onto, surround, target_points
+from camcal.assess.checks.facts import Facts
+from camcal.assess.judgement import CHEAP_PARAMETERS
+from camcal.assess.next_view import NextView, Suggestion
 from camcal.errors import CamcalError, DataError, EstimationError
-from camcal.evaluate.candidate_views import lattice, rotations_onto, surround, target_points
-from camcal.evaluate.checks.facts import Facts
-from camcal.evaluate.judgement import CHEAP_PARAMETERS
-from camcal.evaluate.next_view import NextView, Suggestion
 from camcal.geometry import rotations
+from camcal.model.pose import Pose
 from camcal.report.charts.base import Chart, Layer, Line, Points, Tone, short
 from camcal.report.charts.coverage import hull_of, unit_of
 from camcal.report.charts.residuals import picture_limits, thinned
-from camcal.types import Pose, Solution
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

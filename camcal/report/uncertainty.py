@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from camcal.errors import DataError
-from camcal.evaluate.checks.facts import Facts
-from camcal.evaluate.covariance import Covariance
-from camcal.evaluate.uncertainty import (
+from camcal.assess.checks.facts import Facts
+from camcal.assess.covariance import Covariance
+from camcal.assess.uncertainty import (
     ProjectionUncertainty,
     UncertaintyMap,
     board_distance,
@@ -18,7 +17,8 @@ from camcal.evaluate.uncertainty import (
     projection_uncertainty,
     worst_sigma,
 )
-from camcal.types import Solution
+from camcal.errors import DataError
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

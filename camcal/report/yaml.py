@@ -17,8 +17,8 @@ from typing import Any
 
 import yaml
 
+from camcal.data.writing import atomic_write
 from camcal.errors import DataError
-from camcal.io.writing import atomic_write
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -102,7 +102,7 @@ def save(document: dict[str, Any], path: str | os.PathLike, force: bool = False)
     Raises
     ------
     UsageError
-        As `camcal.io.writing.atomic_write`.
+        As `camcal.data.writing.atomic_write`.
     """
     as_json = Path(path).suffix.lower() == ".json"
     atomic_write(path, dump_json(document) if as_json else dump_yaml(document), force)

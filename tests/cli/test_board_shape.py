@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal.io.writing import write_points
+from camcal.data.writing import write_points
 from tests.solved import camera_of, grid, observe, tilted_poses
 
 BOARD = grid(7, 5)

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from camcal.io.writing import write_points
-from camcal.refine.optimizers import OPTIMIZERS
-from camcal.types import Correspondences
+from camcal.data.observations import Correspondences
+from camcal.data.writing import write_points
+from camcal.solve.optimizers import OPTIMIZERS
 from tests import solved
-from tests.refine.problems import views_of
+from tests.solve.problems import views_of
 
 RIG = Path(__file__).resolve().parents[2] / "sample_data" / "rig.csv"
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
-from camcal import lenses
+from camcal.model import lenses
+from camcal.model.camera import Camera
 from camcal.report.camera import camera_document
 from camcal.report.document import load_camera, save
-from camcal.types import Camera
 
 
 @pytest.fixture

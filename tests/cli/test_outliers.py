@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal.io.writing import write_points
-from camcal.simulation.cameras import example_camera
-from camcal.simulation.points import simulate_points
-from camcal.simulation.poses import simulate_poses
+from camcal.data.writing import write_points
+from camcal.model.placement import simulate_poses
+from camcal.study.cameras import example_camera
+from camcal.study.points import simulate_points
 
 COLUMNS, ROWS = 9, 6
 GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0), [0.0]), -1).reshape(-1, 3)

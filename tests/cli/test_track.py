@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from camcal.tracking.simulate import Scene, simulate
+from camcal.track.simulate import Scene, simulate
 
 ROWS = "frame,X,Y,Z,u,v\n"
 
@@ -251,10 +251,12 @@ def test_pictures_of_a_fixed_board(camcal):
     """A board in front of a known camera that is turned by 0.5 degrees (4.4 px) after five pictures."""
     import cv2
 
-    from camcal import lenses, targets
+    from camcal.detect import targets
     from camcal.geometry import rotations
-    from camcal.targets.render import Look, render
-    from camcal.types import Camera, Pose
+    from camcal.model import lenses
+    from camcal.model.camera import Camera
+    from camcal.model.pose import Pose
+    from camcal.study.render import Look, render
 
     lens = lenses.make("pinhole")
     camera = Camera(lens, lens.pinhole(500.0, 500.0, 319.5, 239.5), (640, 480))
@@ -325,7 +327,7 @@ def test_a_track_is_no_calibration(camcal, knock):
 
 
 def test_gains_and_motions_are_listed(camcal):
-    from camcal.tracking import GAIN_SUMMARIES, GAINS
+    from camcal.track import GAIN_SUMMARIES, GAINS
 
     assert set(GAINS) == set(GAIN_SUMMARIES)
     code, out, _ = camcal("list", "gains", "--format", "json")

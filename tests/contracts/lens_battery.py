@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal import lenses
-from camcal.lenses.base import Lens, OpenCVForm
+from camcal.model import lenses
+from camcal.model.lenses.base import Lens, OpenCVForm
 
 Array = np.ndarray
 Size = tuple[int, int]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from camcal.closed_form import CLOSED_FORMS, shape
-from camcal.closed_form.base import ClosedForm
+from camcal.data.observations import Correspondences, View
 from camcal.errors import CamcalError, DataError
 from camcal.registry import look_up
-from camcal.types import Correspondences, View
-from tests.closed_form import scenes
+from camcal.start import CLOSED_FORMS, shape
+from camcal.start.base import ClosedForm
+from tests.start import scenes
 
 TURNS = {"central": [[0.3, -0.4, 0.2]], "dlt": [[0.3, -0.4, 0.2]], "zhang": scenes.tilts(8)}
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from camcal import lenses
 from camcal.errors import UsageError
-from camcal.lenses.opencv import OpenCV
+from camcal.model import lenses
+from camcal.model.lenses.opencv import OpenCV
 from camcal.registry import load
 from tests.contracts import lens_battery as battery
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from camcal.errors import EstimationError, UsageError
-from camcal.refine.optimizers import OPTIMIZERS, SUMMARIES, make
-from camcal.refine.optimizers.base import Options, remaining
 from camcal.registry import load
-from tests.refine.problems import problem_of
+from camcal.solve.optimizers import OPTIMIZERS, SUMMARIES, make
+from camcal.solve.optimizers.base import Options, remaining
+from tests.solve.problems import problem_of
 
 PROBLEMS = {
     "opencv5": {"ragged": True},

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from camcal.detect.targets import SUMMARIES, TARGETS
+from camcal.detect.targets.base import Detection, Miss
 from camcal.errors import UsageError
-from camcal.targets import SUMMARIES, TARGETS
-from camcal.targets.base import Detection, Miss
-from tests.targets.scenes import SPECS, errors, make, picture, random_view
+from tests.detect.scenes import SPECS, errors, make, picture, random_view
 
 #: What a picture of the property test may be like, and what then must hold. The views are those of a person
 #: with a board: tilted by up to 50 degrees, upside down or not, filling 60 to 95 % of a picture of 640x480.

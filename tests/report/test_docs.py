@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camcal.crosscheck.run import crosscheck
-from camcal.evaluate import checks
+from camcal.assess import checks
+from camcal.data.observations import SkippedView
+from camcal.peers.run import crosscheck
 from camcal.report.document import document
-from camcal.types import SkippedView, Stage
+from camcal.solve.solution import Stage
 from tests.solved import rig, solved
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "report.md"

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal import selection
+from camcal.assess.figures import sigma_hat
+from camcal.data.observations import Correspondences, SkippedView, View
 from camcal.errors import DataError
-from camcal.evaluate.figures import sigma_hat
-from camcal.pipeline import calibrate
-from camcal.refine.solve import refine
+from camcal.plan import selection
+from camcal.plan.pipeline import calibrate
 from camcal.report.doctor import Finding, Gain, calibration, diagnosis, installation, pictures, remedies
 from camcal.report.doctor.findings import ordered
 from camcal.report.document import document
-from camcal.types import Correspondences, SkippedView, View
+from camcal.solve.solve import refine
 from tests.solved import SIZE, camera_of, grid, observe, solved, tilted_poses
 
 
@@ -187,7 +187,7 @@ def test_pictures_by_what_they_look_like():
 
 
 def test_every_word_on_a_picture_has_a_remedy():
-    from camcal.targets.quality import warnings
+    from camcal.detect.quality import warnings
 
     bad = {"blur_px": 3.0, "square_px": 10.0, "blur_ratio": 3.0, "blur_direction_deg": 0.0, "saturated": 0.9,
            "contrast": 5.0, "residual": 4.0, "coverage": 0.001}  # fmt: skip

@@ -8,12 +8,13 @@ import pytest
 import yaml
 
 import camcal
+from camcal.assess.covariance import covariance
+from camcal.data.observations import SkippedView
 from camcal.errors import DataError, UsageError
-from camcal.evaluate.covariance import covariance
 from camcal.report.document import document, load, load_camera, save
 from camcal.report.plain import plain
 from camcal.report.yaml import dump_json, dump_yaml
-from camcal.types import CalibrationWarning, SkippedView
+from camcal.solve.solution import CalibrationWarning
 from tests.solved import solved
 
 TOP = [

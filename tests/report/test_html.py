@@ -11,14 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.data.observations import SkippedView, View
 from camcal.errors import UsageError
-from camcal.pipeline import calibrate
-from camcal.refine.solve import refine
+from camcal.plan.pipeline import calibrate
 from camcal.report.document import document
 from camcal.report.html import page as pages
 from camcal.report.html import scene
 from camcal.report.html.page import page
-from camcal.types import CalibrationWarning, SkippedView, View
+from camcal.solve.solution import CalibrationWarning
+from camcal.solve.solve import refine
 from tests.report.browser import needs_chromium, open_page
 from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
 

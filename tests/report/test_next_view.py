@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal.evaluate.next_view import NextView, Suggestion
+from camcal.assess.next_view import NextView, Suggestion
 from camcal.geometry import rotations
+from camcal.model.pose import Pose
 from camcal.report.charts.base import Line, short
 from camcal.report.next_view import drawing, words
-from camcal.types import Pose
 from tests.solved import grid, rig, solved
 
 SOLUTION = solved()

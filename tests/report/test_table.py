@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from camcal.data.observations import SkippedView
 from camcal.report.document import document
 from camcal.report.table import number, summary, tables, with_sigma
-from camcal.types import CalibrationWarning, SkippedView, Stage
+from camcal.solve.solution import CalibrationWarning, Stage
 from tests.solved import solved
 
 

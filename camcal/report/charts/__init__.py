@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from camcal.registry import load
 from camcal.report.charts.base import Chart
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 CHARTS: dict[str, str] = {
     "residuals": "camcal.report.charts.residuals:quiver",

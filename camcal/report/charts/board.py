@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.refine.solve import BoardResult
 from camcal.report.charts.base import Arrows, Cells, Chart, Layer, Points
 from camcal.report.charts.residuals import enlargement
-from camcal.types import Solution
+from camcal.solve.solution import Solution
+from camcal.solve.solve import BoardResult
 
 Array = np.ndarray
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from camcal.evaluate.checks.coverage import hull_area
-from camcal.evaluate.checks.facts import Facts
+from camcal.assess.checks.coverage import hull_area
+from camcal.assess.checks.facts import Facts
 from camcal.report.charts.base import Chart, Line, Points, short
 from camcal.report.charts.residuals import picture_limits, thinned
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.writing import atomic_write, check_writable
 from camcal.errors import UsageError
-from camcal.io.writing import atomic_write, check_writable
 from camcal.report.charts import charts
 from camcal.report.charts.base import Arrows, Bars, Cells, Chart, Line, Points, tick_text
 from camcal.report.charts.colours import DIVERGING, SEQUENTIAL
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 #: the light page's colours
 TONES = {

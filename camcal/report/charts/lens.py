@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.evaluate.checks.facts import Facts
-from camcal.evaluate.difference import image_grid
-from camcal.evaluate.uncertainty import board_distance, map_over_image, projection_uncertainty
+from camcal.assess.checks.facts import Facts
+from camcal.assess.difference import image_grid
+from camcal.assess.uncertainty import board_distance, map_over_image, projection_uncertainty
 from camcal.report.charts.base import Arrows, Cells, Chart, Line, short
 from camcal.report.charts.coverage import hull_of, unit_of
 from camcal.report.charts.residuals import enlargement, picture_limits
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.evaluate import figures
-from camcal.evaluate.checks.facts import Facts
+from camcal.assess import figures
+from camcal.assess.checks.facts import Facts
 from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

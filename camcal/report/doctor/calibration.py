@@ -9,7 +9,7 @@ from typing import Any
 from camcal.report import words
 from camcal.report.doctor import remedies
 from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 Document = Mapping[str, Any]
 

@@ -143,10 +143,10 @@ def _calibration() -> Iterator[Check]:
     """Calibrate exact points of a known camera, and compare."""
     import numpy as np
 
-    from camcal.pipeline import calibrate
-    from camcal.simulation.cameras import example_camera
-    from camcal.simulation.points import simulate_points
-    from camcal.simulation.poses import simulate_poses
+    from camcal.model.placement import simulate_poses
+    from camcal.plan.pipeline import calibrate
+    from camcal.study.cameras import example_camera
+    from camcal.study.points import simulate_points
 
     rng = np.random.default_rng(0)
     camera = example_camera("opencv5")
@@ -176,7 +176,7 @@ def _machine() -> Iterator[Check]:
 
 
 def _cache() -> Iterator[Check]:
-    from camcal.io.cache import default_folder
+    from camcal.detect.cache import default_folder
 
     folder = default_folder()
     files = [p for p in folder.rglob("*.npz") if p.is_file()] if folder.is_dir() else []

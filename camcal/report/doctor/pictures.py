@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from camcal.assess.checks.pictures import REMEDIES, faults
+from camcal.data.observations import Correspondences
 from camcal.errors import CamcalError
-from camcal.evaluate.checks.pictures import REMEDIES, faults
 from camcal.report.doctor.findings import Finding
 from camcal.report.doctor.remedies import listed, lost_pictures
-from camcal.types import Correspondences
 
 #: fewer pictures than this seldom cover picture, tilts and distances
 ENOUGH = 10

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess import figures
+from camcal.assess.checks.board import GAIN as BOARD_GAIN
+from camcal.assess.checks.board import SIGNIFICANT, promise
+from camcal.assess.checks.facts import Facts
+from camcal.assess.judgement import CHEAP_PARAMETERS, CHEAP_POINTS
 from camcal.errors import CamcalError
-from camcal.evaluate import figures
-from camcal.evaluate.checks.board import GAIN as BOARD_GAIN
-from camcal.evaluate.checks.board import SIGNIFICANT, promise
-from camcal.evaluate.checks.facts import Facts
-from camcal.evaluate.judgement import CHEAP_PARAMETERS, CHEAP_POINTS
 from camcal.report.doctor.findings import Finding, Gain
 from camcal.report.next_view import suggest
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 #: pictures that are suggested at once
 MORE = 3
@@ -100,7 +100,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
         return None
     if len(solution.poses) <= FEWEST_VIEWS or not solution.free.any():
         return None
-    from camcal.selection import described, select
+    from camcal.plan.selection import described, select
 
     try:
         found = described(select(solution.correspondences))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from camcal.report.charts.residuals import enlargement
-from camcal.types import Solution
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 
@@ -132,7 +132,7 @@ def _read(path: Path) -> tuple[str, tuple[int, int]] | None:
     """A small JPEG of a picture as a data URI, and the picture's own (width, height)."""
     import cv2
 
-    from camcal.io.decode import UnreadableError, decode_gray
+    from camcal.detect.decode import UnreadableError, decode_gray
 
     try:
         gray = decode_gray(path.read_bytes())

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from camcal.evaluate.checks.facts import Facts
-from camcal.types import Pose, Solution
+from camcal.assess.checks.facts import Facts
+from camcal.model.pose import Pose
+from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

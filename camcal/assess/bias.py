@@ -1,0 +1,271 @@
+"""Whether the residuals look like noise: where they do not, something systematic is left.
+
+Residuals are standardised by their own variance after the fit, sigma_0² (I - H) (`design.py`). Each test
+asks one question and gives a p-value; as many are asked, they are corrected together (Holm 1979). With
+thousands of points a test finds what does not matter, so that each also states the size of its effect.
+
+The bias ratio follows Hagemann, Knorr, Janssen & Stiller (Inferring Bias and Uncertainty in Camera
+Calibration, IJCV 2022): the target is cut into pieces of a few points, each with a pose of its own. What the
+pieces' residuals show is the noise of the detector alone, because no lens model or board has to hold over
+more than a piece. With RSS the sum of squares of the calibration (2N - p degrees of freedom) and RSS' that of
+the pieces (ν'),
+
+    ratio = 1 - (2N - p) RSS' / (ν' RSS)                                                                (1)
+
+is the share of the mean square that is not noise. The pieces nest the calibration but for its lens
+parameters, so that an F test says whether the ratio differs from 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from camcal.assess.design import Design, Rows
+from camcal.assess.figures import redundancy
+
+Array = np.ndarray
+
+RINGS, SECTORS = 12, 12
+#: points of a piece of the target for the bias ratio: at least so many, at most twice
+PIECE = 6
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """A test: what it asks, its p-value alone and after Holm's correction, and how large the effect is.
+
+    `effect` is the share of the residuals' variance that the question explains, or what `unit` says.
+    """
+
+    name: str
+    question: str
+    statistic: float
+    p_value: float
+    effect: float
+    unit: str = "share of variance"
+    p_corrected: float = float("nan")
+
+
+@dataclass(frozen=True)
+class BiasRatio:
+    """Equation (1): the ratio, the noise of the detector (sigma of a coordinate), and the p-value."""
+
+    ratio: float
+    detector_sigma: float
+    p_value: float
+    pieces: int
+
+
+@dataclass(frozen=True)
+class Standardised:
+    """Standardised residuals of all used points.
+
+    Attributes
+    ----------
+    z : (M, 2) array
+        Of variance 1 and uncorrelated in each point, if the model holds and the noise is white.
+    on_board : (M, 2) array
+        The same along the board's own axes.
+    offset : (M, 2) array
+        From the principal point, px.
+    view, point : (M,) int arrays
+        Point is which of the target's, by its coordinates.
+    neighbours : (M',) float array
+        z_i · z_j of each point and its nearest neighbour in the view, less what the fit makes of it.
+    """
+
+    z: Array
+    on_board: Array
+    offset: Array
+    view: Array
+    point: Array
+    neighbours: Array
+
+
+def standardise(design: Design) -> Standardised:
+    """The standardised residuals of a solution."""
+    solution = design.solution
+    parts: list[tuple] = []
+    by_point: dict[bytes, int] = {}
+    for rows in design.rows():
+        view = design.views[rows.view]
+        z, roots = _whitened(design, rows)
+        turn = _board_axes(design, rows.view)
+        offset = view.uv - solution.camera.params[2:4]
+        rounded = np.round(view.xyz, 9) + 0.0
+        ids = np.array([by_point.setdefault(r.tobytes(), len(by_point)) for r in rounded])
+        first, second = _pairs(view.xyz)
+        cross = roots[first] @ -design.hat(rows, first, second) @ roots[second].transpose(0, 2, 1)
+        pairs = np.einsum("ni,ni->n", z[first], z[second]) - np.einsum("nii->n", cross)
+        parts.append((z, np.einsum("nij,nj->ni", turn, z), offset, np.full(len(z), rows.view), ids, pairs))
+    joined = [np.concatenate(a) for a in zip(*parts, strict=True)]
+    return Standardised(*joined)
+
+
+def _whitened(design: Design, rows: Rows) -> tuple[Array, Array]:
+    """Residuals over the root of their own covariance, and the inverse roots (N, 2, 2) of I - H."""
+    left = np.eye(2) - design.hat(rows)
+    values, vectors = np.linalg.eigh((left + left.transpose(0, 2, 1)) / 2)
+    # a point that the fit follows entirely has no residual to speak of
+    roots = (vectors / np.sqrt(np.maximum(values, 1e-3))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.einsum("nij,nj->ni", roots, rows.residuals) / design.sigma_0, roots
+
+
+def _board_axes(design: Design, index: int) -> Array:
+    """Rotations or reflections (N, 2, 2) from the image's axes to the board's x and y at each point."""
+    view, pose = design.views[index], design.solution.poses[index]
+    camera = design.solution.camera
+    by_xyz = camera.lens.jacobians(camera.params, pose.apply(view.xyz))[1]
+    u, _, vt = np.linalg.svd(by_xyz @ pose.rotation[:, :2])
+    return np.asarray((u @ vt).transpose(0, 2, 1))
+
+
+def _pairs(xyz: Array) -> tuple[Array, Array]:
+    """Each point with its nearest neighbour, each pair once."""
+    if len(xyz) < 2:
+        return np.zeros(0, int), np.zeros(0, int)
+    gaps = np.linalg.norm(xyz[:, None] - xyz[None], axis=2) if len(xyz) <= 2000 else None
+    if gaps is None:
+        return np.arange(len(xyz) - 1), np.arange(1, len(xyz))
+    gaps[np.diag_indices(len(xyz))] = np.inf
+    nearest = gaps.argmin(1)
+    pairs = np.unique(np.sort(np.c_[np.arange(len(xyz)), nearest], axis=1), axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+# ------------------------------------------------------------------ tests
+def residual_tests(found: Standardised) -> list[ResidualTest]:
+    """All tests with corrected p-values, in a fixed order."""
+    radius = np.linalg.norm(found.offset, axis=1)
+    outward = found.offset / np.maximum(radius, 1e-9)[:, None]
+    across = np.c_[-outward[:, 1], outward[:, 0]]
+    radial, tangential = (np.einsum("ni,ni->n", found.z, d) for d in (outward, across))
+    length = np.linalg.norm(found.z, axis=1)
+    sector = np.floor((np.arctan2(*found.offset.T[::-1]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    made = [
+        _means("radius", "Do residuals point outward or inward at some distances from the centre?",
+               radial[:, None], _rings(radius)),
+        _means("angle", "Do residuals turn or point outward in some directions from the centre?",
+               np.c_[radial, tangential], sector),
+        _means("board-position", "Do some points of the board lie off their place in all views?",
+               found.on_board, found.point),
+        _means("view", "Are some views noisier than others?", length[:, None], found.view, "share of spread"),
+        _means("noise-by-radius", "Does the noise grow or shrink towards the border?",
+               length[:, None], _rings(radius), "share of spread"),
+        _correlation(found),
+        _gaussian(found),
+    ]  # fmt: skip
+    return holm(made)
+
+
+def _rings(radius: Array) -> Array:
+    """Number of the ring of equal count that each radius falls in."""
+    rings = max(2, min(RINGS, len(radius) // 10))
+    return np.argsort(np.argsort(radius)) * rings // max(len(radius), 1)
+
+
+def _means(
+    name: str, question: str, values: Array, group: Array, unit: str = "share of variance"
+) -> ResidualTest:
+    """One-way analysis of variance of values (M, K), all columns together; groups of two and more."""
+    _, label, count = np.unique(group, return_inverse=True, return_counts=True)
+    keep = count[label] >= 2
+    values, label = values[keep], np.unique(label[keep], return_inverse=True)[1].reshape(-1)
+    n, k, columns = len(values), int(label.max(initial=-1)) + 1, values.shape[1]
+    if k < 2 or n - k < 2:
+        return ResidualTest(name, question, float("nan"), 1.0, 0.0, unit)
+    count = np.bincount(label)
+    centred = values - values.mean(0)
+    sums = np.stack([np.bincount(label, c, k) for c in centred.T], 1)
+    between = float((sums**2 / count[:, None]).sum())
+    total = float((centred**2).sum())
+    within = max(total - between, 1e-300)
+    free, rest = columns * (k - 1), columns * (n - k)
+    statistic = between / free / (within / rest)
+    share = 1 - within / rest / max(total / (columns * (n - 1)), 1e-300)
+    return ResidualTest(
+        name, question, statistic, float(stats.f.sf(statistic, free, rest)), max(share, 0.0), unit
+    )
+
+
+def _correlation(found: Standardised) -> ResidualTest:
+    """Neighbouring points: the mean of z_i · z_j / 2, which is 0 for white noise."""
+    question = "Do neighbouring points err in the same direction?"
+    pairs = found.neighbours / 2
+    if len(pairs) < 10:
+        return ResidualTest("neighbours", question, float("nan"), 1.0, 0.0, "correlation")
+    mean = float(pairs.mean())
+    # of two products of independent standard normals: variance 1, halved sum 1/2
+    statistic = mean / np.sqrt(0.5 / len(pairs))
+    return ResidualTest(
+        "neighbours", question, statistic, float(stats.norm.sf(statistic)), mean, "correlation"
+    )
+
+
+def _gaussian(found: Standardised) -> ResidualTest:
+    """D'Agostino & Pearson's test of skewness and kurtosis; the effect is the excess kurtosis."""
+    question = "Do the residuals follow a Gaussian?"
+    flat = found.z.ravel()
+    if len(flat) < 20:
+        return ResidualTest("gaussian", question, float("nan"), 1.0, 0.0, "excess kurtosis")
+    statistic, p = stats.normaltest(flat)
+    return ResidualTest(
+        "gaussian", question, float(statistic), float(p), float(stats.kurtosis(flat)), "excess kurtosis"
+    )
+
+
+def holm(found: list[ResidualTest]) -> list[ResidualTest]:
+    """Holm's correction: p-values that hold for all tests together."""
+    order = sorted(range(len(found)), key=lambda i: found[i].p_value)
+    corrected, worst = [0.0] * len(found), 0.0
+    for rank, i in enumerate(order):
+        worst = max(worst, min(1.0, (len(found) - rank) * found[i].p_value))
+        corrected[i] = worst
+    return [replace(t, p_corrected=p) for t, p in zip(found, corrected, strict=True)]
+
+
+# ------------------------------------------------------------------ bias ratio
+def bias_ratio(design: Design) -> BiasRatio | None:
+    """Equation (1); None where no view can be cut into pieces."""
+    square, freedom, pieces, covered, points = 0.0, 0, 0, 0.0, 0
+    for rows in design.rows():
+        covered += float((rows.residuals**2).sum())
+        points += len(rows.residuals)
+        for piece in cut(design.views[rows.view].xyz):
+            left, spare = _without_pose(rows, piece)
+            square, freedom, pieces = square + left, freedom + spare, pieces + 1
+    own = redundancy(design.solution)
+    if not pieces or freedom < 10 or own <= freedom or covered <= 0:
+        return None
+    noise = square / freedom
+    statistic = max(covered - square, 0.0) / (own - freedom) / noise
+    ratio = 1 - own * noise / covered
+    p_value = float(stats.f.sf(statistic, own - freedom, freedom))
+    return BiasRatio(ratio, float(np.sqrt(noise)), p_value, pieces)
+
+
+def cut(xyz: Array, least: int = PIECE) -> Iterator[Array]:
+    """Indices of neighbouring points, `least` to twice as many: halved along the longer side again and again."""
+    stack = [np.arange(len(xyz))]
+    while stack:
+        index = stack.pop()
+        if len(index) < 2 * least:
+            yield index
+            continue
+        axis = int(np.ptp(xyz[index], axis=0).argmax())
+        order = index[np.argsort(xyz[index, axis], kind="stable")]
+        stack += [order[: len(order) // 2], order[len(order) // 2 :]]
+
+
+def _without_pose(rows: Rows, piece: Array) -> tuple[float, int]:
+    """The sum of squares that a pose of its own leaves of a piece, and its degrees of freedom."""
+    basis, _ = np.linalg.qr(
+        rows.pose[piece].reshape(-1, 6) / np.linalg.norm(rows.pose.reshape(-1, 6), axis=0)
+    )
+    r = rows.residuals[piece].ravel()
+    taken = basis.T @ r
+    return float(r @ r - taken @ taken), len(r) - 6

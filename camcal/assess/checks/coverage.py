@@ -1,0 +1,56 @@
+"""The image: which part of it the points cover."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from camcal.assess.checks.facts import Facts
+from camcal.model.pose import Array
+from camcal.solve.solution import CalibrationWarning
+
+#: Share of the image inside the convex hull of all points below which distortion at its border is
+#: extrapolated over more than the covered part: at .12 the points reach less than half the way to the
+#: corners.
+LEAST_AREA = 0.12
+#: Points may lie this far outside, px: sub-pixel corners at the very border.
+MARGIN_PX = 1.0
+
+
+def poor(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Points only in a small part of the image."""
+    if facts.image_size is None:
+        return
+    share = hull_area(facts.image_points) / float(np.prod(facts.image_size))
+    if share < LEAST_AREA:
+        yield CalibrationWarning(
+            "poor-coverage",
+            f"the points cover {share:.0%} of the image; what the lens does elsewhere is extrapolated.",
+            "Bring the target close and into every corner of the picture.",
+        )
+
+
+def hull_area(uv: Array) -> float:
+    """Area of the convex hull of points (N, 2), px²; 0 where they lie on a line."""
+    try:
+        return float(ConvexHull(uv).volume)  # in two dimensions `volume` is the area
+    except (QhullError, ValueError):
+        return 0.0
+
+
+def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Points outside the picture: a wrong image size, or u and v exchanged."""
+    if facts.image_size is None:
+        return
+    uv = facts.image_points
+    out = int(((uv < -0.5 - MARGIN_PX) | (uv > np.subtract(facts.image_size, 0.5) + MARGIN_PX)).any(1).sum())
+    if out:
+        width, height = facts.image_size
+        u, v = uv.max(0)
+        yield CalibrationWarning(
+            "points-outside-image",
+            f"{out} of {len(uv)} points lie outside the {width}x{height} image (u to {u:.0f}, v to {v:.0f}).",
+            "Check --image-size, and that u is the column and v the row.",
+        )

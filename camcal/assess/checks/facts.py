@@ -1,0 +1,77 @@
+"""What several checks look at, computed once and on demand."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.curvature import beyond_linear
+from camcal.assess.difference import grid_of
+from camcal.model.pose import Array
+from camcal.solve.solution import Solution
+from camcal.start.shape import Shapes, shapes
+
+
+class Facts:
+    """A solution with what the checks derive from it."""
+
+    def __init__(self, solution: Solution):
+        self.solution = solution
+        self.camera = solution.camera
+        self.views = solution.correspondences.views
+        self.image_size = solution.camera.image_size or solution.correspondences.image_size
+
+    @cached_property
+    def covariance(self) -> Covariance:
+        """Of parameters and poses, infinite where the sigmas do not hold."""
+        return beyond_linear(self.solution, covariance(self.solution))
+
+    @cached_property
+    def shapes(self) -> Shapes:
+        """The plane of each view's points."""
+        return shapes(self.views)
+
+    @cached_property
+    def planar(self) -> bool:
+        """Whether every view shows a plane."""
+        return bool(len(self.views)) and bool(self.shapes.planar.all())
+
+    @cached_property
+    def free_names(self) -> tuple[str, ...]:
+        """Parameters of the camera that were estimated."""
+        rows = np.any(self.solution.free, axis=1)
+        return tuple(n for n, free in zip(self.camera.lens.names, rows, strict=True) if free)
+
+    def groups(self, *wanted: str) -> list[str]:
+        """The estimated parameters of these groups (focal, principal, skew, distortion)."""
+        group = {p.name: p.group for p in self.camera.lens.parameters}
+        return [n for n in self.free_names if group[n] in wanted]
+
+    @cached_property
+    def image_points(self) -> Array:
+        """All used image points (M, 2), px."""
+        used = zip(self.views, self.solution.inliers, strict=True)
+        return np.concatenate([v.uv[m] for v, m in used])
+
+    @cached_property
+    def low_high(self) -> tuple[Array, Array]:
+        """The corners (2,) of the image, or of the box of the points where its size is not known."""
+        if self.image_size is not None:
+            return np.zeros(2), np.subtract(self.image_size, 1.0)
+        return self.image_points.min(0), self.image_points.max(0)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Of the image, px."""
+        low, high = self.low_high
+        return float(np.linalg.norm(high - low))
+
+    @cached_property
+    def unseen(self) -> Array | None:
+        """Pixels (K, 2) of a grid over the image that the lens has no ray for; None without an image size."""
+        if self.image_size is None:
+            return None
+        grid = grid_of(self.image_size)
+        return grid[~self.camera.lens.unproject(self.camera.params, grid)[1]]

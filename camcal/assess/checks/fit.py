@@ -1,0 +1,112 @@
+"""The fit: whether it ended, and what its residuals show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from camcal.assess import figures
+from camcal.assess.checks.facts import Facts
+from camcal.model.pose import Array
+from camcal.solve.solution import CalibrationWarning
+
+#: A point is gross beyond this many robust standard deviations of a coordinate: one Gaussian point in 6e7.
+GROSS = 6.0
+#: Share of the sum of squares that gross points may hold before they are what the fit is about.
+GROSS_SHARE = 0.25
+#: rms against the image's diagonal beyond which something is wrong: the model, or which point is which.
+LARGE = 0.005
+#: Systematic: share of the radial residuals' variance that their mean by radius explains, and the F statistic
+#: of that (20 rings). Gaussian noise gives F = 1 and never 8; real boards that fit give a share below .05.
+EXPLAINED, F_LEAST, RINGS = 0.1, 8.0, 20
+#: Coordinates per unknown below which residuals say little about errors.
+REDUNDANT = 1.5
+
+
+def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
+    """The optimiser stopped before it reached its criterion."""
+    fit = facts.solution.fit
+    if not fit.converged:
+        yield CalibrationWarning(
+            "not-converged",
+            f"the refinement stopped after {fit.iterations} iterations before it converged "
+            f"({fit.stop_reason}).",
+            "Choose a model with fewer parameters, or add views.",
+        )
+
+
+def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Hardly more observations than unknowns: the rms is small whatever the errors are."""
+    unknown = facts.solution.free_count
+    observed = unknown + figures.redundancy(facts.solution)
+    if observed < REDUNDANT * unknown:
+        yield CalibrationWarning(
+            "few-points",
+            f"{observed} coordinates for {unknown} unknowns: the rms says little about the error.",
+            "Use more points or views.",
+        )
+
+
+def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
+    """A few points that hold much of the sum of squares."""
+    squares = np.square(facts.solution.used_residuals).sum(1)
+    squares = squares[np.isfinite(squares)]
+    if not len(squares) or squares.sum() == 0:
+        return
+    # |r| of two Gaussian coordinates has the median 1.1774 sigma
+    gross = squares > (GROSS / 1.1774) ** 2 * np.median(squares)
+    share = squares[gross].sum() / squares.sum()
+    if share > GROSS_SHARE:
+        yield CalibrationWarning(
+            "outliers",
+            f"{gross.sum()} of {len(squares)} points, off by up to {np.sqrt(squares.max()):.3g} px, hold "
+            f"{share:.0%} of the sum of squares.",
+            "Remove or mend these points, or leave them out by a robust loss (--robust).",
+        )
+
+
+def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
+    """An rms that no detector and no lens explains."""
+    rms = facts.solution.rms_point
+    if not rms <= LARGE * facts.diagonal:
+        yield CalibrationWarning(
+            "large-residuals",
+            f"the rms of {rms:.3g} px is large for an image of {facts.diagonal:.0f} px across.",
+            "Check which point is which; for a wide lens choose a model for it.",
+        )
+
+
+def systematic(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Residuals that depend on the distance from the principal point: the model does not follow the lens."""
+    share, f = radial_structure(facts)
+    if share > EXPLAINED and f > F_LEAST:
+        yield CalibrationWarning(
+            "systematic-residuals",
+            f"{share:.0%} of the radial residuals' variance follows the distance from the principal point: "
+            "the model does not describe this lens.",
+            "Choose a model with more radial terms, or one for wide lenses (camcal list models).",
+        )
+
+
+def radial_structure(facts: Facts) -> tuple[float, float]:
+    """Share of variance (adjusted) that the mean by radius explains in the radial residuals, and its F."""
+    d = facts.image_points - facts.camera.params[2:4]
+    radius = np.linalg.norm(d, axis=1)
+    residuals = facts.solution.used_residuals
+    good = (radius > 0) & np.isfinite(residuals).all(1)
+    along = np.einsum("ij,ij->i", residuals[good], d[good]) / radius[good]
+    rings = min(RINGS, len(along) // 10)
+    if rings < 3:
+        return 0.0, 0.0
+    return _explained(along, np.array_split(np.argsort(radius[good]), rings))
+
+
+def _explained(values: Array, groups: list[Array]) -> tuple[float, float]:
+    """One-way analysis of variance."""
+    n, k = len(values), len(groups)
+    total = float(np.square(values - values.mean()).sum())
+    between = sum(len(g) * (values[g].mean() - values.mean()) ** 2 for g in groups)
+    within = max(total - between, 1e-300)
+    share = 1 - within / max(total, 1e-300) * (n - 1) / (n - k)
+    return share, float(between / (k - 1) / (within / (n - k)))

@@ -1,0 +1,83 @@
+"""Pictures that were mirrored as a whole: the lens is then mirrored, too, and nothing else shows it.
+
+A board that looks the same from both sides is found in good order in a mirrored picture; even where the order
+tells, the view fits some pose. What does not fit is the principal point, and what else of the lens is not
+symmetric. With S = diag(-1, 1, 1) a view of points X at u is compared with one of S X at (width - 1 - u, v),
+which a pose S R S, S t before the same camera shows: the start of its own refinement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.assess.checks import fit
+from camcal.assess.checks.facts import Facts
+from camcal.data.observations import View
+from camcal.model.pose import Array, Poses
+from camcal.solve.poses import refine_poses
+from camcal.solve.solution import CalibrationWarning
+
+#: The mirrored view has to be likelier by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
+LIKELIER = 14.0
+#: ... and the sum of squares to be this many times as large: neighbouring points share errors, and good real
+#: views reach 1.4. Views that were mirrored have 2 to 5 at 0.2 px noise, and more with less.
+SQUARES = 1.8
+#: Only views whose rms exceeds that of the median view by this are looked at: a mirrored one has 1.3 and more.
+SUSPECT = 1.15
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Views that fit much better as mirror images."""
+    if any(fit.outliers(facts)):
+        return  # a few gross points bend the camera, and what then fits better mirrored says nothing
+    found = mirrored_views(facts)
+    if not len(found):
+        return
+    names = ", ".join(facts.views[i].id for i in found[:5]) + (", ..." if len(found) > 5 else "")
+    yield CalibrationWarning(
+        "mirrored-picture",
+        f"{len(found)} of {len(facts.views)} views fit much better as mirror images: {names}.",
+        "The pictures seem to be mirrored as a whole, which bends the camera: mirror them back, or leave them out.",
+    )
+
+
+def mirrored_views(facts: Facts) -> Array:
+    """The indices of views that fit much better as mirror images; none where they are most.
+
+    None either where the model does not follow the lens: its errors then depend on where a view lies.
+    """
+    none = np.zeros(0, int)
+    if not facts.planar or facts.image_size is None or len(facts.views) < 3 or any(fit.systematic(facts)):
+        return none
+    pairs = zip(facts.solution.residuals, facts.solution.inliers, strict=True)
+    squares = np.array([np.square(r[m]).sum(1).mean() for r, m in pairs])
+    chosen = np.flatnonzero(squares > SUSPECT**2 * np.median(squares))
+    gains, counts = gains_of_mirroring(facts, chosen)
+    found = chosen[(counts * gains > LIKELIER) & (gains > np.log(SQUARES))]
+    return none if 2 * len(found) > len(facts.views) else found
+
+
+def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
+    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and points.
+
+    Of the chosen views, (C,) each.
+    """
+    solution, width = facts.solution, (facts.image_size or (0, 0))[0]
+    kept = [facts.views[i].take(solution.inliers[i]) for i in chosen]
+    poses = Poses(solution.poses.rotations[chosen], solution.poses.translations[chosen])
+    start = Poses(poses.rotations * np.outer(_MIRROR, _MIRROR), poses.translations * _MIRROR)
+    _, costs, _ = refine_poses(facts.camera, [mirrored(v, width) for v in kept], start)
+    own = np.array([0.5 * np.square(solution.residuals[i][solution.inliers[i]]).sum() for i in chosen])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.log(own / costs)
+    return np.where(np.isfinite(ratios), ratios, -np.inf), np.array([len(v) for v in kept])
+
+
+def mirrored(view: View, width: int) -> View:
+    """A view as its mirror image: picture and target; unweighted."""
+    uv = np.c_[width - 1 - view.uv[:, 0], view.uv[:, 1]]
+    return replace(view, xyz=view.xyz * _MIRROR, uv=uv, sigma=None)

@@ -1,0 +1,80 @@
+"""The distribution of the residuals: tails too heavy or too light for Gaussian noise, rounded coordinates.
+
+With x = |r|² over its mean in the view, Gaussian noise in two coordinates gives x an exponential distribution
+and E[x²] = 2, whatever the noise of each view. The mean of x² over N points scatters by 2 / √N (delta method,
+the mean of x being estimated too).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from camcal.assess.checks.facts import Facts
+from camcal.assess.figures import standard_lengths
+from camcal.solve.solution import CalibrationWarning
+
+#: Deviations of E[x²] beyond which the noise is not Gaussian: a false alarm in 1e-5 of all runs.
+SIGNIFICANT = 4.5
+#: E[x²] that is worth a word: uniform noise has 1.4, Laplace 3.5 and Student's t of five degrees of freedom 5,
+#: of which 2.6 and 2.4 are left once outliers are rejected. Real boards that fit well have 1.8 to 2.1.
+LIGHT, HEAVY = 1.7, 2.3
+#: Views of fewer points are scaled together: their own mean says too little.
+LEAST_POINTS = 12
+#: Share of coordinates on a whole (or half) pixel from which on they were rounded to it.
+ROUNDED = 0.98
+
+
+def tails(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Residuals that are not Gaussian, after each view's own noise level."""
+    moment, deviations = fourth_moment(facts)
+    if deviations < -SIGNIFICANT and moment < LIGHT:
+        yield CalibrationWarning(
+            "light-tailed-residuals",
+            f"the residuals are spread evenly up to a limit (fourth moment {moment:.2f}, Gaussian noise 2, "
+            "uniform 1.4): as of rounded coordinates.",
+            "Give the points with all digits that the detector has.",
+        )
+    if deviations > SIGNIFICANT and moment > HEAVY:
+        yield CalibrationWarning(
+            "heavy-tailed-residuals",
+            f"large residuals are more frequent than with Gaussian noise (fourth moment {moment:.2f} instead of "
+            "2): points of different quality, or outliers that cannot be told from the rest.",
+            "Give sigmas with the points, or weight them by a robust loss (--robust huber).",
+        )
+
+
+def fourth_moment(facts: Facts) -> tuple[float, float]:
+    """E[x²], and by how many standard deviations it differs from 2; (2, 0) for fewer than 50 points."""
+    lengths = standard_lengths(facts.solution)
+    counts = [int(m.sum()) for m in facts.solution.inliers]
+    squares = [s**2 for s in np.split(lengths, np.cumsum(counts)[:-1])]
+    small = [s for s in squares if len(s) < LEAST_POINTS]
+    groups = [s for s in squares if len(s) >= LEAST_POINTS]
+    if sum(map(len, small)) >= LEAST_POINTS:
+        groups.append(np.concatenate(small))
+    n = sum(map(len, groups))
+    if n < 50 or not all(np.isfinite(g).all() and g.mean() > 0 for g in groups):
+        return 2.0, 0.0
+    # with the mean of n exponential values in the place of the true one E[x²] is 2 n / (n + 1)
+    x2 = np.concatenate([(g / g.mean()) ** 2 * (len(g) + 1) / len(g) for g in groups])
+    moment = float(x2.mean())
+    return moment, (moment - 2) / (2 / np.sqrt(n))
+
+
+def rounded(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Image points on whole pixels."""
+    uv = facts.image_points
+    if len(uv) < 4:
+        return
+    for step, words in ((1.0, "whole"), (0.5, "half")):
+        on_grid = np.abs(uv / step - np.round(uv / step)) < 1e-9
+        if on_grid.mean() > ROUNDED:
+            yield CalibrationWarning(
+                "rounded-coordinates",
+                f"the image points are {words} pixels: rounding alone leaves {step / np.sqrt(12):.2g} px in each "
+                "coordinate.",
+                "Give the points with all digits, or find them with sub-pixel accuracy.",
+            )
+            return

@@ -1,0 +1,58 @@
+"""The parameters: undetermined, weak, or only known together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from camcal.assess.checks.facts import Facts
+from camcal.solve.solution import CalibrationWarning
+
+#: Standard deviation of a focal length (and skew) in parts of it, and of the principal point in parts of the
+#: image's diagonal, from which on they are weak: ten times what a dozen ordinary views of a board give.
+WEAK = 0.02
+#: Correlation between parameters of different groups from which on neither means much by itself. Within a
+#: group (fx with fy, k1 with k2) it is always high and harmless.
+STRONG = 0.95
+_HINT = "Add tilted views all over the picture, hold parameters (--fix), or choose a smaller model."
+
+
+def undetermined(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Infinite standard deviations."""
+    names = facts.covariance.undetermined
+    if names:
+        what = f"the data do not determine {', '.join(names)}: other values fit as well"
+        if not facts.covariance.null.size:
+            what += ", along a curve, and sigmas that are left can be too small with it"
+        yield CalibrationWarning("undetermined-parameters", f"{what}.", _HINT)
+
+
+def weak(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Huge standard deviations."""
+    sigmas, focal = facts.covariance.sigmas, float(np.abs(facts.camera.params[:2]).max())
+    sizes = dict.fromkeys(facts.groups("focal", "skew"), focal)
+    sizes |= dict.fromkeys(facts.groups("principal"), facts.diagonal)
+    found = [f"{n} (± {sigmas[n]:.3g} px)" for n, size in sizes.items() if WEAK * size < sigmas[n] < np.inf]
+    if found:
+        yield CalibrationWarning("weak-parameters", f"hardly determined: {', '.join(found)}.", _HINT)
+
+
+def focal_known(facts: Facts) -> bool:
+    """Whether the focal lengths were estimated and none of them is weak."""
+    names = facts.groups("focal")
+    focal = float(np.abs(facts.camera.params[:2]).max())
+    return bool(names) and all(facts.covariance.sigmas[n] <= WEAK * focal for n in names)
+
+
+def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Strong correlation between parameters of different groups."""
+    group = {p.name: p.group for p in facts.camera.lens.parameters}
+    pairs = [p for p in facts.covariance.strong_correlations(STRONG) if group[p[0]] != group[p[1]]]
+    if pairs:
+        named = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in pairs[:4])
+        yield CalibrationWarning(
+            "correlated-parameters",
+            f"only known together: {named}{', ...' if len(pairs) > 4 else ''}.",
+            "Compare projections rather than these values; views turned by 90 degrees tell them apart.",
+        )

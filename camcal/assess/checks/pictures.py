@@ -1,0 +1,40 @@
+"""The pictures themselves: blurred, smeared, overexposed, flat, rough or with a small target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from camcal.assess.checks.facts import Facts
+from camcal.data.observations import Correspondences
+from camcal.solve.solution import CalibrationWarning
+
+#: what to do about a picture, by the first word of what `targets/quality.py` says of it
+REMEDIES = {
+    "blurred": "Focus on the target's distance, and keep the focus fixed; a smaller aperture helps.",
+    "motion": "Put target or camera on a stand, or expose shorter with more light.",
+    "overexposed": "Less light or a shorter exposure: white paper must not reach full scale.",
+    "flat": "More light, and a target in true black and white.",
+    "rough": "More light (less gain), no compression, a target without texture or glare.",
+    "small": "Come nearer: a target that fills half the picture tells most.",
+}
+#: pictures that are named one by one
+NAMED = 3
+
+
+def poor_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Pictures that were used and are worse than they need to be, a warning for each fault."""
+    for kind, message, _ in faults(facts.solution.correspondences):
+        yield CalibrationWarning(f"pictures-{kind}", message, REMEDIES[kind])
+
+
+def faults(correspondences: Correspondences) -> Iterator[tuple[str, str, float]]:
+    """Each fault of the used pictures: its kind, in words, and the share of the pictures that has it."""
+    by_kind: dict[str, list[str]] = {}
+    used = [v.id for v in correspondences.views]
+    for name in used:
+        for said in correspondences.picture_quality.get(name, {}).get("warnings") or []:
+            kind, _, words = said.partition(": ")
+            by_kind.setdefault(kind, []).append(f"{name} ({words})")
+    for kind, pictures in by_kind.items():
+        named = ", ".join(pictures[:NAMED]) + (", ..." if len(pictures) > NAMED else ".")
+        yield kind, f"{kind} in {len(pictures)} of {len(used)} pictures: {named}", len(pictures) / len(used)

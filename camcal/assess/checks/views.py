@@ -1,0 +1,161 @@
+"""The views: how many, how different, and from which side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.assess.checks.facts import Facts
+from camcal.model.pose import Array
+from camcal.solve.solution import CalibrationWarning
+
+#: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
+#: twice.
+SAME_PX = 1.0
+#: Share of repeated views from which on they are worth a word: a repeated view only makes the sigmas too
+#: small.
+REPEATED = 0.2
+#: Boards whose normals lie within this angle of one another (rms, degrees) leave the focal length to second
+#: order effects: at 5 degrees its sigma is 1 % with 12 views of .1 px, at 20 degrees .2 %.
+PARALLEL_DEGREES = 5.0
+#: Estimated parameters per view of a plane; each such view fixes two of the camera matrix and a bend.
+PARAMETERS_PER_VIEW = 3
+
+
+def single_view(facts: Facts) -> Iterator[CalibrationWarning]:
+    """One view of a plane: two equations for all of the camera matrix."""
+    if facts.planar and len(facts.views) == 1:
+        yield CalibrationWarning(
+            "single-view",
+            "there is one view, of a plane: it does not determine the focal length and the principal point.",
+            "Take 10 or more views, the target tilted by 20 to 45 degrees in different directions.",
+        )
+
+
+def few_views(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Few different views of a plane for the number of parameters."""
+    if not facts.planar or len(facts.views) < 2:
+        return
+    views, free = distinct_count(facts), len(facts.free_names)
+    bent = bool(facts.groups("distortion"))
+    if free > PARAMETERS_PER_VIEW * views or (views < 4 and bent):
+        yield CalibrationWarning(
+            "few-views",
+            f"{views} different view{'s' if views > 1 else ''} for {free} parameters of the camera: "
+            "some of them are hardly more than guesses.",
+            "Take 10 or more views, or choose a model with fewer parameters (--model opencv4).",
+        )
+
+
+def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
+    """All boards parallel to one another, above all to the image."""
+    if not facts.planar or len(facts.views) < 2:
+        return
+    tilt, spread = tilts(facts)
+    if spread >= PARALLEL_DEGREES:
+        return
+    if tilt < PARALLEL_DEGREES:
+        code = "fronto-parallel-views"
+        what = f"the target is nearly parallel to the image in all views ({tilt:.1f} degrees)"
+    else:
+        code = "parallel-views"
+        what = f"the target has the same orientation in all views (within {spread:.1f} degrees)"
+    yield CalibrationWarning(
+        code,
+        f"{what}: focal length and distance can hardly be told apart.",
+        "Take views with the target tilted by 20 to 45 degrees, in different directions.",
+    )
+
+
+def tilts(facts: Facts) -> tuple[float, float]:
+    """Tilt of the boards against the image plane, and spread of their normals, both rms in degrees."""
+    normals = _normals(facts)
+    # 1 - the largest eigenvalue of the mean of n nᵀ is the mean squared sine about the common axis
+    largest = np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1]
+    spread = np.arcsin(np.sqrt(np.clip(1 - largest, 0, 1)))
+    return float(np.sqrt(np.mean(tilt_of_views(facts) ** 2))), float(np.degrees(spread))
+
+
+def tilt_of_views(facts: Facts) -> Array:
+    """Angle (V,) between each board's normal and the optical axis, degrees."""
+    return np.degrees(np.arccos(np.clip(_normals(facts)[:, 2], -1, 1)))
+
+
+def _normals(facts: Facts) -> Array:
+    """The boards' normals (V, 3) in the camera's frame, those pointing away from the camera."""
+    normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
+    return np.asarray(normals * np.where(normals[:, 2:] < 0, -1.0, 1.0))
+
+
+def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Views that repeat another: they add no information, but make every sigma look smaller."""
+    count, views = distinct_count(facts), len(facts.views)
+    if views - count > REPEATED * views:
+        yield CalibrationWarning(
+            "duplicate-views",
+            f"{views} views show only {count} different pose{'s' if count > 1 else ''} of the target.",
+            "Move and tilt the target between pictures; leave the repetitions out.",
+        )
+
+
+def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Single views that repeat another, where they are too few to be worth `duplicates`."""
+    pairs = _repeats(facts)
+    if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
+        return
+    named = ", ".join(f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs[:5])
+    yield CalibrationWarning(
+        "repeated-view",
+        f"the target is where it was in another view: {named}" + (", ..." if len(pairs) > 5 else "") + ".",
+        "The repetition adds no information, but counts; leave it out.",
+    )
+
+
+def distinct_count(facts: Facts) -> int:
+    """Number of views after those with the same image of the same points are counted once."""
+    return len(facts.views) - len(np.unique(_repeats(facts)[:, 1]))
+
+
+def _repeats(facts: Facts) -> Array:
+    """Pairs (K, 2) of views i < j with the same image of the same points."""
+    if len(facts.views) < 2:
+        return np.zeros((0, 2), int)
+    corners = _seen_corners(facts)
+    good = np.flatnonzero(np.isfinite(corners).all(1))
+    pairs = cKDTree(corners[good]).query_pairs(SAME_PX * np.sqrt(corners.shape[1] / 2), output_type="ndarray")
+    return np.sort(good[pairs.reshape(-1, 2)], axis=1)
+
+
+def _seen_corners(facts: Facts) -> Array:
+    """Where each pose puts the corners of the box around all points, as (V, 2 K), px."""
+    xyz = np.concatenate([v.xyz for v in facts.views])
+    low, high = xyz.min(0), xyz.max(0)
+    box = np.unique(np.array(np.meshgrid(*np.c_[low, high])).reshape(3, -1).T, axis=0)
+    poses = facts.solution.poses
+    cam = np.einsum("vij,kj->vki", poses.rotations, box) + poses.translations[:, None]
+    return facts.camera.project(cam).reshape(len(poses), -1)
+
+
+def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
+    """A few views in which the camera stands on the other side of the board than in the rest."""
+    if not facts.planar or len(facts.views) < 3:
+        return
+    poses = facts.solution.poses
+    centres = -np.einsum("vji,vj->vi", poses.rotations, poses.translations)
+    normals = facts.shapes.axes[:, :, 2]
+    # the normal of a fitted plane has no sign of its own
+    normals = normals * np.where(normals @ normals[0] < 0, -1.0, 1.0)[:, None]
+    side = np.einsum("vi,vi->v", centres - facts.shapes.origins, normals) > 0
+    if side.all() or not side.any():
+        return
+    minority = np.flatnonzero(side if side.mean() < 0.5 else ~side)
+    if len(minority) * 3 > len(side):
+        return  # a target that is seen from both sides
+    names = ", ".join(facts.views[i].id for i in minority[:5]) + (", ..." if len(minority) > 5 else "")
+    yield CalibrationWarning(
+        "mirrored-views",
+        f"{len(minority)} of {len(side)} views show the target from behind: {names}.",
+        "Their points are in mirrored order (or the picture is): mend or leave out these views.",
+    )

@@ -1,0 +1,140 @@
+"""Condition numbers of every stage's equations, before and after the normalisation of their coordinates.
+
+A condition number κ costs log10 κ of the 16 digits of a float64; where normal equations are formed, it costs
+twice as many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from camcal.data.observations import Correspondences
+from camcal.geometry import dlt as resection
+from camcal.geometry import projective
+from camcal.solve.condition import condition
+from camcal.solve.problem import Problem
+from camcal.solve.solution import Solution, Stage
+from camcal.start import assumptions, central, conic, shape
+
+Array = np.ndarray
+
+
+def with_conditioning(solution: Solution, normalise: bool = True) -> Solution:
+    """The solution with `info["conditioning"]` = {before, after} in each stage that has equations.
+
+    `after` is what was solved; without normalisation both are the same.
+    """
+    stages = tuple(_with(stage, solution, normalise) for stage in solution.stages)
+    return replace(solution, stages=stages)
+
+
+def _with(stage: Stage, solution: Solution, normalise: bool) -> Stage:
+    data = solution.correspondences
+    if any(not m.all() for m in solution.inliers):
+        kept = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
+        data = replace(data, views=tuple(kept))
+    found: dict[str, Any] | None
+    found = refinement(solution, normalise) if stage.name == "refine" else linear(stage.name, data, normalise)
+    if found is not None and stage.name == "zhang":
+        found["conic"] = _conic(stage, data, normalise)
+    return stage if found is None else replace(stage, info={**stage.info, "conditioning": found})
+
+
+def linear(name: str, data: Correspondences, normalise: bool = True) -> dict[str, Any] | None:
+    """The condition numbers of a closed form's equations for the views; None for one without linear equations.
+
+    That of `zhang` is of its homographies.
+    """
+    known = {"central": _central, "dlt": _dlt, "zhang": _homographies}
+    return known[name](data, normalise) if name in known else None
+
+
+def _pair(before: float, after: float, normalise: bool) -> dict[str, float]:
+    return {"before": before, "after": after if normalise else before}
+
+
+def refinement(solution: Solution, normalise: bool = True) -> dict[str, Any]:
+    """cond J at the solution: poses about the data's origin and columns as they are, and normalised."""
+    data = solution.correspondences
+    views = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
+    camera = solution.camera
+    free = solution.free[:, solution.free.any(0)]
+    both = []
+    for normalised in (False, True):
+        problem = Problem(camera.lens, views, free, normalise=normalised)
+        state = problem.state(camera.params, solution.poses)
+        if problem.linearise(state) is None:
+            return _pair(float("nan"), float("nan"), normalise)
+        both.append(condition(problem, state, normalised))
+    return _pair(both[0], both[1], normalise)
+
+
+def _central(data: Correspondences, normalise: bool) -> dict[str, float]:
+    view = data.views[0]
+    c = central.Central(view.xyz, view.uv)
+    lengths = np.linalg.norm(c, axis=0)
+    return _pair(_ratio(c, 10), _ratio(c / np.where(lengths > 0, lengths, 1.0), 10), normalise)
+
+
+def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
+    """The worst of the views of points in space; of 12 singular values the last belongs to the solution."""
+    planar = shape.shapes(data.views).planar
+    views = [v for v, flat in zip(data.views, planar, strict=True) if not flat]
+    both = [
+        max(_ratio(resection.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
+        for n in (False, True)
+    ]
+    return _pair(both[0], both[1], normalise)
+
+
+def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
+    """The worst of the views; of 9 singular values the last belongs to the solution."""
+    form = shape.shapes(data.views)
+    both = [0.0, 0.0]
+    for view, origin, axes in zip(data.views, form.origins, form.axes, strict=True):
+        raw = view.xyz @ axes[:, :2]
+        local = (view.xyz - origin) @ axes[:, :2]
+        both[0] = max(both[0], _ratio(homography_equations(raw, view.uv), 7))
+        scaled = [_normalised(a) for a in (local, view.uv)]
+        both[1] = max(both[1], _ratio(homography_equations(*scaled), 7))
+    return _pair(both[0], both[1], normalise)
+
+
+def homography_equations(xy: Array, uv: Array) -> Array:
+    """The matrix (2 N, 9) of h1·x - u h3·x = 0, h2·x - v h3·x = 0 for points xy and uv (N, 2)."""
+    x = projective.homogeneous(xy)
+    a = np.zeros((len(x), 2, 3, 3))
+    a[:, 0, 0] = a[:, 1, 1] = x
+    a[:, :, 2] = -uv[:, :, None] * x[:, None, :]
+    return a.reshape(-1, 9)
+
+
+def _normalised(points: Array) -> Array:
+    return projective.dehomogenise(projective.homogeneous(points) @ projective.normalisation(points).T)
+
+
+def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, float]:
+    """Zhang's equations for the image of the absolute conic, skew 0, in pixels and in unit coordinates."""
+    assert stage.matrix is not None and stage.poses is not None
+    form = shape.shapes(data.views)
+    axes = stage.poses.rotations @ form.axes[..., :2]
+    origins = np.einsum("vij,vj->vi", stage.poses.rotations, form.origins) + stage.poses.translations
+    h = stage.matrix @ np.concatenate([axes, origins[..., None]], 2)
+    basis = assumptions.LADDER[1].basis
+    both = []
+    for to_unit in (np.eye(3), assumptions.unit_coordinates(data)[0]):
+        moved = to_unit @ h
+        moved = moved / np.sqrt((moved[..., :2] ** 2).sum((1, 2)) / 2)[:, None, None]
+        both.append(_ratio(conic.constraints(moved).reshape(-1, 6) @ basis, basis.shape[1] - 2))
+    return _pair(both[0], both[1], normalise)
+
+
+def _ratio(a: Array, last: int) -> float:
+    """The largest singular value over the one of index `last`; inf where that is 0 or does not exist."""
+    singular = np.linalg.svd(a, compute_uv=False)
+    return (
+        float(singular[0] / singular[last]) if len(singular) > last and singular[last] > 0 else float("inf")
+    )

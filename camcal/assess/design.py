@@ -1,0 +1,136 @@
+"""The linearised problem at a solution, view by view: Jacobian rows, normal matrices, leverage.
+
+With J_v = [F_v P_v] the rows of view v (camera's free parameters; pose), weighted, and U_v = F_vᵀF_v,
+W_v = F_vᵀP_v, A_v = P_vᵀP_v, B_v = A_v⁻¹ W_vᵀ, the pose of a view is eliminated:
+
+    S_v = U_v - W_v B_v,    g_v = F_vᵀ r_v - B_vᵀ P_vᵀ r_v,    S = Σ S_v                                 (1)
+
+S_v is the information that the view holds on the camera, g_v the direction in which it pulls (Σ g_v = 0 at
+the optimum). The residuals after the fit are the noise less what the fit took, cov(r) = sigma_0² (I - H) with
+
+    H_v = (F_v - P_v B_v) S⁻¹ (F_v - P_v B_v)ᵀ + P_v A_v⁻¹ P_vᵀ                                         (2)
+
+within a view. Where a board's shape was estimated, it counts as known here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from camcal.assess.covariance import eliminate_poses, invert_determined
+from camcal.assess.figures import sigma_0
+from camcal.solve.problem import Problem
+from camcal.solve.solution import NormalBlocks, Solution
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of one view's used points, weighted by 1 / sigma and the root of a robust weight.
+
+    Attributes
+    ----------
+    view : int
+    free : (N, 2, F) array
+    pose : (N, 2, 6) array
+    residuals : (N, 2) array
+    """
+
+    view: int
+    free: Array
+    pose: Array
+    residuals: Array
+
+
+class Design:
+    """What (1) and (2) need of a solution; everything is computed on first use."""
+
+    def __init__(self, solution: Solution):
+        self.solution = solution
+        self.transform = solution.free[:, solution.free.any(0)]
+        kept = [v.take(m) for v, m in zip(solution.correspondences.views, solution.inliers, strict=True)]
+        self.views = kept
+        self.problem = Problem(solution.camera.lens, kept, self.transform, _weights(solution, kept))
+        self.state = self.problem.state(solution.camera.params, solution.poses)
+        self.sigma_0 = sigma_0(solution)
+
+    @cached_property
+    def products(self) -> Array:
+        """JᵀJ of each view with the residual as its last column, (V, F + 7, F + 7)."""
+        normal = self.problem.view_normals(self.state)
+        if normal is None:
+            raise ValueError("a used point lies outside the lens's domain")
+        p, f = self.problem.lens.size, self.transform.shape[1]
+        wide = np.zeros((p + 7, f + 7))
+        wide[:p, :f] = self.transform
+        wide[p:, f:] = np.eye(7)
+        return np.asarray(wide.T @ normal @ wide)
+
+    @cached_property
+    def normal(self) -> NormalBlocks:
+        """The blocks of the conditional problem (the board's shape known)."""
+        f = self.transform.shape[1]
+        whole = self.products
+        return NormalBlocks(whole[:, :f, :f].sum(0), whole[:, :f, f : f + 6], whole[:, f : f + 6, f : f + 6])
+
+    @cached_property
+    def poses(self):  # type: ignore[no-untyped-def]
+        """A_v⁻¹ and B_v, see `covariance.ReducedPoses`."""
+        return eliminate_poses(self.normal)
+
+    @cached_property
+    def information(self) -> Array:
+        """S_v of (1), (V, F, F)."""
+        f = self.transform.shape[1]
+        own = self.products[:, :f, :f] - self.normal.coupling @ self.poses.gain
+        return (own + own.transpose(0, 2, 1)) / 2
+
+    @cached_property
+    def pull(self) -> Array:
+        """g_v of (1), (V, F)."""
+        f = self.transform.shape[1]
+        pose_gradient = self.products[:, f : f + 6, -1]
+        return np.asarray(self.products[:, :f, -1] - np.einsum("vif,vi->vf", self.poses.gain, pose_gradient))
+
+    @cached_property
+    def inverse(self) -> Array:
+        """S⁻¹ over the determined directions, (F, F), for unit weight."""
+        total = self.information.sum(0)
+        return invert_determined(total, np.diag(self.normal.intrinsics))[0]
+
+    def rows(self) -> Iterator[Rows]:
+        """The rows of each view, in groups of the problem's making."""
+        lens, f = self.problem.lens, self.transform
+        for group in self.problem.groups:
+            filled = self.problem.fill(group, self.state)
+            if filled is None:
+                raise ValueError("a used point lies outside the lens's domain")
+            block = filled.copy()  # the problem's own rows are overwritten by the next who asks for some
+            for place, member in enumerate(group.members):
+                own = block[place][:, :, : len(self.views[member])]
+                yield Rows(
+                    int(member),
+                    np.einsum("pcn,pf->ncf", own[: lens.size], f),
+                    own[lens.size : lens.size + 6].transpose(2, 1, 0).copy(),
+                    own[-1].T.copy(),
+                )
+
+    def hat(self, rows: Rows, first: Array | None = None, second: Array | None = None) -> Array:
+        """Blocks (K, 2, 2) of H_v of (2) between points `first` and `second` (K,); without, the diagonal."""
+        own = rows.free - rows.pose @ self.poses.gain[rows.view]
+        a, b = (slice(None) if i is None else i for i in (first, second))
+        by_camera = own[a] @ self.inverse @ own[b].transpose(0, 2, 1)
+        by_pose = rows.pose[a] @ self.poses.inverse[rows.view] @ rows.pose[b].transpose(0, 2, 1)
+        return np.asarray(by_camera + by_pose)
+
+
+def _weights(solution: Solution, kept: list) -> list[Array] | None:
+    if solution.weights is None:
+        return None
+    pairs = zip(kept, solution.weights, solution.inliers, strict=True)
+    return [w[m] if v.sigma is None else w[m] / v.sigma**2 for v, w, m in pairs]

@@ -1,0 +1,99 @@
+"""Points that were taken for others: swapped corners, shifted rows.
+
+A rejected point that lies where another point of its view is predicted was taken for that one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.data.observations import View
+from camcal.model.pose import Array
+from camcal.solve.solution import Solution
+
+#: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
+NEAR = 0.15
+#: ... and this many points with the same displacement on the board are a shift, not chance: an outlier
+#: anywhere on the board meets a prediction with probability π NEAR² = .07
+LEAST_SHIFTED = 3
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Rejected points of a view that were taken for others.
+
+    Attributes
+    ----------
+    view : str
+    swapped : tuple of (row, row)
+    shifted : tuple of rows
+        Points that lie where others, all displaced alike on the board, are predicted.
+    by : (3,) array
+        That displacement, in the unit of the points; zeros without any.
+    """
+
+    view: str
+    swapped: tuple[tuple[int, int], ...]
+    shifted: tuple[int, ...]
+    by: Array
+
+
+def mismatches(solution: Solution) -> Iterator[Mismatch]:
+    """The views whose rejected points lie where other points are predicted."""
+    data = solution.correspondences
+    for view, residual, used in zip(data.views, solution.residuals, solution.inliers, strict=True):
+        wrong = np.flatnonzero(~used & np.isfinite(residual).all(1))
+        if len(wrong) < 2:
+            continue
+        found = mismatch(view, view.uv + residual, wrong)
+        if found.swapped or found.shifted:
+            yield found
+
+
+def mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
+    """What the rows `wrong` (K,) of a view were taken for, from where its points are predicted (N, 2), px."""
+    known = np.flatnonzero(np.isfinite(predicted).all(1))
+    tree = cKDTree(predicted[known])
+    apart = spacing(predicted[known])
+    distance, index = (np.asarray(a) for a in tree.query(view.uv[wrong]))
+    taken = {
+        int(i): int(known[j])
+        for i, j, d in zip(wrong, index, distance, strict=True)
+        if d < NEAR * apart and known[j] != i
+    }
+    swapped = tuple((i, j) for i, j in taken.items() if i < j and taken.get(j) == i)
+    alone = {i: j for i, j in taken.items() if taken.get(j) != i}
+    size = float(np.ptp(view.xyz, axis=0).max())
+    steps = {i: tuple(np.round((view.xyz[j] - view.xyz[i]) / size, 3)) for i, j in alone.items()}
+    step, count = Counter(steps.values()).most_common(1)[0] if steps else ((0.0, 0.0, 0.0), 0)
+    if count < LEAST_SHIFTED:
+        return Mismatch(view.id, swapped, (), np.zeros(3))
+    rows = tuple(i for i in alone if steps[i] == step)
+    return Mismatch(view.id, swapped, rows, view.xyz[alone[rows[0]]] - view.xyz[rows[0]])
+
+
+def describe(found: Mismatch, view: View) -> str:
+    """A mismatch in words; points by their number on the target, else by their row in the view."""
+
+    def name(row: int) -> str:
+        return str(int(view.point_ids[row]) if view.point_ids is not None else row)
+
+    said = []
+    if found.swapped:
+        pairs = ", ".join(f"{name(i)} and {name(j)}" for i, j in found.swapped[:5])
+        said.append(f"points {pairs} are swapped")
+    if found.shifted:
+        rows = ", ".join(map(name, found.shifted[:12])) + (", ..." if len(found.shifted) > 12 else "")
+        by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
+        said.append(f"points {rows} lie where those displaced by ({by}) belong")
+    return f"view '{found.view}': " + "; ".join(said)
+
+
+def spacing(uv: Array) -> float:
+    """The median distance of a point from its nearest neighbour, px."""
+    return float(np.median(np.asarray(cKDTree(uv).query(uv, k=2)[0])[:, 1]))

@@ -1,0 +1,116 @@
+"""Every definition of an error figure, in one place.
+
+With residuals r_i (predicted - observed, px) of the N points that a solution rests on, and p free parameters
+(poses included):
+
+    rms_point = sqrt(Σ |r_i|² / N)            what cv2 and Zhang print                             (1)
+    rms_coord = sqrt(Σ |r_i|² / 2N)           mrcal's                                              (2)
+    sigma_hat = sqrt(Σ |r_i|² / (2N - p))     estimated standard deviation of a coordinate, px     (3)
+    sigma_0   = sqrt(Σ w_i |r_i|² / (2N - p)) with w_i = 1 / sigma_i²; scales the covariance       (4)
+
+median, p95 and max are those of the lengths |r_i|. Without given sigmas w_i = 1 and (4) is (3). With them
+sigma_0 is a pure number, the factor by which the given sigmas are too small (photogrammetry's standard error
+of unit weight). A robust loss weights each point once more, by v_i from its length in units of sigma_i, l_i;
+the covariance of such an estimate is (Huber, Robust Statistics, 1981, section 7.6, for residuals of two
+coordinates)
+
+    sigma_0² = mean(v) Σ v_i² l_i² / (2N - p) / mean(v + ½ l dv/dl)²                              (5)
+
+over the normal matrix that has the v_i in it; with v = 1 this is (4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.solve.losses import LOSSES, robust_sigma
+from camcal.solve.solution import Solution
+
+Array = np.ndarray
+
+#: relative step of the central difference in (5); a loss has kinks, so that more digits would be vain
+_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The figures of a set of residuals, px; NaN where the set is empty."""
+
+    points: int
+    rms_point: float
+    rms_coord: float
+    median: float
+    p95: float
+    max: float
+
+
+def of(residuals: Array) -> Figures:
+    """The figures (1), (2), median, p95 and max of residuals (N, 2), px."""
+    n = len(residuals)
+    if n == 0:
+        return Figures(0, *[float("nan")] * 5)
+    squares = np.einsum("ij,ij->i", residuals, residuals)
+    mean = float(squares.mean())
+    lengths = np.sqrt(squares)
+    median, p95 = np.percentile(lengths, [50, 95]).tolist()
+    return Figures(n, mean**0.5, (mean / 2) ** 0.5, median, p95, float(lengths.max()))
+
+
+def rms_point(residuals: Array) -> float:
+    """Equation (1) of residuals (..., 2), px; NaN without points."""
+    r = np.reshape(residuals, (-1, 2))
+    return float(np.sqrt(np.einsum("ij,ij->", r, r) / len(r))) if len(r) else float("nan")
+
+
+def redundancy(solution: Solution) -> int:
+    """2N - p: observed coordinates less free parameters; the degrees of freedom of the residuals."""
+    return 2 * sum(int(m.sum()) for m in solution.inliers) - solution.free_count
+
+
+def sigma_hat(solution: Solution) -> float:
+    """Equation (3), px; NaN where the redundancy is not positive."""
+    return _per_redundancy(solution, np.square(solution.used_residuals).sum())
+
+
+def sigma_0(solution: Solution) -> float:
+    """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive."""
+    lengths = standard_lengths(solution)
+    if solution.weights is None:
+        return _per_redundancy(solution, float(lengths @ lengths))
+    weights = np.concatenate([w[m] for w, m in zip(solution.weights, solution.inliers, strict=True)])
+    loss = LOSSES[solution.fit.loss]
+    u = lengths / (loss.constant * robust_sigma(lengths, solution.free_count))
+    slope = (loss.weight(u * (1 + _STEP)) - loss.weight(u * (1 - _STEP))) / (2 * _STEP)
+    bread = float(np.mean(weights + slope / 2))
+    if not bread > 0:
+        return float("nan")
+    squares = float(np.square(weights * lengths).sum())
+    return _per_redundancy(solution, weights.mean() * squares) / bread
+
+
+def standard_lengths(solution: Solution) -> Array:
+    """Lengths (N,) of the residuals of the used points, each in units of its given sigma (else px)."""
+    parts = []
+    for view, r, used in zip(
+        solution.correspondences.views, solution.residuals, solution.inliers, strict=True
+    ):
+        length = np.sqrt(np.einsum("ij,ij->i", r[used], r[used]))
+        parts.append(length if view.sigma is None else length / view.sigma[used])
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _per_redundancy(solution: Solution, squares: float) -> float:
+    freedom = redundancy(solution)
+    return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")
+
+
+def overall(solution: Solution) -> Figures:
+    """The figures of the points the solution rests on."""
+    return of(solution.used_residuals)
+
+
+def per_view(solution: Solution) -> list[Figures]:
+    """The figures of each view, over its used points."""
+    return [of(r[used]) for r, used in zip(solution.residuals, solution.inliers, strict=True)]

@@ -1,0 +1,113 @@
+"""How far the cameras of the folds lie apart, against what their uncertainty allows.
+
+A camera estimated without some of the views differs from that of all views. Least squares being efficient,
+the covariance of the difference is the difference of the covariances (Hausman 1978, lemma 2.1):
+
+    cov(q_k - q) = cov(q_k) - cov(q)                                                                    (1)
+
+with q a projection of a point held to the boards of the views of fold k (`uncertainty.py`). Over the image and
+the folds,
+
+    ratio² = mean |q_k - q|² / tr cov(q_k - q)                                                          (2)
+
+is 1 where the model holds and the noise is as white as the covariance takes it; more shows a model that does
+not hold, a board that is not what it is taken for, or noise that neighbouring points share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from camcal.assess.covariance import covariance
+from camcal.assess.difference import image_grid
+from camcal.assess.holdout import HoldOut
+from camcal.assess.uncertainty import projection_uncertainty
+from camcal.solve.solution import Solution
+
+Array = np.ndarray
+
+COLUMNS = 12
+
+
+def difference_of_folds(solution: Solution, held: HoldOut) -> Mapping[str, Any] | None:
+    """Equation (2) at infinity over the part of the picture that points cover; None where it cannot be had.
+
+    Outside of it the lens is extrapolated, and its uncertainty no longer linear.
+
+    Returns
+    -------
+    mapping
+        median_px, max_px: of the differences between each fold's camera and that of all views; predicted_px:
+        the median of what the uncertainty predicts; ratio; map: both over the picture.
+    """
+    grid, covered = covered_grid(solution)
+    pixels = grid[covered]
+    accuracy = covariance(solution)
+    found, expected = [], []
+    for fit, views in zip(held.fits, held.trained, strict=True):
+        moved = seen_by_fold(solution, fit, views, pixels) - pixels
+        whole = projection_uncertainty(solution, accuracy, views).at_pixels(pixels)
+        own = covariance(fit)
+        part = projection_uncertainty(fit, own).at_pixels(pixels)
+        # one estimate of the noise in both, or a fold with little of it would leave a negative difference
+        with np.errstate(invalid="ignore"):  # infinite less infinite: not a number, and left out
+            spread = part * (accuracy.sigma_0 / own.sigma_0) ** 2 - whole
+        found.append(np.einsum("ni,ni->n", moved, moved))
+        expected.append(np.einsum("nii->n", spread))
+    squares, variances = np.array(found), np.array(expected)
+    good = np.isfinite(squares) & np.isfinite(variances) & (variances > 0)
+    if not good.size or good.sum() < 0.5 * good.size:
+        return None
+    return {
+        "median_px": float(np.sqrt(np.median(squares[good]))),
+        "max_px": float(np.sqrt(squares[good].max())),
+        "predicted_px": float(np.sqrt(np.median(variances[good]))),
+        "ratio": float(np.sqrt(np.mean(squares[good] / variances[good]))),
+        "map": _map(grid, covered, np.where(good, squares, np.nan), np.where(good, variances, np.nan)),
+    }
+
+
+def _map(grid: Array, covered: Array, squares: Array, variances: Array) -> dict[str, Any]:
+    """Root mean squares over the folds (K, N) on the grid, NaN where no points cover it."""
+    rows = len(grid) // COLUMNS
+    made: dict[str, Any] = {"u": grid[:COLUMNS, 0].tolist(), "v": grid[::COLUMNS, 1].tolist()}
+    for name, values in (("found_px", squares), ("predicted_px", variances)):
+        some = np.isfinite(values).any(0)
+        mean = np.full(values.shape[1], np.nan)
+        mean[some] = np.sqrt(np.nanmean(values[:, some], axis=0))
+        whole = np.full(len(grid), np.nan)
+        whole[covered] = mean
+        made[name] = whole.reshape(rows, COLUMNS).tolist()
+    return made
+
+
+def covered_pixels(solution: Solution) -> Array:
+    """The pixels (N, 2) of a grid that lie within the hull of the used points."""
+    grid, covered = covered_grid(solution)
+    return grid[covered]
+
+
+def covered_grid(solution: Solution) -> tuple[Array, Array]:
+    """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
+    pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
+    uv = np.concatenate([v.uv[m] for v, m in pairs])
+    pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
+    try:
+        sides = ConvexHull(uv).equations
+    except QhullError:  # all points on a line
+        return pixels, np.zeros(len(pixels), bool)
+    return pixels, (pixels @ sides[:, :2].T + sides[:, 2] <= 0).all(1)
+
+
+def seen_by_fold(solution: Solution, fit: Solution, views: Array, pixels: Array) -> Array:
+    """Where the camera of a fold sees (N, 2) what the camera of all views sees at pixels (N, 2), at infinity.
+
+    The directions are held to the boards of the fold's views and averaged over them.
+    """
+    rays = solution.camera.unproject(pixels)
+    turns = fit.poses.rotations @ solution.poses.rotations[views].transpose(0, 2, 1)
+    return fit.camera.project(rays @ turns.mean(0).T)

@@ -1,0 +1,119 @@
+"""What each view does to the camera, by block formulae instead of new solutions.
+
+With S_v, g_v, S of `design.py`, leaving view v out moves the free parameters, to first order, by
+
+    δ_v = (S - S_v)⁻¹ g_v                                                                              (1)
+
+(Cook & Weisberg, Residuals and Influence in Regression, 1982, chapter 3, for a group of observations and with
+the pose of the view eliminated). Under the model cov(δ_v) = sigma_0² ((S - S_v)⁻¹ - S⁻¹), so that
+
+    t_v = δ_vᵀ cov(δ_v)⁻¹ δ_v / F                                                                       (2)
+
+tests whether the view agrees with the others (F and about 2N - p degrees of freedom). The δ_v of all views
+give the jackknife covariance (V-1)/V Σ δ_v δ_vᵀ (Efron 1982), the S_v and g_v the bootstrap over views in one
+Newton step: neither takes the noise of neighbouring points for independent, so that their ratio to the
+covariance tells of noise that is not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from camcal.assess.covariance import NULL
+from camcal.assess.design import Design
+from camcal.assess.figures import redundancy
+from camcal.assess.uncertainty import ProjectionUncertainty
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What leaving out each view would do.
+
+    Attributes
+    ----------
+    moves : (V, F) array
+        δ_v of (1); NaN where the other views do not determine the camera.
+    cook : (V,) array
+        δ_vᵀ S δ_v / (F sigma_0²): Cook's distance, 1 = one standard deviation of all parameters together.
+    p_values : (V,) array
+        Of (2): how likely noise alone lets a view disagree as much with the others.
+    share : (V,) array
+        tr(S⁻¹ S_v) / F: the share of the information that the view holds; they add up to 1.
+    """
+
+    moves: Array
+    cook: Array
+    p_values: Array
+    share: Array
+
+
+def influence(design: Design) -> Influence:
+    """The influence of each view on the camera."""
+    total, count = design.information.sum(0), design.transform.shape[1]
+    moves = np.full((len(design.views), count), np.nan)
+    cook, p_values = np.full(len(moves), np.nan), np.full(len(moves), np.nan)
+    share = np.einsum("ij,vji->v", design.inverse, design.information) / max(count, 1)
+    scale = 1 / np.sqrt(np.where(np.diag(total) > 0, np.diag(total), 1.0))
+    freedom = max(redundancy(design.solution), 1)
+    for v, (own, pull) in enumerate(zip(design.information, design.pull, strict=True)):
+        rest = (total - own) * scale * scale[:, None]
+        values, vectors = np.linalg.eigh(rest)
+        if not count or values[0] <= NULL * max(values[-1], 1e-300):
+            continue
+        without = (vectors / values) @ vectors.T * scale * scale[:, None]
+        moves[v] = without @ pull
+        cook[v] = moves[v] @ total @ moves[v] / (count * design.sigma_0**2)
+        spread = (without - design.inverse) * design.sigma_0**2
+        p_values[v] = _p_value(moves[v], spread, freedom)
+    return Influence(moves, cook, p_values, share)
+
+
+def _p_value(move: Array, spread: Array, freedom: int) -> float:
+    """Of (2), over the directions on which the view has a say."""
+    d = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(d, d))
+    good = values > 1e-8 * values[-1]
+    along = vectors[:, good].T @ (move / d)
+    statistic = float((along**2 / values[good]).sum()) / max(int(good.sum()), 1)
+    return float(f_distribution.sf(statistic, int(good.sum()), freedom))
+
+
+def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertainty, pixels: Array) -> Array:
+    """How far leaving out each view moves the projections at infinity of pixels (N, 2), at most: (V,), px."""
+    rays = design.solution.camera.unproject(pixels)
+    by_params, by_frame = uncertainty.jacobians(rays[np.isfinite(rays).all(1)], at_infinity=True)
+    own = design.transform.shape[1]
+    moved = (by_params - by_frame @ uncertainty.follow)[:, :, :own]
+    shifts = np.linalg.norm(np.einsum("ncf,vf->vnc", moved, found.moves), axis=2)
+    return shifts.max(1) if shifts.size else np.full(len(found.moves), np.nan)
+
+
+def jackknife(found: Influence) -> Array:
+    """The covariance (F, F) of the free parameters by leaving out views; NaN where a view cannot be spared."""
+    count = len(found.moves)
+    d = found.moves - found.moves.mean(0)
+    return (count - 1) / count * d.T @ d
+
+
+def bootstrap(design: Design, replicates: int = 200, seed: int = 0) -> Array:
+    """The covariance (F, F) of the free parameters over views drawn with replacement, in one Newton step."""
+    rng = np.random.default_rng(seed)
+    views, count = len(design.views), design.transform.shape[1]
+    times = rng.multinomial(views, np.full(views, 1 / views), replicates).astype(float)
+    total = np.einsum("rv,vij->rij", times, design.information)
+    pull = np.einsum("rv,vi->ri", times, design.pull)
+    scale = 1 / np.sqrt(np.maximum(np.diag(design.information.sum(0)), 1e-300))
+    scaled = total * scale * scale[:, None]
+    values, vectors = np.linalg.eigh(scaled)
+    # a draw of few different views may leave the camera open: it says nothing and is left out
+    good = values[:, 0] > NULL * values[:, -1]
+    if not good.any():
+        return np.full((count, count), np.nan)
+    along = np.einsum("rij,ri->rj", vectors[good], pull[good] * scale)
+    moves = -np.einsum("rij,rj->ri", vectors[good], along / values[good]) * scale
+    return np.atleast_2d(np.cov(moves.T))

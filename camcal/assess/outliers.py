@@ -1,0 +1,243 @@
+"""What is wrong with the points and views that were rejected, in words.
+
+Points that were taken for others are told by `mismatch.py`. A rejected view whose points fit a plane of other
+proportions shows another board; one that fits the mirrored points holds them in mirrored order; one that fits
+as its own mirror image is of a picture that was mirrored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.assess import exchanged_points as mismatch
+from camcal.assess import figures
+from camcal.assess.checks import fit, mirror
+from camcal.assess.checks.facts import Facts
+from camcal.data.observations import Correspondences, SkippedView, View
+from camcal.geometry import projective
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.solve import ransac
+from camcal.solve.losses import RAYLEIGH_MEDIAN
+from camcal.solve.outliers import LEAST_LEFT
+from camcal.solve.solution import CalibrationWarning, Solution
+from camcal.start import shape
+
+#: a plane of other proportions explains a view where it leaves no more than this many times the usual scatter
+EXPLAINED = 4.0
+#: a used view is suspected where its median residual exceeds that of the median view by this factor, and
+#: another board is the reason where it explains as much
+SUSPECT = 1.5
+#: points whose residuals (median, at the best pose) exceed this part of the spacing are not those of the board
+FAR_OFF = 0.5
+#: proportions differ from those of the board if by more than this
+SAME_PROPORTION = 0.003
+#: a used view of proportions that are off by more than this is left out: prints stay below .002, and a real view
+#: that was skewed (in motion, by a bent board) had .009
+OTHER_PROPORTION = 0.02
+#: sine of the angle between rays and the image plane below which x/z means little
+_FLAT_RAY = 0.05
+
+
+_HINTS = {
+    "rejected-view": "Look at that picture: is it the same board, sharp, and its points in order?",
+    "other-board": "Leave the picture out, or give the right size of that board.",
+    "mirrored-views": "Its points are in mirrored order (or the picture is): mend or leave out that view.",
+    "rejected-mirror-image": "The picture seems to be mirrored as a whole: mirror it back, or leave it out.",
+    "mismatched-points": "They were left out; mend their order to use them.",
+}
+
+
+def without_strangers(correspondences: Correspondences, solution: Solution) -> Correspondences:
+    """The correspondences without views that fit a pose well enough to be used, but bend the camera.
+
+    They are mirror images, or clearly of another board. The same correspondences if there are none.
+    """
+    views = solution.correspondences.views
+    bad = {views[i].id for i in mirror.mirrored_views(Facts(solution))}
+    bad |= {views[s.index].id for s in _suspects(solution) if abs(s.ratio - 1) > OTHER_PROPORTION}
+    if not bad or len(correspondences.views) - len(bad) < LEAST_LEFT:
+        return correspondences
+    left_out = (SkippedView(name, "rejected", "does not fit the other views") for name in sorted(bad))
+    kept = tuple(v for v in correspondences.views if v.id not in bad)
+    return replace(correspondences, views=kept, skipped=(*correspondences.skipped, *left_out))
+
+
+def named(solution: Solution, given: Correspondences, robust: bool = True) -> Solution:
+    """The solution with a warning for each rejected view, and for points taken for others, that says so.
+
+    Rejected views also get their residuals.
+
+    Parameters
+    ----------
+    solution : Solution
+    given : Correspondences
+        All views, those included that the solution rejected.
+    robust : bool
+        Whether outliers were treated: where they were not, they bend the camera, and with it what planes
+        measure, and used views are not suspected.
+    """
+    data, views = solution.correspondences, {v.id: v for v in given.views}
+    usual = _usual_scatter(solution)
+    skipped: list[SkippedView] = []
+    said = []
+    follows = not any(
+        fit.systematic(Facts(solution))
+    )  # else a view that fits badly says nothing of its board
+    for entry in data.skipped:
+        view = views.get(entry.id)
+        if entry.status != "rejected" or view is None or not len(view):
+            skipped.append(entry)
+            continue
+        pose, rms = _best_pose(view, solution.camera, usual)
+        code, what = _kind(view, solution.camera, pose, usual) if follows else ("rejected-view", "")
+        if follows and rms is not None and _is_mirrored(view, solution.camera, rms, usual):
+            code, what = "rejected-mirror-image", "it fits as a mirror image"
+        reason = f"{entry.reason}; {what}" if what else entry.reason
+        skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
+        said.append((code, f"view '{entry.id}' was left out: {reason}."))
+    if robust:
+        said += [("other-board", s.words(data.views[s.index].id)) for s in _suspects(solution)]
+    used = {v.id: v for v in data.views}
+    said += [
+        ("mismatched-points", mismatch.describe(m, used[m.view]) + ".") for m in mismatch.mismatches(solution)
+    ]
+    warnings = (CalibrationWarning(code, text, _HINTS[code]) for code, text in said)
+    changed = replace(data, skipped=tuple(skipped))
+    return replace(solution, correspondences=changed, warnings=(*solution.warnings, *warnings))
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """A used view that fits better as another board: the median residuals as that and as it is, px."""
+
+    index: int
+    ratio: float
+    other: float
+    own: float
+
+    def words(self, name: str) -> str:
+        return (
+            f"view '{name}' fits better as another board, {self.ratio:.4g} times as long in y against x: "
+            f"{self.other:.3g} px instead of {self.own:.3g} px (medians)."
+        )
+
+
+def _suspects(solution: Solution) -> list[_Suspect]:
+    """Used views that a plane of other proportions explains much better than the board does.
+
+    None where the model does not follow the lens: its errors look like other proportions.
+    """
+    data = solution.correspondences
+    if any(fit.systematic(Facts(solution))):
+        return []
+    own = np.array([f.median for f in figures.per_view(solution)])
+    found = []
+    for i in np.flatnonzero(own > SUSPECT * np.median(own)):
+        view = data.views[i].take(solution.inliers[i])
+        if len(data.views) < 3 or not shape.shapes([view]).planar[0]:
+            continue
+        measured = proportions(view, solution.camera)
+        if measured is None or abs(measured[0] - 1) <= SAME_PROPORTION:
+            continue
+        if measured[2] < own[i] / SUSPECT:
+            found.append(_Suspect(int(i), measured[0], measured[2], float(own[i])))
+    most = max((s.own / s.other for s in found), default=0.0)
+    # one such view also bends the camera away from the others
+    return [s for s in found if s.own / s.other > most / 2]
+
+
+def _usual_scatter(solution: Solution) -> float:
+    """The median length of the residuals that the solution rests on, px."""
+    lengths = np.linalg.norm(solution.used_residuals, axis=1)
+    return float(np.median(lengths)) if len(lengths) else float("nan")
+
+
+def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, float | None]:
+    """The pose with which most points agree, as the others do, and rms_point of all points there."""
+    unit = 1.0 if view.sigma is None else float(np.median(view.sigma))
+    agreed = ransac.of_poses([view], camera, sigma=usual / RAYLEIGH_MEDIAN / unit)[0]
+    if agreed.matrix is None:
+        return None, None
+    pose = Pose(agreed.matrix[:, :3], agreed.matrix[:, 3])
+    residual = camera.project(pose.apply(view.xyz)) - view.uv
+    return pose, figures.rms_point(residual[np.isfinite(residual).all(1)])
+
+
+def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
+    """Whether a view of a plane, of this rms_point, fits much better as its own mirror image."""
+    if camera.image_size is None or not shape.shapes([view]).planar[0]:
+        return False
+    _, other = _best_pose(mirror.mirrored(view, camera.image_size[0]), camera, usual)
+    return other is not None and other <= EXPLAINED * usual and other**2 * mirror.SQUARES < rms**2
+
+
+def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[str, str]:
+    """Code and words for a rejected view."""
+    if shape.shapes([view]).planar[0]:
+        found = proportions(view, camera)
+        if found is not None and found[2] <= EXPLAINED * usual:
+            ratio, angle, _ = found
+            if abs(ratio - 1) > SAME_PROPORTION or abs(angle - 90) > 100 * SAME_PROPORTION:
+                return "other-board", (
+                    f"its points are those of another board, {ratio:.4g} times as long in y against x"
+                    + (
+                        f", its sides at {angle:.1f} degrees"
+                        if abs(angle - 90) > 100 * SAME_PROPORTION
+                        else ""
+                    )
+                )
+    else:
+        _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera, usual)
+        if mirrored is not None and mirrored <= 2 * EXPLAINED * usual:
+            return "mirrored-views", "it fits once an axis is negated: its frame is mirrored"
+    if pose is not None:
+        residual = camera.project(pose.apply(view.xyz)) - view.uv
+        lengths = np.linalg.norm(residual, axis=1)
+        wrong = np.flatnonzero(lengths > 2 * EXPLAINED * usual)
+        taken = mismatch.mismatch(view, view.uv + residual, wrong)
+        if taken.swapped or taken.shifted:
+            return "mismatched-points", mismatch.describe(taken, view).split(": ", 1)[1]
+        # a point that does not project is as far off as can be
+        if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * mismatch.spacing(view.uv):
+            return "other-board", "no pose explains its points: another board, or points out of order"
+    return "rejected-view", ""
+
+
+def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None:
+    """What a plane seen by a known camera measures, against the points that a view says it holds.
+
+    The homography from the points' plane to the rays has columns h1, h2 of one length, at right angles, where
+    the points are those of the plane that was seen (Zhang 2000, eqs. 3 and 4).
+
+    Returns
+    -------
+    ratio : float
+        |h2| / |h1|: how much longer the plane is in y, against x, than the points say.
+    angle : float
+        Between h1 and h2, degrees.
+    median : float
+        Median residual, px.
+
+    None where there are too few points.
+    """
+    rays = camera.unproject(view.uv)
+    with np.errstate(invalid="ignore"):
+        ahead = rays[:, 2] > _FLAT_RAY
+    kept = view.take(ahead)
+    ab = rays[ahead, :2] / rays[ahead, 2:]
+    origin, axes, _ = projective.fit_plane(kept.xyz)
+    # along the axes of the data where the plane is that of x and y, as for boards
+    across = np.eye(3) if abs(axes[2, 2]) > 0.999 else axes
+    points = (kept.xyz - origin) @ across[:, :2]
+    agreed = ransac.agreeing(ransac.Map(points, ab, kept.sigma), np.random.default_rng(0))
+    if agreed.matrix is None:
+        return None
+    h1, h2 = agreed.matrix[:, 0], agreed.matrix[:, 1]
+    ratio = float(np.linalg.norm(h2) / np.linalg.norm(h1))
+    cosine = h1 @ h2 / np.linalg.norm(h1) / np.linalg.norm(h2)
+    rays_of = np.c_[points, np.ones(len(points))] @ agreed.matrix.T
+    error = np.linalg.norm(camera.project(rays_of * np.sign(rays_of[:, 2:])) - kept.uv, axis=1)
+    return ratio, float(np.degrees(np.arccos(cosine))), float(np.nanmedian(error))

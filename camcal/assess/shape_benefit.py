@@ -1,0 +1,138 @@
+"""Whether a board of its own shape makes the camera truer, or only the residuals smaller.
+
+A board whose every point is free fits better, and fits views held out better, as soon as its points are not quite
+where they should be. The camera need not gain: its own parameters get noisier, and with few views that can cost
+more than the bias it takes away. Let x = (c, θ) be the camera's free parameters and the shape's, S their normal
+matrix with the poses eliminated, x̂ the estimate with the shape. The simpler board is the limit of a prior on the
+points' offsets, each Gaussian with deviation τ in x, y and z (less what a camera cannot see of them: position,
+orientation and size of the board), as τ -> 0; the free one is the limit τ -> ∞. The truth lies between, at
+
+    x_τ = x̂ - (S + λ Q)⁻¹ λ Q x̂,     λ = σ² / τ²                                                         (1)
+
+with Q the prior's matrix in θ, and τ is known from what the shape gains in cost (empirical Bayes: Efron & Morris,
+JASA 68, 1973; the expectation of a quadratic form),
+
+    2 (C_simple - C_shape) = σ² (B - b) + τ² tr(S_θθ·c Q⁻¹)                                               (2)
+
+b being the parameters of the simpler board, S_θθ·c what is left of S after they and the camera are eliminated.
+Of the two boards, that whose camera projects nearer to that of (1) has the smaller expected error: errors about
+the mean of a posterior add its variance to both alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.assess.covariance import eliminate_poses, reduce
+from camcal.assess.difference import grid_of
+from camcal.assess.figures import sigma_0
+from camcal.assess.fold_difference import covered_pixels
+from camcal.geometry import rotations
+from camcal.model.pose import Array
+from camcal.solve.solution import Solution
+from camcal.solve.solve import BoardResult
+
+#: columns of the grid over the picture
+COLUMNS = 20
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a shape does to the camera.
+
+    Attributes
+    ----------
+    tau : float
+        Deviation of the points' offsets that the simpler board does not explain, unit of the data.
+    simple_px, shaped_px : float
+        Root mean square distance of the cameras with the simpler board and with the shape from that of (1), over
+        the picture (where its size is not known, over what the points cover) and after the best-fitting rotation.
+    """
+
+    tau: float
+    simple_px: float
+    shaped_px: float
+
+    @property
+    def truer(self) -> bool:
+        """Whether the shape has the smaller expected error."""
+        return self.shaped_px < self.simple_px
+
+
+def change(simple: Solution, shaped: Solution) -> Change:
+    """Compare a board with a simpler one, estimated from the same points."""
+    board, inner = shaped.extras["board"], simple.extras.get("board")
+    s = reduce(shaped.normal, eliminate_poses(shaped.normal))
+    f = len(s) - board.size
+    loose = np.eye(3 * len(board.points)) - _seen_by_none(board)
+    d = loose @ board.directions()
+    q = d.T @ d
+
+    def coordinates(offsets: Array) -> Array:
+        return np.linalg.solve(q, d.T @ offsets)
+
+    theta = coordinates((board.points - board.ideal).reshape(-1))
+    inside = coordinates(inner.directions()) if isinstance(inner, BoardResult) else theta[:, None][:, :0]
+    q_left = q - q @ inside @ np.linalg.pinv(inside.T @ q @ inside) @ inside.T @ q
+    left = _eliminated(s, f, inside)
+    sigma2 = sigma_0(shaped) ** 2
+    gain = theta @ left @ theta - sigma2 * (board.size - inside.shape[1])
+    tau2 = max(float(gain), 0.0) / float(np.trace(np.linalg.solve(q, left)))
+    simplest = _without(s, f, inside, theta)
+    middle = _shrunk(s, q_left, theta, sigma2 / tau2) if tau2 > 0 else simplest
+    moves = _projections(shaped)[:, :f]
+    if not len(moves):
+        return Change(float(np.sqrt(tau2)), 0.0, np.inf)
+    simple_px, shaped_px = (
+        float(np.sqrt(2 * np.mean((moves @ m) ** 2))) for m in (middle - simplest, middle)
+    )
+    return Change(float(np.sqrt(tau2)), simple_px, shaped_px)
+
+
+def _known(s: Array, f: int, inside: Array) -> Array:
+    """Columns (F + B, .) of the camera's parameters and of those of the shape that are not to be without."""
+    known = np.zeros((len(s), f + inside.shape[1]))
+    known[:f, :f], known[f:, f:] = np.eye(f), inside
+    return known
+
+
+def _eliminated(s: Array, f: int, inside: Array) -> Array:
+    """S_θθ·c: what is left of S once the camera and a part of the shape are eliminated."""
+    known = _known(s, f, inside)
+    left = s - s @ known @ np.linalg.lstsq(known.T @ s @ known, known.T @ s, rcond=None)[0]
+    return np.asarray(left[f:, f:])
+
+
+def _without(s: Array, f: int, inside: Array, theta: Array) -> Array:
+    """The camera's part (F,) by which it moves if all of the shape but `inside` is left out."""
+    known = _known(s, f, inside)
+    x = np.r_[np.zeros(f), theta]
+    return np.asarray((known @ np.linalg.lstsq(known.T @ s @ known, known.T @ s @ x, rcond=None)[0])[:f])
+
+
+def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
+    """The camera's part (F,) of (1) less that of x̂."""
+    f = len(s) - len(theta)
+    prior = np.zeros_like(s)
+    prior[f:, f:] = weight * q
+    return np.asarray(-np.linalg.solve(s + prior, np.r_[np.zeros(f), weight * q @ theta])[:f])
+
+
+def _seen_by_none(board: BoardResult) -> Array:
+    """The projection (3 M, 3 M) onto offsets that are a motion of the board or a change of its size."""
+    x = board.ideal - board.ideal.mean(0)
+    rows = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), rotations.skew(x), x[:, :, None]], 2)
+    basis = np.linalg.qr(rows.reshape(-1, 7))[0]
+    return np.asarray(basis @ basis.T)
+
+
+def _projections(solution: Solution) -> Array:
+    """d pixels / d free parameters (2 N, F) over the picture, after the best-fitting rotation."""
+    lens, params, size = solution.camera.lens, solution.camera.params, solution.camera.image_size
+    rays, seen = lens.unproject(params, covered_pixels(solution) if size is None else grid_of(size, COLUMNS))
+    _, by_xyz, by_params, _ = lens.jacobians(params, rays[seen])
+    turns = (by_xyz @ rotations.skew(rays[seen])).reshape(-1, 3)
+    moves = (by_params @ solution.free).reshape(len(turns), -1)
+    return np.asarray(moves - turns @ np.linalg.lstsq(turns, moves, rcond=None)[0])

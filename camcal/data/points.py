@@ -1,0 +1,149 @@
+"""Correspondences from files: text tables, pairs of tables, and .npz archives."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from camcal.data.archive import read_archive
+from camcal.data.columns import POINTS
+from camcal.data.observations import Correspondences, View
+from camcal.data.pairs import read_pair
+from camcal.data.table import Table, read_table
+from camcal.data.table_checks import check_duplicates, check_not_swapped
+from camcal.errors import DataError, UsageError
+
+Array = np.ndarray
+PathLike = str | os.PathLike
+
+
+def read_points(
+    *paths: PathLike,
+    points3d: PathLike | None = None,
+    points2d: PathLike | None = None,
+    image_size: tuple[int, int] | None = None,
+) -> Correspondences:
+    """Read correspondences of 3D points and pixels.
+
+    Parameters
+    ----------
+    *paths : path
+        Tables with or without a header, or `.npz` archives; docs/input-formats.md describes them. A file
+        without a view column is one view and names it. Views of different files are different views.
+    points3d, points2d : path
+        Instead: two tables whose rows correspond, one of points in the world and one of pixels.
+    image_size : (width, height), optional
+        Of the pictures, px. An archive may bring its own.
+
+    Returns
+    -------
+    Correspondences
+        Views in the order of first appearance; `files` holds path and sha256 of each file.
+
+    Raises
+    ------
+    DataError
+        With file and line: what was found and what is needed.
+    UsageError
+        Where no file is given, only one of a pair, or both kinds.
+    """
+    if points3d is not None or points2d is not None:
+        if paths or points3d is None or points2d is None:
+            raise UsageError(
+                "points come from tables of X Y Z u v, or from one file of 3D and one of 2D points.",
+                "Give --points3d and --points2d and no other file, or give neither.",
+            )
+        joined, parts = read_pair(os.fspath(points3d), os.fspath(points2d))
+        return _collect([joined], parts, image_size)
+    if not paths:
+        raise UsageError("no file of points is given.", "Name a CSV file, or --points3d and --points2d.")
+    tables: list[Table] = []
+    for given in paths:
+        path = os.fspath(given)
+        if any(Path(path).absolute() == Path(t.path).absolute() for t in tables):
+            raise UsageError(f"'{path}' is given twice.", "Each file is read once.")
+        if path.lower().endswith(".npz"):
+            table, own_size = read_archive(path)
+            image_size = _same_size(image_size, own_size, path)
+        else:
+            table = read_table(path, POINTS)
+        tables.append(table)
+    return _collect(tables, tables, image_size)
+
+
+def _same_size(
+    size: tuple[int, int] | None, own: tuple[int, int] | None, path: str
+) -> tuple[int, int] | None:
+    if size is None or own is None or tuple(size) == own:
+        return size or own
+    raise DataError(
+        f"{path}: pictures of {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+        "One camera has one image size.",
+    )
+
+
+def _collect(tables: list[Table], files: list[Table], size: tuple[int, int] | None) -> Correspondences:
+    """The views of all tables, checked, under names that differ."""
+    views: list[View] = []
+    sources: list[str] = []
+    for table in tables:
+        check_not_swapped(table)
+        check_duplicates(table)
+        own = views_of(table)
+        views += own
+        sources += [table.path] * len(own)
+    listed = tuple({"path": table.path, "sha256": table.sha256} for table in files)
+    return Correspondences.from_views(_told_apart(views, sources), size, files=listed)
+
+
+def _told_apart(views: list[View], sources: list[str]) -> list[View]:
+    """The views with the file before a name that several files have: left.csv:1, right.csv:1."""
+    for prefix in (lambda path: Path(path).name, str):
+        count = Counter(view.id for view in views)
+        views = [
+            replace(view, id=_prefixed(view.id, prefix(path))) if count[view.id] > 1 else view
+            for view, path in zip(views, sources, strict=True)
+        ]
+    return views
+
+
+def _prefixed(name: str, prefix: str) -> str:
+    """The name after its file; a view that is named by its file takes the longer name of the file."""
+    last = name.removeprefix(f"{Path(prefix).name}:")
+    return prefix if last == Path(prefix).name else f"{prefix}:{last}"
+
+
+def views_of(table: Table) -> list[View]:
+    """The views of a table, in the order of first appearance."""
+    n = len(table.values)
+    xyz = np.zeros((n, 3))
+    uv = np.empty((n, 2))
+    for target, names in ((xyz, "XYZ"), (uv, "uv")):
+        for k, name in enumerate(names):
+            column = table.column(name)
+            if column is not None:
+                target[:, k] = column
+    sigma, ids = table.column("sigma"), table.column("id")
+    whole = View(
+        Path(table.path).name,
+        xyz,
+        uv,
+        None if sigma is None else sigma.copy(),  # a column of the table would keep all of it in memory
+        None if ids is None else ids.astype(np.int64),
+    )
+    if table.view_index is None:
+        return [whole]
+    index = table.view_index
+    if (np.diff(index) < 0).any():  # the rows of a view are scattered
+        order = np.argsort(index, kind="stable")
+        whole, index = whole.take(order), index[order]
+    ends = np.searchsorted(index, np.arange(1, len(table.view_names)))
+    bounds = [0, *ends.tolist(), n]
+    return [
+        replace(whole.take(slice(a, b)), id=name)  # type: ignore[arg-type]  # a slice selects rows, too
+        for name, a, b in zip(table.view_names, bounds, bounds[1:], strict=False)
+    ]

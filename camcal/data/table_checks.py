@@ -1,0 +1,147 @@
+"""What a table of numbers can have wrong as a whole: points given twice, pixels and board exchanged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.data.columns import shown
+from camcal.data.table import Table
+from camcal.errors import DataError
+
+Array = np.ndarray
+FEWEST_FOR_GRID = 9  #: below 3 x 3 points a grid can be chance
+FULL_GRID = 1.5  #: cells of the grid per point: a board with a third of its points hidden still counts
+PIXELS_SPAN = 20.0  #: a board fills more of a picture than this, px
+
+
+def check_duplicates(table: Table) -> None:
+    """Refuse a point that one view has twice.
+
+    With ids the same id is the same point; without, the same X, Y, Z.
+
+    Raises
+    ------
+    DataError
+    """
+    rows = _repeated(_keys(table))
+    if rows is None:
+        return
+    first, again = rows
+    view = (
+        "" if table.view_index is None else f" in view '{shown(table.view_names[table.view_index[again]])}'"
+    )
+    ids = table.column("id")
+    where = f"{table.where(again)}: "
+    if ids is not None:
+        raise DataError(
+            f"{where}id {ids[again]:.0f} is given a second time{view}, after {table.row_name(first)}.",
+            "A point has one id, and each view has it once.",
+        )
+    xyz = ", ".join(f"{a + 0.0:g}" for a in (_column_or_zero(table, c)[again] for c in "XYZ"))
+    same = np.array_equal(table.values[first], table.values[again])
+    raise DataError(
+        f"{where}the point ({xyz}) is given a second time{view}, after {table.row_name(first)}, "
+        f"{'with the same' if same else 'with another'} pixel.",
+        "Remove one of the rows."
+        if same
+        else "Average the two, or name their views; points at one place need ids.",
+    )
+
+
+def check_not_swapped(table: Table) -> None:
+    """Refuse a table whose u, v are a board and whose X, Y are pixels.
+
+    A board's points stand on a grid of few different coordinates; measured pixels hardly ever share one.
+    Pixels on an exact grid do exist (a projector's pattern), so a header is believed unless the grid starts
+    at (0, 0), a board's corner, and X, Y have the signs and the span of pixels; or unless the first two views
+    have exactly the same u, v at different X, Y, which no camera sees and every board has.
+
+    Raises
+    ------
+    DataError
+    """
+    if _repeats(table, "uv") and not _repeats(table, "XY"):
+        raise DataError(
+            f"{table.where(0)}: u and v are exactly the same in two views, like a board, and X and Y are not, like "
+            "pixels; X,Y,Z are needed on the board and u,v in the picture.",
+            _exchange(table),
+        )
+    rows = slice(None) if table.view_index is None else table.view_index == 0
+    x, y, z, u, v = (_column_or_zero(table, c)[rows] for c in ("X", "Y", "Z", "u", "v"))
+    if len(x) < FEWEST_FOR_GRID or not _is_scatter(x, y):
+        return
+    swapped = not z.any() and _is_grid(u, v)
+    rotated = not v.any() and _is_grid(z, u)  # u v X Y Z read as X Y Z u v
+    if table.header:
+        span = min(np.ptp(x), np.ptp(y))
+        swapped = swapped and u.min() == v.min() == 0 and min(x.min(), y.min()) >= 0 and span > PIXELS_SPAN
+        rotated = False
+    if not (swapped or rotated):
+        return
+    found = "u and v are a regular grid" if swapped else "Z and u are a regular grid and v is 0"
+    raise DataError(
+        f"{table.where(0)}: {found}, like a board, and X and Y are scattered, like pixels; "
+        "X,Y,Z are needed on the board and u,v in the picture.",
+        _exchange(table),
+    )
+
+
+def _exchange(table: Table) -> str:
+    if table.header:
+        return "Exchange the names in the header."
+    return "Name the columns in a first row: view,X,Y,Z,u,v."
+
+
+def _repeats(table: Table, names: str) -> bool:
+    """Whether the first two views hold the same set of values in these columns."""
+    if table.view_index is None:
+        return False
+    columns = np.stack([_column_or_zero(table, c) for c in names], 1)
+    first, second = (np.unique(columns[table.view_index == i], axis=0) for i in (0, 1))
+    return len(first) >= FEWEST_FOR_GRID and np.array_equal(first, second)
+
+
+def _column_or_zero(table: Table, name: str) -> Array:
+    column = table.column(name)
+    return np.zeros(len(table.values)) if column is None else column
+
+
+def _is_grid(a: Array, b: Array) -> bool:
+    columns, rows = len(np.unique(a)), len(np.unique(b))
+    return min(columns, rows) > 1 and columns * rows <= FULL_GRID * len(a)
+
+
+def _is_scatter(a: Array, b: Array) -> bool:
+    return min(len(np.unique(a)), len(np.unique(b))) > len(a) / 2
+
+
+def _keys(table: Table) -> list[Array]:
+    """What must differ between the rows of a table."""
+    ids = table.column("id")
+    keys = [ids] if ids is not None else [_column_or_zero(table, c) for c in "XYZ"]
+    keys = [(k + 0.0).view(np.uint64) for k in keys]  # + 0.0 makes -0.0 the same as 0.0
+    if table.view_index is not None:
+        keys.append(table.view_index.astype(np.uint64))
+    return keys
+
+
+def _repeated(keys: list[Array]) -> tuple[int, int] | None:
+    """The first row that repeats an earlier one, as (earlier, repeating), or None.
+
+    Rows are compared by a 64-bit hash; only rows of equal hash are looked at themselves.
+    """
+    mixed = np.zeros(len(keys[0]), np.uint64)
+    for key in keys:
+        mixed = (mixed + key) * np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: spreads all bits upward
+        mixed ^= mixed >> np.uint64(32)  # and down again
+    ordered = np.sort(mixed)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    if not len(twice):
+        return None
+    seen: dict[tuple[int, ...], int] = {}
+    for row in np.flatnonzero(np.isin(mixed, twice)).tolist():
+        whole = tuple(int(k[row]) for k in keys)
+        if whole in seen:
+            return seen[whole], row
+        seen[whole] = row
+    return None

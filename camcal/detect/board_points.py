@@ -1,0 +1,170 @@
+"""Where the points of a board lie in a picture, told by those that are known already.
+
+No lens is assumed: a point's place comes from the homography of its nearest known neighbours, which holds
+closely enough through a wide angle and on a bent sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.detect import saddle
+from camcal.detect.edge_model import COUNT
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+LOCAL_POINTS = 12  #: known points whose homography says where another is
+LEAST_GAP = 1e-3  #: of a homography's equations; below it the points stand in a row
+STRAY = 0.5  #: of the room around a point; farther off than that, a fitted point is another corner
+SUPPORT = 4  #: markers that say where a corner is
+
+
+@dataclass
+class Known:
+    """What is known so far of each point of a board: arrays over all M points, valid where `good`."""
+
+    good: Array
+    uv: Array
+    jacobian: Array
+    covariance: Array
+    params: Array
+    noise: Array
+    reasons: dict[int, str]
+
+    @classmethod
+    def of(cls, count: int) -> Known:
+        """Nothing known of `count` points."""
+        square = np.zeros((count, 2, 2))
+        params = np.zeros((count, COUNT))
+        return cls(
+            np.zeros(count, bool), np.zeros((count, 2)), square, square.copy(), params, np.zeros(count), {}
+        )
+
+    @property
+    def rows(self) -> Array:
+        """Ids of the good points, ascending."""
+        return np.flatnonzero(self.good)
+
+    @property
+    def corners(self) -> saddle.Corners:
+        """The good points as fitted corners."""
+        k = self.rows
+        return saddle.Corners(self.uv[k], self.covariance[k], self.params[k], self.noise[k], ("",) * len(k))
+
+    def add(self, ids: Array, found: saddle.Corners, jacobian: Array) -> int:
+        """Take the good ones of newly fitted points; how many those are."""
+        good = found.good
+        rows = ids[good]
+        self.good[ids] = good
+        self.uv[rows], self.jacobian[rows] = found.uv[good], jacobian[good]
+        self.covariance[rows], self.params[rows] = found.covariance[good], found.params[good]
+        self.noise[rows] = found.noise[good]
+        self.reasons |= {int(i): r for i, r in zip(ids, found.reasons, strict=True) if r}
+        return int(good.sum())
+
+    def drop_strays(self, points: Array, room: float) -> None:
+        """Reject points that are not where their neighbours alone put them; `room` is without other corners."""
+        rows = np.flatnonzero(self.good)
+        if len(rows) <= LOCAL_POINTS:
+            return
+        uv, jacobian, certain = from_points(points[rows], points[rows], self.uv[rows], leave_out=True)
+        limit = np.maximum(STRAY * room * np.linalg.norm(jacobian, axis=1).min(1), 1.5)
+        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > limit)
+        self.good[rows[stray]] = False
+        self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
+
+    def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
+        """Where the points within `reach` of good ones must be: ids, uv and d uv / d point."""
+        rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
+        if len(rows) < 4 or not len(open_):
+            return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
+        near = np.asarray(cKDTree(points[rows]).query(points[open_])[0]) < reach
+        ids = open_[near]
+        uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
+        return ids[certain], uv[certain], jacobian[certain]
+
+
+def board_from_pixel(points: Array, uv: Array) -> Callable[[Array], Array]:
+    """A map from px (K, P, 2) around each of K points to the board, by the homography of its neighbours."""
+    count = min(LOCAL_POINTS, len(points))
+    near = np.asarray(cKDTree(points).query(points, k=count)[1])
+    h, gap, _ = homography.solve(uv[near], points[near], steps=1)
+    h[gap < LEAST_GAP] = np.nan
+
+    def apply(pixels: Array) -> Array:
+        return homography.transfer(h, pixels)
+
+    return apply
+
+
+def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) -> tuple[Array, Array, Array]:
+    """Map points of the board by the homographies of the nearest known points.
+
+    Parameters
+    ----------
+    at : (N, 2) array
+        Points to map.
+    points, uv : (K, 2) arrays
+        Known points and their images.
+    leave_out : bool
+        Whether `at` is `points`, and each is to be mapped by the others only.
+
+    Returns
+    -------
+    uv : (N, 2) array
+    jacobian : (N, 2, 2) array
+    certain : (N,) bool array
+        Where the nearest points determine a homography: not where they stand in a row.
+    """
+    skip = int(leave_out)
+    count = min(LOCAL_POINTS, len(points) - skip)
+    if not len(at) or count < 4:
+        return np.zeros((len(at), 2)), np.zeros((len(at), 2, 2)), np.zeros(len(at), bool)
+    near = np.asarray(cKDTree(points).query(at, k=count + skip)[1])[:, skip:]
+    h, gap, _ = homography.solve(points[near], uv[near], steps=1)
+    image, jacobian = transfer(h, at)
+    return image, jacobian, (gap > LEAST_GAP) & np.isfinite(image).all(1)
+
+
+def transfer(h: Array, at: Array) -> tuple[Array, Array]:
+    """Images (N, 2) of points (N, 2), each under its own homography (N, 3, 3), with Jacobians (N, 2, 2)."""
+    with np.errstate(all="ignore"):
+        image = np.einsum("nij,nj->ni", h, np.c_[at, np.ones(len(at))])
+        uv = image[:, :2] / image[:, 2:]
+        return uv, (h[:, :2, :2] - uv[:, :, None] * h[:, 2:, :2]) / image[:, 2:, None]
+
+
+def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[Array, Array, Array]:
+    """Where the points near known markers lie in the picture, by local homographies.
+
+    Parameters
+    ----------
+    points : (M, 2) array
+        All points of the board.
+    board, corners : (K, 4, 2) arrays
+        The markers' corners on the board and in the picture, K >= 2.
+    reach : float
+        Largest distance from a point to the centre of the nearest marker.
+
+    Returns
+    -------
+    ids : (N,) int array
+        Rows of `points`, ascending.
+    uv : (N, 2) array
+    jacobian : (N, 2, 2) array
+        d uv / d point.
+    """
+    count = min(SUPPORT, len(board))
+    distance, near = (np.asarray(a) for a in cKDTree(board.mean(1)).query(points, k=count))
+    ids = np.flatnonzero(distance[:, 0] < reach)
+    near, distance = near[ids], distance[ids]
+    weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest decides
+    h = homography.homographies(
+        board[near].reshape(len(ids), -1, 2), corners[near].reshape(len(ids), -1, 2), weights, steps=1
+    )
+    return ids, *transfer(h, points[ids])

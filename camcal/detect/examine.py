@@ -1,0 +1,154 @@
+"""One picture, from the file to what was found in it: what a worker process does."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from camcal.detect import cache
+from camcal.detect.decode import UnreadableError, decode_gray
+from camcal.detect.quality import measure
+from camcal.detect.targets.base import Detection, Miss, Target
+from camcal.detect.targets.checkerboard import find_any
+from camcal.version import __version__
+
+DETECTOR = 2  #: raise it when a detector comes to find something else in the same picture
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to look for in a picture; `target` None stands for a checkerboard of any size."""
+
+    path: Path
+    target: Target | None
+    seconds: float
+    cache: Path | None
+
+    @property
+    def detector(self) -> str:
+        """Names everything that the result depends on besides the picture."""
+        return f"{DETECTOR} {__version__} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came out of a picture.
+
+    Attributes
+    ----------
+    status : str
+        `found`, `not_found` or `unreadable`.
+    size : (width, height) or None
+    board : (columns, rows) or None
+        Size of the grid that was found; `whole` says whether it is certain.
+    """
+
+    path: Path
+    status: str
+    reason: str = ""
+    sha256: str = ""
+    size: tuple[int, int] | None = None
+    detection: Detection | None = None
+    board: tuple[int, int] | None = None
+    whole: bool = False
+    code: str = ""
+    quality: dict[str, Any] = field(default_factory=dict)
+    cached: bool = False
+    cache_error: str = ""
+
+
+def examine(task: Task) -> Outcome:
+    """Read a picture and look for the target in it, or take both from the cache."""
+    try:
+        data = task.path.read_bytes()
+    except OSError as error:
+        return Outcome(task.path, "unreadable", f"it cannot be read: {error.strerror or error}")
+    sha256 = hashlib.sha256(data).hexdigest()
+    place = None if task.cache is None else cache.entry(task.cache, sha256, task.detector)
+    if place is not None:
+        known = _from_cache(place, task.path, sha256)
+        if known is not None:
+            return known
+    try:
+        gray = decode_gray(data)
+    except UnreadableError as error:
+        return Outcome(task.path, "unreadable", str(error), sha256)
+    outcome = _look(task, gray, sha256)
+    if place is None or outcome.code == "time":  # a slow moment must not be remembered
+        return outcome
+    return _into_cache(place, outcome)
+
+
+def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
+    size = (gray.shape[1], gray.shape[0])
+    board, whole = None, task.target is not None
+    result: Detection | Miss
+    if task.target is not None:
+        result = task.target.find(gray, task.seconds)
+    else:
+        free = find_any(gray, task.seconds)
+        if isinstance(free, Miss):
+            result = free
+        else:
+            board, whole, result = free
+    if isinstance(result, Miss):
+        seen = result.info.get("size")
+        return Outcome(task.path, "not_found", result.message, sha256, size, board=seen, code=result.reason)
+    quality = measure(gray, result)
+    return Outcome(task.path, "found", "", sha256, size, result, board, whole, quality=quality)
+
+
+def _into_cache(place: Path, outcome: Outcome) -> Outcome:
+    values: dict[str, Any] = {
+        name: getattr(outcome, name)
+        for name in ("status", "reason", "size", "board", "whole", "code", "quality")
+    }
+    arrays = {}
+    found = outcome.detection
+    if found is not None:
+        arrays = {"point_ids": found.point_ids, "uv": found.uv}
+        arrays |= {"sigma": found.sigma} if found.sigma is not None else {}
+        arrays |= {k: v for k, v in found.info.items() if isinstance(v, np.ndarray)}
+        values["info"] = {k: v for k, v in found.info.items() if not isinstance(v, np.ndarray)}
+    error = cache.store(place, arrays, values)
+    return outcome if error is None else Outcome(**{**outcome.__dict__, "cache_error": error})
+
+
+def _from_cache(place: Path, path: Path, sha256: str) -> Outcome | None:
+    """The stored outcome; None where there is none or it does not hold what it should."""
+    stored = cache.load(place)
+    if stored is None:
+        return None
+    arrays, values = stored
+    try:
+        detection = None
+        if values["status"] == "found":
+            info = values["info"]
+            if "rejected" in info:
+                info["rejected"] = {int(k): v for k, v in info["rejected"].items()}
+            info |= {k: v for k, v in arrays.items() if k not in ("point_ids", "uv", "sigma")}
+            detection = Detection(arrays["point_ids"], arrays["uv"], arrays.get("sigma"), info)
+        return Outcome(
+            path,
+            values["status"],
+            values["reason"],
+            sha256,
+            _pair(values["size"]),
+            detection,
+            _pair(values["board"]),
+            bool(values["whole"]),
+            values["code"],
+            values["quality"],
+            cached=True,
+        )
+    except (KeyError, TypeError, ValueError, AttributeError):  # written by something else
+        return None
+
+
+def _pair(value: Any) -> tuple[int, int] | None:
+    return None if value is None else (int(value[0]), int(value[1]))

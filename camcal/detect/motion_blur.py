@@ -1,0 +1,99 @@
+"""Which way a picture is smeared: the blur across edges of many directions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.detect import edge_model as model
+from camcal.detect.saddle import HALF
+from camcal.detect.windows import cut
+
+Array = np.ndarray
+
+MOST_CORNERS = 24  #: so many corners tell it well enough
+STEPS = 4
+LARGEST = 12  #: px; half the side of the largest window
+LEAST_BLUR, MOST_BLUR = 0.28, 30.0  #: px
+CLEAR = 0.05  #: of the mean variance; a smaller one comes of noise
+
+
+def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[Array, Array]:
+    """The variance of the blur along the normals of the two edges of some corners, and their covariance.
+
+    A blur of covariance S turns the picture sgn(u1) sgn(u2) of a corner into E[sgn sgn] of a bivariate normal
+    distribution with variances n1ᵀ S n1, n2ᵀ S n2 and covariance n1ᵀ S n2; to first order in the latter
+
+        erf(u1 / √2 s1) erf(u2 / √2 s2) + n1ᵀ S n2 erf'(u1 / √2 s1) erf'(u2 / √2 s2)
+
+    (the tetrachoric series, Pearson 1901). Both edges alone would not tell a smear along the squares' diagonal.
+    Gauss-Newton on these three numbers, from the common blur of the corners' fits.
+
+    Parameters
+    ----------
+    gray : (height, width) array
+    uv : (K, 2) array
+        Corners, px.
+    params : (K, 7) array
+        Of their fits, in the order of `edge_model`.
+    sides : (K, 2, 2) array
+        Steps to the next corner along columns and rows, px.
+
+    Returns
+    -------
+    directions : (N, 3, 2) array
+        Of the normals (n, m) of each product, radians: (n1, n1), (n2, n2), (n1, n2).
+    products : (N, 3) array
+        nᵀ S m, px².
+    """
+    some = np.unique(np.linspace(0, len(uv) - 1, MOST_CORNERS).astype(int))
+    uv, p, sides = uv[some], params[some], sides[some]
+    windows = cut(gray, uv, sides, HALF, 2.5 * p[:, model.BLUR] + 1, LARGEST)
+    normals = p[:, [model.ANGLE1, model.ANGLE2]]
+    n = np.stack([np.cos(normals), np.sin(normals)], -1).astype(np.float32)
+    u = np.einsum("kcp,kic->ikp", windows.q, n)
+    blurs = np.repeat(p[:, model.BLUR, None], 2, 1)
+    mixed = np.einsum("ki,ki->k", n[:, 0], n[:, 1]) * p[:, model.BLUR] ** 2
+    contrast, offset = (p[:, i, None].astype(np.float32) for i in (model.CONTRAST, model.OFFSET))
+    for _ in range(STEPS):
+        (edge1, slope1), (edge2, slope2) = (model.step(u[i], blurs[:, i]) for i in (0, 1))
+        both = slope1 * slope2
+        residual = (
+            windows.value - offset - contrast * (edge1 * edge2 + mixed[:, None].astype(np.float32) * both)
+        )
+        j1 = -edge2 * slope1 * u[0] / blurs[:, :1]
+        j2 = -edge1 * slope2 * u[1] / blurs[:, 1:]
+        jacobian = (contrast[:, None] * np.stack([j1, j2, both], 1)).astype(float)
+        weighted = jacobian * windows.counts[:, None]
+        normal = weighted @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(3)
+        change = np.linalg.solve(normal, weighted @ residual[..., None].astype(float))[..., 0]
+        blurs = np.clip(blurs + np.clip(change[:, :2], -0.5 * blurs, blurs), LEAST_BLUR, MOST_BLUR)
+        most = blurs.prod(1)  # Cauchy and Schwarz
+        mixed = np.clip(mixed + change[:, 2], -most, most)
+    pairs = np.stack([normals[:, [0, 0]], normals[:, [1, 1]], normals], 1)
+    return pairs, np.c_[blurs**2, mixed]
+
+
+def smear(directions: Array, products: Array) -> tuple[float, float] | None:
+    """Which way a picture is smeared.
+
+    Parameters
+    ----------
+    directions : (..., 2) array
+        Of the unit vectors n, m, radians.
+    products : (...) array
+        nᵀ S m of the blur's covariance S, px².
+
+    Returns
+    -------
+    ratio, direction : the ratio of the largest to the smallest blur, and the direction of the largest, degrees
+        from x towards y (0 to 180); None where no variance fits.
+    """
+    a, b = directions.reshape(-1, 2).T
+    # S = mean I + [[p, q], [q, -p]]
+    design = np.stack([np.cos(a - b), np.cos(a + b), np.sin(a + b)], -1)
+    mean, p, q = np.linalg.lstsq(design, products.ravel(), rcond=None)[0]
+    values, vectors = np.linalg.eigh(np.array([[mean + p, q], [q, mean - p]]))
+    if mean <= 0:
+        return None
+    direction = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])) % 180
+    return float(np.sqrt(values[1] / max(values[0], CLEAR * mean))), float(direction)

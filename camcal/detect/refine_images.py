@@ -1,0 +1,107 @@
+"""Read the pictures of a calibration again and sharpen their corners with its camera."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.data.observations import Correspondences, View
+from camcal.detect.camera_pass import refine_with_camera
+from camcal.detect.decode import UnreadableError, decode_gray
+from camcal.detect.listing import view_ids
+from camcal.detect.saddle import WIDER_HALF, wider_halves
+
+Array = np.ndarray
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+def refine_images(
+    correspondences: Correspondences,
+    board_from_pixel: Callable[[int, Array], Array],
+    cell: float | None = None,
+    on_event: OnEvent | None = None,
+) -> tuple[Correspondences, float]:
+    """Fit the corners of all pictures again; see `targets.camera_pass`.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        As `detect_images` gives them, `files` included.
+    board_from_pixel : callable
+        `board_from_pixel(i, px (..., 2))` -> coordinates (..., 2) on the board of view number i, in the
+        board's unit.
+    cell : float, optional
+        Side of a square in that unit; that of the target where left out.
+    on_event : callable, optional
+        Called with `("refined", {id, moved_px})`, and with `("unrefined", {id, reason})` where a picture
+        has gone or changed; its view stays as it is.
+
+    Returns
+    -------
+    correspondences : Correspondences
+    moved : float
+        Root mean square of the moves over all corners, px.
+    """
+    target = correspondences.target or {}
+    cell = float(cell if cell is not None else target.get("square", 1.0))
+    paths = [Path(f["path"]) for f in correspondences.files]
+    files = dict(zip(view_ids(paths), correspondences.files, strict=True))
+    views, total, count = [], 0.0, 0
+    for i, view in enumerate(correspondences.views):
+        try:
+            gray = _read_again(files.get(view.id))
+        except UnreadableError as error:
+            views.append(view)
+            if on_event is not None:
+                on_event("unrefined", {"id": view.id, "reason": str(error)})
+            continue
+        new, moved = _refined(gray, view, i, board_from_pixel, cell, _half(target, view))
+        views.append(new)
+        total, count = total + moved**2 * len(view), count + len(view)
+        if on_event is not None:
+            on_event("refined", {"id": view.id, "moved_px": moved})
+    return replace(correspondences, views=tuple(views)), float(np.sqrt(total / max(count, 1)))
+
+
+def _refined(
+    gray: Array,
+    view: View,
+    number: int,
+    board_from_pixel: Callable[[int, Array], Array],
+    cell: float,
+    half: float | Array,
+) -> tuple[View, float]:
+    return refine_with_camera(gray, view, lambda px: board_from_pixel(number, px), cell, half)
+
+
+def _half(target: Mapping[str, Any], view: View) -> float | Array:
+    """Half-widths of the windows, of a square: wider inside a checkerboard, where no edge is cut."""
+    if target.get("kind") != "checkerboard" or view.point_ids is None:
+        return WIDER_HALF
+    return wider_halves(target["columns"], target["rows"])[view.point_ids]
+
+
+def _read_again(file: Mapping[str, str] | None) -> Array:
+    """The picture of a view.
+
+    Raises
+    ------
+    UnreadableError
+        Where it cannot be read, or is no longer what the corners came from.
+    """
+    if file is None:
+        raise UnreadableError("no picture belongs to it")
+    try:
+        data = Path(file["path"]).read_bytes()
+    except OSError as error:
+        raise UnreadableError(f"'{file['path']}' cannot be read: {error.strerror or error}") from error
+    if hashlib.sha256(data).hexdigest() != file["sha256"]:
+        raise UnreadableError(f"'{file['path']}' has changed since the corners were found")
+    return decode_gray(data)

@@ -1,0 +1,82 @@
+"""Pictures resampled through a map and written again, colours and depth kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from camcal.data.writing import atomic_write
+from camcal.detect.decode import UnreadableError, decode_gray, header_size
+from camcal.errors import DataError
+
+Array = np.ndarray
+
+INTERPOLATIONS = {
+    "nearest": cv2.INTER_NEAREST,
+    "linear": cv2.INTER_LINEAR,
+    "cubic": cv2.INTER_CUBIC,
+    "lanczos": cv2.INTER_LANCZOS4,
+}
+#: endings in which pictures are written as they were read; others become PNG
+WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
+_FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+
+
+def read_picture(path: Path) -> Array:
+    """The pixels (height, width) or (height, width, channels) of a file, as they are stored.
+
+    Raises
+    ------
+    UnreadableError
+        With the reason.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UnreadableError(str(error.strerror)) from error
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if header_size(data) or data else None
+    if picture is None:
+        decode_gray(data)  # raises, with the reason
+        raise UnreadableError("it is not a picture of a known format")
+    return picture
+
+
+def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") -> Array:
+    """The picture with the pixels found at (u, v), black where these are -1.
+
+    Parameters
+    ----------
+    picture : (h, w) or (h, w, channels) array
+    u, v : (height, width) float32 arrays
+    interpolation : str
+        One of `INTERPOLATIONS`.
+    """
+    outside = (u == -1) & (v == -1)
+    # the border is repeated for the half pixel between the outermost centres and the edge of the picture
+    out = cv2.remap(picture, u, v, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
+    out[outside] = 0
+    return out
+
+
+def written_name(path: Path) -> str:
+    """The name under which a resampled picture is written."""
+    return path.name if path.suffix.lower() in WRITTEN else path.stem + ".png"
+
+
+def write_picture(path: Path, picture: Array, force: bool = False) -> None:
+    """Write a picture in the format that its ending says, in full or not at all.
+
+    Raises
+    ------
+    DataError
+        Where the format cannot hold these pixels.
+    """
+    try:
+        done, data = cv2.imencode(path.suffix, picture)
+    except cv2.error as error:
+        raise DataError(f"'{path}' cannot hold this picture: {str(error.err).strip()[:80]}.") from error
+    if not done:
+        raise DataError(f"'{path}' cannot hold this picture.", "Choose PNG or TIFF.")
+    atomic_write(path, data.tobytes(), force)

@@ -1,0 +1,196 @@
+"""AprilTag grids as Kalibr prints them: tags in rows, and a small black square at each crossing of the gaps.
+
+`aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm whose gaps are 0.3 of that; `aprilgrid:FILE.yaml` is Kalibr's
+own file, its lengths in metres. Tag 0 is at the lower left, ids go to the right, then up; `family=t36h11`,
+`border=2` and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down,
+its origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, from
+the lower left counter-clockwise, as Kalibr counts them. Each is the saddle between a tag and a small
+square.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from camcal.detect.targets.base import Pattern, parse_grid, parse_length
+from camcal.detect.targets.dictionaries import (
+    black_cells,
+    dictionary,
+    find_name,
+    marker_count,
+    rectangle,
+    rectangles,
+)
+from camcal.detect.targets.tag_board import TagBoard
+from camcal.errors import DataError, UsageError
+
+Array = np.ndarray
+
+EXAMPLE = "aprilgrid:6x6:22mm:0.3"
+#: corners of a unit square, counter-clockwise from the lower left with y downward
+CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+#: where cv2's corners 0 to 3 are among them: Kalibr prints the tags turned by half a turn against cv2
+CV2_CORNERS = np.array([1, 0, 3, 2])
+
+
+class AprilGrid(TagBoard):
+    """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a share of it."""
+
+    kind = "aprilgrid"
+    first_half = second_half = 0.85  # of a small square, behind which nothing continues: no wider
+
+    def __init__(
+        self,
+        columns: int,
+        rows: int,
+        square: float = 1.0,
+        spacing: float = 0.3,
+        unit: str = "square",
+        dictionary: str = "APRILTAG_36h11",
+        border: int = 2,
+        start: int = 0,
+    ):
+        super().__init__(columns, rows, square, unit)
+        self.spacing, self.dictionary = float(spacing), dictionary
+        self.border, self.start = int(border), int(start)
+        held = marker_count(dictionary)
+        if not 0 < self.spacing < 1:
+            raise UsageError(
+                f"a spacing of {spacing:g} cannot be printed.", "It is a share of the tag's side: 0.3"
+            )
+        if self.start < 0 or self.start + columns * rows > held:
+            raise UsageError(
+                f"tags {start} to {start + columns * rows - 1} are needed; {dictionary} holds {held}.",
+                "Take a smaller grid or another family.",
+            )
+
+    @property
+    def pitch(self) -> float:
+        """Distance of neighbouring tags."""
+        return self.square * (1 + self.spacing)
+
+    @property
+    def _origins(self) -> Array:
+        """Upper left corners (K, 2) of the tags, in the order of their ids."""
+        column, up = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        return np.c_[column.ravel(), (self.rows - 1 - up).ravel()] * self.pitch
+
+    @property
+    def points(self) -> Array:
+        """The corners of all tags (4 K, 3)."""
+        corners = self._origins[:, None] + self.square * CORNERS
+        return np.c_[corners.reshape(-1, 2), np.zeros(4 * self.columns * self.rows)]
+
+    @property
+    def tag_ids(self) -> Array:
+        """Ids of the tags (K,)."""
+        return self.start + np.arange(self.columns * self.rows)
+
+    @property
+    def tag_corners(self) -> Array:
+        """Corners of the tags (K, 4, 2) in cv2's order."""
+        return self._origins[:, None] + self.square * CORNERS[CV2_CORNERS]
+
+    @property
+    def cell(self) -> float:
+        """The side of a small square, where its edges end."""
+        return self.square * self.spacing
+
+    @property
+    def clear(self) -> float:
+        """Up to the bits behind the tag's black border, or to the small square's other edge."""
+        cells = dictionary(self.dictionary).markerSize + 2 * self.border
+        return self.square * min(self.spacing, self.border / cells)
+
+    def pattern(self) -> Pattern:
+        """Tags and small squares, with a margin of one gap beyond the squares."""
+        gap, shapes = self.square * self.spacing, []
+        for tag, origin in zip(self.tag_ids, self._origins, strict=True):
+            black = black_cells(self.dictionary, int(tag), self.border)[::-1, ::-1]
+            shapes += rectangles(black, origin, self.square)
+        for j in range(self.rows + 1):
+            for i in range(self.columns + 1):
+                x, y = i * self.pitch - gap, j * self.pitch - gap
+                shapes.append(rectangle(x, y, x + gap, y + gap))
+        extent = (-2 * gap, -2 * gap, self.columns * self.pitch + gap, self.rows * self.pitch + gap)
+        return Pattern(tuple(shapes), np.zeros((0, 3)), extent)
+
+    @classmethod
+    def parse(cls, arguments: list[str], named: dict[str, str]) -> AprilGrid:
+        """Read `6x6:22mm:0.3` or the name of Kalibr's file.
+
+        Raises
+        ------
+        UsageError
+            Where an argument is missing, unknown or out of range.
+        DataError
+            Where the file cannot be read or describes something else.
+        """
+        unknown = set(named) - {"family", "border", "start"}
+        if unknown:
+            raise UsageError(f"aprilgrid has no argument '{min(unknown)}'.", "Known: family, border, start.")
+        if len(arguments) == 1 and arguments[0].lower().endswith((".yaml", ".yml")):
+            columns, rows, square, spacing = read_kalibr(Path(arguments[0]))
+            unit = "m"
+        elif len(arguments) == 3:
+            (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
+            spacing = _number(arguments[2], "the spacing")
+        else:
+            raise UsageError(
+                f"aprilgrid takes tags, their side and the spacing; {len(arguments)} of 3 are given.",
+                f"Try: {EXAMPLE}, or aprilgrid:FILE.yaml",
+            )
+        family = find_name(named.get("family", "t36h11"))
+        border, start = (int(_number(named.get(k, d), k)) for k, d in (("border", "2"), ("start", "0")))
+        return cls(columns, rows, square, spacing, unit, family, border, start)
+
+    def describe(self) -> dict[str, Any]:
+        """What the report says under `target`."""
+        own = {"spacing": self.spacing, "family": self.dictionary, "border": self.border, "start": self.start}
+        return super().describe() | own
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"{what} '{text}' is not a number.", "Try: " + EXAMPLE) from None
+
+
+def read_kalibr(path: Path) -> tuple[int, int, float, float]:
+    """Read Kalibr's description of a target: columns, rows, side of a tag (m), spacing.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, is not YAML, or is not about an aprilgrid.
+    """
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror}.", "Check the path.") from None
+    except (yaml.YAMLError, UnicodeDecodeError):
+        raise DataError(
+            f"{path} is not a YAML file.", "Kalibr's file is needed: target_type, tagCols, ..."
+        ) from None
+    kind = found.get("target_type") if isinstance(found, dict) else None
+    if kind != "aprilgrid":
+        raise DataError(f"{path} describes {kind or 'no target'}.", "target_type: 'aprilgrid' is needed.")
+    try:
+        columns, rows = int(found["tagCols"]), int(found["tagRows"])
+        square, spacing = float(found["tagSize"]), float(found["tagSpacing"])
+    except KeyError as error:
+        raise DataError(
+            f"{path} lacks {error.args[0]}.", "tagCols, tagRows, tagSize, tagSpacing are needed."
+        ) from None
+    except (TypeError, ValueError):
+        raise DataError(
+            f"{path} holds text where a number is needed.", "tagSize is in metres: 0.022"
+        ) from None
+    if min(columns, rows) < 1 or not 0 < square < np.inf:
+        raise DataError(f"{path}: a grid of {columns}x{rows} tags of {square:g} m.", "All must be positive.")
+    return columns, rows, square, spacing

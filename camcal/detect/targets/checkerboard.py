@@ -1,0 +1,135 @@
+"""The checkerboard: its points are the inner corners, where four squares meet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.detect import saddle
+from camcal.detect.grid_fit import fit_reduced, sharp_corners
+from camcal.detect.lattice import oriented
+from camcal.detect.search import Found, search
+from camcal.detect.targets.base import (
+    DEFAULT_SECONDS,
+    Detection,
+    Miss,
+    Pattern,
+    Target,
+    parse_grid,
+    parse_length,
+)
+from camcal.errors import UsageError
+
+Array = np.ndarray
+
+COARSE = 4.0  #: px; a picture reduced by more is fitted first itself
+COARSE_ERROR = 0.25  #: px; of a corner before it is fitted
+LEAST_UNASKED = 12  #: corners; a smaller grid is believed only where its size was asked for
+SURE = 0.75  #: share of its corners that must stand the fit
+LEAST_GOOD = 0.5  #: share of the corners that must stand the fit
+
+
+class Checkerboard(Target):
+    """A board of `columns` x `rows` inner corners; its first (top left) square is black.
+
+    Point 0 touches that square, so that a board of one odd and one even side has one orientation only;
+    other boards are turned so that the columns run as nearly to the right of the picture as they can.
+    """
+
+    kind = "checkerboard"
+    point_kind = "saddle"
+
+    def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
+        """Find the board; see `Target.find`."""
+        found = search(gray, seconds, (self.columns, self.rows))
+        return found if isinstance(found, Miss) else detection(gray, found, self.columns, self.rows)
+
+    def pattern(self) -> Pattern:
+        """Black squares; half a square of white around them."""
+        s = self.square
+        square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+        black = [
+            (square + (column, row)) * s
+            for row in range(-1, self.rows)
+            for column in range(-1, self.columns)
+            if (row + column) % 2 == 0
+        ]
+        margin = 1.5
+        extent = (-margin * s, -margin * s, (self.columns - 1 + margin) * s, (self.rows - 1 + margin) * s)
+        return Pattern(tuple(black), np.zeros((0, 3)), extent)
+
+    @classmethod
+    def parse(cls, arguments: list[str], named: dict[str, str]) -> Checkerboard:
+        """`checkerboard:9x6` or `checkerboard:9x6:25mm`."""
+        if not arguments or len(arguments) > 2 or named:
+            raise UsageError(
+                "a checkerboard is given by its inner corners and the side of a square.",
+                "Write checkerboard:9x6:25mm.",
+            )
+        columns, rows = parse_grid(arguments[0])
+        square, unit = parse_length(arguments[1]) if len(arguments) == 2 else (1.0, "square")
+        return cls(columns, rows, square, unit)
+
+
+def find_any(gray: Array, seconds: float = DEFAULT_SECONDS) -> tuple[tuple[int, int], bool, Detection] | Miss:
+    """Find a board of unknown size.
+
+    Returns
+    -------
+    size : (columns, rows), the longer side first
+    whole : bool
+        Whether the picture shows the board's end on all sides, so that the size is certain.
+    detection : Detection
+        With the ids of a board of that size.
+    """
+    found = search(gray, seconds)
+    if isinstance(found, Miss):
+        return found
+    columns, rows = sorted(found.lattice.size, reverse=True)
+    result = detection(gray, found, columns, rows)
+    if isinstance(result, Miss):
+        return result
+    if len(result) < max(
+        LEAST_UNASKED, SURE * columns * rows
+    ):  # windows of a house make a grid of nine as well
+        return Miss("none", "no checkerboard was found")
+    return (columns, rows), found.whole, result
+
+
+def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection | Miss:
+    """Turn a found grid the right way and fit its corners at full size."""
+    turned = oriented(found.picture, found.lattice.scaled(1 / found.factor), columns, rows)
+    if turned is None:
+        raise ValueError(f"a grid of {found.lattice.size} cannot be numbered as {columns}x{rows}")
+    blur = saddle.START_BLUR
+    if found.factor > COARSE:
+        turned = fit_reduced(found.picture, turned)
+    else:
+        blur = max(blur, COARSE_ERROR * found.factor)
+    lattice = turned.scaled(found.factor)
+    ids, corners, reasons = sharp_corners(gray, lattice, blur)
+    everywhere = range(columns * rows)
+    rejected = {i: reasons.get(i, "not seen") for i in everywhere if i not in set(ids.tolist())}
+    if len(ids) < max(4, LEAST_GOOD * columns * rows):
+        return _unusable(rejected)
+    steps = lattice.steps().reshape(-1, 2, 2)[ids]
+    scale = 255 / saddle.white_level(gray)
+    info = {
+        "rejected": rejected,
+        "square_px": float(np.median(np.linalg.norm(steps, axis=2))),
+        "blur_px": float(np.median(corners.blur)),
+        "contrast": float(np.median(corners.contrast) * scale),
+        "noise": float(np.median(corners.noise) * scale),
+        "covariance": corners.covariance,
+        "fit": corners.params,
+        "sides": steps,
+    }
+    return Detection(ids, corners.uv, corners.sigma, info)
+
+
+def _unusable(rejected: dict[int, str]) -> Miss:
+    """What to say of a grid whose corners do not stand the fit."""
+    reasons = list(rejected.values())
+    commonest = max(set(reasons), key=reasons.count)
+    reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")
+    words = f"{len(rejected)} corners of the board cannot be used: {commonest}"
+    return Miss(reason, words if reason != "none" else "no checkerboard was found")

@@ -1,0 +1,267 @@
+"""Grids of black discs, in rows (`circles:10x8:2.5mm`) or staggered (`asymmetric-circles:4x11:20mm`).
+
+`circles` has COLUMNSxROWS discs at the given distance. `asymmetric-circles` is OpenCV's grid: ROWS rows of
+COLUMNS discs, each second row moved by half a column; the given length is the distance of rows, half that
+of neighbours in a row. A further length is the diameter; where it is not given, it is measured in the
+pictures.
+
+The points are where the discs' centres are seen. The picture of a disc is not centred on them:
+`apparent_shift` says by how much, once a camera and a pose are known.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from camcal.detect.board_points import LOCAL_POINTS, from_points
+from camcal.detect.disc_fit import fit_discs
+from camcal.detect.disc_grid import Grid, as_board, best_box, candidates
+from camcal.detect.discs import Discs, find_discs, lattices
+from camcal.detect.pyramid import reduced, reductions, to_8_bits
+from camcal.detect.targets.base import (
+    DEFAULT_SECONDS,
+    Detection,
+    Miss,
+    Pattern,
+    Target,
+    clock,
+    parse_grid,
+    parse_length,
+)
+from camcal.errors import UsageError
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+
+Array = np.ndarray
+
+STRAY = 0.2  #: of the distance; a disc farther from where its neighbours put it is another
+ENOUGH = 0.8  #: share of the discs that must be seen
+CONTOUR = 64  #: points on an outline; its centroid then is that of the disc to 1e-6 of the shift
+
+
+class Circles(Target):
+    """A grid of `columns` x `rows` discs at a distance of `square`."""
+
+    kind = "circles"
+    point_kind = "circle"
+    staggered = False
+    printed_diameter = 0.6  #: of `square`, where none is given
+
+    def __init__(
+        self,
+        columns: int,
+        rows: int,
+        square: float = 1.0,
+        unit: str = "square",
+        diameter: float | None = None,
+    ):
+        super().__init__(columns, rows, square, unit)
+        self.diameter = diameter
+        if diameter is not None and not 0 < diameter < self._neighbour_distance:
+            raise UsageError(
+                f"discs of {diameter:g} at a distance of {self._neighbour_distance:g} touch each other.",
+                "The distance comes first, then the diameter.",
+            )
+
+    @property
+    def _neighbour_distance(self) -> float:
+        return self.square * (np.sqrt(2) if self.staggered else 1.0)
+
+    def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
+        """Look for the whole grid; up to a fifth of the discs may be hidden."""
+        found, sizes = search(gray, seconds, self.staggered, (self.columns, self.rows))
+        if found is not None:
+            return self._fitted(gray, found)
+        if sizes:
+            seen, wanted = "x".join(map(str, sizes[0])), f"{self.columns}x{self.rows}"
+            return Miss(
+                "other-size", f"the picture shows a grid of {seen} discs, not {wanted}", {"size": sizes[0]}
+            )
+        return Miss("none", "no grid of discs was found")
+
+    def _fitted(self, gray: Array, found: Grid) -> Detection | Miss:
+        scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
+        fitted = fit_discs(gray, found.discs, max(1.0, 0.5 * found.factor), scale)
+        good, total = fitted.good & ~self._strays(found.ids, fitted.discs.centre), self.columns * self.rows
+        order = np.argsort(found.ids)
+        order = order[good[order]]
+        if len(order) < max(4, ENOUGH * total):
+            why = max(set(fitted.reasons), key=fitted.reasons.count)
+            return Miss(
+                "none", f"a grid was found, but only {len(order)} of its {total} discs can be used: {why}"
+            )
+        missing = np.setdiff1d(np.arange(total), found.ids)
+        rejected = {int(i): "not seen" for i in missing}
+        named = (r or "not where its neighbours say" for r in fitted.reasons)
+        rejected |= {int(i): r for i, r, kept in zip(found.ids, named, good, strict=True) if not kept}
+        radius = np.sqrt(np.abs(np.linalg.det(fitted.discs.shape[order])))
+        info: dict[str, Any] = {
+            "rejected": rejected,
+            "radius_px": float(np.median(radius)),
+            "radius": relative_radius(self, found.ids[order], fitted.discs.take(order)),
+            "blur_px": float(np.median(fitted.blur[order])),
+            "contrast": float(np.median(fitted.contrast[order]) * 255 / scale),
+            "noise": float(np.median(fitted.noise[order]) * 255 / scale),
+            "covariance": fitted.covariance[order],
+        }
+        sigma = np.sqrt(0.5 * np.trace(fitted.covariance[order], axis1=1, axis2=2))
+        return Detection(found.ids[order], fitted.discs.centre[order], sigma, info)
+
+    def _strays(self, ids: Array, centre: Array) -> Array:
+        """Mask of the discs that are not where their neighbours alone put them."""
+        points = self.points[ids, :2]
+        if len(ids) <= LOCAL_POINTS or not np.isfinite(centre).all():
+            return ~np.isfinite(centre).all(1)
+        uv, jacobian, certain = from_points(points, points, centre, leave_out=True)
+        room = STRAY * self.square * np.linalg.norm(jacobian, axis=1).min(1)
+        return certain & (np.linalg.norm(uv - centre, axis=1) > np.maximum(room, 1.5))
+
+    def apparent_shift(
+        self, camera: Camera, cam_from_board: Pose, point_ids: Array, radius: float | None = None
+    ) -> Array:
+        """How far the centroid of each disc's picture lies from the picture of its centre, (N, 2) px.
+
+        Subtract it from what `find` measured. The outline is projected point by point and the centroid
+        taken by Green's theorem, so that it holds for any lens; for a pinhole it is the formula of Heikkilä
+        (2000).
+
+        Parameters
+        ----------
+        camera : Camera
+        cam_from_board : Pose
+        point_ids : (N,) int array
+        radius : float, optional
+            Of the discs, in `unit`; half the `diameter` where that is known.
+        """
+        if radius is None:
+            radius = 0.5 * (self.diameter or self.printed_diameter * self.square)
+        angle = np.arange(CONTOUR) * (2 * np.pi / CONTOUR)
+        ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(CONTOUR)], -1)
+        centre = self.points[point_ids]
+        outline = camera.project(cam_from_board.apply(centre[:, None] + ring))
+        middle = camera.project(cam_from_board.apply(centre))
+        return centroid(outline - middle[:, None])
+
+    @property
+    def points(self) -> Array:
+        """The centres (M, 3), row by row."""
+        points = super().points
+        if self.staggered:
+            row = np.repeat(np.arange(self.rows), self.columns)
+            points[:, 0] = 2 * points[:, 0] + self.square * (row % 2)
+        return points
+
+    def pattern(self) -> Pattern:
+        """Black discs, with a margin of one distance around the centres."""
+        points, margin = self.points, 1.25 * self.square
+        radius = 0.5 * (self.diameter or self.printed_diameter * self.square)
+        discs = np.c_[points[:, :2], np.full(len(points), radius)]
+        low, high = points[:, :2].min(0) - margin, points[:, :2].max(0) + margin
+        return Pattern((), discs, (*low.tolist(), *high.tolist()))
+
+    @classmethod
+    def parse(cls, arguments: list[str], named: dict[str, str]) -> Circles:
+        """Read `10x8`, `10x8:2.5mm` or `10x8:2.5mm:1.5mm`.
+
+        Raises
+        ------
+        UsageError
+            Where an argument is missing, unknown or does not fit the others.
+        """
+        if not 1 <= len(arguments) <= 3 or named:
+            raise UsageError(
+                f"{cls.kind} takes columns and rows, their distance and the discs' diameter.",
+                f"Try: {cls.kind}:10x8:2.5mm:1.5mm",
+            )
+        columns, rows = parse_grid(arguments[0])
+        square, unit = parse_length(arguments[1]) if len(arguments) > 1 else (1.0, "square")
+        diameter = None
+        if len(arguments) == 3:
+            diameter, other = parse_length(arguments[2])
+            if unit != other:
+                raise UsageError(
+                    f"the distance is in {unit} and the diameter in {other}.", "Give both in one unit."
+                )
+        return cls(columns, rows, square, unit, diameter)
+
+    def describe(self) -> dict[str, Any]:
+        """What the report says under `target`."""
+        return super().describe() | {"diameter": self.diameter}
+
+
+class AsymmetricCircles(Circles):
+    """OpenCV's asymmetric grid: `rows` rows of `columns` discs; `square` is the distance of rows."""
+
+    kind = "asymmetric-circles"
+    staggered = True
+    printed_diameter = 0.8
+
+
+def search(
+    gray: Array, seconds: float, staggered: bool | None, size: tuple[int, int] | None
+) -> tuple[Grid | None, list[tuple[int, int]]]:
+    """Look for a grid of discs from coarse to fine.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    seconds : float
+    staggered : bool or None
+        None for either kind.
+    size : (columns, rows) or None
+        None for any size.
+
+    Returns
+    -------
+    grid : Grid or None
+        In px of the full picture.
+    sizes : list of (columns, rows)
+        Of the complete grids that were seen, where none was as wanted.
+    """
+    began, picture = clock(), to_8_bits(gray)
+    sizes: list[tuple[int, int]] = []
+    for factor in reductions(picture.shape):
+        start = clock()
+        discs = find_discs(reduced(picture, factor))
+        discs = Discs((discs.centre + 0.5) * factor - 0.5, discs.shape * factor)
+        for piece in lattices(discs)[:4]:
+            for cells in candidates(np.array(list(piece))):
+                found = as_board(cells, piece, discs, staggered, size, factor)
+                if found is not None and len(found.ids) >= ENOUGH * found.columns * found.rows:
+                    return found, sizes
+                sizes += best_box(cells)
+        if 5 * (clock() - start) > seconds - (clock() - began):
+            break
+    return None, sizes
+
+
+def centroid(outline: Array) -> Array:
+    """Centroids (N, 2) of the areas within closed outlines (N, K, 2), by Green's theorem."""
+    x, y = outline[..., 0], outline[..., 1]
+    x1, y1 = np.roll(x, -1, 1), np.roll(y, -1, 1)
+    cross = x * y1 - x1 * y
+    area = 3 * cross.sum(1)
+    return np.stack([((x + x1) * cross).sum(1), ((y + y1) * cross).sum(1)], -1) / area[:, None]
+
+
+def relative_radius(target: Circles, ids: Array, discs: Discs) -> float:
+    """Radius of the discs in the target's unit, from the pictures of discs and of their distances.
+
+    The affine map between neighbouring centres and the shape of an ellipse are foreshortened alike, so that
+    their ratio is the ratio of the areas on the board.
+    """
+    grid = np.full((target.rows, target.columns, 2), np.nan)
+    area = np.full((target.rows, target.columns), np.nan)
+    grid.reshape(-1, 2)[ids] = discs.centre
+    area.ravel()[ids] = np.abs(np.linalg.det(discs.shape))
+    # two rows on, a staggered grid repeats itself
+    down = 2 if target.staggered else 1
+    a = (grid[down:-down, 2:] - grid[down:-down, :-2]) / 2
+    b = (grid[2 * down :, 1:-1] - grid[: -2 * down, 1:-1]) / (2 * down)
+    cell = np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    ratio = area[down:-down, 1:-1] / cell
+    per_cell = (2.0 if target.staggered else 1.0) * target.square**2
+    known = ratio[np.isfinite(ratio)]
+    return float(np.sqrt(np.median(known) * per_cell)) if len(known) else float("nan")

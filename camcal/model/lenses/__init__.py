@@ -1,0 +1,72 @@
+"""Lens models by name. Adding one = a file, a line in `LENSES` and one in `SUMMARIES`; the tests follow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from camcal.registry import look_up, split_spec
+
+if TYPE_CHECKING:
+    from camcal.model.lenses.base import Lens
+
+LENSES = {
+    "pinhole": "camcal.model.lenses.opencv:OpenCV",
+    "opencv4": "camcal.model.lenses.opencv:OpenCV",
+    "opencv5": "camcal.model.lenses.opencv:OpenCV",
+    "opencv8": "camcal.model.lenses.opencv:OpenCV",
+    "opencv12": "camcal.model.lenses.opencv:OpenCV",
+    "opencv14": "camcal.model.lenses.opencv:OpenCV",
+    "kb4": "camcal.model.lenses.kannala_brandt:KannalaBrandt",
+    "kb": "camcal.model.lenses.kannala_brandt:KannalaBrandt",
+    "brown": "camcal.model.lenses.brown:Brown",
+    "ucm": "camcal.model.lenses.unified:Unified",
+    "eucm": "camcal.model.lenses.unified:Unified",
+    "ds": "camcal.model.lenses.double_sphere:DoubleSphere",
+    "mei": "camcal.model.lenses.mei:Mei",
+    "fov": "camcal.model.lenses.fov:FieldOfView",
+    "division": "camcal.model.lenses.division:Division",
+    "scaramuzza": "camcal.model.lenses.division:Scaramuzza",
+    "radial-profile": "camcal.model.lenses.radial_profile:RadialProfile",
+    "rational-function": "camcal.model.lenses.rational_function:RationalFunction",
+    "bicubic": "camcal.model.lenses.polynomial:Polynomial",
+    "polynomial": "camcal.model.lenses.polynomial:Polynomial",
+    "spline": "camcal.model.lenses.spline:Spline",
+    "tilted": "camcal.model.lenses.opencv:OpenCV",
+}
+
+SUMMARIES = {
+    "pinhole": "no distortion",
+    "opencv4": "radial k1 k2, decentering p1 p2",
+    "opencv5": "radial k1 k2 k3, decentering p1 p2: OpenCV's default",
+    "opencv8": "rational radial of six coefficients, decentering",
+    "opencv12": "opencv8 with thin prism s1 to s4",
+    "opencv14": "opencv12 with a tilted sensor (Scheimpflug)",
+    "kb4": "fisheye up to and beyond 180 degrees: odd polynomial of the angle, OpenCV's fisheye",
+    "kb": "kb:n, the same with n terms",
+    "brown": "Brown-Conrady of any order: brown:radial=3,decentering=1,prism=0,centre=principal",
+    "ucm": "unified model: one sphere, 180 degrees and more",
+    "eucm": "enhanced unified model: an ellipsoid",
+    "ds": "double sphere",
+    "mei": "unified model with distortion k1 k2 p1 p2, OpenCV's omnidir",
+    "fov": "field of view (Devernay & Faugeras): one parameter",
+    "division": "division:n (Fitzgibbon), n terms; division:n,direction=distort for the reciprocal series",
+    "scaramuzza": "scaramuzza:n, depth as a polynomial of degree n in the image radius",
+    "radial-profile": "radial-profile:n,centre=principal: any smooth growing curve, a spline of n intervals",
+    "rational-function": "rays as quotients of quadratic polynomials of the pixel (Claus & Fitzgibbon)",
+    "bicubic": "two cubic polynomials from the image to the plane",
+    "polynomial": "polynomial:n, the same of order n",
+    "spline": "spline:CxR, generic central camera: a B-spline surface of rays over the image",
+    "tilted": "another name of opencv14",
+}
+
+
+def make(spec: str, skew: bool = False) -> Lens:
+    """Make the lens model of a spec such as `opencv5` or `brown:radial=2,decentering=1`.
+
+    Raises
+    ------
+    UsageError
+        Where the name or an option is unknown.
+    """
+    name, plain, named = split_spec(spec)
+    return look_up(LENSES, name, "model").parse(name, plain, named, skew)

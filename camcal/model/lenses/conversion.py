@@ -1,0 +1,82 @@
+"""The closest camera of another model over the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.errors import EstimationError, UsageError
+from camcal.model.camera import Camera
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.regress import Regression, regress
+
+Array = np.ndarray
+
+#: columns and rows of pixels over which cameras are matched, the outermost ones on the image's border
+GRID = (41, 31)
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """A camera of another model and how far it is from the first.
+
+    Attributes
+    ----------
+    camera : Camera
+    pixels : (N, 2) array
+        Where the two were compared: pixels of a grid over the image that have a ray.
+    errors : (N,) array
+        Distances in px; NaN where the other model holds no such ray.
+    without_ray : float
+        Part of the grid outside the first camera's domain.
+    """
+
+    camera: Camera
+    pixels: Array
+    errors: Array
+    without_ray: float
+
+    @property
+    def max_px(self) -> float:
+        """The largest distance; inf where the model does not reach every pixel."""
+        return float(self.errors.max()) if np.isfinite(self.errors).all() else np.inf
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of the pixels that the model reaches."""
+        found = self.errors[np.isfinite(self.errors)]
+        return float(np.sqrt(np.mean(found**2))) if len(found) else np.inf
+
+    @property
+    def reached(self) -> float:
+        """Part of the pixels that the model reaches."""
+        return float(np.isfinite(self.errors).mean())
+
+
+def convert(camera: Camera, lens: Lens) -> Conversion:
+    """The camera of the model `lens` that is closest in px, in the same frame, over the whole image.
+
+    Raises
+    ------
+    UsageError
+        Where the camera does not know its image size.
+    EstimationError
+        Where no pixel of it has a ray.
+    """
+    if camera.image_size is None:
+        raise UsageError("the camera's file does not say how large its image is.", "Give --image-size WxH.")
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
+    pixels = np.c_[u.ravel(), v.ravel()]
+    rays, valid = camera.lens.unproject(camera.params, pixels)
+    if valid.sum() < 12:
+        raise EstimationError("hardly any pixel of the camera's image has a ray.", "Check the camera's file.")
+    hold = [n for n in lens.default_fixed if n not in lens.turns]
+    found: Regression = regress(lens, rays[valid], pixels[valid], camera.image_size, hold)
+    return Conversion(
+        Camera(lens, found.params, camera.image_size),
+        pixels[valid],
+        found.errors,
+        float(1 - valid.mean()),
+    )

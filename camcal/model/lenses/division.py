@@ -1,0 +1,288 @@
+"""The division model, in both directions, and Scaramuzza's polynomial, which continues it.
+
+A. Fitzgibbon, Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR (2001),
+section 2: from the distorted image radius R (in focal lengths) to the ray,
+
+    (r, z) ~ (R, 1 + l1 R² + l2 R⁴ + ...)                                                                (1)
+
+which holds rays of 90 degrees and more (z <= 0). The reciprocal series in the other direction,
+
+    R = a / (1 + k1 a² + k2 a⁴ + ...),  a = r / z                                                        (2)
+
+D. Scaramuzza, A. Martinelli, R. Siegwart, A toolbox for easily calibrating omnidirectional cameras, IROS
+(2006), eq. 4, with its a0 < 0 taken into the focal length, f = |a0| (their ai = -ci / f^(i-1)):
+
+    (r, z) ~ (R, 1 + c2 R² + c3 R³ + ... + cn Rⁿ)                                                        (3)
+
+Their affine matrix [c d; e 1] is fx, fy and skew here; e is a turn about the axis, which the pose holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from camcal.errors import UsageError
+from camcal.model.lenses import direct
+from camcal.model.lenses.base import Lens, Parameter, example_list, no_options
+from camcal.model.lenses.curve import Inverse, first_root, memo
+from camcal.model.lenses.radial import ALMOST_PI, InverseRadialLens, RadialLens
+
+Array = np.ndarray
+
+MOST_TERMS, MOST_DEGREE = 8, 12
+
+
+class PolynomialDepth(InverseRadialLens):
+    """Equations (1) and (3): z is a polynomial in the image radius, with the given exponents."""
+
+    exponents: tuple[int, ...]
+
+    def __init__(self, name: str, exponents: tuple[int, ...], names: list[str], skew: bool = False):
+        self.exponents = exponents
+        super().__init__(name, [Parameter(n, "distortion") for n in names], skew)
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """The linear solution; from a pinhole camera to 180 degrees and more (there R = 1 / sqrt(-first))."""
+        first = self.names[self._own] if self.exponents else None
+        trials = [{first: v} for v in (0.0, -0.1, -0.25, -0.45)] if first else [{}]
+        found = direct.radial_depth(rays, uv, self.exponents)
+        if found is None:
+            return trials
+        f, (cx, cy), coefficients = found
+        values = dict(zip(self.names[self._own :], coefficients.tolist(), strict=True))
+        return [{"fx": f, "fy": f, "cx": float(cx), "cy": float(cy), **values}, *trials]
+
+    def _depth(self, k: Array, radius: Array) -> tuple[Array, Array]:
+        """z of (1) or (3) and z - R dz/dR."""
+        z, fold = np.ones_like(radius), np.ones_like(radius)
+        for c, e, power in zip(k.tolist(), self.exponents, self._powers(radius), strict=True):
+            z += c * power
+            fold -= (c * (e - 1)) * power
+        return z, fold
+
+    def _powers(self, radius: Array) -> Iterator[Array]:
+        """R to each exponent, by multiplication; each is used up before the next."""
+        square, power, last = radius * radius, np.ones_like(radius), 0
+        for e in self.exponents:
+            while last < e:
+                power *= radius if e - last == 1 else square
+                last += 1 if e - last == 1 else 2
+            yield power
+
+    def ray_angle(self, k: Array, radius: Array) -> tuple[Array, Array]:
+        """θ = atan2(R, z)."""
+        z, fold = self._depth(k, radius)
+        fold /= radius * radius + z * z
+        return np.arctan2(radius, z), fold
+
+    def ray_angle_rows(self, k: Array, radius: Array, d_k: Array) -> None:
+        """dθ/dz = -R / (R² + z²)."""
+        z, _ = self._depth(k, radius)
+        slope = -radius / (radius * radius + z * z)
+        for i, power in enumerate(self._powers(radius)):
+            np.multiply(slope, power, out=d_k[:, i])
+
+    def reach(self, k: Array) -> float:
+        """The first root of z - R dz/dR."""
+        slope = np.zeros(max(self.exponents, default=0) + 1)
+        slope[0] = 1.0
+        for c, e in zip(k.tolist(), self.exponents, strict=True):
+            slope[e] = -(e - 1) * c
+        return first_root(slope)
+
+    def _limit(self, k: Array) -> float:
+        """Without a fold z falls for ever, and the angle comes close to π; or it stays 1."""
+        if np.isinf(self.reach(k)):
+            return ALMOST_PI if np.any(k) else np.pi / 2
+        return super()._limit(k)
+
+    def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
+        """As stated, without an angle."""
+        z, _ = self._depth(k, radius)
+        return radius, z, radius < memo(self, k, self.reach, "reach")
+
+
+class Division(PolynomialDepth):
+    """`division:n`: equation (1)."""
+
+    @classmethod
+    def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
+        """`division:n`, `division:n,direction=undistort|distort`; one term without n."""
+        no_options(name, plain[1:], named, ("direction",))
+        terms = count_option(name, plain, 1, 0, MOST_TERMS)
+        direction = named.get("direction", "undistort")
+        if direction == "distort":
+            return ReciprocalDivision(terms, skew)
+        if direction != "undistort":
+            raise UsageError(f"model 'division': direction={direction} is neither 'undistort' nor 'distort'.")
+        names = [f"l{i + 1}" for i in range(terms)]
+        return cls(f"division:{terms}", tuple(range(2, 2 * terms + 1, 2)), names, skew)
+
+    @classmethod
+    def variants(cls, name: str) -> tuple[str, ...]:
+        """Both directions."""
+        return (
+            "division:1",
+            "division:3",
+            "division:0",
+            "division:1,direction=distort",
+            "division:3,direction=distort",
+        )
+
+    def nests(self) -> tuple[str, ...]:
+        """The models with fewer terms."""
+        return (*(f"division:{n}" for n in range(len(self.exponents) - 1, 0, -1)), "pinhole")
+
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """A mild lens and a wide one."""
+        skew = [0.7] if self.has_skew else []
+        n = len(self.exponents)
+        return example_list(
+            ([533.0, 534.0, 341.0, 234.0, *skew, *[-0.2, 0.02, -0.01, *[0.0] * MOST_TERMS][:n]], (640, 480)),
+            (
+                [390.0, 391.0, 640.0, 395.0, *skew, *[-0.3, -0.02, 0.002, *[0.0] * MOST_TERMS][:n]],
+                (1280, 800),
+            ),
+        )
+
+
+class Scaramuzza(PolynomialDepth):
+    """`scaramuzza:n`: equation (3), degree n."""
+
+    @classmethod
+    def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Scaramuzza:
+        """`scaramuzza:n`; degree 4, as in the toolbox, without n."""
+        no_options(name, plain[1:], named)
+        degree = count_option(name, plain, 4, 2, MOST_DEGREE)
+        spec = name if not plain else f"{name}:{degree}"
+        return cls(spec, tuple(range(2, degree + 1)), [f"c{i}" for i in range(2, degree + 1)], skew)
+
+    @classmethod
+    def variants(cls, name: str) -> tuple[str, ...]:
+        """The toolbox's degree, and another."""
+        return ("scaramuzza", "scaramuzza:6")
+
+    def nests(self) -> tuple[str, ...]:
+        """Lower degrees, and the division model with the even ones."""
+        degree = self.exponents[-1]
+        lower = [f"scaramuzza:{n}" for n in range(degree - 1, 1, -1)]
+        return (*lower, *(f"division:{n}" for n in range(degree // 2, 0, -1)), "pinhole")
+
+    def adopt(self, other: Lens, params: Array) -> Array:
+        """`division`: its l1, l2, ... are c2, c4, ..."""
+        values = dict(zip(other.names, params.tolist(), strict=True))
+        if isinstance(other, Division):
+            values = {f"c{2 * int(n[1:])}" if n[0] == "l" else n: v for n, v in values.items()}
+        return self.from_values(values)
+
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """A fisheye lens of about 190 degrees and a milder one."""
+        skew = [0.7] if self.has_skew else []
+        n = len(self.exponents)
+        fish = [-0.26, 0.01, -0.02, 0.003, -0.001]
+        return example_list(
+            ([390.0, 391.0, 515.0, 385.0, *skew, *[*fish, *[0.0] * MOST_DEGREE][:n]], (1032, 778)),
+            ([533.0, 534.0, 341.0, 234.0, *skew, *[-0.2, 0.03, 0.01, *[0.0] * MOST_DEGREE][:n]], (640, 480)),
+        )
+
+
+class ReciprocalDivision(RadialLens):
+    """`division:n,direction=distort`: equation (2)."""
+
+    def __init__(self, terms: int, skew: bool = False):
+        self.terms = terms
+        names = [Parameter(f"k{i + 1}", "distortion") for i in range(terms)]
+        super().__init__(f"division:{terms},direction=distort", names, skew)
+
+    @classmethod
+    def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
+        """See `Division.parse`."""
+        return Division.parse(name, plain, {"direction": "distort"} | named, skew)
+
+    def nests(self) -> tuple[str, ...]:
+        """The models with fewer terms."""
+        return (*(f"division:{n},direction=distort" for n in range(self.terms - 1, 0, -1)), "pinhole")
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """From a pinhole camera to strong barrel distortion."""
+        return [{"k1": v} for v in (0.0, 0.05, 0.2)] if self.terms else [{}]
+
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """Barrel and pincushion distortion."""
+        skew = [0.7] if self.has_skew else []
+        barrel, cushion = [0.2, -0.03, 0.002], [-0.08, 0.03, -0.01]
+        fill = [0.0] * MOST_TERMS
+        return example_list(
+            ([533.0, 534.0, 341.0, 234.0, *skew, *[*barrel, *fill][: self.terms]], (640, 480)),
+            ([1336.0, 1340.0, 632.0, 519.0, *skew, *[*cushion, *fill][: self.terms]], (1280, 1024)),
+        )
+
+    def _series(self, k: Array, s: Array) -> tuple[Array, Array]:
+        """The denominator D of (2) and D - a dD/da."""
+        d, fold, power = np.ones_like(s), np.ones_like(s), np.ones_like(s)
+        for i, c in enumerate(k.tolist(), 1):
+            power *= s
+            d += c * power
+            fold -= ((2 * i - 1) * c) * power
+        return d, fold
+
+    def curve(self, k: Array, r: Array, z: Array) -> Array:
+        """Equation (2)."""
+        a = r / z
+        return a / self._series(k, a * a)[0]
+
+    def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
+        """dR/da = (D - a dD/da) / D²."""
+        a = r / z
+        s = a * a
+        d, fold = self._series(k, s)
+        radius = a / d
+        row = -radius / d
+        for i in range(self.terms):
+            row = np.multiply(row, s, out=d_k[:, i])
+        by_r = fold / (d * d * z)
+        return radius, by_r, -by_r * a
+
+    def limit(self, k: Array) -> float:
+        """Where D or dR/da is 0."""
+        return memo(self, k, self._limit)
+
+    def _limit(self, k: Array) -> float:
+        fold = [1.0, *(-(2 * i - 1) * c for i, c in enumerate(k.tolist(), 1))]
+        s = first_root(np.array(fold), first_root(np.array([1.0, *k])))
+        return float(np.arctan(np.sqrt(s)))
+
+    def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
+        """Newton on (2), in the angle."""
+        if not self.terms:
+            return radius, np.ones_like(radius), np.isfinite(radius)
+        theta, solved = memo(self, k, self._inverse, "inverse")(radius)
+        return np.tan(theta, out=theta), np.ones_like(theta), solved
+
+    def _inverse(self, k: Array) -> Inverse:
+        def in_angle(theta: Array) -> tuple[Array, Array]:
+            a = np.tan(theta)
+            s = a * a
+            d, fold = self._series(k, s)
+            s += 1.0
+            s *= fold
+            s /= d
+            s /= d
+            a /= d
+            return a, s
+
+        return Inverse(in_angle, self.limit(k) * (1 - 1e-9))
+
+
+def count_option(name: str, plain: list[str], default: int, least: int, most: int) -> int:
+    """The number in `name:number`; UsageError for anything else."""
+    if not plain:
+        return default
+    if not plain[0].isdigit() or not least <= int(plain[0]) <= most:
+        raise UsageError(
+            f"model '{name}' has no option '{plain[0]}'; a number from {least} to {most} is needed.",
+            f"Try: --model {name}:{default}",
+        )
+    return int(plain[0])

@@ -1,0 +1,184 @@
+"""Lenses that state the ray of a pixel, X(p, q), and not the pixel of a ray.
+
+Projection solves X(p, q) = λ x, λ > 0, for (p, q, λ) by Newton, which needs no division by z and so holds all
+around. With a = dX/dp, b = dX/dq and D = X · (a x b), the implicit function theorem gives
+
+    dp/dx = λ (b x X) / D,  dq/dx = λ (X x a) / D,  d(p, q)/dk = -(b x X, X x a) / D · dX/dk             (1)
+
+because the rows b x X and X x a are normal to X, so that dλ falls out. The domain is the part about the axis
+in which D > 0, that is, in which neighbours stay neighbours.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from camcal.model.lenses.curve import memo
+from camcal.model.lenses.mapped import MappedLens
+
+Array = np.ndarray
+
+#: directions about the axis in which the extent of the domain is looked for, and radii along each
+SPOKES, STEPS = 24, 100
+#: cells of the table of radii over 180 degrees
+CELLS = 512
+#: Newton stops after a step this small in units of the focal length (the next would be its square): the pixel
+#: is found; tried so often with all points, and with those that have not arrived
+LAST_STEP, QUICK, ITERATIONS = 1e-9, 5, 20
+
+
+class InverseLens(MappedLens):
+    """A lens of equation (1); (p, q) are pixels with the camera matrix taken off."""
+
+    # ------------------------------------------------------------------ what a model has to say
+    @abstractmethod
+    def ray(self, k: Array, p: Array, q: Array) -> Array:
+        """X, its derivatives by p and by q: (3, 3, ...), first axis (X, dX/dp, dX/dq), second (x, y, z)."""
+
+    @abstractmethod
+    def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
+        """Write normal · dX/dk into rows (V, Q, N), for normal (3, V, N)."""
+
+    def farthest(self, k: Array) -> float:
+        """How far out, in units of the focal length, the domain is followed."""
+        return 20.0
+
+    # ------------------------------------------------------------------ projection
+    def _extent(self, k: Array) -> tuple[Array, Array]:
+        """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of even mean angles, (CELLS + 1,)."""
+        return memo(self, k, self._find_extent, "extent")
+
+    def _find_extent(self, k: Array) -> tuple[Array, Array]:
+        turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
+        radius = np.tan(np.linspace(0, np.arctan(self.farthest(k)), STEPS))
+        p, q = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
+        x, a, b = self.ray(k, p, q)
+        known = self.pixel_inside(p, q, k)
+        ahead = (_triple(x, a, b) > 0) | ~known  # a border is not a fold, and is looked after by itself
+        ends = np.where(ahead.all(0), STEPS, ahead.argmin(0))
+        reach = radius[np.maximum(ends, 1) - 1]
+        angle = np.arctan2(np.hypot(x[0], x[1]), x[2])
+        angle[(np.arange(STEPS)[:, None] >= ends) | ~known] = np.nan
+        count = np.isfinite(angle).sum(1)
+        mean = np.where(count > 0, np.nansum(angle, 1) / np.maximum(count, 1), np.inf)
+        used = count > 0
+        even = np.linspace(0, np.pi, CELLS + 1)
+        return reach, np.interp(even, np.maximum.accumulate(mean[used]), radius[used])
+
+    def pixel_inside(self, p: Array, q: Array, k: Array) -> Array:
+        """Where the model says anything; everywhere, unless it has borders."""
+        return np.ones(np.broadcast(p, q).shape, bool)
+
+    def _solve(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """p, q, and which points are found within the domain."""
+        _, radii = self._extent(k)
+        r = np.sqrt(x * x + y * y) + 1e-200
+        place = np.arctan2(r, z) * (CELLS / np.pi)
+        cell = place.astype(np.intp)
+        below = radii.take(cell, mode="clip")
+        scale = (below + (place - cell) * (radii.take(cell + 1, mode="clip") - below)) / r
+        p, q = x * scale, y * scale
+        target = np.stack([x, y, z]) / np.sqrt(r * r + z * z)
+        solved, ahead = self._iterate(k, p, q, target, QUICK)
+        if not solved.all():  # next to a fold, or outside
+            rest = ~solved
+            some = p[rest], q[rest]
+            solved[rest], ahead[rest] = self._iterate(k, *some, target[:, rest], ITERATIONS)
+            p[rest], q[rest] = some
+        return p, q, solved & ahead & self._within(k, p, q)
+
+    def _iterate(self, k: Array, p: Array, q: Array, target: Array, most: int) -> tuple[Array, Array]:
+        """Newton on p, q in place: which have arrived, and which with D > 0."""
+        for _ in range(most):
+            dp, dq, ahead = _newton_step(self.ray(k, p, q), target)
+            # a step that is large beside the radius comes from a poor start
+            size = np.abs(dp) + np.abs(dq)
+            if size.max(initial=0.0) > 0.1:
+                short = np.minimum(1.0, 0.5 * (0.2 + np.hypot(p, q)) / np.maximum(size, 1e-300))
+                dp, dq = short * dp, short * dq
+            p += dp
+            q += dq
+            if not (size > LAST_STEP).any():
+                break
+        return size <= LAST_STEP, ahead > 0
+
+    def _within(self, k: Array, p: Array, q: Array) -> Array:
+        """Which pixels lie within the extent and the borders."""
+        reach, _ = self._extent(k)
+        radius = np.sqrt(p * p + q * q)
+        inside = self.pixel_inside(p, q, k)
+        if radius.max(initial=0.0) <= reach.min():
+            return inside
+        spoke = np.nan_to_num(np.arctan2(q, p)) * (SPOKES / (2 * np.pi)) % SPOKES
+        low = np.minimum(spoke.astype(int), SPOKES - 1)
+        return np.asarray(inside & (radius <= np.minimum(reach[low], reach[(low + 1) % SPOKES])))
+
+    # ------------------------------------------------------------------ MappedLens
+    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """Newton."""
+        p, q, _ = self._solve(k, x, y, z)
+        return p, q
+
+    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+        """Where Newton ends within the domain."""
+        return self._solve(k, x, y, z)[2]
+
+    def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """Solves once for pixel and domain."""
+        p, q, valid = self._solve(params[self._own :], x, y, z)
+        u = params[0] * p + params[2]
+        if self.has_skew:
+            u += params[4] * q
+        return u, params[1] * q + params[3], valid
+
+    def bend_derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    ) -> tuple[Array, Array, bool]:
+        """Equation (1)."""
+        p, q, valid = self._solve(k, x, y, z)
+        ray, a, b = self.ray(k, p, q)
+        length = np.sqrt((ray * ray).sum(0) / (x * x + y * y + z * z))
+        inverse = 1.0 / _triple(ray, a, b)
+        for i, normal in enumerate((_cross(b, ray) * inverse, _cross(ray, a) * inverse)):
+            for j in range(3):
+                np.multiply(normal[j], length, out=d_xyz[:, j, i])
+            self.ray_rows(k, p, q, -normal, d_k[:, :, i])
+        return p, q, bool(valid.all())
+
+    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+        """As stated."""
+        ray, a, b = self.ray(k, mx, my)
+        valid = self._within(k, mx, my) & (_triple(ray, a, b) > 0)
+        x, y, z = ray
+        return x, y, z, valid
+
+
+def _cross(a: Array, b: Array) -> Array:
+    out = np.empty_like(a)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
+    return out
+
+
+def _dot(a: Array, b: Array) -> Array:
+    out = a[0] * b[0]
+    out += a[1] * b[1]
+    out += a[2] * b[2]
+    return np.asarray(out)
+
+
+def _triple(x: Array, a: Array, b: Array) -> Array:
+    """x · (a x b)."""
+    return _dot(x, _cross(a, b))
+
+
+def _newton_step(state: Array, target: Array) -> tuple[Array, Array, Array]:
+    """Solve X + a dp + b dq = λ target for dp, dq; and target · (a x b), of the sign of D."""
+    x, a, b = state
+    across, along = _cross(b, target), _cross(target, a)
+    d = _dot(a, across)
+    inverse = -1.0 / d
+    return _dot(x, across) * inverse, _dot(x, along) * inverse, d

@@ -1,0 +1,123 @@
+"""Mei & Rives' omnidirectional model: the unit sphere seen from a point ξ above its centre, then distortion.
+
+C. Mei, P. Rives, Single view point omnidirectional camera calibration from planar grids, ICRA (2007),
+section II; cv2.omnidir. With d = |(x, y, z)|:
+
+    a = x / (z + ξ d),  b = y / (z + ξ d)                                                                (1)
+
+and equation (1) of `plane` with k1, k2, p1, p2 at (a, b).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.model.lenses.base import Lens, OpenCVForm, Parameter, example_list, no_options
+from camcal.model.lenses.mapped import MappedLens
+from camcal.model.lenses.plane import PlaneDistortion
+from camcal.model.lenses.radial import ALMOST_PI
+
+Array = np.ndarray
+
+
+class Mei(MappedLens):
+    """`mei`: xi, k1, k2, p1, p2."""
+
+    plane = PlaneDistortion(2, 1, False)
+
+    @classmethod
+    def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Mei:
+        """No options."""
+        no_options(name, plain, named)
+        own = [Parameter("xi", "distortion", lower=0.0)]
+        return cls(name, own + [Parameter(n, "distortion") for n in cls.plane.names], skew)
+
+    def nests(self) -> tuple[str, ...]:
+        """`ucm` without distortion, and `opencv4` with ξ = 0."""
+        return ("ucm", "opencv4", "pinhole")
+
+    def adopt(self, other: Lens, params: Array) -> Array:
+        """`ucm`: ξ = α / (1 - α) with focal lengths and skew divided by 1 - α; others by name."""
+        values = dict(zip(other.names, params.tolist(), strict=True))
+        rest = 1 - min(values.get("alpha", 0.0), 1 - 1e-6)
+        for name in ("fx", "fy", "skew"):
+            if name in values:
+                values[name] /= rest
+        return self.from_values(values | {"xi": 1 / rest - 1})
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+        """From a pinhole camera over the stereographic one (ξ = 1) on."""
+        return [{"xi": xi} for xi in (0.0, 0.5, 1.0, 1.6, 2.5)]
+
+    def opencv(self, params: Array) -> OpenCVForm:
+        """cv2.omnidir, whose matrix holds the skew."""
+        xi, *bend = params[self._own :].tolist()
+        return OpenCVForm("omnidir.calibrate", np.array(bend), (), self.names[self._own :], xi)
+
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """A fisheye lens and a mild one."""
+        skew = [0.8] if self.has_skew else []
+        return example_list(
+            ([820.0, 822.0, 655.0, 490.0, *skew, 1.3, -0.12, 0.03, 8e-4, -6e-4], (1280, 960)),
+            ([560.0, 561.0, 318.0, 242.0, *skew, 0.6, -0.08, 0.01, -5e-4, 4e-4], (640, 480)),
+        )
+
+    # ------------------------------------------------------------------ MappedLens
+    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """Equation (1), then the distortion."""
+        scale = 1.0 / (z + k[0] * np.sqrt(x * x + y * y + z * z))
+        return self.plane.apply(k[1:], x * scale, y * scale)
+
+    def bend_derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    ) -> tuple[Array, Array, bool]:
+        """The chain rule through (a, b)."""
+        xi = float(k[0])
+        d = np.sqrt(x * x + y * y + z * z)
+        scale = 1.0 / (z + xi * d)
+        a, b = x * scale, y * scale
+        xd, yd, xa, xb, ya, yb = self.plane.derivatives(k[1:], a, b)
+        self.plane.coefficient_rows(k[1:], a, b, d_k[:, 1:])
+        # d(a, b) = scale (dx, dy) - (a, b) scale (dz + ξ dd + d dξ)
+        along_x, along_y = a * xa + b * xb, a * ya + b * yb
+        slope = scale * xi / d
+        for i, (c, direct) in enumerate(((x, (xa, ya)), (y, (xb, yb)))):
+            np.subtract(direct[0] * scale, along_x * slope * c, out=d_xyz[:, i, 0])
+            np.subtract(direct[1] * scale, along_y * slope * c, out=d_xyz[:, i, 1])
+        down = -(scale + slope * z)
+        np.multiply(along_x, down, out=d_xyz[:, 2, 0])
+        np.multiply(along_y, down, out=d_xyz[:, 2, 1])
+        np.multiply(along_x, -scale * d, out=d_k[:, 0, 0])
+        np.multiply(along_y, -scale * d, out=d_k[:, 0, 1])
+        return xd, yd, bool(self.bend_inside(k, x, y, z).all())
+
+    def _limit(self, k: Array) -> float:
+        """Angle of the fold of (1), of its pole, or of the fold of the distortion, rad."""
+        xi = float(k[0])
+        limit = float(np.arccos(-min(xi, 1 / xi if xi > 0 else 0.0)))
+        fold = self.plane.fold(k[1:])
+        if np.isfinite(fold):
+            # sin t = fold (cos t + ξ); within the limit the left side over the right grows with t
+            reach = np.hypot(1, fold)
+            if fold * xi < reach:
+                limit = min(limit, float(np.arctan(fold) + np.arcsin(fold * xi / reach)))
+        return min(limit, ALMOST_PI)
+
+    def limit_angle(self, params: Array) -> float:
+        """See `_limit`."""
+        return self._limit(params[self._own :])
+
+    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+        """At a smaller angle than the limit."""
+        limit = self._limit(k)
+        return np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit)
+
+    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+        """Newton on the distortion, then the sphere (Mei & Rives, eq. 4), scaled to keep small ξ exact."""
+        xi = float(k[0])
+        a, b, solved = self.plane.invert(k[1:], mx, my)
+        s = a * a + b * b
+        root = 1 + (1 - xi * xi) * s
+        valid = solved & (root > 0)
+        scale = (xi + np.sqrt(np.maximum(root, 0.0))) / (1 + s)
+        return scale * a, scale * b, scale - xi, valid

@@ -1,0 +1,114 @@
+"""The inverse of a distortion of the plane: two equations in two unknowns, for every point at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from camcal.model.lenses.curve import Inverse
+from camcal.model.lenses.radial import TINY
+
+Array = np.ndarray
+#: (a, b) -> (x, y, dx/da, dx/db, dy/da, dy/db)
+Map = Callable[[Array, Array], tuple[Array, ...]]
+
+#: Newton ends with a step that is no longer than this, as the next would be its square; so many are tried at once
+LAST_STEP, QUICK = 1e-9, 5
+#: further steps for points that have not arrived; they count as found below this residual, in focal lengths
+SLOW, SOLVED = 20, 1e-11
+#: radii beyond tan of this angle are begun from here
+WIDEST = np.pi / 2 - 1e-3
+
+
+def solve(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Solve function(a, b) = (x, y).
+
+    Parameters
+    ----------
+    x, y, a, b : (N,) arrays; a, b the start, which is overwritten
+
+    Returns
+    -------
+    a, b : (N,) arrays
+    solved : (N,) bool array
+    """
+    for _ in range(QUICK):
+        da, db = _step(function, x, y, a, b)
+        a -= da
+        b -= db
+        np.abs(da, out=da)
+        np.abs(db, out=db)
+        np.maximum(da, db, out=da)
+        if da.max(initial=0.0) <= LAST_STEP:
+            return a, b, np.ones(a.shape, bool)
+    rest = ~(da <= LAST_STEP)
+    solved = ~rest
+    a[rest], b[rest], solved[rest] = _slowly(function, x[rest], y[rest], a[rest], b[rest])
+    return a, b, solved
+
+
+def _step(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Newton's step, to be subtracted."""
+    fx, fy, xa, xb, ya, yb = function(a, b)
+    fx -= x
+    fy -= y
+    det = xa * yb
+    det -= xb * ya
+    da = yb * fx
+    da -= xb * fy
+    da /= det
+    fy *= xa
+    fx *= ya
+    fy -= fx
+    fy /= det
+    return da, fy
+
+
+def _slowly(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """As long as the residual halves for any point."""
+    best = np.full(a.shape, np.inf)
+    for _ in range(SLOW):
+        size = _residual(function, x, y, a, b)
+        if not (size < 0.5 * best).any():
+            break
+        best = np.fmin(size, best)
+        da, db = _step(function, x, y, a, b)
+        a, b = a - da, b - db
+    return a, b, _residual(function, x, y, a, b) < SOLVED
+
+
+def _residual(function: Map, x: Array, y: Array, a: Array, b: Array) -> Array:
+    fx, fy = function(a, b)[:2]
+    return np.maximum(np.abs(fx - x), np.abs(fy - y))
+
+
+class RadialStart:
+    """(a, b) by the inverse of the radial part r f(r²) alone, in t = atan r.
+
+    Parameters
+    ----------
+    series : s -> (f, df/ds)
+    limit : float
+        Where r f(r²) folds back or has a pole; may be inf.
+    """
+
+    def __init__(self, series: Callable[[Array], tuple[Array, Array]], limit: float):
+        def in_t(t: Array) -> tuple[Array, Array]:
+            r = np.tan(t)
+            s = r * r
+            f, slope = series(s)
+            return r * f, (f + 2 * s * slope) * (1 + s)
+
+        self._inverse = Inverse(in_t, min(float(np.arctan(limit)) * (1 - 1e-9), WIDEST))
+
+    def __call__(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """New arrays a, b of distorted x, y."""
+        distorted = x * x
+        distorted += y * y
+        np.sqrt(distorted, out=distorted)
+        distorted += TINY
+        ratio = self._inverse.start(distorted)
+        np.tan(ratio, out=ratio)
+        ratio /= distorted
+        return x * ratio, y * ratio

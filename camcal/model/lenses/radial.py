@@ -1,0 +1,155 @@
+"""Lenses that are symmetric about the optical axis: a curve from the angle of a ray to its image radius.
+
+With r² = x² + y²:
+
+    (mx, my) = (x, y) / r · R(r, z)                                                                      (1)
+
+`RadialLens` states R of homogeneous degree 0 in (r, z) and its inverse. `InverseRadialLens` states the angle
+θ(R) from the axis instead, and gets R by Newton and its derivatives by the implicit function theorem.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from camcal.model.lenses.curve import Inverse, memo
+from camcal.model.lenses.mapped import MappedLens
+
+Array = np.ndarray
+
+#: added to r, so that directions x / r are 0 on the axis instead of 0 / 0; far below any r² that counts
+TINY = 1e-200
+#: the largest half-angle; straight behind there is no image direction
+ALMOST_PI = np.pi - 1e-8
+
+
+class RadialLens(MappedLens):
+    """A lens of equation (1)."""
+
+    # ------------------------------------------------------------------ what a curve has to say
+    @abstractmethod
+    def curve(self, k: Array, r: Array, z: Array) -> Array:
+        """The image radius R of rays, without a look at the domain."""
+
+    @abstractmethod
+    def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
+        """R, dR/dr and dR/dz; dR/dk into d_k (V, Q, N)."""
+
+    @abstractmethod
+    def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
+        """The ray (r, z) of any length of an image radius, and which radii have one."""
+
+    @abstractmethod
+    def limit(self, k: Array) -> float:
+        """Angle of the first fold or pole, rad, at most `ALMOST_PI`."""
+
+    # ------------------------------------------------------------------ MappedLens
+    def limit_angle(self, params: Array) -> float:
+        """The curve's own limit; with a distortion centre apart, what is left of it about the axis."""
+        if self.free_centre:
+            return super().limit_angle(params)
+        return self.limit(params[self._own :])
+
+    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+        """At a smaller angle than the limit."""
+        limit = self.limit(k)
+        return np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit)
+
+    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """Equation (1)."""
+        r = np.sqrt(x * x + y * y)
+        r += TINY
+        scale = self.curve(k, r, z)
+        scale /= r
+        return x * scale, y * scale
+
+    def bend_derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    ) -> tuple[Array, Array, bool]:
+        """Along the radius by dR/dr, across it by R / r: no cancellation next to the axis."""
+        r = np.sqrt(x * x + y * y)
+        r += TINY
+        c, s = x / r, y / r
+        rows = np.empty((len(x), len(k), x.shape[1]))
+        radius, by_r, by_z = self.curve_derivatives(k, r, z, rows)
+        across = radius / r
+        more = by_r - across
+        cm = c * more
+        np.multiply(c, cm, out=d_xyz[:, 0, 0])
+        d_xyz[:, 0, 0] += across
+        np.multiply(s, cm, out=d_xyz[:, 0, 1])
+        d_xyz[:, 1, 0] = d_xyz[:, 0, 1]
+        np.multiply(s * s, more, out=d_xyz[:, 1, 1])
+        d_xyz[:, 1, 1] += across
+        np.multiply(c, by_z, out=d_xyz[:, 2, 0])
+        np.multiply(s, by_z, out=d_xyz[:, 2, 1])
+        np.multiply(rows, c[:, None], out=d_k[:, :, 0])
+        np.multiply(rows, s[:, None], out=d_k[:, :, 1])
+        limit = self.limit(k)
+        inside = bool((r * np.cos(limit) < z * np.sin(limit)).all())
+        return c * radius, s * radius, inside
+
+    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+        """The inverse of (1)."""
+        radius = np.sqrt(mx * mx + my * my)
+        radius += TINY
+        r, z, valid = self.angle(k, radius)
+        scale = r / radius
+        return mx * scale, my * scale, z, valid
+
+
+class InverseRadialLens(RadialLens):
+    """A radial lens that states the angle of a ray as a function of its image radius."""
+
+    @abstractmethod
+    def ray_angle(self, k: Array, radius: Array) -> tuple[Array, Array]:
+        """The angle θ of image radii, rad, and dθ/dR."""
+
+    @abstractmethod
+    def ray_angle_rows(self, k: Array, radius: Array, d_k: Array) -> None:
+        """Write dθ/dk into d_k (V, Q, N)."""
+
+    @abstractmethod
+    def reach(self, k: Array) -> float:
+        """The image radius up to which θ grows and stays below π; may be inf."""
+
+    def limit(self, k: Array) -> float:
+        """The angle of `reach`."""
+        return memo(self, k, self._limit)
+
+    def _limit(self, k: Array) -> float:
+        return min(float(self.ray_angle(k, np.array([self.reach(k)]))[0][0]), ALMOST_PI)
+
+    def curve(self, k: Array, r: Array, z: Array) -> Array:
+        """Solve θ(R) = atan2(r, z)."""
+        t, _ = memo(self, k, self._inverse, "inverse")(np.arctan2(r, z))
+        return np.tan(t, out=t)
+
+    def _inverse(self, k: Array) -> Inverse:
+        """In t = atan R, in which θ is close to linear."""
+
+        def in_t(t: Array) -> tuple[Array, Array]:
+            radius = np.tan(t)
+            theta, slope = self.ray_angle(k, radius)
+            radius *= radius
+            radius += 1.0
+            radius *= slope
+            return theta, radius
+
+        return Inverse(in_t, min(np.arctan(self.reach(k)), np.pi / 2 - 1e-9))
+
+    def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
+        """The implicit function theorem on θ(R; k) = atan2(r, z)."""
+        radius = self.curve(k, r, z)
+        _, slope = self.ray_angle(k, radius)
+        self.ray_angle_rows(k, radius, d_k)
+        d_k /= -slope[:, None]
+        scale = 1.0 / (slope * (r * r + z * z))
+        return radius, z * scale, -r * scale
+
+    def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
+        """As stated, up to `reach`."""
+        theta, _ = self.ray_angle(k, radius)
+        return np.sin(theta), np.cos(theta), (radius < self.reach(k)) & (theta < np.pi)

@@ -1,0 +1,242 @@
+"""Fit a lens model to pairs of rays and pixels: the way from a rough camera, or another model, to this one.
+
+BabelCalib's idea (Lochman et al., ICCV 2021): solve for one general model, then regress to each target model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.model.lenses import make
+from camcal.model.lenses.base import Lens
+
+Array = np.ndarray
+
+#: where a start does not hold all rays, the fit takes them in from the axis outwards
+CONES = (0.4, 0.7, 0.9, 1.0)
+#: Levenberg-Marquardt steps for all rays, and for those of a cone on the way
+LAST_STEPS, STEPS = 50, 12
+#: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
+EXACT = 1e-6
+#: results whose parameters agree to this part are the same minimum: a fit stops where the cost falls by 1e-9 of it
+SAME = 1e-3
+#: pairs that a fit needs at most: a model has few parameters, a spline some hundred
+ENOUGH = 700
+#: a start from which the fit finds its way covers this part of the rays, with an error of this part of the
+#: image's extent
+COVERED, NEAR = 0.97, 0.02
+#: a ray whose pixel is missed by more than this part of the image's extent counts as not covered: a
+#: perspective model throws rays of nearly 90 degrees anywhere, and would give up all others for them
+MISSED = 0.2
+
+
+@dataclass(frozen=True)
+class Regression:
+    """The result of `regress`.
+
+    Attributes
+    ----------
+    params : (P,) array
+    covered : (N,) bool array
+        Rays within the domain of the result that come near to their pixels.
+    errors : (N,) array
+        Distances in px between the pixels and the projected rays; NaN outside the domain.
+    score : float
+        Mean square of the errors, px², those that are not covered counted as `MISSED`: what starts and
+        results are compared by.
+    """
+
+    params: Array
+    covered: Array
+    errors: Array
+    score: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors of the covered rays, px; inf without any."""
+        e = self.errors[self.covered]
+        return float(np.sqrt(np.mean(e * e))) if len(e) else np.inf
+
+
+def regress(
+    lens: Lens,
+    rays: Array,
+    uv: Array,
+    image_size: tuple[int, int] | None = None,
+    hold: Sequence[str] | None = None,
+    start: Array | None = None,
+) -> Regression:
+    """Find the parameters with which a lens projects given rays to given pixels.
+
+    Least squares in px by Levenberg-Marquardt. Without a start, from the shapes that the model suggests, each
+    with its camera matrix found linearly, and from the models that it nests.
+
+    Parameters
+    ----------
+    lens : Lens
+    rays : (N, 3) array, of any length
+    uv : (N, 2) array, px
+    image_size : (width, height), for models that have to know how far the image goes
+    hold : sequence of str
+        Parameters to hold where they start; by default the model's own `default_fixed`.
+    start : (P,) array, optional
+    """
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    if len(rays) > ENOUGH:
+        some = regress(lens, *_thinned(rays, uv), image_size, hold, start)
+        return measure(lens, some.params, rays, uv)
+    held = lens.default_fixed if hold is None else hold
+    free = np.array([n not in held for n in lens.names])
+    starts = [start] if start is not None else _starts(lens, rays, uv, image_size, hold)
+    measured = [measure(lens, s, rays, uv) for s in starts]
+    found = []
+    for i in np.argsort([m.score for m in measured]):
+        found.append(_grow(lens, starts[i], rays, uv, free))
+        if found[-1].score < EXACT**2:
+            break
+    return min(found, key=lambda r: r.score)
+
+
+def minima(
+    lens: Lens,
+    rays: Array,
+    uv: Array,
+    image_size: tuple[int, int] | None = None,
+    hold: Sequence[str] | None = None,
+) -> list[Array]:
+    """Parameters (P,) of all minima that `regress` meets from its several starts, the best first."""
+    rays, uv = _thinned(rays / np.linalg.norm(rays, axis=1, keepdims=True), uv)
+    held = lens.default_fixed if hold is None else hold
+    free = np.array([n not in held for n in lens.names])
+    found: list[Regression] = []
+    for start in _starts(lens, rays, uv, image_size, hold):
+        result = _grow(lens, start, rays, uv, free)
+        if result.covered.all() and not any(np.allclose(result.params, r.params, rtol=SAME) for r in found):
+            found.append(result)
+    return [r.params for r in sorted(found, key=lambda r: r.score)]
+
+
+def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
+    """As many pairs as are enough, the outermost always among them."""
+    order = np.argsort(rays[:, 2])  # from the rim inwards
+    step = len(rays) / (ENOUGH - 20)
+    chosen = np.unique(np.r_[order[:20], order[(np.arange(ENOUGH - 20) * step).astype(int)]])
+    return rays[chosen], uv[chosen]
+
+
+def measure(lens: Lens, params: Array, rays: Array, uv: Array) -> Regression:
+    """How well a camera projects rays (N, 3) to pixels (N, 2)."""
+    seen, covered = lens.project(params, rays)
+    errors = np.linalg.norm(seen - uv, axis=1)
+    missed = MISSED * float(np.ptp(uv, axis=0).max())
+    with np.errstate(invalid="ignore"):
+        covered &= errors <= missed
+    score = float(np.mean(np.where(covered, errors, missed) ** 2))
+    return Regression(params, covered, errors, score)
+
+
+def _starts(
+    lens: Lens, rays: Array, uv: Array, image_size: tuple[int, int] | None, hold: Sequence[str] | None
+) -> list[Array]:
+    shapes = lens.shapes(rays, uv, image_size)
+    found = [_with_matrix(lens, shape, rays, uv) for shape in shapes]
+    if "fx" in shapes[0] and _near(measure(lens, found[0], rays, uv), uv):
+        return found[:1]  # a linear solution has no other minima
+    nested = lens.nests()
+    if (
+        len(shapes) <= 2 and {} in shapes and nested
+    ):  # few ideas of its own: climb from the ones that it holds
+        inner = make(nested[0], lens.has_skew)
+        found.append(lens.adopt(inner, regress(inner, rays, uv, image_size, hold).params))
+    return found
+
+
+def _near(start: Regression, uv: Array) -> bool:
+    """Whether a start is as near as an ordinary lens is to a pinhole camera."""
+    return bool(start.covered.mean() > COVERED and start.rms < NEAR * float(np.ptp(uv, axis=0).max()))
+
+
+def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) -> Array:
+    """The parameters of a shape, with the camera matrix by linear least squares unless the shape has one."""
+    params = lens.from_values(shape)
+    if "fx" in shape:
+        return params
+    m, valid = lens.project(params, rays)  # the neutral matrix is the identity
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    valid &= angle <= np.quantile(angle, CONES[0])
+    if valid.sum() < 4:
+        return params
+    m, known = m[valid], uv[valid]
+    one = np.ones(len(m))
+    if lens.has_skew:
+        params[[0, 4, 2]] = np.linalg.lstsq(np.c_[m, one], known[:, 0], rcond=None)[0]
+    else:
+        params[[0, 2]] = np.linalg.lstsq(np.c_[m[:, 0], one], known[:, 0], rcond=None)[0]
+    params[[1, 3]] = np.linalg.lstsq(np.c_[m[:, 1], one], known[:, 1], rcond=None)[0]
+    params[:2] = np.abs(params[:2])
+    return params
+
+
+def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Regression:
+    """Fit to the rays within widening cones, as far as the model holds them; the best on the way."""
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    best = result = measure(lens, params, rays, uv)
+    for part in CONES[-1:] if result.covered.all() else CONES:
+        chosen = result.covered & (angle <= np.quantile(angle, part))
+        for _ in range(3):  # a fit to what is covered may cover more
+            if 2 * chosen.sum() < free.sum():
+                break
+            steps = LAST_STEPS if part == CONES[-1] else STEPS
+            params = _fit(lens, params, rays[chosen], uv[chosen], free, steps)
+            result = measure(lens, params, rays, uv)
+            best = min(best, result, key=lambda r: r.score)
+            wider = chosen | (result.covered & (angle <= np.quantile(angle, part)))
+            if wider.sum() == chosen.sum():
+                break
+            chosen = wider
+    return best
+
+
+def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int) -> Array:
+    """Levenberg-Marquardt from a start at which all rays are in the domain; they stay there."""
+    lower = np.array([p.lower for p in lens.parameters])
+    upper = np.array([p.upper for p in lens.parameters])
+    cost, normal, gradient = _normal(lens, params, rays, uv, free)
+    damping = 1e-4
+    for _ in range(steps):
+        diagonal = np.diag(normal) + 1e-12 * np.trace(normal) / len(normal) + 1e-300
+        step = -np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
+        trial = params.copy()
+        trial[free] += step
+        trial = np.clip(trial, lower, upper)
+        trial_cost, *rest = _normal(lens, trial, rays, uv, free)
+        if trial_cost < cost:
+            small = cost - trial_cost <= 1e-9 * cost
+            params, cost, (normal, gradient) = trial, trial_cost, rest
+            damping = max(damping * 0.1, 1e-12)
+            if small:
+                break
+        else:
+            damping *= 10
+            if damping > 1e8:
+                break
+    return params
+
+
+def _normal(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> tuple[float, Array, Array]:
+    """Half the sum of squares (inf where a ray leaves the domain), JᵀJ and Jᵀr of the free parameters."""
+    count, n = int(free.sum()), len(rays)
+    out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, lens.size, 2, n))
+    x, y, z = (np.ascontiguousarray(c)[None] for c in rays.T)
+    with np.errstate(all="ignore"):
+        inside = lens.linearise(params, x, y, z, out, d_xyz, rows)
+    if not inside:
+        return np.inf, np.zeros((count, count)), np.zeros(count)
+    r, j = (out[0] - uv.T).ravel(), rows[0][free].reshape(count, -1).T
+    prior = lens.prior(params)
+    if prior is not None:
+        r, j = np.r_[r, prior[0]], np.concatenate([j, prior[1][:, free]])
+    return 0.5 * float(r @ r), j.T @ j, j.T @ r

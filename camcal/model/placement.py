@@ -1,0 +1,148 @@
+"""Poses from which a camera sees a whole object, spread over picture, directions and distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.errors import UsageError
+from camcal.geometry import rotations
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose, Poses
+
+Array = np.ndarray
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+LEAST_SHARE = 0.75  #: of the size that was asked for; an object that has to be smaller is not what was meant
+#: steps of the additive recurrence that fills a square evenly (Roberts 2018, "R2", from the plastic number)
+R2_STEP = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far the poses differ from each other.
+
+    Attributes
+    ----------
+    tilt : (low, high)
+        Angle between the object's z axis and the line of sight, degrees.
+    fill : (low, high)
+        Part of the picture's width or height, whichever is filled more, that the object takes up.
+    roll : float
+        Largest turn about the line of sight, degrees.
+    margin : float
+        Part of the picture at each side that stays free.
+    """
+
+    tilt: tuple[float, float] = (5.0, 45.0)
+    fill: tuple[float, float] = (0.45, 0.8)
+    roll: float = 20.0
+    margin: float = 0.02
+
+
+def simulate_poses(
+    points: Array,
+    camera: Camera,
+    rng: np.random.Generator,
+    views: int,
+    spread: Spread | None = None,
+    base: Array | None = None,
+) -> Poses:
+    """Choose poses that keep all points in the picture.
+
+    The directions of tilt go round by the golden angle, and the places in the picture follow a sequence of
+    low discrepancy, so that few views already cover both; a little chance is added to each.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        The object's outline, or all its points.
+    camera : Camera
+    rng : Generator
+    views : int
+    spread : Spread, optional
+    base : (3, 3) array, optional
+        Rotation that turns the object to face the camera; none for a board.
+
+    Returns
+    -------
+    Poses
+        cam_from_object.
+
+    Raises
+    ------
+    UsageError
+        Where no pose shows all points within the limits.
+    """
+    spread = spread or Spread()
+    base = np.eye(3) if base is None else base
+    start, turn = rng.random(2), rng.uniform(0, 2 * np.pi)
+    steps = (np.arange(views) + rng.random(views)) / views
+    tilts, fills = (low + (high - low) * rng.permutation(steps) for low, high in (spread.tilt, spread.fill))
+    made = []
+    for i in range(views):
+        azimuth = turn + i * GOLDEN_ANGLE + rng.normal(0, 0.1)
+        roll = np.deg2rad(rng.uniform(-spread.roll, spread.roll))
+        axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        turned = rotations.exp(np.deg2rad(tilts[i]) * axis) @ rotations.exp(np.array([0, 0, roll])) @ base
+        place = (start + (i + 1) * R2_STEP) % 1
+        made.append(_place(points, camera, turned, place, fills[i], spread.margin))
+    return Poses.stack(made)
+
+
+def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: float, margin: float) -> Pose:
+    """Put the object at `place` (0 to 1) of the picture, pulled to the middle as far as it must be."""
+    assert camera.image_size is not None
+    size = np.array(camera.image_size, float)
+    low, high = margin * size - 0.5, (1 - margin) * size - 0.5
+    pixel = -0.5 + place * size
+    for attempt in range(40):
+        pose = _at_pixel(points, camera, rotation, pixel, fill * max(0.97**attempt, LEAST_SHARE))
+        if pose is not None:
+            uv = camera.project(pose.apply(points))
+            lack = np.maximum(low - uv.min(0), 0) - np.maximum(uv.max(0) - high, 0)
+            if not lack.any():
+                return pose
+            middle = (size - 1) / 2 - pixel
+            # as far as what sticks out, but at least a little, toward the middle
+            pixel = pixel + np.where(np.abs(lack) > 0.2 * np.abs(middle), lack, 0.2 * middle)
+        else:
+            pixel = pixel + 0.2 * ((size - 1) / 2 - pixel)
+    raise UsageError(
+        f"no pose shows the whole object at a size of {fill:.0%} of the picture.",
+        "Ask for smaller views or less tilt: --fill 0.3,0.5 --tilt 5,30",
+    )
+
+
+def _at_pixel(points: Array, camera: Camera, rotation: Array, pixel: Array, fill: float) -> Pose | None:
+    """The pose with the object's centre on the pixel's ray, as far away as makes it fill that much."""
+    assert camera.image_size is not None
+    ray = camera.unproject(pixel)
+    if not np.isfinite(ray).all():
+        return None
+    facing = _rotation_onto(ray) @ rotation
+    centre = (points.min(0) + points.max(0)) / 2
+    extent = float(np.linalg.norm(points - centre, axis=1).max())
+    distance, known = 3.0 * extent, None
+    for _ in range(30):
+        pose = Pose(facing, ray * distance - facing @ centre)
+        uv = camera.project(pose.apply(points))
+        if not np.isfinite(uv).all():
+            distance *= 1.5
+            continue
+        known = pose
+        ratio = float((np.ptp(uv, axis=0) / camera.image_size).max()) / fill
+        if abs(ratio - 1) < 0.005:
+            break
+        distance *= np.clip(ratio, 0.7, 1.4)
+    return known
+
+
+def _rotation_onto(ray: Array) -> Array:
+    """The smallest rotation that takes the z axis to a direction."""
+    axis = np.cross([0.0, 0.0, 1.0], ray)
+    sine, cosine = np.linalg.norm(axis), ray[2]
+    if sine < 1e-12:
+        return np.eye(3)
+    return rotations.exp(axis / sine * np.arctan2(sine, cosine))

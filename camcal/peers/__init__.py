@@ -1,0 +1,14 @@
+"""What camcal is compared with in cv2: one file per function of cv2.
+
+`CALIBRATORS` says which file runs which calibration function of cv2; a model names its function in
+`Lens.opencv`. Adding one = a file that offers `run(task, guess)` and a line here.
+"""
+
+CALIBRATORS = {
+    "calibrateCamera": "camcal.peers.calibrate_camera:run",
+    "fisheye.calibrate": "camcal.peers.fisheye_calibrate:run",
+    "omnidir.calibrate": "camcal.peers.omnidir_calibrate:run",
+}
+
+#: those that know skew
+WITH_SKEW = ("fisheye.calibrate", "omnidir.calibrate")

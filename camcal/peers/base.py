@@ -1,0 +1,124 @@
+"""What all cross-checks share: the entry of the report, cv2 on one thread, the tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Poses
+from camcal.solve.solution import Solution
+
+Entry = dict[str, Any]
+#: calibrates correspondences again by the same options, but with a linear loss and without a cross-check:
+#: (correspondences, skew[, board_shape]) -> Solution; its parameters other than skew are free or held as
+#: before, the board is flat where nothing else is said
+Rerun = Callable[..., Solution]
+
+#: cv2 may come out lower than camcal by this part of the rms: both sums are taken in float64 over the same
+#: numbers, camcal stops at a predicted decrease of 1e-14 of the cost, and cv2's answer is taken as it is.
+LOWER = 1e-9
+#: ... or by this, px, where the data are exact and the rms is made of rounding alone.
+LOWER_PX = 1e-9
+#: The same optimum: cv2 sees the points rounded to float32, at most 2.4e-4 px off in a picture of 8,000 px,
+#: which moves its optimum; that raises its rms over the exact points by less than this part.
+SAME = 1e-6
+#: Projections of the same optimum differ by no more than this, px (rounding to float32 again) ...
+PROJECTION_PX = 1e-3
+#: ... or where the camera is weakly determined, the parameters together by this many standard deviations.
+SIGMAS = 0.05
+
+
+@dataclass(frozen=True)
+class Task:
+    """What cv2 is given: the inliers of a solution, whose free parameters it is to estimate."""
+
+    solution: Solution
+    views: tuple[tuple[Array, Array], ...]  #: (xyz (N, 3) relative to `centroids`, uv (N, 2)) of each view
+    centroids: Array  #: (V, 3)
+    image_size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What cv2 returned, and the figure recomputed from it.
+
+    `rms_point` is over the exact points, in float64, with the parameters and poses as returned. `board` are the
+    board's points (M, 3) where they were estimated, in the frame and at the scale of camcal's. `rounded` says
+    whether cv2 got the image points as float32.
+    """
+
+    camera: Camera
+    poses: Poses
+    rms_point: float
+    distortion: Array
+    start: str
+    board: Array | None = None
+    rounded: bool = True
+
+
+#: runs cv2's calibration from a guess, or from where it begins by itself
+Calibrate = Callable[[Task, Camera | None], Result]
+
+
+class NotComparableError(Exception):
+    """cv2 has no counterpart; the text says why. Stays inside this room."""
+
+
+class LeftOutError(NotComparableError):
+    """cv2 did without some views; `kept` are the numbers of those that it used."""
+
+    def __init__(self, message: str, kept: tuple[int, ...]):
+        super().__init__(message)
+        self.kept = kept
+
+
+def entry(
+    stage: str,
+    against: str,
+    status: str,
+    why: str | None = None,
+    opencv: Mapping[str, Any] | None = None,
+    difference: Mapping[str, Any] | None = None,
+) -> Entry:
+    """An entry of the report's `crosscheck`; differences are camcal's value less cv2's."""
+    return {
+        "stage": stage,
+        "against": against,
+        "status": status,
+        "why": why,
+        "opencv": dict(opencv) if opencv is not None else None,
+        "difference": dict(difference) if difference is not None else None,
+    }
+
+
+def judge(value: float, bound: float, what: str) -> tuple[str, str | None]:
+    """`pass`, or `fail` with a reason, for a value that must not exceed a bound; NaN fails."""
+    if value <= bound:
+        return "pass", None
+    return "fail", f"{what} {value:.3g}, at most {bound:.3g} was expected"
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run cv2 on one thread: with more, its results vary in the last bits from run to run."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def bounds(solution: Solution) -> tuple[Array, Array]:
+    """The corners (2,) of the image, or of the box of all image points where no image size is known."""
+    size = solution.camera.image_size
+    if size is not None:
+        return np.zeros(2), np.subtract(size, 1.0)
+    uv = np.concatenate([v.uv for v in solution.correspondences.views])
+    return uv.min(0), uv.max(0)

@@ -1,0 +1,158 @@
+"""cv2.calibrateCameraRO: the board's points estimated along with the camera (`--board-shape free`).
+
+Strobl & Hirzinger 2011. cv2 holds the first point, a second one and the height of the last, each at its ideal
+place; camcal holds two points and the height of a third, too (`camcal.solve.board`), and any such choice
+describes the same board up to its frame and size. cv2 gets the points in an order that makes the choices
+one. It takes only views that show all points, without weights, and needs time that grows with the cube of the
+number of unknowns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from camcal.data.observations import Correspondences, View
+from camcal.errors import CamcalError
+from camcal.geometry import rotations
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Poses
+from camcal.peers import refinement
+from camcal.peers.base import Entry, NotComparableError, Rerun, Result, Task, entry
+from camcal.peers.calibrate_camera import CRITERIA, answer, begin, camera_of, refusals, rms_of, where
+from camcal.solve.board import common_points, settle
+from camcal.solve.solution import Solution
+from camcal.solve.solve import BoardResult, on_board
+
+NAME = "cv2.calibrateCameraRO"
+#: Unknowns (three a point, six a view) up to which cv2 is asked: 2 s for 240, 55 s for 500.
+MOST_UNKNOWNS = 400
+#: Part of the observations that has to be left once all views hold the same points.
+LEAST_SHARE = 0.5
+
+
+def against_cv2(solution: Solution, rerun: Rerun | None = None) -> Entry | None:
+    """Compare a solution with a free board; None where the board is not free or cv2 lacks the lens model.
+
+    Where it has weights, skew, or views without some of the points, `rerun` solves what cv2 can solve.
+    """
+    board = solution.extras.get("board")
+    form = solution.camera.lens.opencv(solution.camera.params)
+    if not isinstance(board, BoardResult) or board.kind != "free":
+        return None
+    if form is None or form.function != "calibrateCamera":
+        return None
+    try:
+        data = complete(refinement.unweighted(solution))
+        _check_size(data)
+        missing, _, skew = refinement.unlike(solution)
+        if not missing and data.point_count == solution.correspondences.point_count:
+            return refinement.compare(solution, NAME, "", run)
+        if rerun is None:
+            raise NotComparableError("cv2 wants all points in every view, without weights")
+        again = rerun(on_board(data, board.points, board.ideal), False, "free")
+    except (NotComparableError, CamcalError) as error:
+        return entry(refinement.STAGE, NAME, "not_applicable", str(error))
+    remark = (
+        f"over the {len(data.views[0])} points that {len(data.views)} views share, with unit weights in both"
+    )
+    return refinement.compare(again, NAME, remark + (" and without skew" if skew else ""), run)
+
+
+def complete(data: Correspondences) -> Correspondences:
+    """The part of the data in which each view shows the same points, sorted alike.
+
+    Either the points that all views show, or the views that show all points, whichever is more.
+
+    Raises
+    ------
+    NotComparableError
+        Where little is left.
+    """
+    common = common_points(data.views)
+    assert common is not None  # a board was estimated from them
+    points, ids = common
+    counts = np.bincount(np.concatenate(ids), minlength=len(points))
+    shared = counts == len(data.views)
+    full = [len(i) == len(points) for i in ids]
+    if shared.sum() * len(data.views) >= sum(full) * len(points):
+        full = [True] * len(data.views)
+    else:
+        shared = np.ones(len(points), bool)
+    chosen = [_sorted(view, at, shared) for view, at, keep in zip(data.views, ids, full, strict=True) if keep]
+    if sum(len(v) for v in chosen) < LEAST_SHARE * data.point_count or shared.sum() < 4:
+        raise NotComparableError("cv2 wants all points in every view, and too few are")
+    return replace(data, views=tuple(chosen))
+
+
+def _sorted(view: View, ids: Array, shared: Array) -> View:
+    order = np.argsort(ids)
+    return view.take(order[shared[ids[order]]])
+
+
+def _check_size(data: Correspondences) -> None:
+    unknowns = 3 * len(data.views[0]) + 6 * len(data.views)
+    if unknowns > MOST_UNKNOWNS:
+        raise NotComparableError(
+            f"cv2 would take minutes for {unknowns} unknowns; up to {MOST_UNKNOWNS} are compared"
+        )
+
+
+def run(task: Task, guess: Camera | None) -> Result:
+    """Run cv2.calibrateCameraRO on a solution whose views all show the whole board.
+
+    Raises
+    ------
+    NotComparableError
+        Where cv2 cannot estimate the same parameters, or refuses the data.
+    """
+    solution = task.solution
+    board: BoardResult = solution.extras["board"]
+    data = complete(solution.correspondences)
+    ideal = on_board(data, board.points, board.ideal).views[0].xyz
+    order = _gauge_order(ideal)
+    seen = [v.uv[order] for v in data.views]
+    xyz = ideal[order] - ideal[order[0]]
+    flat = replace(task, views=tuple((xyz, uv) for uv in seen))
+    guess, flags, matrix, distortion = begin(flat, guess)
+    with refusals():
+        _, *returned = cv2.calibrateCameraRO(
+            [xyz.astype(np.float32).reshape(-1, 1, 3)] * len(seen),
+            [uv.astype(np.float32).reshape(-1, 1, 2) for uv in seen],
+            task.image_size,
+            1,
+            matrix,
+            distortion,
+            flags=flags,
+            criteria=CRITERIA,
+        )
+    k, bend, rvecs, tvecs = answer(returned)
+    found = np.array(returned[4], float).reshape(-1, 3)
+    points, poses = settle(found, ideal[order], Poses(rotations.exp(rvecs), tvecs))
+    placed = np.empty_like(board.points)
+    placed[_rows(board.ideal, ideal[order])] = points
+    return Result(
+        camera_of(solution, k, bend),
+        poses,
+        rms_of([(found, uv) for uv in seen], k, bend, rvecs, tvecs),
+        bend,
+        where(guess, solution),
+        placed,
+    )
+
+
+def _gauge_order(points: Array) -> Array:
+    """An order (M,) that begins with two points far apart and ends with one far from their line."""
+    a = int(np.linalg.norm(points - points.mean(0), axis=1).argmax())
+    b = int(np.linalg.norm(points - points[a], axis=1).argmax())
+    along = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
+    across = (points - points[a]) - np.outer((points - points[a]) @ along, along)
+    c = int(np.linalg.norm(across, axis=1).argmax())
+    return np.array([a, b, *(i for i in range(len(points)) if i not in (a, b, c)), c])
+
+
+def _rows(points: Array, some: Array) -> Array:
+    """Which of the points (M, 3) each of some (M, 3) is."""
+    return np.array([int(np.linalg.norm(points - p, axis=1).argmin()) for p in some])

@@ -1,0 +1,35 @@
+"""cv2's own camera from the data of a solution, for comparing whole cameras."""
+
+from __future__ import annotations
+
+from camcal.errors import DataError
+from camcal.model.camera import Camera
+from camcal.peers import CALIBRATORS
+from camcal.peers.base import NotComparableError, one_thread
+from camcal.peers.calibrate_camera import task_of
+from camcal.registry import load
+from camcal.solve.solution import Solution
+
+
+def camera_by_cv2(solution: Solution) -> tuple[Camera, str]:
+    """Calibrate the solution's points afresh with cv2; the camera, and which function made it.
+
+    cv2 knows neither weights nor robust losses: it gets the points that the solution rests on, all alike.
+
+    Raises
+    ------
+    DataError
+        Where cv2 cannot estimate the same parameters, or refuses the data.
+    """
+    form = solution.camera.lens.opencv(solution.camera.params)
+    if form is None or form.function not in CALIBRATORS:
+        raise DataError(
+            f"cv2 has no counterpart of the model '{solution.camera.lens.name}'.",
+            "Calibrate with a model of OpenCV's to compare with cv2: --model opencv5",
+        )
+    try:
+        with one_thread():
+            result = load(CALIBRATORS[form.function])(task_of(solution), None)
+    except NotComparableError as error:
+        raise DataError(f"cv2 cannot make this camera: {error}.", "Compare two reports instead.") from error
+    return result.camera, f"cv2.{form.function}"

@@ -1,0 +1,76 @@
+"""A model without a counterpart in cv2 beside the best camera that cv2 makes of the same points.
+
+Two models are no two ways to one optimum: nothing passes or fails here. The entry says which of cv2's models
+came nearest, its rms, and how far the two cameras project apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.assess.difference import difference, image_grid
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.peers import CALIBRATORS
+from camcal.peers.base import Entry, LeftOutError, NotComparableError, Result, bounds, entry
+from camcal.peers.calibrate_camera import task_of
+from camcal.registry import load
+from camcal.solve.solution import Solution
+
+#: what cv2 is asked for: its default, the rational model, and the one for wide lenses; where all of them give
+#: up, the one that takes seconds
+MODELS, LAST = ("opencv5", "opencv8", "kb4"), ("mei",)
+
+
+def nearest(solution: Solution, stage: str) -> Entry:
+    """The entry for a solution whose model cv2 does not have."""
+    why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
+    found: dict[str, Result] = {}
+    for models in (MODELS, LAST):
+        found = found or {m: made for m in models if (made := _by_cv2(solution, m)) is not None}
+    if not found:
+        return entry(
+            stage, "cv2.calibrateCamera", "not_applicable", f"{why}, and calibrates none of these data"
+        )
+    model = min(found, key=lambda name: found[name].rms_point)
+    result = found[model]
+    apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
+    why += (
+        f"; the nearest of cv2's is '{model}', which reaches rms {result.rms_point:.6g} px and projects up to "
+        f"{apart.max_px:.3g} px elsewhere: another model, so neither can be wrong by it"
+    )
+    opencv = {
+        "model": model,
+        "rms_point": result.rms_point,
+        "matrix": result.camera.matrix.tolist(),
+        "distortion": result.distortion.tolist(),
+    }
+    differs = {
+        "rms_point": solution.rms_point - result.rms_point,
+        "projection_max_px": apart.max_px,
+        "projection_rms_px": apart.rms_px,
+        "pixels_outside": apart.outside,
+    }
+    return entry(stage, f"nearest in cv2: {model}", "not_applicable", why, opencv, differs)
+
+
+def _by_cv2(solution: Solution, model: str) -> Result | None:
+    """cv2's camera of a model of its own from the solution's points; None where cv2 has none to offer."""
+    lens = lenses.make(model)
+    camera = Camera(lens, lens.from_matrix(solution.camera.matrix), solution.camera.image_size)
+    asked = replace(solution, camera=camera, start=camera, free=np.eye(lens.size))
+    form = lens.opencv(camera.params)
+    assert form is not None
+    try:
+        result: Result = load(CALIBRATORS[form.function])(task_of(asked), None)
+    except (NotComparableError, LeftOutError):
+        return None
+    return result if np.isfinite(result.rms_point) and _holds_points(solution, result) else None
+
+
+def _holds_points(solution: Solution, result: Result) -> bool:
+    """Whether every used point lies in the domain of cv2's camera, which knows no folds."""
+    views = zip(solution.correspondences.views, solution.inliers, result.poses, strict=True)
+    return all(np.isfinite(result.camera.project(p.apply(v.xyz[used]))).all() for v, used, p in views)

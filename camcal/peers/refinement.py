@@ -1,0 +1,235 @@
+"""The refined camera against cv2's own calibration of the same points with the same free parameters.
+
+cv2 begins where it begins by itself, or at camcal's start where it cannot; never at camcal's optimum, or
+the check would prove nothing. Where it ends elsewhere it gets a second chance from camcal's optimum, so
+that the question "is there a lower cost than camcal's?" is really asked. It fails where cv2 reaches a lower
+rms, or the same rms with a camera that projects differently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.assess.covariance import eliminate_poses, reduce
+from camcal.assess.difference import Difference, difference, image_grid
+from camcal.assess.figures import sigma_0
+from camcal.data.observations import Correspondences
+from camcal.errors import CamcalError
+from camcal.peers import CALIBRATORS, WITH_SKEW
+from camcal.peers.base import (
+    LOWER,
+    LOWER_PX,
+    PROJECTION_PX,
+    SAME,
+    SIGMAS,
+    Calibrate,
+    Entry,
+    LeftOutError,
+    NotComparableError,
+    Rerun,
+    Result,
+    Task,
+    bounds,
+    entry,
+)
+from camcal.peers.calibrate_camera import task_of
+from camcal.peers.nearest import nearest
+from camcal.registry import load
+from camcal.solve.solution import Solution
+
+STAGE = "refine"
+
+
+def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
+    """Compare a solution with cv2's calibration; where that has no counterpart, what comes nearest as well.
+
+    Parameters
+    ----------
+    solution : Solution
+    rerun : callable, optional
+        Calibrates again, see `base.Rerun`; without it only what is alike already is compared.
+    """
+    form = solution.camera.lens.opencv(solution.camera.params)
+    against = f"cv2.{form.function}" if form is not None else "cv2.calibrateCamera"
+    if form is None or form.function not in CALIBRATORS:
+        return [nearest(solution, STAGE)]
+    missing, data, skew = unlike(solution)
+    if not missing:
+        shaped = "board" in solution.extras
+        remark = "both with the board as estimated" if shaped else ""
+        try:
+            return [compare(solution, against, remark)]
+        except LeftOutError as left:
+            return [_without_views(solution, against, left, rerun)]
+    entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(missing)}")]
+    if rerun is not None:
+        remarks = ["without skew in both"] if skew else []
+        if data is not solution.correspondences:
+            remarks.append(f"over the {data.point_count} points that were kept, with unit weights in both")
+        try:
+            again = rerun(data, False)
+        except CamcalError as error:
+            why = f"{' and '.join(remarks)} there is no camera: {error}"
+            return [*entries, entry(STAGE, against, "not_applicable", why)]
+        try:
+            entries.append(compare(again, against, " and ".join(remarks)))
+        except LeftOutError as left:
+            entries.append(entry(STAGE, against, "not_applicable", str(left)))
+    return entries
+
+
+def _without_views(solution: Solution, against: str, left: LeftOutError, rerun: Rerun | None) -> Entry:
+    """Compare on the views that cv2 keeps."""
+    if rerun is None:
+        return entry(STAGE, against, "not_applicable", str(left))
+    data = unweighted(solution)
+    data = replace(data, views=tuple(data.views[i] for i in left.kept))
+    try:
+        again = rerun(data, "skew" in solution.camera.lens.names)
+        return compare(again, against, f"over the {len(data.views)} views that cv2 keeps")
+    except (CamcalError, LeftOutError) as error:
+        return entry(STAGE, against, "not_applicable", f"{left}; over the others: {error}")
+
+
+def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
+    """What cv2 does not have of this solution, the data without it, and whether skew is among it."""
+    found, data = [], solution.correspondences
+    lens = solution.camera.lens
+    form = lens.opencv(solution.camera.params)
+    known = form is not None and form.function in WITH_SKEW
+    skew = (
+        not known
+        and "skew" in lens.names
+        and (bool(solution.free[lens.index("skew")].any()) or solution.camera.values["skew"] != 0)
+    )
+    if skew:
+        found.append("skew")
+    weighted = any(v.sigma is not None and np.ptp(v.sigma) > 0 for v in data.views) or _levels_differ(data)
+    robust = solution.fit.loss != "linear"
+    if weighted:
+        found.append("weights of points")
+    if robust:
+        found.append(f"loss like '{solution.fit.loss}'")
+    if weighted or robust:
+        data = unweighted(solution)
+    return found, data, skew
+
+
+def _levels_differ(data: Correspondences) -> bool:
+    levels = {1.0 if v.sigma is None else float(v.sigma[0]) for v in data.views if len(v)}
+    return len(levels) > 1
+
+
+def unweighted(solution: Solution) -> Correspondences:
+    """The points that a solution rests on, without sigmas."""
+    data = solution.correspondences
+    views = [v.take(used) for v, used in zip(data.views, solution.inliers, strict=True)]
+    return replace(data, views=tuple(replace(v, sigma=None) for v in views))
+
+
+def compare(solution: Solution, against: str, remark: str = "", run: Calibrate | None = None) -> Entry:
+    """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
+
+    `run` is the function of cv2, where it is another than that of the model.
+
+    Raises
+    ------
+    LeftOutError
+        Where cv2 does without some of the views.
+    """
+    form = solution.camera.lens.opencv(solution.camera.params)
+    assert form is not None
+    run, task = run or load(CALIBRATORS[form.function]), task_of(solution)
+    try:
+        first = run(task, None)
+    except LeftOutError:
+        raise
+    except NotComparableError as error:
+        return entry(STAGE, against, "not_applicable", str(error))
+    best, said = first, [remark] if remark else []
+    if not _same(first, solution):
+        second = _second_chance(run, task, solution)
+        if second is not None and second.rms_point < first.rms_point:
+            best = second
+            said.append(f"begun {first.start}, cv2 ends at rms {first.rms_point:.9g} px")
+    return _judged(solution, best, against, said)
+
+
+def _same(result: Result, solution: Solution) -> bool:
+    return abs(result.rms_point - solution.rms_point) <= SAME * solution.rms_point + LOWER_PX
+
+
+def _second_chance(run: Calibrate, task: Task, solution: Solution) -> Result | None:
+    try:
+        return run(task, solution.camera)
+    except NotComparableError:  # the first run stands
+        return None
+
+
+def _judged(solution: Solution, result: Result, against: str, said: list[str]) -> Entry:
+    ours, theirs = solution.rms_point, result.rms_point
+    apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
+    sigmas = distance_in_sigmas(solution, result)
+    status = "pass"
+    if theirs < ours * (1 - LOWER) - LOWER_PX:
+        blind = _unseen(solution, result)
+        status = "not_applicable" if blind else "fail"
+        said.append(f"cv2 reaches a lower rms, {theirs:.9g} px instead of {ours:.9g} px")
+        if blind:
+            said.append(f"but its distortion folds back before {blind} of the points: no camera sees them so")
+    elif theirs > ours * (1 + SAME) + LOWER_PX + (_rounding(solution) if result.rounded else 0.0):
+        said.append(f"cv2 ends at a higher rms, {theirs:.9g} px instead of {ours:.9g} px")
+    elif not (apart.max_px <= PROJECTION_PX or sigmas <= SIGMAS):
+        status = "fail"
+        said.append(f"the same rms, but projections differ by up to {apart.max_px:.3g} px")
+    said.append(f"cv2 began {result.start}")
+    opencv = {
+        "rms_point": theirs,
+        "matrix": result.camera.matrix.tolist(),
+        "distortion": result.distortion.tolist(),
+    }
+    return entry(STAGE, against, status, "; ".join(said), opencv, _figures(solution, result, apart, sigmas))
+
+
+def _unseen(solution: Solution, result: Result) -> int:
+    """How many used points lie outside the domain of cv2's camera, at the poses it returned."""
+    camera, views = result.camera, solution.correspondences.views
+    return sum(
+        int(np.isnan(camera.project(pose.apply(view.xyz[used]))).any(1).sum())
+        for view, used, pose in zip(views, solution.inliers, result.poses, strict=True)
+    )
+
+
+def _figures(solution: Solution, result: Result, apart: Difference, sigmas: float) -> dict:
+    ours, theirs = solution.camera.values, result.camera.values
+    board = {}
+    if result.board is not None:
+        board["board_max"] = float(
+            np.linalg.norm(solution.extras["board"].points - result.board, axis=1).max()
+        )
+    return board | {
+        "rms_point": solution.rms_point - result.rms_point,
+        "projection_max_px": apart.max_px,
+        "projection_rms_px": apart.rms_px,
+        "pixels_outside": apart.outside,
+        "sigmas": sigmas,
+        "parameters": {name: ours[name] - theirs[name] for name in ours},
+    }
+
+
+def _rounding(solution: Solution) -> float:
+    """What rounding the image points to float32 adds to an rms at most, px: a unit in the last place."""
+    largest = max((float(np.abs(v.uv).max()) for v in solution.correspondences.views), default=1.0)
+    return float(np.spacing(np.float32(largest)))
+
+
+def distance_in_sigmas(solution: Solution, result: Result) -> float:
+    """sqrt(δᵀ S δ) / sigma_0: how many standard deviations the free parameters are apart, all together."""
+    delta = np.linalg.lstsq(solution.free, solution.camera.params - result.camera.params, rcond=None)[0]
+    reduced = reduce(solution.normal, eliminate_poses(solution.normal))
+    scale = sigma_0(solution)
+    if not scale > 0:
+        return float("nan")
+    return float(np.sqrt(max(delta @ reduced @ delta, 0.0)) / scale)

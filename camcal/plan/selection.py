@@ -1,0 +1,286 @@
+"""Which lens model the data call for: each fitted from its best start, judged on views held out.
+
+The points are the same for all (those that the best model believes), the poses of held-out views are refitted,
+and a model that contains another also begins from that one's optimum: it never scores worse for a bad start.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from camcal.assess import figures
+from camcal.assess.checks import check
+from camcal.assess.holdout import HoldOut, k_fold
+from camcal.data.observations import Correspondences
+from camcal.errors import CamcalError, DataError, EstimationError
+from camcal.model import lenses
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Array, Poses
+from camcal.plan.pipeline import calibrate
+from camcal.solve import starts
+from camcal.solve.losses import robust_sigma
+from camcal.solve.solution import Solution
+from camcal.solve.solve import refine
+
+#: what `--model auto` chooses from: each kind of lens once, none with more parameters than a dozen views bear
+AUTO = (
+    "pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5", "opencv8",
+    "kb4", "ucm", "eucm", "ds", "division:1",
+)  # fmt: skip
+#: names that stand for another model of the table
+_SYNONYMS = ("kb", "tilted", "polynomial")
+#: warnings that put a model out of the choice
+OUT = ("fold-in-image", "points-outside-model", "undetermined-parameters", "weak-parameters", "not-converged")
+#: a model with fewer parameters is preferred when its hold-out error is at most this much larger, as a part:
+#: over a thousand points chance alone makes about as much
+WORTH = 0.01
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model and how it did.
+
+    Attributes
+    ----------
+    model : str
+    solution : Solution or None
+        None where it could not be fitted.
+    holdout : HoldOut or None
+        None where it was not fitted, or there are too few views.
+    reasons : tuple of str
+        Why it is out of the choice; empty for one that is in.
+    seconds : float
+    """
+
+    model: str
+    solution: Solution | None
+    holdout: HoldOut | None
+    reasons: tuple[str, ...]
+    seconds: float
+
+    @property
+    def parameters(self) -> int:
+        """Number of free parameters of the camera."""
+        return 0 if self.solution is None else self.solution.free.shape[1]
+
+    @property
+    def holdout_rms(self) -> float:
+        """rms_point of the held-out views, px; inf without."""
+        return np.inf if self.holdout is None else self.holdout.figures.rms_point
+
+    def information(self) -> tuple[float, float]:
+        """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance.
+
+        n log(SSE / n) + 2 p and n log(SSE / n) + p log n over the n = 2N coordinates, p all parameters and
+        the variance (Burnham & Anderson, Model selection and multimodel inference, 2002, section 2.2).
+        """
+        if self.solution is None:
+            return np.inf, np.inf
+        r = self.solution.used_residuals
+        n, p = r.size, self.solution.free_count + 1
+        fit = n * np.log(float((r**2).sum()) / n)
+        return float(fit + 2 * p), float(fit + p * np.log(n))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The candidates, best first, and the one that is chosen."""
+
+    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    correspondences: Correspondences
+    why: str
+
+
+def all_models() -> tuple[str, ...]:
+    """Every model of the table with its default options."""
+    return tuple(n for n in lenses.LENSES if n not in _SYNONYMS)
+
+
+def select(
+    correspondences: Correspondences,
+    models: Sequence[str] = AUTO,
+    skew: bool = False,
+    fix: Mapping[str, float | None] | None = None,
+    robust: str = "auto",
+    folds: int = 5,
+    seed: int = 0,
+    on_event: OnEvent | None = None,
+) -> Selection:
+    """Fit every model and rank them by their error on views held out.
+
+    Parameters
+    ----------
+    models : sequence of str
+        Specs.
+    fix : mapping
+        As in `refine`; what a model does not have is left out for it.
+    on_event : callable, optional
+        Called with `("model", {model, done, count})`.
+
+    Raises
+    ------
+    EstimationError
+        Where no model can be fitted.
+    """
+    tell = on_event or (lambda name, details: None)
+    made = {lens.name: lens for lens in (lenses.make(m, skew) for m in models)}
+    ordered = sorted(made.values(), key=lambda lens: lens.size)
+    bench = _Bench(fix or {}, robust, seed)
+    data, first = bench.common_points(correspondences, ordered, tell)
+    done: list[Candidate] = []
+    for lens in ordered:
+        done.append(bench.candidate(lens, data, first[lens.name], done, folds))
+        tell("model", {"model": lens.name, "done": len(ordered) + len(done), "count": 2 * len(ordered)})
+    ranked = sorted(done, key=lambda c: (c.solution is None, c.holdout_rms, *c.information()[1:]))
+    if ranked[0].solution is None:
+        raise EstimationError(f"none of the models can be fitted: {ranked[0].reasons[0]}")
+    chosen, why = _choose(ranked)
+    return Selection(tuple(ranked), chosen, data, why)
+
+
+def _choose(ranked: Sequence[Candidate]) -> tuple[Candidate, str]:
+    """The smallest of those that are in and as good as the best of them."""
+    usable = [c for c in ranked if c.solution is not None and not c.reasons]
+    remark = ""
+    if not usable:
+        usable, remark = (
+            [c for c in ranked if c.solution is not None],
+            "; every model has something against it",
+        )
+    if not np.isfinite(usable[0].holdout_rms):
+        best = min(usable, key=lambda c: c.information()[1])
+        return best, f"the lowest BIC: too few views to hold some out{remark}"
+    bound = usable[0].holdout_rms * (1 + WORTH)
+    best = min((c for c in usable if c.holdout_rms <= bound), key=lambda c: (c.parameters, c.holdout_rms))
+    if best is usable[0]:
+        return best, f"the lowest hold-out error{remark}"
+    return (
+        best,
+        f"fewer parameters than {usable[0].model}, whose hold-out error is less than {WORTH:.0%} lower{remark}",
+    )
+
+
+@dataclass
+class _Bench:
+    """What is the same for all models."""
+
+    fix: Mapping[str, float | None]
+    robust: str
+    seed: int
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def fixed(self, lens: Lens) -> dict[str, float | None]:
+        """What a model holds: its own gauge, and what of `fix` it has."""
+        asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
+        return {**dict.fromkeys(lens.default_fixed), **asked}
+
+    def calibrated(self, lens: Lens, data: Correspondences, robust: str) -> Solution | None:
+        """The pipeline's own calibration; None, with the reason kept, where there is none."""
+        asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
+        try:
+            return calibrate(
+                data, lens.name, robust, skew=lens.has_skew, fix=asked, seed=self.seed, checks=False
+            )
+        except DataError:
+            raise
+        except CamcalError as error:
+            self.failed[lens.name] = error.message
+            return None
+
+    def common_points(
+        self, data: Correspondences, ordered: Sequence[Lens], tell: OnEvent
+    ) -> tuple[Correspondences, dict[str, Solution | None]]:
+        """The points that the model with the lowest median error believes, and each model's first solution."""
+        found: dict[str, Solution | None] = {}
+        for i, lens in enumerate(ordered):
+            found[lens.name] = self.calibrated(lens, data, self.robust)
+            tell("model", {"model": lens.name, "done": i + 1, "count": 2 * len(ordered)})
+        solved = [s for s in found.values() if s is not None]
+        if not solved:
+            raise EstimationError(f"none of the models can be fitted: {next(iter(self.failed.values()))}")
+        best = min(solved, key=_typical_error)
+        pairs = zip(best.correspondences.views, best.inliers, strict=True)
+        kept = replace(best.correspondences, views=tuple(v if m.all() else v.take(m) for v, m in pairs))
+        again = {n: s if s is not None and _same_points(s, kept) else None for n, s in found.items()}
+        return kept, again
+
+    def candidate(
+        self, lens: Lens, data: Correspondences, first: Solution | None, done: Sequence[Candidate], folds: int
+    ) -> Candidate:
+        """Fit a model to the common points from every start there is, and hold views out."""
+        begin = time.perf_counter()
+        solution = first if first is not None else self.calibrated(lens, data, "none")
+        fix = self.fixed(lens)
+        tried = [] if solution is None else [solution]
+        for inner in (c.solution for c in done if c.model in lens.nests()):
+            if inner is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
+                tried.append(refine(*starts.adopted(lens, inner, fix), data, fix))
+        if not tried:
+            reason = self.failed.get(lens.name, "it could not be fitted")
+            return Candidate(lens.name, None, None, (reason,), time.perf_counter() - begin)
+        best = starts.best(tried)
+        warned = tuple(w.message for w in check(replace(best, warnings=())) if w.code in OUT)
+        held = self._hold_out(best, data, fix, folds)
+        return Candidate(lens.name, best, held, warned, time.perf_counter() - begin)
+
+    def _hold_out(
+        self, solution: Solution, data: Correspondences, fix: Mapping[str, float | None], folds: int
+    ) -> HoldOut | None:
+        masks = [np.ones(len(v), bool) for v in data.views]
+
+        def refit(some: Correspondences, poses: Poses, inliers: Sequence[Array]) -> Solution:
+            return refine(solution.camera, poses, some, fix, inliers=inliers)
+
+        return k_fold(data, solution.poses, masks, refit, folds)
+
+
+def _typical_error(solution: Solution) -> float:
+    lengths = np.concatenate([np.linalg.norm(r, axis=1) for r in solution.residuals])
+    return float(robust_sigma(np.where(np.isfinite(lengths), lengths, np.inf)))
+
+
+def _same_points(solution: Solution, kept: Correspondences) -> bool:
+    """Whether a solution rests on exactly these points."""
+    views = solution.correspondences.views
+    return (
+        [v.id for v in views] == [v.id for v in kept.views]
+        and all(m.all() for m in solution.inliers)
+        and all(len(a) == len(b) for a, b in zip(views, kept.views, strict=True))
+    )
+
+
+def described(selection: Selection) -> dict[str, Any]:
+    """The selection as plain values, for reports."""
+    lowest = [min(c.information()[i] for c in selection.candidates) for i in (0, 1)]
+    return {
+        "chosen": selection.chosen.model,
+        "why": selection.why,
+        "points": selection.correspondences.point_count,
+        "views": len(selection.correspondences.views),
+        "models": [_entry(c, lowest) for c in selection.candidates],
+    }
+
+
+def _entry(candidate: Candidate, lowest: Sequence[float]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"model": candidate.model, "parameters": candidate.parameters}
+    if candidate.solution is not None:
+        solution, (aic, bic) = candidate.solution, candidate.information()
+        held = candidate.holdout.figures if candidate.holdout is not None else None
+        entry |= {
+            "rms_point": solution.rms_point,
+            "sigma_hat": figures.sigma_hat(solution),
+            "holdout": None if held is None else {"rms_point": held.rms_point, "p95": held.p95},
+            "aic_difference": aic - lowest[0],
+            "bic_difference": bic - lowest[1],
+            "converged": solution.fit.converged,
+        }
+    return entry | {"out": list(candidate.reasons), "seconds": candidate.seconds}

@@ -1,0 +1,326 @@
+"""The board's shape estimated along with camera and poses.
+
+Print and paper are never perfect: the board's points X = X₀ + B θ, linear in a few or in all coordinates,
+replace the ideal grid X₀ (Strobl & Hirzinger, More Accurate Pinhole Camera Calibration with Imperfect Planar
+Target, ICCVW 2011; cv2.calibrateCameraRO does the `free` kind). A residual depends on one point only, so the
+points' blocks of JᵀJ are three columns a view; the poses are eliminated first, as without a shape (Schur
+complement), and what is left is the camera and θ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.data.observations import View
+from camcal.errors import UsageError
+from camcal.geometry import rotations
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Array, Poses
+from camcal.solve.problem import Blocks, Group, Problem, State, products
+
+#: a point seen in fewer views than this keeps its ideal place: its offset would only absorb noise
+LEAST_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class Board:
+    """The points of a target that all views share, and how they may move.
+
+    Attributes
+    ----------
+    points : (M, 3) array
+        The ideal points X₀.
+    ids : V arrays (N,)
+        Which of them each row of each view is.
+    kind : str
+        A key of `KINDS`.
+    basis : (3 M, B) array, or (B,) int array
+        d X / d θ in the order x, y, z of the first point, of the second, ...; integers select coordinates.
+    """
+
+    points: Array
+    ids: tuple[Array, ...]
+    kind: str
+    basis: Array
+
+    @property
+    def size(self) -> int:
+        """Number of shape parameters B."""
+        return len(self.basis) if self.basis.ndim == 1 else self.basis.shape[1]
+
+    def expand(self, shape: Array) -> Array:
+        """Offsets (M, 3) of θ."""
+        if self.basis.ndim == 2:
+            return (self.basis @ shape).reshape(-1, 3)
+        flat = np.zeros(3 * len(self.points))
+        flat[self.basis] = shape
+        return flat.reshape(-1, 3)
+
+    def fold(self, columns: Array) -> Array:
+        """Derivatives by θ (..., B) from those by all coordinates (..., 3 M)."""
+        return columns[..., self.basis] if self.basis.ndim == 1 else columns @ self.basis
+
+    def fold_blocks(self, blocks: Array) -> Array:
+        """The second moments by θ (B, B) from those of each point's coordinates (M, 3, 3)."""
+        if self.basis.ndim == 2:
+            basis = self.basis.reshape(-1, 3, self.size)
+            return np.tensordot(basis, blocks @ basis, ([0, 1], [0, 1]))
+        found = np.zeros((self.size, self.size))
+        rows, columns, there = point_slots(self.basis, len(self.points))
+        found[rows[there], columns[there]] = blocks[there]
+        return found
+
+
+def point_slots(coordinates: Array, points: int) -> tuple[Array, Array, Array]:
+    """Where the blocks of points stand among free coordinates (B,): rows, columns and which exist, (M, 3, 3)."""
+    slots = np.full(3 * points, -1)
+    slots[coordinates] = np.arange(len(coordinates))
+    of_point: Array = slots.reshape(points, 3)
+    rows, columns = np.broadcast_arrays(of_point[:, :, None], of_point[:, None, :])
+    return rows, columns, (rows >= 0) & (columns >= 0)
+
+
+def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | None:
+    """The target's points (M, 3) and the ids of each view's rows; None where views disagree on a point.
+
+    Rows belong together by `point_ids` where all views have them, else by equal coordinates.
+    """
+    xyz = np.concatenate([v.xyz for v in views])
+    if all(v.point_ids is not None for v in views):
+        labels = np.concatenate([v.point_ids for v in views])
+        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        points = xyz[first]
+        if np.abs(points[inverse] - xyz).max(initial=0.0) > 1e-9 * np.abs(xyz).max(initial=1.0):
+            return None
+    else:
+        # equal up to the rounding of printed coordinates
+        grid = np.round(xyz / (1e-9 * max(np.abs(xyz).max(), 1e-300))).astype(np.int64)
+        _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)  # in the order in which they first appear
+        points, inverse = xyz[first[order]], np.argsort(order)[inverse.reshape(-1)]
+    ends = np.cumsum([len(v) for v in views])[:-1]
+    return points, tuple(np.split(inverse.reshape(-1), ends))
+
+
+def _unit(points: Array) -> Array:
+    """x and y scaled to [-1, 1] over the board, (M, 2)."""
+    low, high = points[:, :2].min(0), points[:, :2].max(0)
+    return (2 * points[:, :2] - low - high) / np.where(high > low, high - low, 1.0)
+
+
+def _bowl(points: Array, counts: Array) -> Array:
+    """z += θ₁ (1 - x²) + θ₂ (1 - y²): mrcal's calobject_warp."""
+    basis = np.zeros((len(points), 3, 2))
+    basis[:, 2] = 1 - _unit(points) ** 2
+    return basis.reshape(-1, 2)
+
+
+def _print(points: Array, counts: Array) -> Array:
+    """The bowl, y stretched against x, and the two sides not at right angles."""
+    basis = np.zeros((len(points), 3, 2))
+    centred = points[:, :2] - points[:, :2].mean(0)
+    basis[:, 1, 0] = centred[:, 1]
+    basis[:, 0, 1] = centred[:, 1]
+    return np.c_[_bowl(points, counts), basis.reshape(-1, 2)]
+
+
+def _free(points: Array, counts: Array) -> Array:
+    """Every coordinate of every point, less the seven of the gauge: a, b fixed and c kept at its height.
+
+    a and b are far apart and c is far from their line, so that none of them amplifies the others' noise.
+    """
+    seen = np.flatnonzero(counts >= LEAST_VIEWS)
+    if len(seen) < 4:
+        raise UsageError(
+            f"{len(seen)} points of the board are seen in {LEAST_VIEWS} views or more; a free shape needs 4.",
+            "Try: --board-shape bowl",
+        )
+    p = points[seen]
+    a = int(np.linalg.norm(p - p.mean(0), axis=1).argmax())
+    b = int(np.linalg.norm(p - p[a], axis=1).argmax())
+    along = (p[b] - p[a]) / np.linalg.norm(p[b] - p[a])
+    across = (p - p[a]) - np.outer((p - p[a]) @ along, along)
+    c = int(np.linalg.norm(across, axis=1).argmax())
+    held = np.zeros((len(points), 3), bool)
+    held[counts < LEAST_VIEWS] = True
+    held[[seen[a], seen[b]]] = True
+    held[seen[c], 2] = True
+    return np.flatnonzero(~held.reshape(-1))
+
+
+#: kind -> function (points (M, 3), views that see each (M,)) -> basis of `Board`
+KINDS: dict[str, Callable[[Array, Array], Array]] = {"bowl": _bowl, "print": _print, "free": _free}
+
+
+def make_board(views: Sequence[View], kind: str) -> Board:
+    """The board of the views with a shape of the given kind.
+
+    Raises
+    ------
+    UsageError
+        Where the views do not share a target, or for an unknown kind.
+    """
+    if kind not in KINDS:
+        raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
+    common = common_points(views)
+    if common is None:
+        raise UsageError(
+            "the views disagree on where a point of the board is; a shape needs one board.",
+            "Try: --board-shape flat",
+        )
+    points, ids = common
+    counts = np.bincount(np.concatenate(ids), minlength=len(points))
+    return Board(points, ids, kind, KINDS[kind](points, counts))
+
+
+class BoardProblem(Problem):
+    """A calibration whose board has a shape of its own; see `Problem`."""
+
+    def __init__(
+        self,
+        lens: Lens,
+        views: Sequence[View],
+        free: Array,
+        board: Board,
+        weights: Sequence[Array] | None = None,
+        normalise: bool = True,
+    ):
+        super().__init__(lens, views, free, weights, normalise)
+        self.board = board
+        self.groups = [replace(g, ids=self._padded_ids(g)) for g in self.groups]
+
+    def reweighted(self, weights: Sequence[Array]) -> BoardProblem:
+        """The same problem with other weights."""
+        return BoardProblem(self.lens, self.views, self.free, self.board, weights, self.normalise)
+
+    def normalised(self) -> BoardProblem:
+        """The same problem with `normalise`."""
+        return BoardProblem(self.lens, self.views, self.free, self.board, self.weights)
+
+    @property
+    def point_coordinates(self) -> Array | None:
+        """Those of a free shape; see `Problem.point_coordinates`."""
+        return self.board.basis if self.board.basis.ndim == 1 else None
+
+    @property
+    def variables(self) -> int:
+        """Number of free parameters of the camera and of the shape."""
+        return self.free.shape[1] + self.board.size
+
+    def _padded_ids(self, group: Group) -> Array:
+        """(G, N) ids; points that only fill a view up go to a slot of their own, M."""
+        ids = np.full((len(group.members), group.xyz.shape[2]), len(self.board.points))
+        for row, member in zip(ids, group.members, strict=True):
+            row[: len(self.board.ids[member])] = self.board.ids[member]
+        return ids
+
+    def state(self, params: Array, poses: Poses) -> State:
+        """Begin with the ideal board."""
+        return replace(super().state(params, poses), shape=np.zeros(self.board.size))
+
+    def points(self, group: Group, state: State) -> Array:
+        """Ideal points and their offsets."""
+        offsets = np.r_[self.board.expand(state.shape), np.zeros((1, 3))]
+        return group.xyz + offsets[group.ids].transpose(0, 2, 1)
+
+    def linearise(self, state: State) -> Blocks | None:
+        """The normal equations of camera, shape and poses; None where a point leaves the lens's domain."""
+        sums = _PointSums(self)
+        normal = np.empty((len(self.views), self.rows, self.rows))
+        with np.errstate(all="ignore"):
+            for group in self.groups:
+                block = self.fill(group, state)
+                if block is None:
+                    return None
+                normal[group.members] = products(block)
+                sums.add(group, block, state.rotations[group.members])
+        blocks = self.blocks(normal, state)
+        return None if blocks is None else sums.extend(blocks)
+
+    def free_rows(self, group: Group, state: State) -> Array | None:
+        """Rows of camera, shape, pose and residual; see `Problem.free_rows`."""
+        block = super().free_rows(group, state)
+        if block is None:
+            return None
+        f, m = self.free.shape[1], len(self.board.points)
+        assert group.ids is not None
+        shape = np.empty((len(block), self.board.size, block.shape[2]))
+        for g, (view, at) in enumerate(zip(group.members, group.ids, strict=True)):
+            d = state.rotations[view].T @ block[g, f + 3 : f + 6]  # d X = Rᵀ d x_cam, (3, 2 N)
+            columns = np.zeros((block.shape[2], m + 1, 3))
+            columns[np.arange(block.shape[2]), np.tile(at, 2)] = d.T
+            shape[g] = self.board.fold(columns[:, :m].reshape(-1, 3 * m)).T
+        return np.concatenate([block[:, :f], shape, block[:, f:]], 1)
+
+
+class _PointSums:
+    """The blocks of JᵀJ that involve the board's points, added up over the views."""
+
+    def __init__(self, problem: BoardProblem):
+        self.problem = problem
+        slots = len(problem.board.points) + 1
+        self.camera = np.zeros((problem.lens.size, 3, slots))
+        self.poses = np.zeros((len(problem.views), 6, 3, slots))
+        self.gradient = np.zeros((3, slots))
+        self.own = np.zeros((3, 3, slots))
+
+    def add(self, group: Group, block: Array, rotation: Array) -> None:
+        """Take a group's rows (G, P + 6 + 1, 2, N); d X = Rᵀ d x_cam."""
+        assert group.ids is not None
+        p = self.problem.lens.size
+        d_cam = block[:, p + 3 : p + 6]
+        d = (rotation.transpose(0, 2, 1) @ d_cam.reshape(len(d_cam), 3, -1)).reshape(d_cam.shape)
+        cross = block[:, :, 0, None] * d[:, None, :, 0] + block[:, :, 1, None] * d[:, None, :, 1]
+        own = d[:, :, 0, None] * d[:, None, :, 0] + d[:, :, 1, None] * d[:, None, :, 1]
+        for g, view in enumerate(group.members):
+            at = group.ids[g]
+            self.camera[..., at] += cross[g, :p]
+            self.poses[view][..., at] = cross[g, p : p + 6]
+            self.gradient[..., at] += cross[g, -1]
+            self.own[..., at] += own[g]
+
+    def extend(self, blocks: Blocks) -> Blocks:
+        """The blocks with the shape's parameters after the camera's."""
+        board, free = self.problem.board, self.problem.free
+        m = len(board.points)
+
+        def flat(a: Array) -> Array:  # (..., 3, M + 1) -> (..., B)
+            return board.fold(np.swapaxes(a[..., :m], -1, -2).reshape(*a.shape[:-2], 3 * m))
+
+        mixed = free.T @ flat(self.camera)
+        square = board.fold_blocks(np.moveaxis(self.own[..., :m], -1, 0))
+        return replace(
+            blocks,
+            intrinsics=np.block([[blocks.intrinsics, mixed], [mixed.T, square]]),
+            coupling=np.concatenate([blocks.coupling, flat(self.poses).transpose(0, 2, 1)], 1),
+            gradient=np.concatenate([blocks.gradient, flat(self.gradient)]),
+        )
+
+
+def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses]:
+    """Move a board to where it is nearest to the ideal one, and the poses with it; no projection changes.
+
+    The similarity s Q X + c nearest to the ideal points in least squares (Umeyama 1991): a camera sees
+    neither where the board's frame lies nor how large the board is.
+
+    Parameters
+    ----------
+    points, ideal : (M, 3) arrays
+    poses : Poses
+        cam_from_board with `points`.
+
+    Returns
+    -------
+    points : (M, 3) array
+    poses : Poses
+    """
+    mean, target = points.mean(0), ideal.mean(0)
+    a, b = ideal - target, points - mean
+    turn = rotations.fit_rotation(a, b)
+    scale = float(np.einsum("ij,ij->", a, b @ turn.T) / np.einsum("ij,ij->", b, b))
+    shift = target - scale * turn @ mean
+    rotation = poses.rotations @ turn.T
+    return scale * points @ turn.T + shift, Poses(rotation, scale * poses.translations - rotation @ shift)

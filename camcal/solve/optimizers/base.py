@@ -1,0 +1,140 @@
+"""What every optimiser takes and gives.
+
+The one problem interface is `camcal.solve.problem.Problem`: `linearise` (cost, Jacobian blocks, gradient at
+a state), `retract` (a step in the free parameters and in the poses), `rounding` (a cost that rounding alone
+makes), `view_normals` and `free_rows` for those who want views or rows. Frozen and tied parameters are no
+variables at all: a step is taken in the free ones.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from camcal.errors import EstimationError
+from camcal.solve.problem import Blocks, Problem, State
+from camcal.solve.schur import Reduced
+
+#: called with (iteration, cost) after every accepted step
+OnStep = Callable[[int, float], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """When to stop, and which variant of a method.
+
+    Attributes
+    ----------
+    tolerance : float
+        Converged where the decrease that the quadratic model predicts is below this part of the cost. 1e-14
+        leaves the parameters within 1e-5 of their standard deviations at 1e4 points.
+    max_iterations : int, optional
+        Accepted and rejected steps; without it the method's own limit.
+    max_seconds : float, optional
+    variant : str
+        One of the method's `VARIANTS`, as after the colon of `lbfgs:varpro`; empty = its first.
+    """
+
+    tolerance: float = 1e-14
+    max_iterations: int | None = None
+    variant: str = ""
+    max_seconds: float | None = None
+
+
+class Sample(NamedTuple):
+    """A line of the trace: cost, passes over the data and seconds so far."""
+
+    iteration: int
+    cost: float
+    evaluations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where an optimiser ended.
+
+    Attributes
+    ----------
+    state : State
+    blocks : Blocks
+        At `state`.
+    converged : bool
+    stop_reason : str
+    iterations : int
+    evaluations : int
+        Passes over all points with derivatives, those of inner iterations included.
+    samples : tuple of Sample
+        The start first, then every step that was kept: costs never rise along it.
+    info : dict
+        What the method has to say besides; `variables` = in what it searched.
+    """
+
+    state: State
+    blocks: Blocks
+    converged: bool
+    stop_reason: str
+    iterations: int
+    evaluations: int
+    samples: tuple[Sample, ...]
+    info: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def trace(self) -> tuple[float, ...]:
+        """The costs of `samples`."""
+        return tuple(s.cost for s in self.samples)
+
+
+class Recorder:
+    """Keeps the samples of a run, tells the caller of each, and looks at the clock."""
+
+    def __init__(
+        self, cost: float, evaluations: int, on_step: OnStep | None = None, options: Options | None = None
+    ):
+        self.begin, self.on_step = time.perf_counter(), on_step
+        self.limit = None if options is None else options.max_seconds
+        self.samples = [Sample(0, cost, evaluations, 0.0)]
+
+    def late(self) -> bool:
+        """Whether `Options.max_seconds` have passed."""
+        return self.limit is not None and time.perf_counter() - self.begin > self.limit
+
+    def add(self, iteration: int, cost: float, evaluations: int) -> None:
+        """Note a step that was kept."""
+        self.samples.append(Sample(iteration, cost, evaluations, time.perf_counter() - self.begin))
+        if self.on_step:
+            self.on_step(iteration, cost)
+
+
+def begin(problem: Problem, state: State) -> Blocks:
+    """The normal equations at the start.
+
+    Raises
+    ------
+    EstimationError
+        Where the start itself cannot be projected.
+    """
+    blocks = problem.linearise(state)
+    if blocks is None:
+        raise EstimationError(
+            "the start of the refinement does not project into the image: points lie behind the camera or "
+            "outside the lens model's domain.",
+            "Try a simpler model, or one for wide lenses: --model kb4.",
+        )
+    return blocks
+
+
+def remaining(blocks: Blocks) -> float:
+    """The decrease of the cost to the minimum that the Gauss-Newton model predicts, ½ gᵀ (JᵀJ)⁻¹ g.
+
+    The one measure by which all methods here say that they have converged. It has no unit but the cost's and
+    depends neither on scale nor on coordinates, as a gradient's norm does. Where JᵀJ is singular, the least
+    damping that makes it solvable is added.
+    """
+    for damping in (0.0, 1e-14, 1e-12, 1e-10, 1e-8):
+        solved = Reduced(blocks, damping).step()
+        if solved is not None:
+            return float(solved[1])
+    return float("inf")

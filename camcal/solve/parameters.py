@@ -1,0 +1,70 @@
+"""Which parameters are estimated: from `--fix` to the matrix d params / d free parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from camcal.errors import UsageError
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Array
+
+#: not a parameter but a relation: fy = fx times the ratio at the start, or times the value given
+ASPECT = "aspect"
+
+
+def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:
+    """The start with the values that `fix` gives (name -> value, or None = as it is).
+
+    `aspect` without a value means fy = fx: both become their mean.
+
+    Raises
+    ------
+    UsageError
+        For a name that the model does not have, or a contradiction.
+    """
+    params = np.array(params, float)
+    for name, value in fix.items():
+        if name == ASPECT:
+            continue
+        index = lens.index(name)
+        if value is not None:
+            params[index] = value
+    if ASPECT in fix:
+        ratio = fix[ASPECT] or 1.0
+        fixed = [n for n in ("fx", "fy") if n in fix]
+        if len(fixed) == 2:
+            raise UsageError(
+                "fx and fy are fixed as well as their ratio.", "Leave out 'aspect', or one of fx and fy."
+            )
+        if not fixed:
+            params[0] = 0.5 * (params[0] + params[1] / ratio)
+        if "fy" in fixed:
+            params[0] = params[1] / ratio
+        params[1] = params[0] * ratio
+    return params
+
+
+def free_matrix(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:
+    """d params / d free parameters, (P, F): one column a free parameter, fx and fy sharing one for `aspect`.
+
+    Raises
+    ------
+    UsageError
+        For a name that the model does not have.
+    """
+    fixed = {lens.index(name) for name in fix if name != ASPECT}
+    columns = []
+    tied = ASPECT in fix and not fixed & {0, 1}
+    if ASPECT in fix:
+        fixed |= {1} if tied else {0, 1}
+    for index in range(lens.size):
+        if index in fixed:
+            continue
+        column = np.zeros(lens.size)
+        column[index] = 1.0
+        if index == 0 and tied:
+            column[1] = params[1] / params[0]
+        columns.append(column)
+    return np.array(columns).T.reshape(lens.size, len(columns))

@@ -1,0 +1,273 @@
+"""Which points of a view agree with one model of it: LO-RANSAC with the noise found along (LMedS).
+
+Fischler & Bolles 1981; the scale from the least median of squares (Rousseeuw & Leroy 1987, section 5.1),
+because the noise is seldom known in advance and a pinhole map leaves the lens's distortion in the residuals;
+local optimisation of each new best model (Chum, Matas & Kittler 2003). Hypotheses are solved and scored in
+batches.
+
+The model of a view is a homography or a projection matrix where the camera is not known yet, and a pose
+(`p3p.py`) where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from camcal.data.observations import View
+from camcal.geometry import dlt as resection
+from camcal.geometry import homography, projective
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Poses
+from camcal.solve import p3p
+from camcal.solve.losses import RAYLEIGH_MEDIAN
+from camcal.solve.poses import refine_poses
+
+#: probability that at least one sample is free of outliers ...
+CONFIDENCE = 0.999
+#: ... where this share of the points is good. The median breaks down below one half.
+LEAST_GOOD = 0.55
+#: ... or this, where the noise is known
+LEAST_GOOD_KNOWN = 1 / 3
+#: hypotheses solved and scored at a time
+_BATCH = 128
+#: a point agrees up to this many σ: 1 % of Gaussian ones do not
+_REACH = 3.03
+#: σ below this, px, only says that the data are exact
+_FLOOR = 1e-6
+
+
+class Model(Protocol):
+    """What RANSAC asks of a model; a hypothesis is a matrix (3, d + 1).
+
+    Errors are lengths, px, those of points with given sigmas divided by sigma over the view's median sigma.
+    """
+
+    sample: int  #: how many points fix it
+
+    def __len__(self) -> int:
+        """Number of points N."""
+        ...
+
+    def hypotheses(self, picks: Array) -> tuple[Array, Array]:
+        """Matrices (H, 3, d + 1) of samples (H, n) of point numbers, and errors (H, N)."""
+        ...
+
+    def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
+        """The matrix (3, d + 1) that fits the points `rows` (K,), and errors (N,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The largest part of the points that agrees.
+
+    Attributes
+    ----------
+    mask : (N,) bool array
+    sigma : float
+        Scatter of one coordinate about the model, px: noise and what the model does not explain; NaN where
+        there are too few points to tell.
+    matrix : (3, d + 1) array or None
+        The model; None where there are too few points.
+    """
+
+    mask: Array
+    sigma: float
+    matrix: Array | None
+
+
+def samples_needed(size: int, confidence: float = CONFIDENCE, good: float = LEAST_GOOD) -> int:
+    """Number of samples of `size` points of which one is free of outliers with this confidence."""
+    return int(np.ceil(np.log1p(-confidence) / np.log1p(-(good**size))))
+
+
+def agreeing(
+    model: Model, rng: np.random.Generator, sigma: float | None = None, confidence: float = CONFIDENCE
+) -> Agreement:
+    """The points that agree with the best hypothesis.
+
+    Parameters
+    ----------
+    model : Model
+    rng : Generator
+    sigma : float, optional
+        The noise of a coordinate, px, where it is known. Hypotheses are then judged by squared errors
+        truncated at the reach of that noise (MSAC, Torr & Zisserman 2000), and LEAST_GOOD_KNOWN of the points
+        suffice; without it by the median error.
+    confidence : float
+        Of having drawn a sample without outliers, where the least share of the points is good.
+    """
+    n = len(model)
+    nothing = Agreement(np.ones(n, bool), float("nan"), None)
+    if n < 2 * model.sample:
+        return nothing
+    wanted = samples_needed(model.sample, confidence, LEAST_GOOD if sigma is None else LEAST_GOOD_KNOWN)
+    best, least = nothing, np.inf
+    for begin in range(0, wanted, _BATCH):
+        picks = np.argsort(rng.random((min(_BATCH, wanted - begin), n)), axis=1)[:, : model.sample]
+        matrices, errors = model.hypotheses(picks)
+        scores = _scores(errors, sigma)
+        for h in np.argsort(scores)[:3]:
+            if not scores[h] <= 1.5 * least:
+                break
+            found, score = _optimise(model, matrices[h], errors[h], sigma)
+            if score < least:
+                best, least = found, score
+    return best
+
+
+def _scores(errors: Array, sigma: float | None) -> Array:
+    """What is to be small (H,) of errors (H, N)."""
+    if sigma is None:
+        return np.median(errors, axis=1)
+    return np.square(np.minimum(errors, _REACH * sigma)).mean(1)
+
+
+def _optimise(model: Model, matrix: Array, error: Array, sigma: float | None) -> tuple[Agreement, float]:
+    """Fit to what agrees with a hypothesis, a few times; the last agreement and the least score."""
+    n, least = len(model), np.inf
+    best = Agreement(np.ones(n, bool), float("nan"), None)
+    for _ in range(4):
+        score = float(_scores(error[None], sigma)[0])
+        if not score < least:
+            break
+        # Rousseeuw's scale with his correction for small samples
+        scale = sigma or (1 + 5 / max(n - model.sample, 1)) * score / RAYLEIGH_MEDIAN
+        scale = max(scale, _FLOOR)
+        best, least = Agreement(error <= _REACH * scale, scale, matrix), score
+        if best.mask.sum() < model.sample:
+            break
+        matrix, error = model.fit(np.flatnonzero(best.mask), matrix)
+    return best, least
+
+
+def _relative(sigma: Array | None, count: int) -> Array:
+    """Sigmas (N,) over their median; ones where there are none."""
+    return np.ones(count) if sigma is None else sigma / np.median(sigma)
+
+
+class Map:
+    """A homography of points of a plane (N, 2), or a projection matrix of points in space (N, 3)."""
+
+    def __init__(self, points: Array, uv: Array, sigma: Array | None = None):
+        self.points, self.uv, self.relative = points, uv, _relative(sigma, len(uv))
+        self.sample = 4 if points.shape[1] == 2 else 6
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    def hypotheses(self, picks: Array) -> tuple[Array, Array]:
+        """See `Model`."""
+        matrices = self._solve(self.points[picks], self.uv[picks], self.relative[picks])
+        return matrices, self._errors(matrices)
+
+    def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
+        """See `Model`; linear, without a start."""
+        matrices, errors = self.hypotheses(rows[None])
+        return matrices[0], errors[0]
+
+    def _solve(self, points: Array, uv: Array, relative: Array) -> Array:
+        with np.errstate(all="ignore"):
+            if self.sample == 4:
+                matrices = homography.homographies(points, uv, relative**-2.0, steps=0)
+            else:
+                matrices = resection.projection_matrices(points, uv, relative**-2.0)
+        return np.nan_to_num(matrices, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def _errors(self, matrices: Array) -> Array:
+        """Errors (H, N); inf at infinity."""
+        with np.errstate(all="ignore"):
+            q = projective.homogeneous(self.points) @ np.swapaxes(matrices, -1, -2)
+            error = np.linalg.norm(q[..., :2] / q[..., 2:] - self.uv, axis=-1) / self.relative
+        return np.where(np.isfinite(error), error, np.inf)
+
+
+class PoseModel:
+    """The pose of a view before a known camera; its matrix is [R | t], cam_from_board."""
+
+    sample = 3
+
+    def __init__(self, camera: Camera, view: View):
+        self.camera, self.view = camera, view
+        self.relative = _relative(view.sigma, len(view))
+        self.rays = camera.unproject(view.uv)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.view)
+
+    def hypotheses(self, picks: Array) -> tuple[Array, Array]:
+        """See `Model`; of the up to four poses of a sample, the one with the least median error."""
+        matrices = p3p.poses(self.view.xyz[picks], self.rays[picks])
+        errors = self._errors(matrices.reshape(-1, 3, 4)).reshape(*matrices.shape[:2], -1)
+        best = np.median(errors, axis=2).argmin(1)
+        each = np.arange(len(picks))
+        return matrices[each, best], errors[each, best]
+
+    def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
+        """See `Model`: the least squares pose, from the start."""
+        view = self.view.take(rows)
+        poses, _, _ = refine_poses(self.camera, [view], Poses(start[None, :, :3], start[None, :, 3]))
+        matrix = np.c_[poses.rotations[0], poses.translations[0]]
+        return matrix, self._errors(matrix[None])[0]
+
+    def _errors(self, matrices: Array) -> Array:
+        """Errors (H, N); inf where a point does not project."""
+        with np.errstate(all="ignore"):
+            cam = self.view.xyz @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]
+            error = np.linalg.norm(self.camera.project(cam) - self.view.uv, axis=-1) / self.relative
+        return np.where(np.isfinite(error), error, np.inf)
+
+
+#: what `robust.estimate` asks for: the agreement of each view
+Agree = Callable[[Sequence[View]], list[Agreement]]
+
+
+def of_maps(views: Sequence[View], planar: Sequence[bool], seed: int = 0) -> list[Agreement]:
+    """The points of each view that agree with one homography, or one projection matrix.
+
+    Parameters
+    ----------
+    views : sequence of View
+    planar : sequence of bool
+        Which views hold points of a plane; they are taken in the coordinates of their best plane.
+    seed : int
+        The same seed gives the same answer.
+    """
+    rng = np.random.default_rng(seed)
+    found = []
+    for view, flat in zip(views, planar, strict=True):
+        points = view.xyz
+        if flat:
+            origin, axes, _ = projective.fit_plane(view.xyz)
+            points = (view.xyz - origin) @ axes[:, :2]
+        found.append(agreeing(Map(points, view.uv, view.sigma), rng))
+    return found
+
+
+def of_poses(
+    views: Sequence[View], camera: Camera, seed: int = 0, sigma: float | None = None
+) -> list[Agreement]:
+    """The points of each view that agree with one pose before a known camera (PnP).
+
+    Parameters
+    ----------
+    views : sequence of View
+    camera : Camera
+    seed : int
+        The same seed gives the same answer.
+    sigma : float, optional
+        The noise where it is known: px, or of the given sigmas where there are some.
+    """
+    rng = np.random.default_rng(seed)
+    found = []
+    for view in views:
+        unit = 1.0 if view.sigma is None else float(np.median(view.sigma))
+        noise = None if sigma is None else max(sigma * unit, _FLOOR)
+        found.append(agreeing(PoseModel(camera, view), rng, noise))
+    return found

@@ -1,0 +1,17 @@
+"""Closed-form estimates: where a calibration starts, each a stage with its own figures.
+
+A new one is one file that offers `estimate(correspondences, skew=False, normalise=True) -> ClosedForm`, and
+one line here.
+"""
+
+CLOSED_FORMS = {
+    "central": "camcal.start.central:estimate",
+    "dlt": "camcal.start.dlt:estimate",
+    "zhang": "camcal.start.zhang:estimate",
+}
+
+SUMMARIES = {
+    "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
+    "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
+    "zhang": "views of a plane: homographies and the image of the absolute conic",
+}

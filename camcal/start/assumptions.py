@@ -1,0 +1,152 @@
+"""Assumptions on K, from the fewest to the most, and the search for the first that gives a camera.
+
+Coordinates are the unit ones of `unit_coordinates`: origin at the image's centre, half its diagonal long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.observations import Correspondences
+from camcal.start import conic
+
+Array = np.ndarray
+
+#: A singular value below this part of the largest possible one counts as 0: what rounding leaves of it.
+UNDETERMINED = 1e-8
+#: A focal length with a larger relative uncertainty than this is not taken as determined.
+UNCERTAIN = 0.2
+#: The principal point of a plausible camera lies nearer to the image's centre, in half diagonals.
+FAR_OUTSIDE = 2.0
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A set of assumptions: `basis` (6, k) spans the b = (B11, B12, B22, B13, B23, B33) that they allow.
+
+    `held` are the same in the names that `--fix` takes, the skew left out.
+    """
+
+    basis: Array
+    assumptions: tuple[str, ...]
+    held: tuple[str, ...] = ()
+
+    @property
+    def unknowns(self) -> int:
+        """How many entries of K it leaves free."""
+        return self.basis.shape[1] - 1
+
+
+def _basis(*groups: tuple[int, ...]) -> Array:
+    basis = np.zeros((6, len(groups)))
+    for column, entries in enumerate(groups):
+        basis[list(entries), column] = 1
+    return basis
+
+
+_CENTRE, _SQUARE = "the principal point is {centre}", "one focal length, fx = fy"
+LADDER = (
+    Rung(_basis((0,), (1,), (2,), (3,), (4,), (5,)), ()),
+    Rung(_basis((0,), (2,), (3,), (4,), (5,)), ("skew is 0",)),
+    Rung(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE), ("aspect",)),
+    Rung(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE), ("cx", "cy")),
+    Rung(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE), ("aspect", "cx", "cy")),
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """K in unit coordinates, or None, and how it was come by.
+
+    Attributes
+    ----------
+    matrix : (3, 3) array or None
+    assumptions : tuple of str
+    held : tuple of str
+        What of K was assumed, in the names that `--fix` takes, the skew left out.
+    rejected : tuple of str
+        The weaker assumptions that were tried, each with what was wrong.
+    condition : float
+        Of the equations that were solved.
+    uncertainty : float
+        Relative, of the focal length; see `conic.focal_uncertainty`.
+    """
+
+    matrix: Array | None = None
+    assumptions: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+    rejected: tuple[str, ...] = ()
+    condition: float = np.inf
+    uncertainty: float = np.inf
+
+
+def unit_coordinates(correspondences: Correspondences) -> tuple[Array, str]:
+    """The matrix (3, 3) from pixels to unit coordinates, and in words what its origin is."""
+    if correspondences.image_size is not None:
+        size = np.array(correspondences.image_size, float)
+        centre, where = (size - 1) / 2, "the centre of the image"
+    else:
+        low = np.min([v.uv.min(0) for v in correspondences.views], axis=0)
+        high = np.max([v.uv.max(0) for v in correspondences.views], axis=0)
+        size, centre = high - low, (low + high) / 2
+        where = "the middle of all image points (no image size is known)"
+    radius = np.hypot(*size) / 2
+    return np.array([[1, 0, -centre[0]], [0, 1, -centre[1]], [0, 0, radius]]) / radius, where
+
+
+def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 1.0) -> Found:
+    """K from homographies (V, 3, 3) with the fewest assumptions that leave a real, plausible, certain camera.
+
+    Where none is certain, the least uncertain one is taken; where none is real, `matrix` is None.
+    `covariances` (V, 9, 9) are those of the entries of h by rows; `where` says what the origin is. A `length`
+    other than 1 is a pixel in unit coordinates: b is then sought in pixels, without the scaling.
+    """
+    equations = conic.constraints(h)
+    columns = np.array([length**-2.0] * 3 + [1 / length] * 2 + [1.0])
+    rejected: list[str] = []
+    best = Found()
+    for rung in LADDER[0 if skew else 1 :]:
+        said = tuple(a.format(centre=where) for a in rung.assumptions)
+        label = ", ".join(said) or "nothing assumed"
+        x, singular = conic.smallest((equations.reshape(-1, 6) * columns) @ rung.basis)
+        b = columns * (rung.basis @ x)
+        k, reason = _plausible(b, singular, rung, len(h))
+        if k is None:
+            rejected.append(f"{label}: {reason}")
+            continue
+        uncertainty = conic.focal_uncertainty(b, rung.basis, h, covariances)
+        if best.matrix is None or uncertainty < best.uncertainty:
+            condition = float(singular[0] / singular[-2])
+            best = Found(k, said, rung.held, tuple(rejected), condition, uncertainty)
+        if uncertainty <= UNCERTAIN:
+            return best
+        rejected.append(f"{label}: the focal length is uncertain by {uncertainty:.0%}")
+    return best if best.matrix is not None else Found(rejected=tuple(rejected))
+
+
+def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Found:
+    """The same with each view's equations weighted by the inverse of their noise.
+
+    Worth a second attempt where views of little weight (small, far boards) drown the others. Not the first
+    choice: with an undistorted model of a distorting lens, the noise is not what the views differ in.
+    """
+    guess = np.array([1.0, 0, 1, 0, 0, 1])  # f = half the diagonal: only the views' ratios matter
+    noise = np.einsum("vii->v", conic.equation_noise(guess, h, covariances))
+    scale = np.sqrt(np.sqrt(noise.min() / noise))[:, None, None]  # equations go with the square of h
+    return climb(h * scale, covariances * scale**2, skew, where)
+
+
+def _plausible(b: Array, singular: Array, rung: Rung, count: int) -> tuple[Array | None, str]:
+    """K of a conic where it is determined, real and has its principal point near the image; else why not."""
+    if 2 * count < rung.unknowns:
+        return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
+    if singular[-2] < UNDETERMINED * np.sqrt(count):
+        return None, "the views leave it open"
+    k = conic.camera_matrix(b)
+    if k is None:
+        return None, "no real camera fits (the conic is not positive definite)"
+    if np.abs(k[:2, 2]).max() > FAR_OUTSIDE:
+        return None, "the principal point comes out far outside the image"
+    return k, ""

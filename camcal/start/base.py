@@ -1,0 +1,63 @@
+"""What a closed-form estimate returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from camcal.data.observations import Correspondences
+from camcal.model.pose import Poses
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """A pinhole camera and the pose of each view.
+
+    Attributes
+    ----------
+    name : str
+        Its key in `CLOSED_FORMS`.
+    matrix : (3, 3) array
+        K, px, with K[2, 2] = 1; its skew is what the estimator found, 0 where it assumes so.
+    poses : Poses
+        cam_from_board of each view, in the order of the correspondences.
+    projection_matrix : (3, 4) array or None
+        With a single view; scaled to m34 = 1 where m34 is not near 0.
+    info : mapping
+        `why` (str), `assumptions` (list of str) and the estimator's own figures: condition numbers,
+        `degenerate` (bool), `mirrored` (bool).
+    """
+
+    name: str
+    matrix: Array
+    poses: Poses
+    projection_matrix: Array | None = None
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Estimator(Protocol):
+    """An entry of the table."""
+
+    def __call__(
+        self, correspondences: Correspondences, skew: bool = False, normalise: bool = True
+    ) -> ClosedForm:
+        """Estimate from all views; `skew` says whether the camera's matrix may have one.
+
+        `normalise=False` leaves coordinates and columns as they are, to show what their scaling is worth.
+        """
+        ...
+
+
+def scaled(matrix: Array) -> Array:
+    """A projection matrix (3, 4) with m34 = 1 where that is possible, else of unit norm.
+
+    m34 counts as zero below 1e-9 of the matrix's largest entry: dividing would leave fewer than 7 digits.
+    """
+    if abs(matrix[2, 3]) > 1e-9 * np.abs(matrix).max():
+        return matrix / matrix[2, 3]
+    return matrix / np.linalg.norm(matrix)

@@ -1,0 +1,303 @@
+"""Poses of views whose rays are known: linear starts and a few Gauss-Newton steps, all views at once.
+
+Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any lens can be taken off before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.observations import Correspondences, View
+from camcal.errors import DataError
+from camcal.geometry import dlt as resection
+from camcal.geometry import homography, rotations
+from camcal.model.pose import Poses
+from camcal.start import shape
+
+Array = np.ndarray
+
+#: A planar start is tried besides the DLT below this ratio of extents: noise then rules the DLT's depths.
+SHALLOW = 0.2
+
+
+#: The second planar solution is followed further where two steps bring its error below this multiple of the
+#: first's.
+RIVAL = 9.0
+
+
+#: A view has settled when a step changes its error by less than this part: enough to begin a refinement.
+SETTLED = 1e-6
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Poses of V views and their weighted sums of squares (V,)."""
+
+    poses: Poses
+    cost: Array
+
+    @classmethod
+    def none(cls, count: int) -> Polished:
+        """Poses of no use, of infinite cost."""
+        return cls(
+            Poses(np.tile(np.eye(3), (count, 1, 1)), np.full((count, 3), np.nan)), np.full(count, np.inf)
+        )
+
+    def or_better(self, other: Polished, rows: Array | slice = slice(None)) -> Polished:
+        """Take over `other`, which holds the views `rows`, wherever its cost is lower."""
+        r, t, cost = self.poses.rotations.copy(), self.poses.translations.copy(), self.cost.copy()
+        rows = np.arange(len(cost))[rows]
+        better = other.cost < cost[rows]
+        r[rows[better]], t[rows[better]] = other.poses.rotations[better], other.poses.translations[better]
+        cost[rows[better]] = other.cost[better]
+        return Polished(Poses(r, t), cost)
+
+
+def initial_poses(
+    views_xyz: Sequence[Array],
+    views_ab: Sequence[Array],
+    views_sigma: Sequence[Array | None] | None = None,
+    steps: int = 20,
+) -> Poses:
+    """cam_from_board of each view from points and normalised image coordinates.
+
+    Points on a plane start from a homography (Zhang 2000, section 3.1) and from its second solution, the
+    plane's normal mirrored at the line of sight (Schweighofer & Pinz, Robust pose estimation from a planar
+    target, 2006); points in space from a DLT. Each start takes up to `steps` damped Gauss-Newton steps, the
+    lowest error wins.
+
+    Parameters
+    ----------
+    views_xyz : sequence of (N, 3) arrays
+    views_ab : sequence of (N, 2) arrays
+        x/z and y/z in the camera's frame.
+    views_sigma : sequence of (N,) arrays, optional
+        Standard deviations, of any common unit.
+    steps : int
+
+    Returns
+    -------
+    Poses
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points, or all on a line.
+    """
+    sigma = views_sigma if views_sigma is not None else [None] * len(views_xyz)
+    views = tuple(
+        View(str(i + 1), x, a, s) for i, (x, a, s) in enumerate(zip(views_xyz, views_ab, sigma, strict=True))
+    )
+    form = shape.check(Correspondences(views))
+    rotation, translation = np.zeros((len(views), 3, 3)), np.zeros((len(views), 3))
+    for index, xyz, ab, w in shape.batches(views):
+        for kind in (True, False):
+            rows = form.planar[index] == kind
+            which = index[rows]
+            if not len(which):
+                continue
+            r, t = _group(xyz[rows], ab[rows], w[rows], form, which, kind, steps)
+            rotation[which], translation[which] = r, t
+    if not np.isfinite(translation).all():
+        bad = views[int(np.flatnonzero(~np.isfinite(translation).all(1))[0])].id
+        raise DataError(
+            f"view {bad}: its points leave its pose open.", "Points in general position are needed."
+        )
+    return Poses(rotation, translation)
+
+
+def poses_for(matrix: Array, correspondences: Correspondences) -> Poses:
+    """cam_from_board of each view for a pinhole camera matrix (3, 3); see `initial_poses`."""
+    inverse = np.linalg.inv(matrix)
+    views = correspondences.views
+    return initial_poses(
+        [v.xyz for v in views],
+        [v.uv @ inverse[:2, :2].T + inverse[:2, 2] for v in views],
+        [v.sigma for v in views],
+    )
+
+
+def from_homographies(matrix: Array, h: Array) -> Poses:
+    """Poses of planes z = 0 from K (3, 3) and homographies (V, 3, 3) whose sign makes depths positive.
+
+    Zhang 2000, section 3.1; the rotation is the nearest one in the Frobenius norm (his appendix C).
+    """
+    m = np.linalg.inv(matrix) @ h
+    scale = 2 / (np.linalg.norm(m[..., 0], axis=-1) + np.linalg.norm(m[..., 1], axis=-1))
+    m = m * scale[:, None, None]
+    r = np.stack([m[..., 0], m[..., 1], np.cross(m[..., 0], m[..., 1])], -1)
+    return Poses(rotations.nearest(r), m[..., 2])
+
+
+def from_plane(poses: Poses, origins: Array, axes: Array) -> Poses:
+    """Poses of the data's frame from poses of planes: x_plane = axesᵀ (x - origin)."""
+    rotation = poses.rotations @ np.swapaxes(axes, -1, -2)
+    return Poses(rotation, poses.translations - np.einsum("vij,vj->vi", rotation, origins))
+
+
+def second_solution(poses: Poses) -> Poses:
+    """The other pose that explains a small planar target about its origin nearly as well.
+
+    Depth relative to the origin changes its sign along the line of sight d: R' = (I - 2 d dᵀ) R diag(1, 1,
+    -1).
+    """
+    d = poses.translations / np.linalg.norm(poses.translations, axis=-1, keepdims=True)
+    mirror = np.eye(3) - 2 * d[:, :, None] * d[:, None, :]
+    return Poses(mirror @ poses.rotations * np.array([1.0, 1.0, -1.0]), poses.translations)
+
+
+def _group(
+    xyz: Array, ab: Array, w: Array, form: shape.Shapes, which: Array, planar: bool, steps: int
+) -> tuple[Array, Array]:
+    """Poses of views with equally many points, all planar or all in space."""
+    origins, axes = form.origins[which], form.axes[which]
+    local = (xyz - origins[:, None]) @ axes
+    starts = []
+    if planar or (form.spreads[which, 2] < SHALLOW * form.spreads[which, 0]).any():
+        starts.append(from_homographies(np.eye(3), homography.homographies(local[..., :2], ab, w)))
+    if not planar:
+        starts.append(_from_dlt(local, ab, w))
+    best = Polished.none(len(which))
+    for start in starts:
+        best = best.or_better(polish(start, local, ab, w, steps))
+    if planar:
+        best = _against_second(best, local, ab, w, steps)
+    found = from_plane(best.poses, origins, axes)
+    return found.rotations, found.translations
+
+
+def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: int) -> Polished:
+    """Take the second planar solution where it is the better one.
+
+    A few steps tell the views where it stands a chance; only these are followed to the end.
+    """
+    second = polish(second_solution(best.poses), local, ab, w, 3)
+    rivals = np.flatnonzero(second.cost < RIVAL * best.cost)
+    if not len(rivals):
+        return best
+    second = polish(second.poses[rivals], local[rivals], ab[rivals], w[rivals], steps)
+    return best.or_better(second, rivals)
+
+
+def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 20) -> Poses:
+    """The lower of the two minima of each plane's pose, from a start near one of them.
+
+    A few steps in both tell most of them apart; only where they do not are both followed to the end.
+
+    Parameters
+    ----------
+    poses : Poses
+        Camera from plane, of V views.
+    local : (V, N, 3) array
+        Points of the planes about their centroids, z = 0.
+    ab : (V, N, 2) array
+        x/z and y/z in the camera's frame.
+    w : (V, N) array
+    steps : int
+    """
+    both = Polished(_joined(poses, second_solution(poses)), np.full(2 * len(poses), np.inf))
+    open_ = np.arange(len(poses))
+    for most in (3, steps):  # the two starts of each view side by side: as many calls as for one
+        rows = np.r_[open_, len(poses) + open_]
+        xyz, seen, weights = (np.concatenate([a[open_], a[open_]]) for a in (local, ab, w))
+        both = both.or_better(polish(both.poses[rows], xyz, seen, weights, most), rows)
+        first, second = both.cost.reshape(2, -1)
+        open_ = np.flatnonzero(np.maximum(first, second) < RIVAL * np.minimum(first, second))
+        if not len(open_):
+            break
+    better = second < first
+    return both.poses[np.arange(len(poses)) + len(poses) * better]
+
+
+def _joined(a: Poses, b: Poses) -> Poses:
+    return Poses(np.r_[a.rotations, b.rotations], np.r_[a.translations, b.translations])
+
+
+def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
+    """Poses from the projection matrices of views in normalised coordinates, K = I."""
+    p = resection.projection_matrices(xyz, ab, w)
+    scale = np.linalg.norm(p[..., :3], axis=(1, 2)) / np.sqrt(3)
+    p = p / scale[:, None, None]
+    return Poses(rotations.nearest(p[..., :3]), p[..., 3])
+
+
+def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polished:
+    """Lower the reprojection error of each view by damped Gauss-Newton steps (Levenberg-Marquardt).
+
+    Parameters
+    ----------
+    poses : Poses of V views
+    xyz : (V, N, 3) array
+    ab : (V, N, 2) array, normalised coordinates
+    w : (V, N) array, weights
+    steps : int
+
+    Returns
+    -------
+    Polished
+        Its cost is inf where a point is behind the camera.
+    """
+    count = len(poses)
+    out_r, out_t, out_cost = poses.rotations.copy(), poses.translations.copy(), np.empty(count)
+    at = np.arange(count)  # which views are still under way
+    r, t = poses.rotations, poses.translations
+    points, observed = np.swapaxes(xyz, 1, 2), np.swapaxes(ab, 1, 2)
+    state = _project(r, t, points, observed, w)
+    damping = np.full(count, 1e-4)
+    rounding = 1e-26 * w.sum(1)
+    for _ in range(steps):
+        step = _step(state, w, damping)
+        trial_r, trial_t = rotations.exp(step[:, :3]) @ r, t + step[:, 3:]
+        trial = _project(trial_r, trial_t, points, observed, w)
+        better = trial[-1] < state[-1]
+        with np.errstate(invalid="ignore"):  # both may be infinite: points behind the camera
+            settled = (np.abs(state[-1] - trial[-1]) <= SETTLED * state[-1]) | (state[-1] < rounding)
+        r, t = np.where(better[:, None, None], trial_r, r), np.where(better[:, None], trial_t, t)
+        state = tuple(
+            np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+            for new, old in zip(trial, state, strict=True)
+        )
+        damping = np.where(better, damping / 10, damping * 100)
+        if settled.any():
+            done, go = at[settled], ~settled
+            out_r[done], out_t[done], out_cost[done] = r[settled], t[settled], state[-1][settled]
+            at, r, t, points, observed, w = (a[go] for a in (at, r, t, points, observed, w))
+            damping, rounding, state = damping[go], rounding[go], tuple(a[go] for a in state)
+        if not len(at):
+            break
+    out_r[at], out_t[at], out_cost[at] = r, t, state[-1]
+    return Polished(Poses(out_r, out_t), out_cost)
+
+
+def _project(r: Array, t: Array, points: Array, observed: Array, w: Array) -> tuple[Array, ...]:
+    """Turned points (V, 3, N), inverse depths (V, N), predictions and residuals (V, 2, N), costs (V,)."""
+    turned = r @ points
+    depth = turned[:, 2] + t[:, 2, None]
+    inverse = 1 / np.where(depth == 0, 1.0, depth)
+    predicted = (turned[:, :2] + t[:, :2, None]) * inverse[:, None]
+    residual = predicted - observed
+    cost = np.einsum("vn,vkn,vkn->v", w, residual, residual)
+    return turned, inverse, predicted, residual, np.where((depth > 0).all(1), cost, np.inf)
+
+
+def _step(state: tuple[Array, ...], w: Array, damping: Array) -> Array:
+    """The damped step (V, 6): rotation on the left, translation."""
+    turned, inverse, predicted, residual, _ = state
+    x, y, z = turned[:, 0] * inverse, turned[:, 1] * inverse, turned[:, 2] * inverse
+    u, v = predicted[:, 0], predicted[:, 1]
+    j = np.zeros((len(w), 6, 2, w.shape[1]))
+    j[:, 0, 0], j[:, 0, 1] = -u * y, -z - v * y
+    j[:, 1, 0], j[:, 1, 1] = z + u * x, v * x
+    j[:, 2, 0], j[:, 2, 1] = -y, x
+    j[:, 3, 0] = j[:, 4, 1] = inverse
+    j[:, 5, 0], j[:, 5, 1] = -u * inverse, -v * inverse
+    weighted = (j * w[:, None, None]).reshape(len(w), 6, -1)
+    n = weighted @ np.swapaxes(j.reshape(len(w), 6, -1), 1, 2)
+    g = weighted @ residual.reshape(len(w), -1, 1)
+    # damping in each parameter's own unit; the floor keeps a parameter without influence solvable
+    diagonal = np.einsum("vii->vi", n)
+    n = n + np.eye(6) * (damping[:, None] * diagonal + np.finfo(float).tiny)[:, None]
+    return -np.linalg.solve(n, g)[..., 0]

@@ -1,0 +1,254 @@
+"""The shape of the points of each view, and which closed form it allows."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.observations import Correspondences, View
+from camcal.errors import DataError, EstimationError
+from camcal.geometry import homography, projective
+
+Array = np.ndarray
+
+#: Points count as lying on a line when their extent across it is below this part of the extent along it.
+COLLINEAR = 1e-4
+#: ... and on a plane when their extent out of it is below this part of their largest extent: a bowed sheet
+#: is a plane to start from, and a DLT of points so near a plane follows the noise.
+NEARLY_PLANAR = 0.02
+
+#: More than this part of a view's points behind the camera and the estimate is no picture of them.
+BEHIND = 0.1
+
+#: Some 40 numbers a point are in use at a time in the fit of homographies: 2 to 3 MB.
+POINTS_AT_A_TIME = 8_000
+
+LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What each view's points look like.
+
+    Attributes
+    ----------
+    planar : (V,) bool array
+        Points on a plane or nearly so; False is a view of points in space.
+    origins : (V, 3) array
+        Centroids, in the frame of the data.
+    axes : (V, 3, 3) array
+        Rotations whose columns are the directions of largest, middle and least extent.
+    spreads : (V, 3) array
+        Root mean square extent along these, unit of the data.
+    image_spreads : (V, 2) array
+        The same in the image, px.
+    """
+
+    planar: Array
+    origins: Array
+    axes: Array
+    spreads: Array
+    image_spreads: Array
+
+
+def batches(views: Sequence[View]) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Stack the views that hold the same number of points, so many at a time that they fit into a cache.
+
+    Yields
+    ------
+    index (G,), xyz (G, N, 3), uv (G, N, 2), weights (G, N) = 1 / sigma², 1 where no sigma is given
+    """
+    for index in _some_at_a_time(homography.by_count(len(v) for v in views), views):
+        group = [views[i] for i in index]
+        # concatenate and reshape: several times faster than stack on hundreds of small arrays
+        xyz = np.concatenate([v.xyz for v in group]).reshape(len(group), -1, 3)
+        uv = np.concatenate([v.uv for v in group]).reshape(len(group), -1, 2)
+        weights = np.ones(xyz.shape[:2])
+        for row, view in enumerate(group):
+            if view.sigma is not None:
+                weights[row] = view.sigma**-2.0
+        yield index, xyz, uv, weights
+
+
+def _some_at_a_time(groups: Iterator[Array], views: Sequence[View]) -> Iterator[Array]:
+    for index in groups:
+        most = max(1, POINTS_AT_A_TIME // max(len(views[index[0]]), 1))
+        for begin in range(0, len(index), most):
+            yield index[begin : begin + most]
+
+
+class _Last:
+    """The views whose shapes were asked for last, and these: every stage of a calibration asks again."""
+
+    def __init__(self) -> None:
+        self.of: tuple[weakref.ref[View], ...] = ()
+        self.shapes: Shapes | None = None
+
+    def find(self, views: Sequence[View]) -> Shapes | None:
+        same = len(self.of) == len(views) and all(r() is v for r, v in zip(self.of, views, strict=True))
+        return self.shapes if same else None
+
+
+_last = _Last()
+
+
+def shapes(views: Sequence[View]) -> Shapes:
+    """Fit a plane to the points of each view."""
+    global _last
+    found = _last.find(views)
+    if found is None:
+        found = _shapes(views)
+        last = _Last()
+        last.of, last.shapes = tuple(map(weakref.ref, views)), found
+        _last = last  # in one go, so that threads cannot meet views and shapes of two calls
+    return found
+
+
+def _shapes(views: Sequence[View]) -> Shapes:
+    count = len(views)
+    out = Shapes(
+        np.zeros(count, bool),
+        np.zeros((count, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros((count, 3)),
+        np.zeros((count, 2)),
+    )
+    for index, xyz, uv, _ in batches(views):
+        if xyz.shape[1] == 0:
+            continue
+        out.origins[index], out.axes[index], out.spreads[index] = projective.fit_plane(xyz)
+        out.image_spreads[index] = projective.principal_spreads(uv)
+    out.planar[:] = out.spreads[:, 2] <= NEARLY_PLANAR * out.spreads[:, 0]
+    return out
+
+
+def unusable(correspondences: Correspondences, form: Shapes | None = None) -> dict[int, str]:
+    """The views no closed form can take, by index, each with what was found and what is needed."""
+    form = form or shapes(correspondences.views)
+    counts = np.array([len(v) for v in correspondences.views])
+    few = counts < LEAST_PLANAR
+    line = form.spreads[:, 1] <= COLLINEAR * form.spreads[:, 0]
+    few_3d = ~form.planar & (counts < LEAST_3D)
+    edge_on = form.image_spreads[:, 1] <= COLLINEAR * form.image_spreads[:, 0]
+    found: dict[int, str] = {}
+    for i in np.flatnonzero(few | line | few_3d | edge_on):
+        n = counts[i]
+        if few[i]:
+            found[int(i)] = f"{n} points; at least 4 on a plane or 6 in space are needed"
+        elif line[i]:
+            found[int(i)] = f"all {n} points lie on a line; points all over a plane or in space are needed"
+        elif few_3d[i]:
+            found[int(i)] = f"{n} points in space; at least {LEAST_3D} are needed"
+        else:
+            found[int(i)] = "its image points lie on a line; a target seen from its edge gives no camera"
+    return found
+
+
+def distinct(views: Sequence[View]) -> int:
+    """Number of views that are not an exact repetition of another."""
+    return len({(v.xyz.tobytes(), v.uv.tobytes()) for v in views})
+
+
+def all_same(views: Sequence[View]) -> bool:
+    """Whether every view is an exact repetition of the first."""
+    first = views[0]
+    return all(np.array_equal(v.uv, first.uv) and np.array_equal(v.xyz, first.xyz) for v in views[1:])
+
+
+def check(correspondences: Correspondences) -> Shapes:
+    """The shapes of views that can all be used.
+
+    Raises
+    ------
+    DataError
+        Where there is no view, or one that no closed form can take.
+    """
+    if not correspondences.views:
+        raise DataError("there is no view to calibrate from.", "At least one view with points is needed.")
+    form = shapes(correspondences.views)
+    bad = unusable(correspondences, form)
+    if bad:
+        index, reason = next(iter(bad.items()))
+        more = f" (and {len(bad) - 1} more such views)" if len(bad) > 1 else ""
+        raise DataError(
+            f"view '{correspondences.views[index].id}': {reason}{more}.", "Remove it, or give it more points."
+        )
+    return form
+
+
+def behind_camera(view: str, behind: int, count: int) -> EstimationError:
+    """The error of a view whose points cannot all be seen by the estimated camera."""
+    return EstimationError(
+        f"view '{view}': {behind} of {count} points come out behind the camera; all must lie in front of it.",
+        "Check that each image point belongs to its object point, and the order of the columns.",
+    )
+
+
+def choose(correspondences: Correspondences) -> tuple[list[str], str]:
+    """The closed forms that suit the data, best last, and why.
+
+    Returns
+    -------
+    names : list of str
+        Keys of `CLOSED_FORMS`; the last is the one to start a refinement from.
+    why : str
+
+    Raises
+    ------
+    DataError
+        Where a view cannot be used at all (see `unusable`).
+    """
+    form = check(correspondences)
+    ratio = form.spreads[:, 2] / form.spreads[:, 0]
+    count = len(ratio)
+    if count == 1 and not form.planar[0]:
+        return ["central", "dlt"], (
+            f"one view of {correspondences.point_count} points in space "
+            f"(extent out of the best plane {ratio[0]:.2g} of the largest extent)"
+        )
+    if form.planar.all():
+        bowed = ratio.max()
+        flat = (
+            "on a plane" if bowed < 1e-6 else f"nearly on a plane (out of it by {bowed:.2g} of their extent)"
+        )
+        return ["zhang"], f"{count} view{'s' * (count > 1)} of points {flat}"
+    spatial = int((~form.planar).sum())
+    return [
+        "dlt"
+    ], f"{spatial} of {count} views hold points in space: a projection matrix of each, K by the median"
+
+
+def require_determined(correspondences: Correspondences, free: Sequence[str]) -> None:
+    """Check that the views determine the free entries of the camera's matrix.
+
+    A view of a plane gives two constraints on them (Zhang 2000, section 2.3), a view of points in space all
+    five.
+
+    Parameters
+    ----------
+    free : sequence of str
+        Names of the free ones among fx, fy, cx, cy, skew (one name where fx and fy are tied).
+
+    Raises
+    ------
+    EstimationError
+        Where there are fewer constraints than unknowns.
+    """
+    views = correspondences.views
+    form = shapes(views)
+    if not form.planar.all():
+        return
+    different = distinct(views)
+    if 2 * different >= len(free):
+        return
+    found = f"{different} view{'s' * (different > 1)} of a plane" + (
+        " (the others repeat them)" if different < len(views) else ""
+    )
+    raise EstimationError(
+        f"{found} determine{'s' * (different == 1)} {2 * different} entries of the camera's matrix; "
+        f"{len(free)} are free ({', '.join(free)}).",
+        f"Take {-(-len(free) // 2)} or more views from other directions, or fix some (--fix cx,cy,aspect).",
+    )

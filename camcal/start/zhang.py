@@ -1,0 +1,237 @@
+"""Zhang's closed form: K from the homographies of planes, then their poses.
+
+Z. Zhang, A flexible new technique for camera calibration, PAMI 22 (2000). The boards may lie in any plane of
+their frame; nearly flat ones are projected onto their best plane. docs/closed-forms.md has the equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from camcal.data.observations import Correspondences
+from camcal.errors import EstimationError
+from camcal.geometry import homography
+from camcal.model.pose import Poses
+from camcal.start import assumptions, pose, shape
+from camcal.start.base import ClosedForm, scaled
+
+Array = np.ndarray
+
+#: A homography whose gap is below this is open: second moments keep half of the digits.
+OPEN = 1e-6
+#: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
+#: this factor (1 is expected of planes parallel to the image).
+VISIBLE = 3.0
+#: Below this a view's pose has a second minimum nearly as good, and both are searched.
+AMBIGUOUS = 10.0
+#: Planes whose normals differ by less than this, degrees, count as parallel: the second adds nothing to the
+#: first (Zhang 2000, section 4).
+PARALLEL = 3.0
+#: Noise of the image points where there are no more equations than unknowns to tell it, px.
+UNKNOWN_NOISE = 0.1
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Homographies of all views from their own planes, with what is known of their errors.
+
+    Attributes
+    ----------
+    h : (V, 3, 3) array
+    covariances : (V, 9, 9) array
+        Of the entries of h by rows, noise included.
+    gap : float
+        The smallest gap of the homographies' equations.
+    perspective : (V,) array
+        Root mean square over both axes of h3's slope against its standard deviation.
+    """
+
+    h: Array
+    covariances: Array
+    gap: float
+    perspective: Array
+
+    @property
+    def visible(self) -> float:
+        """The perspective of all views together."""
+        return float(np.sqrt((self.perspective**2).mean()))
+
+
+def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
+    """K and poses from views of planes.
+
+    Where the views do not determine all of K, or noise leaves no real camera, assumptions are added one by
+    one (skew 0, one focal length, principal point at the image's centre).
+
+    Returns
+    -------
+    ClosedForm
+        Its `info` holds, besides `mirrored` and `condition` (of the equations that were solved):
+
+        - `assumptions`, and `held`: the same as `--fix` names them, without the skew;
+        - `rejected`: why weaker assumptions were left;
+        - `focal_uncertainty`, relative; `perspective`, against its noise; `views_weighted`;
+        - `tilt_spread_deg`: the largest angle of a plane against the first;
+        - `degenerate`: a sentence on why the data hardly determine the camera, or False.
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points or all on a line.
+    EstimationError
+        Where a view's points are not on a plane, where too few views are asked for a skew, and where nothing
+        is determined: all views parallel to the image.
+    """
+    form = shape.check(correspondences)
+    views = correspondences.views
+    if not form.planar.all():
+        bad = views[int(np.flatnonzero(~form.planar)[0])].id
+        raise EstimationError(
+            f"view '{bad}' holds points in space; Zhang's closed form takes planes.",
+            "Use the closed form 'dlt'.",
+        )
+    if skew:
+        shape.require_determined(correspondences, ("fx", "fy", "cx", "cy", "skew"))
+    if not normalise:  # the planes themselves stay where they are, and so does the origin in them
+        normals = form.axes[..., 2]
+        form = replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
+    planes = _planes(correspondences, form, normalise)
+    k, info = _intrinsics(planes, correspondences, skew, normalise)
+    weak = np.flatnonzero(planes.perspective < AMBIGUOUS)
+    of_planes = _choose_minima(pose.from_homographies(k, planes.h), weak, k, correspondences, form)
+    poses = pose.from_plane(of_planes, form.origins, form.axes)
+    info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
+    if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
+        info["degenerate"] = (
+            f"all {len(views)} planes are parallel to each other within "
+            f"{info['tilt_spread_deg']:.1f} degrees: together they say no more than one view"
+        )
+    matrix = None
+    if len(views) == 1:
+        matrix = scaled(k @ np.c_[poses.rotations[0], poses.translations[0]])
+    return ClosedForm("zhang", k, poses, matrix, info)
+
+
+def _choose_minima(
+    poses: Poses, weak: Array, k: Array, correspondences: Correspondences, form: shape.Shapes
+) -> Poses:
+    """Search both minima of the poses of planes with little perspective; homographies take either by noise."""
+    r, t, inverse = poses.rotations.copy(), poses.translations.copy(), np.linalg.inv(k)
+    for index, xyz, uv, w in shape.batches([correspondences.views[i] for i in weak]):
+        which = weak[index]
+        local = (xyz - form.origins[which][:, None]) @ form.axes[which]
+        ab = uv @ inverse[:2, :2].T + inverse[:2, 2]
+        best = pose.lower_minimum(poses[which], local, ab, w)
+        r[which], t[which] = best.rotations, best.translations
+    return Poses(r, t)
+
+
+def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: bool = True) -> Planes:
+    """The homography of each view from the axes of its own plane."""
+    views = correspondences.views
+    count = len(views)
+    h, covariances = np.zeros((count, 3, 3)), np.zeros((count, 9, 9))
+    gap, cost, peak = np.zeros(count), np.zeros(count), 0.0
+    for index, xyz, uv, w in shape.batches(views):
+        local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
+        equations = homography.Equations.of(local, uv, w, normalise)
+        h[index], gap[index], cost[index] = equations.solve(steps=1)
+        poor = index[normalise & ~(gap[index] > OPEN)]
+        if len(poor):
+            raise EstimationError(
+                f"view '{views[poor[0]].id}': its points leave the homography open "
+                "(4 points, no 3 of them on a line, are needed).",
+                "Remove the view, or give it more points.",
+            )
+        _require_in_front([views[i].id for i in index], h[index], local)
+        peak = max(peak, np.abs(uv).max())
+        covariances[index] = equations.covariances(h[index])
+    # what rounding leaves of exact data: 1e-10 of the coordinates, as measured with margin
+    covariances *= max(_variance(correspondences, cost.sum()), (1e-10 * peak) ** 2)
+    return Planes(h, covariances, float(gap.min()), _perspective(h, covariances))
+
+
+def _variance(correspondences: Correspondences, cost: float) -> float:
+    """The variance of unit weight, px², from the residuals of all homographies together."""
+    surplus = 2 * correspondences.point_count - 8 * len(correspondences)
+    if surplus > 0:
+        return cost / surplus
+    return UNKNOWN_NOISE**2 if correspondences.views[0].sigma is None else 1.0
+
+
+def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
+    """The largest angle between the normal of the first plane and another's, degrees."""
+    normals = np.einsum("vij,vj->vi", rotations, form.axes[..., 2])
+    normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
+    across = np.linalg.norm(np.cross(normals, normals[0]), axis=1)
+    return float(np.degrees(np.arctan2(across, normals @ normals[0]).max()))
+
+
+def _perspective(h: Array, covariances: Array) -> Array:
+    """How far the planes' vanishing lines stand out of the noise; about 1 for fronto-parallel planes."""
+    slope = h[:, 2, :2] / h[:, 2, 2:]
+    jacobian = np.zeros((len(h), 2, 9))
+    jacobian[:, 0, 6] = jacobian[:, 1, 7] = 1 / h[:, 2, 2]
+    jacobian[:, :, 8] = -slope / h[:, 2, 2:]
+    noise = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
+    squares = np.einsum("vi,vi->v", slope, np.linalg.solve(noise, slope[..., None])[..., 0])
+    return np.sqrt(squares / 2)
+
+
+def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
+    """Raise where a plane's points come to lie on both sides of the camera."""
+    depth = np.einsum("vnk,vk->vn", local, h[:, 2, :2]) + h[:, 2, 2:]
+    behind = (depth <= 0).sum(1)
+    bad = np.flatnonzero(behind > shape.BEHIND * local.shape[1])
+    if len(bad):
+        raise shape.behind_camera(ids[bad[0]], int(behind[bad[0]]), local.shape[1])
+
+
+def _intrinsics(
+    planes: Planes, correspondences: Correspondences, skew: bool, normalise: bool = True
+) -> tuple[Array, dict[str, Any]]:
+    """K with the fewest assumptions that leave a real, plausible and determined camera, and its figures."""
+    count = len(planes.h)
+    if planes.visible < VISIBLE:
+        found = f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed"
+        raise _fronto_parallel(count, found)
+    to_unit, where = assumptions.unit_coordinates(correspondences)
+    # each homography scaled so that h1 and h2 have unit length on the average: equations of equal weight
+    h = to_unit @ planes.h
+    size = np.sqrt((h[..., :2] ** 2).sum((1, 2)) / 2)[:, None, None]
+    h = h / size
+    turn = np.kron(to_unit, np.eye(3))
+    covariances = turn @ (planes.covariances / size**2) @ turn.T
+    unit = to_unit[0, 0] if normalise else 1.0
+    best, weighted = assumptions.climb(h, covariances, skew, where, to_unit[0, 0] / unit), False
+    if best.uncertainty > assumptions.UNCERTAIN and count > 1:
+        other = assumptions.climb_weighted(h, covariances, skew, where)
+        if other.uncertainty < best.uncertainty:
+            best, weighted = other, True
+    if best.matrix is None:
+        reason = best.rejected[-1].rsplit(": ", 1)[1]
+        raise _fronto_parallel(count, f"even with one focal length and a fixed principal point {reason}")
+    uncertain = f"the focal length is uncertain by {best.uncertainty:.0%}"
+    return np.linalg.inv(to_unit) @ best.matrix, {
+        "assumptions": list(best.assumptions),
+        "held": list(best.held),
+        "rejected": list(best.rejected),
+        "condition": best.condition,
+        "focal_uncertainty": best.uncertainty,
+        "views_weighted": weighted,
+        "homography_gap": planes.gap,
+        "perspective": planes.visible,
+        "mirrored": False,
+        "degenerate": uncertain if best.uncertainty > assumptions.UNCERTAIN else False,
+    }
+
+
+def _fronto_parallel(count: int, found: str) -> EstimationError:
+    views = "1 view of a plane leaves" if count == 1 else f"{count} views of planes leave"
+    return EstimationError(
+        f"{views} the focal length open; too nearly parallel to the image: {found}.",
+        "Tilt the target against the camera by 20 to 45 degrees, in different directions.",
+    )

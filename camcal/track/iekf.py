@@ -1,0 +1,65 @@
+"""The iterated extended Kalman filter on the physical parameters of the camera."""
+
+from __future__ import annotations
+
+from camcal.errors import EstimationError, UsageError
+from camcal.model import lenses
+from camcal.track import motion, start
+from camcal.track.base import Frame, TrackOptions
+from camcal.track.physical_model import PhysicalModel
+from camcal.track.recursive import Recursive
+from camcal.track.robust import Fit
+
+
+def physical_model(options: TrackOptions) -> PhysicalModel:
+    """The model that the options ask for: that of the given camera, or of its own lens.
+
+    Raises
+    ------
+    UsageError
+        Where parameters are to be held at values that are not given.
+    """
+    if options.camera is not None:
+        return PhysicalModel(options.camera.lens, options.camera.params, options.fixed)
+    from_data = ("fx", "fy", "cx", "cy", "intrinsics")
+    for name, value in options.fixed.items():
+        if name in from_data and value is None:
+            raise UsageError(
+                f"{name} is to be held, but its value is not given.",
+                "Give the camera (--camera CALIBRATION.yaml) or the value (--fix cx=320).",
+            )
+    return PhysicalModel(lenses.make(options.model, options.skew), None, options.fixed)
+
+
+#: degrees, and fraction of the distance, per frame: a camera that walks less shows a plane from one side only
+MOVES = {"rotation": 0.02, "translation": 5e-4}
+
+
+class IteratedKalman(Recursive):
+    """Gauss-Newton on each frame and its prediction together.
+
+    Bell & Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE Trans. Automatic Control
+    38 (1993).
+    """
+
+    takes = frozenset(
+        ("gain", "alpha", "motion", "drift", "velocity", "model", "skew", "camera", "fixed", "iterations")
+    )
+    gains: tuple[str, ...] = ("kalman", "adaptive", "fixed")
+
+    model: PhysicalModel
+
+    def __init__(self, options: TrackOptions):
+        noise = motion.figures(options.motion, options.drift)
+        super().__init__(
+            options, physical_model(options), noise, options.gain or self.gains[0], options.iterations
+        )
+
+    def _first(self, frame: Frame) -> Fit:
+        """Refuse what would look like a result: intrinsics from one view of a plane."""
+        lens = self.model.lens.parameters[: 5 if self.model.has_skew else 4]
+        held = all(p.name in self.model.fix for p in lens)
+        still = all(self.figures[group] < least for group, least in MOVES.items())
+        if still and not held and len(frame) >= self.model.start_points and start.is_flat(frame.xyz):
+            raise EstimationError(start.PLANE_INTRINSICS, start.PLANE_HINT)
+        return super()._first(frame)

@@ -1,0 +1,122 @@
+"""What an estimate is made of: the quantity that is tracked and how points depend on it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.track.base import Frame
+from camcal.track.decompose import Cameras
+
+Array = np.ndarray
+
+
+class Model(ABC):
+    """Cameras with p local coordinates.
+
+    Attributes
+    ----------
+    size : int
+        p.
+    min_points : int
+        The fewest points that say something about all of it.
+    start_points : int
+        The fewest points to start from.
+    extra_names : tuple of str
+        What it has beyond K, R, t.
+    lens_name : str
+        The lens model of its cameras.
+    has_skew : bool
+    """
+
+    size: int
+    min_points: int
+    start_points: int
+    extra_names: tuple[str, ...] = ()
+    lens_name = "pinhole"
+    has_skew = True
+
+    @abstractmethod
+    def linearise(self, x: Any, frame: Frame) -> tuple[Array, Array]:
+        """Predict the points of a frame.
+
+        Returns
+        -------
+        design : (p + 1, 2, N) array
+            Rows 0 to p - 1: d(u, v) / d local coordinates; the last row: observed - predicted, px.
+        valid : (N,) bool array
+            Points that the camera can see; the columns of the others mean nothing.
+        """
+
+    @abstractmethod
+    def retract(self, x: Any, delta: Array) -> Any:
+        """Move an estimate by `delta` (p,) in its local coordinates."""
+
+    @abstractmethod
+    def local(self, origin: Any, x: Any) -> Array:
+        """The `delta` (p,) with retract(origin, delta) = x."""
+
+    @abstractmethod
+    def motion(self, x: Any, figures: Mapping[str, float]) -> Array:
+        """A factor (p, c) of the covariance of a motion (camcal.track.motion) in local coordinates."""
+
+    @abstractmethod
+    def moved(self, origin: Any, x: Any) -> bool:
+        """Whether x is so far from the origin that its derivatives are others."""
+
+    def carry(self, x: Any, walked: Array) -> Array | None:
+        """The map (p, p) that keeps the physical meaning of uncertainties and velocities as the camera moves.
+
+        None where there is nothing to do: where the local coordinates are physical already, or the camera has
+        hardly moved.
+
+        Parameters
+        ----------
+        walked : (p,) array
+            How far the camera has moved, to x, since this was last done.
+        """
+        del x, walked
+        return None
+
+    @abstractmethod
+    def settle(self, frame: Frame) -> None:
+        """Take from the first frame what stays for good: where the points are, and how large."""
+
+    @abstractmethod
+    def start(self, frame: Frame) -> Any:
+        """A rough estimate from one frame that outliers do not spoil.
+
+        Raises
+        ------
+        EstimationError
+            Where the points do not determine a camera.
+        DataError
+            Where they contradict every camera.
+        """
+
+    def prior(self, x: Any) -> Array | None:
+        """A factor (p, p) of what is known before the first frame, or None for nothing."""
+        return None
+
+    @abstractmethod
+    def describe(self, estimates: Sequence[Any], factors: Sequence[Array]) -> Cameras:
+        """K, R, t of many estimates at once, with the factors of their covariances."""
+
+    @abstractmethod
+    def pack(self, x: Any) -> dict[str, Array]:
+        """An estimate as arrays, for a checkpoint."""
+
+    @abstractmethod
+    def unpack(self, packed: Mapping[str, Array]) -> Any:
+        """The estimate of `pack`, to the last bit."""
+
+    def state(self) -> dict[str, Any]:
+        """What the model itself has taken from the data (its normalisation)."""
+        return {}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a state of `state`."""
+        del state

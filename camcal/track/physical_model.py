@@ -1,0 +1,274 @@
+"""The camera in its physical parameters: a lens, R on SO(3), t; the residual is the true projective one.
+
+Local coordinates: the free parameters of the lens, then δ (3) and τ (3) of x_cam -> exp(δ) x_cam + τ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from camcal.errors import DataError, EstimationError
+from camcal.geometry import projective, rotations
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Pose
+from camcal.solve.parameters import apply_fixed, free_matrix
+from camcal.start.pose import initial_poses
+from camcal.track import decompose, start
+from camcal.track.base import Frame
+from camcal.track.decompose import Cameras
+from camcal.track.model import Model
+from camcal.track.motion import scaled
+from camcal.track.robust import majority
+
+Array = np.ndarray
+
+#: what is believed of the lens before the first frame, where no camera is given: standard deviations in units
+#: of the focal length (aspect: of 1). Only distortion is a statement; the rest keeps numbers finite.
+UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
+#: and where one is given and not held
+GIVEN = {"focal": 0.02, "principal": 0.02, "skew": 0.002, "distortion": 0.03}
+
+
+#: samples of six points: 99.9 % of drawing one without an outlier among 20 % of them
+SAMPLES = 25
+
+
+class Physical(NamedTuple):
+    """An estimate: parameters of the lens (P,), R (3, 3), t (3,)."""
+
+    params: Array
+    rotation: Array
+    translation: Array
+
+
+class PhysicalModel(Model):
+    """A lens and a pose.
+
+    Parameters
+    ----------
+    lens : Lens
+    params : (P,) array or None
+        A known camera to start from.
+    fixed : mapping of name -> value or None
+        Parameters of the lens that are held, at a value or where they start; `intrinsics` holds all, `aspect`
+        ties fy to fx.
+    """
+
+    def __init__(
+        self, lens: Lens, params: Array | None = None, fixed: Mapping[str, float | None] | None = None
+    ):
+        self.fix = dict(fixed or {})
+        if "intrinsics" in self.fix:
+            del self.fix["intrinsics"]
+            self.fix = {**dict.fromkeys(lens.names), **self.fix}
+        self.lens = lens
+        self.lens_name, self.has_skew = lens.name, lens.has_skew
+        self.params = None if params is None else apply_fixed(lens, params, self.fix)
+        self.bend = 5 if lens.has_skew else 4
+        self.extra_names = lens.names[self.bend :]
+        self._set_free(lens.neutral if self.params is None else self.params)
+        self.size = self.count + 6
+        self.min_points = max(3, -(-self.size // 2))
+        self.start_points = 6 if params is None else 4
+        self.centroid = np.zeros(3)
+
+    def _set_free(self, params: Array) -> None:
+        self._take(free_matrix(self.lens, params, self.fix))
+
+    def _take(self, free: Array) -> None:
+        self.free, self.inverse = free, np.linalg.pinv(free)
+        self.count = self.free.shape[1]
+        #: indices of the free parameters where each is one parameter, so that a product is a selection
+        single = self.count == 0 or bool((np.count_nonzero(self.free, axis=0) == 1).all())
+        self.index = self.free.argmax(0) if single and self.count else None
+
+    # ------------------------------------------------------------------ what a model has to say
+    def linearise(self, x: Physical, frame: Frame) -> tuple[Array, Array]:
+        """See `Model.linearise`."""
+        n, lens, f = len(frame.xyz), self.lens, self.count
+        points = x.rotation @ frame.xyz.T + x.translation[:, None]
+        uv, d_xyz = np.empty((1, 2, n)), np.empty((1, 3, 2, n))
+        d_params = np.empty((1, lens.size, 2, n))
+        px, py, pz = points
+        columns = points[:, None]
+        valid = pz > 0
+        with np.errstate(all="ignore"):
+            if not lens.linearise(x.params, columns[0], columns[1], columns[2], uv, d_xyz, d_params):
+                valid = lens.inside(x.params, px, py, pz)
+        design = np.empty((self.size + 1, 2, n))
+        if self.index is not None:
+            design[:f] = d_params[0, self.index]
+        elif f:
+            design[:f] = np.tensordot(self.free.T, d_params[0], 1)
+        dx, dy, dz = d_xyz[0]
+        design[f] = py * dz - pz * dy
+        design[f + 1] = pz * dx - px * dz
+        design[f + 2] = px * dy - py * dx
+        design[f + 3 : f + 6] = d_xyz[0]
+        np.subtract(frame.uv.T, uv[0], out=design[-1])
+        return design, valid
+
+    def retract(self, x: Physical, delta: Array) -> Physical:
+        """Add to the lens, turn and move the pose; R is kept orthonormal by one Newton step."""
+        f = self.count
+        turn = _exp(delta[f : f + 3])
+        rotation = turn @ x.rotation
+        rotation = rotation @ (1.5 * np.eye(3) - 0.5 * (rotation.T @ rotation))
+        return Physical(x.params + self.free @ delta[:f], rotation, turn @ x.translation + delta[f + 3 :])
+
+    def local(self, origin: Physical, x: Physical) -> Array:
+        """The inverse of `retract`."""
+        turn = x.rotation @ origin.rotation.T
+        lens = self.inverse @ (x.params - origin.params)
+        return np.concatenate([lens, _log(turn), x.translation - turn @ origin.translation])
+
+    def motion(self, x: Physical, figures: Mapping[str, float]) -> Array:
+        """Each group in its own coordinates; what is held does not move."""
+        fx, fy = x.params[:2]
+        distance = float(np.linalg.norm(x.rotation @ self.centroid + x.translation))
+        columns = decompose.noise_columns(scaled(figures, fx, distance), fy / fx, len(self.extra_names))
+        rows = self._from_physical(columns)
+        return rows[:, rows.any(0)]
+
+    def moved(self, origin: Physical, x: Physical) -> bool:
+        """By a hundredth of the focal length or of the distance, to which the figures of a motion refer."""
+        change = x.translation - origin.translation
+        return bool(
+            abs(x.params[0] - origin.params[0]) > 0.01 * abs(x.params[0])
+            or change @ change > 1e-4 * (origin.translation @ origin.translation)
+        )
+
+    def _from_physical(self, columns: Array) -> Array:
+        """Rows (11 + E) in physical order to rows (p) of local coordinates."""
+        params = np.zeros((self.lens.size, columns.shape[1]))
+        params[:4] = columns[[0, 1, 3, 4]]
+        if self.lens.has_skew:
+            params[4] = columns[2]
+        params[self.bend :] = columns[11:]
+        return np.concatenate([self.inverse @ params, columns[5:11]])
+
+    def settle(self, frame: Frame) -> None:
+        """Where the points are."""
+        self.centroid = frame.xyz.mean(0)
+
+    def start(self, frame: Frame) -> Physical:
+        """From a projection matrix, or where the camera is given from poses of samples of the points."""
+        if self.params is None:
+            matrix = start.projection_matrix(frame.xyz, frame.uv)
+            k, rotation, translation = decompose.split(matrix)
+            params = apply_fixed(self.lens, self.lens.from_matrix(k), self.fix)
+            self._set_free(params)
+            return Physical(params, rotation, translation)
+        pose = self._pose(frame)
+        return Physical(np.array(self.params, float), pose.rotation, pose.translation)
+
+    def _pose(self, frame: Frame) -> Pose:
+        """The pose of least quantile of residuals over fits to all points and to samples of six."""
+        assert self.params is not None
+        ray, valid = self.lens.unproject(self.params, frame.uv)
+        valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
+        if valid.sum() < 4:
+            raise EstimationError(
+                f"{int(valid.sum())} points have a ray; 4 are needed to start.",
+                "Check the camera that is given.",
+            )
+        xyz, ab = frame.xyz[valid], ray[valid, :2] / ray[valid, 2:]
+        rows = [np.arange(len(xyz))]
+        if len(xyz) > 6:
+            rng = np.random.default_rng(0)
+            rows += list(rng.random((SAMPLES, len(xyz))).argpartition(6, axis=1)[:, :6])
+        _check_spread(xyz)
+        poses: list[Pose] = []
+        for r in rows:
+            try:
+                with np.errstate(all="ignore"):
+                    poses += list(initial_poses([xyz[r]], [ab[r]]))
+            except DataError:  # a sample with outliers, of which no pose comes; the others have theirs
+                continue
+        if not poses:
+            raise EstimationError("the points of the first frame leave the pose open.", "Check the points.")
+        return min(poses, key=lambda pose: self._quantile(pose, frame))
+
+    def _quantile(self, pose: Pose, frame: Frame) -> float:
+        assert self.params is not None
+        uv, valid = self.lens.project(self.params, pose.apply(frame.xyz))
+        distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], uv, 0) - frame.uv, axis=1), np.inf)
+        rank = majority(len(distance), 6) - 1
+        return float(np.partition(distance, rank)[rank])
+
+    def prior(self, x: Physical) -> Array:
+        """What is believed of the lens; of the pose nothing that would matter."""
+        beliefs = UNKNOWN if self.params is None else GIVEN
+        focal = x.params[0]
+        groups = [p.group for p in self.lens.parameters]
+        unit = np.array([beliefs[g] * (1.0 if g == "distortion" else focal) for g in groups])
+        lens = np.abs(self.inverse) @ unit
+        distance = float(np.linalg.norm(x.rotation @ self.centroid + x.translation))
+        return np.diag(np.concatenate([lens, np.full(3, 10.0), np.full(3, 10.0 * distance)]))
+
+    def describe(self, estimates: Sequence[Physical], factors: Sequence[Array]) -> Cameras:
+        """Already physical: the rows are put in order."""
+        params = np.stack([x.params for x in estimates])
+        k = np.stack([self.lens.matrix(p) for p in params])
+        factor = np.stack(factors)[:, : self.size]
+        lens = self.free @ factor[:, : self.count]
+        rows = np.zeros((len(k), 11 + len(self.extra_names), factor.shape[2]))
+        rows[:, [0, 1, 3, 4]] = lens[:, :4]
+        if self.lens.has_skew:
+            rows[:, 2] = lens[:, 4]
+        rows[:, 5:11] = factor[:, self.count :]
+        rows[:, 11:] = lens[:, self.bend :]
+        rotation = np.stack([x.rotation for x in estimates])
+        translation = np.stack([x.translation for x in estimates])
+        return Cameras(k, rotation, translation, rows, params[:, self.bend :], self.extra_names)
+
+    def pack(self, x: Physical) -> dict[str, Array]:
+        """The three arrays."""
+        return x._asdict()
+
+    def unpack(self, packed: Mapping[str, Array]) -> Physical:
+        """The three arrays."""
+        return Physical(packed["params"], packed["rotation"], packed["translation"])
+
+    def state(self) -> dict[str, Any]:
+        """Where the points are, and how fy is tied to fx."""
+        return {"centroid": self.centroid, "free": self.free}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Where the points are, and how fy is tied to fx."""
+        self.centroid = state["centroid"]
+        self._take(state["free"])
+
+
+def _check_spread(xyz: Array) -> None:
+    spread = projective.fit_plane(xyz)[2]
+    if spread[1] <= start.FLAT * spread[0]:
+        raise EstimationError(
+            "the points lie on a line: the pose is open.", "Points off the line are needed."
+        )
+
+
+def _exp(v: Array) -> Array:
+    """exp of a single rotation vector; `rotations.exp` takes several times as long for one."""
+    x, y, z = v.tolist()
+    t2 = x * x + y * y + z * z
+    t = math.sqrt(t2)
+    a = math.sin(t) / t if t2 > 1e-8 else 1 - t2 / 6
+    b = 2 * (math.sin(t / 2) / t) ** 2 if t2 > 1e-8 else 0.5 - t2 / 24
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + a * k + b * (k @ k)
+
+
+def _log(turn: Array) -> Array:
+    """The rotation vector of a single rotation, as `_exp`; `rotations.log` where the angle is not small."""
+    (_, a, b), (c, _, d), (e, f, _) = turn.tolist()
+    x, y, z = 0.5 * (f - d), 0.5 * (b - e), 0.5 * (c - a)
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine > 0.5 or float(turn.trace()) < 1.0:
+        return rotations.log(turn)
+    factor = math.asin(sine) / sine if sine > 1e-5 else 1 + sine * sine / 6
+    return factor * np.array([x, y, z])

@@ -1,0 +1,166 @@
+"""Printable targets: true scale in each format, and from the print back to the target."""
+
+import re
+import struct
+import zlib
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from camcal.cli.boundary import run
+from camcal.detect import targets
+from camcal.detect.targets.base import Detection
+from camcal.detect.targets.printing import pdf, png, svg
+from camcal.detect.targets.printing.sheet import lay_out, page_size
+from camcal.errors import UsageError
+from tests.detect.scenes import SPECS
+
+MM = 72 / 25.4  #: points of PDF in a millimetre
+
+
+def sheet_of(spec, page=None):
+    return lay_out(targets.make(spec), spec, page)
+
+
+def same_shapes(polygons, circles, sheet):
+    """Corners and discs in the same places, to a micrometre; a file holds four decimals of a millimetre."""
+    assert len(polygons) == len(sheet.polygons) and len(circles) == len(sheet.circles)
+    for mine, theirs in zip(polygons, sheet.polygons, strict=True):
+        assert np.abs(np.array(mine) - theirs).max() < 1e-3
+    for mine, theirs in zip(circles, sheet.circles, strict=True):
+        assert np.abs(np.array(mine) - theirs).max() < 1e-3
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_svg(spec):
+    sheet = sheet_of(spec)
+    root = ElementTree.fromstring(svg.write(sheet))
+    space = "{http://www.w3.org/2000/svg}"
+    assert root.get("width") == svg.number(sheet.width) + "mm" and root.get("height").endswith("mm")
+    box = [float(v) for v in root.get("viewBox").split()]
+    assert box[2:] == pytest.approx([sheet.width, sheet.height], abs=1e-4)  # one unit is a millimetre
+    path = root.find(f"{space}path").get("d")
+    polygons = [
+        [[float(v) for v in p.split(",")] for p in part.split()] for part in re.findall(r"M(.*?)z", path)
+    ]
+    circles = [[float(c.get(k)) for k in ("cx", "cy", "r")] for c in root.iter(f"{space}circle")]
+    same_shapes(polygons, circles, sheet)
+    assert spec in root.find(f"{space}text").text
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_pdf(spec):
+    sheet = sheet_of(spec)
+    data = pdf.write(sheet)
+    assert data.startswith(b"%PDF-1.4") and data.rstrip().endswith(b"%%EOF")
+    start = int(re.search(rb"startxref\n(\d+)", data)[1])
+    assert data[start:].startswith(b"xref")
+    places = [int(p) for p in re.findall(rb"(\d{10}) 00000 n", data)]
+    assert all(data[p:].startswith(b"%d 0 obj" % i) for i, p in enumerate(places, 1))
+    box = [float(v) for v in re.search(rb"/MediaBox \[(.*?)\]", data)[1].split()]
+    assert box[2:] == pytest.approx([sheet.width * MM, sheet.height * MM], abs=1e-4)
+    stream = re.search(rb"stream\n(.*)\nendstream", data, re.DOTALL)
+    assert int(re.search(rb"/Length (\d+)", data)[1]) == len(stream[1])
+    lines = stream[1].decode().splitlines()
+    scale = [float(v) for v in lines[0].split()[:6]]
+    assert scale == pytest.approx([MM, 0, 0, -MM, 0, sheet.height * MM], rel=1e-5)
+    polygons = [
+        [[float(a), float(b)] for a, b in re.findall(r"(\S+) (\S+) [ml]", x)]
+        for x in lines
+        if x.endswith(" h")
+    ]
+    circles = []
+    for line in lines:
+        if " c f" in line:
+            at = np.array([[float(v) for v in p] for p in re.findall(r"(\S+) (\S+) (?:m|c)", line)][:4])
+            circles.append([*at[[0, 2]].mean(0), np.ptp(at[:, 0]) / 2])
+    same_shapes(polygons, circles, sheet)
+
+
+def test_bezier_discs_are_round():
+    numbers = [float(v) for v in re.findall(r"-?\d+\.?\d*", pdf.disc(0.0, 0.0, 1.0))]
+    points = [np.array(numbers[:2])]
+    for k in range(4):
+        a, b, c, d = points[-1], *np.array(numbers[2 + 6 * k : 8 + 6 * k]).reshape(3, 2)
+        t = np.linspace(0, 1, 20)[:, None]
+        curve = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t * t * (1 - t) * c + t**3 * d
+        assert np.abs(np.linalg.norm(curve, axis=1) - 1).max() < 3e-4
+        points.append(d)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_png_is_found_where_it_was_drawn(spec):
+    """The loop closed: a print of 100 dpi is a picture of the target, each point at its millimetres."""
+    target, sheet = targets.make(spec), sheet_of(spec)
+    dpi = 400 if target.square < 5 else 100
+    data = png.write(sheet, dpi)
+    gray = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert gray.shape == (round(sheet.height * dpi / 25.4), round(sheet.width * dpi / 25.4))
+    # as sharp as a print is, a corner is no picture of a corner
+    found = target.find(cv2.GaussianBlur(gray, (0, 0), 1.0), seconds=20.0)
+    assert isinstance(found, Detection) and len(found) == len(target.points)
+    x0, y0, *_ = target.pattern().extent
+    # without a page, the sheet begins where the target does
+    truth = (target.points[:, :2] - [x0, y0]) * dpi / 25.4 - 0.5
+    last = len(truth) - 1
+    off = min(np.abs(found.uv - truth[ids]).max() for ids in (found.point_ids, last - found.point_ids))
+    assert off < 0.1
+
+
+def test_png_states_its_resolution():
+    data = png.write(sheet_of("checkerboard:3x3:10mm"), 300)
+    place = data.index(b"pHYs")
+    assert struct.unpack(">IIB", data[place + 4 : place + 13]) == (11811, 11811, 1)  # 300 / 0.0254
+    assert struct.unpack(">I", data[place + 13 : place + 17])[0] == zlib.crc32(data[place : place + 13])
+    assert place < data.index(b"IDAT")
+
+
+def test_pages():
+    assert page_size("A4", 100, 50) == (297, 210) and page_size("a4", 50, 100) == (210, 297)
+    assert page_size("300x200", 1, 1) == (300, 200)
+    sheet = sheet_of("checkerboard:9x6:20mm", "A4")
+    corners = np.concatenate(sheet.polygons)
+    assert (sheet.width, sheet.height) == (297, 210)
+    assert corners[:, 0].min() == pytest.approx(297 - corners[:, 0].max())  # in the middle
+    assert (corners > 0).all() and (corners < [297, 210]).all()
+    for spec, page in (
+        ("checkerboard:9x6:40mm", "A4"),
+        ("checkerboard:9x6", None),
+        ("checkerboard:9x6:20mm", "A11"),
+    ):
+        with pytest.raises(UsageError) as error:
+            sheet_of(spec, page)
+        assert error.value.hint
+    with pytest.raises(UsageError):
+        png.write(sheet_of("checkerboard:9x6:10cm"), 2400)
+
+
+def test_units():
+    widths = [
+        sheet_of(f"checkerboard:4x3:{length}").width
+        for length in ("25.4mm", "2.54cm", "0.0254m", "1in", "25400um")
+    ]
+    assert widths == pytest.approx([widths[0]] * 5)
+
+
+def test_ruler_is_as_long_as_it_says():
+    sheet = sheet_of("checkerboard:9x6:25mm")
+    a, b, c, d = sheet.lines[0]
+    assert b == d and c - a == pytest.approx(100.0) and "100 mm" in sheet.caption
+    small = sheet_of("checkerboard:3x3:10mm")
+    length = small.lines[0][2] - small.lines[0][0]
+    assert f"{length:g} mm" in small.caption and length < small.width
+
+
+@pytest.mark.parametrize("ending", ["svg", "pdf", "png"])
+def test_command(ending, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["board", "charuco:5x4:30mm:20mm:4X4_50", "-o", f"b.{ending}", "-q"]
+    assert run([*words, "--dpi", "100"]) == 0
+    assert run(words) == 2  # it exists
+    assert yaml.safe_load((tmp_path / "b.yaml").read_text()) == {"target": "charuco:5x4:30mm:20mm:4X4_50"}
+    assert run([*words, "--force", "--page", "A4"]) == 0
+    assert run([*words[:-2], "b.txt"]) == 2

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from camcal.detect import saddle
+from camcal.detect.lattice import Lattice
+from camcal.detect.local_map import board_from_corners
+from tests.detect import drawing
+
+SIZE = (6, 5)
+
+
+def scene(**pose):
+    h = drawing.homography(
+        SIZE, (120.0, 100.0), **{"square": 24, "turn": 0.3, "tilt": 0.5, "about": 0.7} | pose
+    )
+    true = drawing.corners(SIZE, h)
+    lattice = Lattice(true.reshape(SIZE[1], SIZE[0], 2))
+    return h, true, lattice.steps().reshape(-1, 2, 2)
+
+
+def fitted(gray, true, sides, off=0.4, seed=1):
+    start = true + np.random.default_rng(seed).uniform(-off, off, true.shape)
+    first = saddle.refine(gray, start, sides)
+    return first, saddle.sharpen(gray, first.take(first.good), sides[first.good], curved(first, true))
+
+
+def curved(first, true):
+    uv = np.where(first.good[:, None], first.uv, np.nan)
+    return board_from_corners(uv.reshape(SIZE[1], SIZE[0], 2))
+
+
+def test_noise_free_corners_are_exact():
+    h, true, sides = scene()
+    gray = drawing.light(h, SIZE, (240, 200)).astype(np.float32)
+    first, second = fitted(gray, true, sides)
+    assert first.good.all() and second.good.all()
+    # 4 x 4 samples and their blur are exact to about that
+    assert np.linalg.norm(second.uv - true, axis=1).max() < 0.004
+
+
+def test_covariances_are_true():
+    """Over many noisy pictures 95 % of the errors lie in the 95 % ellipses, by the fits' own covariances."""
+    h, true, sides = scene()
+    inside = []
+    for seed in range(12):
+        gray = drawing.picture(h, SIZE, noise=4.0, seed=seed)
+        _, found = fitted(gray, true, sides, seed=seed)
+        error = found.uv - true
+        inside.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) < 5.991)
+    assert 0.91 < np.mean(inside) < 0.985  # 360 corners: a standard deviation of 0.0115 around 0.95
+
+
+def test_uneven_light_does_not_pull_the_corners():
+    h, true, sides = scene()
+    gray = drawing.light(h, SIZE, (240, 200), blur=1.5, slope=1.0).astype(np.float32)
+    first, second = fitted(gray, true, sides)
+    error = [np.median(np.linalg.norm(c.uv - true, axis=1)) for c in (first, second)]
+    assert error[1] < 0.005 < 4 * error[1] + 0.005 < error[0]
+
+
+def test_saturated_white_does_not_bias():
+    h, true, sides = scene()
+    light = drawing.light(h, SIZE, (240, 200), white=290.0)
+    gray = np.clip(np.rint(light), 0, 255).astype(np.uint8)
+    _, second = fitted(gray, true, sides)
+    assert second.good.all() and len(second.uv) == len(true)
+    # rounding to whole grey levels leaves 0.002 px
+    assert np.median(np.linalg.norm(second.uv - true, axis=1)) < 0.006
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [("covered", ""), ("border", "border"), ("blur", "blurred"), ("flat", "contrast")],
+)
+def test_bad_corners_are_rejected_with_a_reason(what, reason):
+    pose = {"square": 12.0} if what == "blur" else {}
+    h, true, sides = scene(**pose)
+    look = {"blur": {"blur": 5.0}, "flat": {"black": 120.0, "white": 123.0}}.get(what, {})
+    gray = drawing.picture(h, SIZE, noise=0.3, **look)
+    if what == "border":
+        shift = true[0] - 3
+        origin = np.floor(shift).astype(int)
+        gray, true = np.ascontiguousarray(gray[origin[1] :, origin[0] :]), true - origin
+    if what == "covered":
+        x, y = true[7].astype(int)
+        gray[y - 9 : y + 9, x - 14 : x + 1] = 90
+    found = saddle.refine(gray, true, sides)
+    if what == "covered":
+        assert found.reasons[7] and sum(map(bool, found.reasons)) < 6
+    elif what == "border":
+        assert reason in found.reasons[0] and not found.reasons[14]
+    else:
+        assert sum(map(bool, found.reasons)) > 20
+        assert reason in max(found.reasons, key=found.reasons.count)
+
+
+def test_no_corners():
+    gray = np.zeros((50, 50), np.uint8)
+    assert len(saddle.refine(gray, np.zeros((0, 2)), np.zeros((0, 2, 2))).uv) == 0
+
+
+def test_sixteen_bits_are_the_same_picture():
+    h, true, sides = scene()
+    gray = drawing.picture(h, SIZE)
+    eight = saddle.refine(gray, true, sides)
+    sixteen = saddle.refine(gray.astype(np.uint16) * 200, true, sides)
+    assert np.abs(eight.uv - sixteen.uv).max() < 2e-3  # float32 normal equations

@@ -1,0 +1,93 @@
+"""The choice among lens models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from camcal.data.observations import Correspondences
+from camcal.data.points import read_points
+from camcal.errors import EstimationError
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.placement import simulate_poses
+from camcal.plan.selection import described, select
+from camcal.study.points import simulate_points
+from tests.shared_data import DATA, needs_data
+
+GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2) * 0.03
+
+
+def data(model="opencv4", views=10, outliers=0.0, noise=0.2):
+    lens = lenses.make(model)
+    params, size = lens.examples()[0]
+    rng = np.random.default_rng(5)
+    points = np.c_[GRID - GRID.mean(0), np.zeros(len(GRID))]
+    camera = Camera(lens, params, size)
+    return simulate_points(camera, points, simulate_poses(points, camera, rng, views), rng, noise, outliers)
+
+
+@pytest.fixture(scope="module")
+def found():
+    models = ("pinhole", "brown:radial=2,decentering=0", "opencv4", "opencv5", "opencv8", "division:1")
+    return select(data(), models)
+
+
+def test_the_true_model_or_a_smaller_equal_is_chosen(found):
+    assert found.chosen.model in ("opencv4", "brown:radial=2,decentering=0")
+    by_name = {c.model: c for c in found.candidates}
+    assert by_name["pinhole"].holdout_rms > 3 * found.chosen.holdout_rms
+    # noise of .2 px in each coordinate
+    assert 0.25 < found.chosen.holdout_rms < 0.32
+
+
+def test_a_larger_nested_model_never_scores_worse(found):
+    costs = {c.model: c.solution.fit.cost for c in found.candidates}
+    for small, large in (("pinhole", "opencv4"), ("opencv4", "opencv5"), ("opencv5", "opencv8")):
+        assert costs[large] <= costs[small] * (1 + 1e-9)
+
+
+@needs_data
+def test_corners_outside_the_image_circle_do_not_put_a_fisheye_model_out():
+    wide = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=(1280, 800))
+    found = select(wide, ("division:1", "kb4"))
+    assert found.chosen.model == "kb4" and not found.chosen.reasons
+    assert found.chosen.holdout_rms < 0.48
+
+
+def test_ranked_by_holdout(found):
+    errors = [c.holdout_rms for c in found.candidates]
+    assert errors == sorted(errors)
+
+
+def test_described(found):
+    made = described(found)
+    assert made["chosen"] == found.chosen.model
+    assert min(m["aic_difference"] for m in made["models"]) == 0
+    assert min(m["bic_difference"] for m in made["models"]) == 0
+    assert {"rms_point", "sigma_hat", "holdout", "converged", "out"} <= set(made["models"][0])
+
+
+def test_outliers_are_the_same_for_all():
+    found = select(data(outliers=0.03), ("pinhole", "opencv4"))
+    counts = {len(c.solution.used_residuals) for c in found.candidates}
+    assert counts == {found.correspondences.point_count}
+    assert found.chosen.model == "opencv4" and found.chosen.holdout_rms < 0.35
+
+
+def test_few_views_are_judged_by_bic():
+    found = select(data(views=3), ("pinhole", "opencv4"))
+    assert "BIC" in found.why and found.chosen.model == "opencv4"
+
+
+def test_nothing_fits():
+    rng = np.random.default_rng(0)
+    noise = Correspondences.from_views(
+        [(GRID, rng.uniform(0, 480, GRID.shape)) for _ in range(4)], image_size=(640, 480)
+    )
+    try:
+        found = select(noise, ("pinhole",), robust="none")
+    except EstimationError as error:
+        assert "none of the models" in error.message
+    else:
+        assert found.chosen.solution.rms_point > 50
