@@ -35,8 +35,12 @@ def test_exp_is_a_rotation(axis, a):
 
 @given(unit, angle)
 def test_log_undoes_exp(axis, a):
-    # an error of 1e-16 in a matrix near the half turn moves the vector by about the same
-    np.testing.assert_allclose(rotations.log(rotations.exp(axis * a)), axis * a, atol=1e-13)
+    # an error of 1e-16 in a matrix near the half turn moves the vector by about the same; within rounding of the
+    # half turn itself, both senses of rotation are the same matrix
+    v = rotations.log(rotations.exp(axis * a))
+    if np.pi - a < 1e-15 and v @ axis < 0:
+        v = -v
+    np.testing.assert_allclose(v, axis * a, atol=1e-13)
 
 
 @given(unit)
