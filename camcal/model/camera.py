@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 
+from camcal.errors import UsageError
 from camcal.model.lenses.base import Lens
 
 Array = np.ndarray
 
+#: parameters that a printed camera names, enough for opencv8; a spline has hundreds
+SHOWN = 12
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Camera:
     """A lens model with the values of its parameters.
 
@@ -20,7 +25,7 @@ class Camera:
     lens : Lens
         The model, with its options.
     params : (P,) array
-        In the order of `lens.names`.
+        In the order of `lens.names`: fx, fy, cx, cy, skew where the model has it, then the distortion.
     image_size : (width, height) or None
     """
 
@@ -30,7 +35,7 @@ class Camera:
 
     @property
     def matrix(self) -> Array:
-        """The 3x3 matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], px."""
+        """The camera matrix K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], px."""
         return self.lens.matrix(self.params)
 
     @property
@@ -39,9 +44,72 @@ class Camera:
         return dict(zip(self.lens.names, self.params.tolist(), strict=True))
 
     def project(self, xyz_cam: Array) -> Array:
-        """Project points (..., 3) of the camera's frame to pixels (..., 2); NaN outside the lens's domain."""
+        """Project points of the camera's frame (x right, y down, z forward).
+
+        Parameters
+        ----------
+        xyz_cam : (..., 3) array, any unit
+
+        Returns
+        -------
+        (..., 2) array, px; the centre of the top left pixel is (0, 0). NaN outside the domain of the lens.
+        """
         return self.lens.project(self.params, xyz_cam)[0]
 
     def unproject(self, uv: Array) -> Array:
-        """Rays of unit length (..., 3) of the pixels (..., 2); NaN outside the lens's domain."""
+        """The directions in which pixels look.
+
+        Parameters
+        ----------
+        uv : (..., 2) array, px
+
+        Returns
+        -------
+        (..., 3) array of unit length, in the camera's frame; NaN outside the domain of the lens.
+        """
         return self.lens.unproject(self.params, uv)[0]
+
+    def opencv(self) -> tuple[Array, Array]:
+        """K (3, 3) and distCoeffs for OpenCV's functions.
+
+        Of `pinhole` to `opencv14` and `brown` with terms that OpenCV has, for `cv2.projectPoints`,
+        `cv2.undistort` and the like; of `kb4` (and `kb:n` up to n = 4), for those of `cv2.fisheye`.
+
+        Raises
+        ------
+        UsageError
+            Where K and distCoeffs cannot describe the camera: OpenCV has no such model, or its functions ignore
+            the camera's skew, or the model is `mei`, for which `cv2.omnidir` also takes xi
+            (`lens.opencv(params)` has all three).
+        """
+        form, name = self.lens.opencv(self.params), self.lens.name
+        if form is None:
+            raise UsageError(
+                f"OpenCV has no counterpart of the model '{name}'.",
+                "Convert the camera first: camcal convert CAMERA --to-model opencv8 (or kb4 for wide lenses)",
+            )
+        if form.xi is not None:
+            raise UsageError(
+                f"K and distCoeffs do not hold the model '{name}': cv2.omnidir also takes xi.",
+                "Use camera.lens.opencv(camera.params), which has xi and distortion, with camera.matrix.",
+            )
+        if self.matrix[0, 1] != 0.0:
+            raise UsageError(
+                f"the camera has a skew of {self.matrix[0, 1]:.4g} px, which OpenCV's functions ignore.",
+                "Calibrate without --skew.",
+            )
+        missing = max(0, 4 - len(form.distortion))  # cv2 takes no fewer than 4
+        return self.matrix, np.r_[form.distortion, np.zeros(missing)]
+
+    def __repr__(self) -> str:
+        """On one line: the model, the image size and the first parameters."""
+        size = "" if self.image_size is None else f" {self.image_size[0]}x{self.image_size[1]}"
+        shown = ", ".join(f"{n}={v:.5g}" for n, v in list(self.values.items())[:SHOWN])
+        more = f", ... {self.lens.size - SHOWN} more" if self.lens.size > SHOWN else ""
+        return f"<Camera {self.lens.name}{size}: {shown}{more}>"
+
+    def _repr_html_(self) -> str:
+        """The parameters as a table, for notebooks."""
+        size = "" if self.image_size is None else f", {self.image_size[0]} x {self.image_size[1]} px"
+        rows = "".join(f"<tr><td>{escape(n)}</td><td>{v:.6g}</td></tr>" for n, v in self.values.items())
+        return f"<table><caption>{escape(self.lens.name)}{size}</caption>{rows}</table>"

@@ -1,4 +1,7 @@
-"""Rigid transformations, x_to = R x_from + t, one or a stack of them."""
+"""Rigid transformations, x_to = R x_from + t, one or an array of them.
+
+Names compose by cancelling: `a_from_b @ b_from_c` is a_from_c. Batch axes broadcast as in numpy.
+"""
 
 from __future__ import annotations
 
@@ -8,56 +11,116 @@ from typing import Any
 
 import numpy as np
 
+from camcal.geometry import rotations as so3
+
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pose:
     """A rigid transformation, x_to = R x_from + t.
 
     Attributes
     ----------
-    rotation : (3, 3) array
-    translation : (3,) array, in the unit of the points
+    rotation : (..., 3, 3) array
+    translation : (..., 3) array, in the unit of the points
     """
 
     rotation: Array
     translation: Array
 
+    @classmethod
+    def identity(cls) -> Pose:
+        """The transformation that changes nothing."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @staticmethod
+    def from_vector(rotation_vector: Array, translation: Array) -> Pose:
+        """From rotation vectors (..., 3), rad, and translations (..., 3); `Poses` where there are several."""
+        return _made(so3.exp(rotation_vector), np.asarray(translation, float))
+
+    @property
+    def rotation_vector(self) -> Array:
+        """The rotation as a vector (..., 3) along its axis, of the length of its angle, 0 to π rad."""
+        return so3.log(self.rotation)
+
+    @property
+    def matrix(self) -> Array:
+        """The homogeneous matrix (..., 4, 4) [R t; 0 1]."""
+        out = np.zeros((*self.shape, 4, 4))
+        out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = self.rotation, self.translation, 1.0
+        return out
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The batch axes: () of a single pose."""
+        return np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])
+
     def apply(self, xyz: Array) -> Array:
-        """Transform points (..., 3)."""
-        return xyz @ self.rotation.T + self.translation
+        """Transform points.
+
+        A single pose takes points (..., 3). Of several, the batch axes broadcast with the leading axes of the
+        points: `poses[:, None].apply(xyz)` takes points (N, 3) to (V, N, 3), each of them by each pose.
+        """
+        if self.rotation.ndim == 2:
+            return xyz @ self.rotation.T + self.translation
+        return _turned(self.rotation, np.asarray(xyz)) + self.translation
 
     def inverse(self) -> Pose:
-        """Return the transformation the other way round."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+        """The transformation in the other direction."""
+        back = np.swapaxes(self.rotation, -1, -2)
+        return _made(back, -_turned(back, self.translation))
 
-    def after(self, first: Pose) -> Pose:
-        """Return self o first: a_from_b.after(b_from_c) is a_from_c."""
-        return Pose(self.rotation @ first.rotation, self.rotation @ first.translation + self.translation)
+    def __matmul__(self, first: Pose) -> Pose:
+        """`a_from_b @ b_from_c` = a_from_c."""
+        turned = _turned(self.rotation, first.translation)
+        return _made(self.rotation @ first.rotation, turned + self.translation)
+
+    def __repr__(self) -> str:
+        """On one line: the angle of the rotation and the translation."""
+        if self.shape:
+            return f"<Poses {' x '.join(map(str, self.shape))}>"
+        angle = np.degrees(np.linalg.norm(self.rotation_vector))
+        x, y, z = self.translation.tolist()
+        return f"<Pose {angle:.4g} deg, translation ({x:.5g}, {y:.5g}, {z:.5g})>"
 
 
-@dataclass(frozen=True)
-class Poses(Sequence):
-    """A pose per view, as arrays: `rotations` (V, 3, 3) and `translations` (V, 3)."""
-
-    rotations: Array
-    translations: Array
+class Poses(Pose, Sequence):
+    """Poses with batch axes (V, ...), one per view: a sequence of them along the first axis."""
 
     @classmethod
     def stack(cls, poses: Sequence[Pose]) -> Poses:
-        """Collect single poses."""
+        """Collect poses of equal shape along a new first axis."""
         if not poses:
             return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         return cls(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
 
+    @property
+    def rotations(self) -> Array:
+        """The rotations (V, 3, 3)."""
+        return self.rotation
+
+    @property
+    def translations(self) -> Array:
+        """The translations (V, 3)."""
+        return self.translation
+
     def __len__(self) -> int:
-        return len(self.rotations)
+        return len(self.rotation)
 
     def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, (int, np.integer)):
-            return Pose(self.rotations[index], self.translations[index])
-        return Poses(self.rotations[index], self.translations[index])
+        """Index the batch axes as those of an array: a `Pose` where none is left."""
+        full = (*index, Ellipsis) if isinstance(index, tuple) else (index, Ellipsis)
+        return _made(self.rotation[(*full, slice(None), slice(None))], self.translation[(*full, slice(None))])
 
-    def __iter__(self) -> Iterator[Pose]:
-        return (Pose(r, t) for r, t in zip(self.rotations, self.translations, strict=True))
+    def __iter__(self) -> Iterator[Any]:
+        return (_made(r, t) for r, t in zip(self.rotation, self.translation, strict=True))
+
+
+def _made(rotation: Array, translation: Array) -> Any:
+    return (Poses if rotation.ndim > 2 or translation.ndim > 1 else Pose)(rotation, translation)
+
+
+def _turned(rotation: Array, xyz: Array) -> Array:
+    """R x for rotations (..., 3, 3) and vectors (..., 3)."""
+    return np.asarray((rotation @ xyz[..., None])[..., 0])

@@ -37,7 +37,7 @@ def problem_of(model="opencv5", fix=None, skew=False, board=None, normalise=True
     views, poses = views_of(camera, **more)
     if offset:
         views = tuple(replace(v, xyz=v.xyz + offset) for v in views)
-        poses = replace(poses, translations=poses.translations - offset * poses.rotations.sum(2))
+        poses = replace(poses, translation=poses.translations - offset * poses.rotations.sum(2))
     params = camera.params * 1.003
     free = free_matrix(camera.lens, params, fix or {})
     if board:

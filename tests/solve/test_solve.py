@@ -177,6 +177,6 @@ def test_a_view_without_points():
 def test_a_start_that_does_not_project():
     camera = solved.camera_of()
     data, poses = data_of(camera)
-    behind = replace(poses, translations=poses.translations * [1, 1, -1])
+    behind = replace(poses, translation=poses.translations * [1, 1, -1])
     with pytest.raises(EstimationError, match="does not project"):
         refine(start_of(camera), behind, data)
