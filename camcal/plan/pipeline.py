@@ -50,9 +50,8 @@ def calibrate(
         Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("checked", {warnings})`,
         `("crosschecked", {entries})`.
     **options
-        `skew`, `fix` (mapping name -> value or None), `optimizer`, `board_shape`, `crosscheck`, `holdout`,
-        `seed`: as on the command line; `checks=False` leaves out the search for reasons to warn; `normalise=False` the
-        centring and scaling of coordinates and columns at every stage.
+        The fields of `camcal.settings.calibration.CalibrationOptions`, as on the command line; `checks=False`
+        leaves out the search for reasons to warn.
 
     Returns
     -------
@@ -61,13 +60,15 @@ def calibrate(
     Raises
     ------
     UsageError
-        For an unknown model or parameter.
+        For an unknown option, model or parameter, and for a value that does not fit.
     DataError
         For correspondences that cannot be used.
     EstimationError
         Where they do not determine a camera.
     """
-    return _calibrate(correspondences, Options(model=model, robust=robust, **options), on_event or _nobody)
+    told = Options.resolve(model=model, robust=robust, **options)
+    solution = _calibrate(correspondences, told, on_event or _nobody)
+    return replace(solution, options=told.described(options))
 
 
 def _nobody(_: str, __: Mapping[str, Any]) -> None:

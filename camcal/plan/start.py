@@ -16,6 +16,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.registry import look_up
+from camcal.settings.calibration import CalibrationOptions
 from camcal.solve import starts
 from camcal.solve.optimizers.base import Options as Stopping
 from camcal.solve.parameters import apply_fixed
@@ -26,21 +27,9 @@ from camcal.start.base import ClosedForm
 
 
 @dataclass(frozen=True)
-class Options:
-    """What a calibration is told; the command line's options by the same names."""
+class Options(CalibrationOptions):
+    """The options of a calibration, and when its refinements stop."""
 
-    model: str = "opencv5"
-    skew: bool = False
-    fix: Mapping[str, float | None] = field(default_factory=dict)
-    optimizer: str = "lm"
-    robust: str = "none"
-    board_shape: str = "flat"
-    checks: bool = True
-    crosscheck: bool = False
-    holdout: int | None = None  #: folds; None = where it is cheap, 0 = none
-    max_rms: float | None = None
-    seed: int = 0
-    normalise: bool = True
     stopping: Stopping = field(default_factory=Stopping)
 
 

@@ -52,7 +52,7 @@ def document(
     warnings : sequence of CalibrationWarning
         Besides the solution's.
     failures : sequence of str
-        Gates that fell besides those that the solution itself shows (see `failed_gates`), each as a sentence.
+        Gates that fell besides those of the solution itself, each as a sentence.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def document(
     data = solution.correspondences
     accuracy = beyond_linear(solution, covariance(solution))
     views, places = _views(solution, accuracy)
-    fallen = [*failed_gates(solution), *failures]
+    fallen = [*solution.failures, *failures]
     made: dict[str, Any] = {
         "schema": SCHEMA,
         "tool": tool(),
@@ -100,22 +100,6 @@ def tool() -> dict[str, str]:
         "numpy": np.__version__,
         "python": platform.python_version(),
     }
-
-
-def failed_gates(solution: Solution) -> list[str]:
-    """What makes the verdict `fail`: a cross-check that failed, an rms_point above the option `max_rms`."""
-    fallen = [
-        f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
-        for e in solution.crosscheck
-        if e["status"] == "fail"
-    ]
-    bound = solution.options.get("max_rms")
-    if isinstance(bound, Mapping):
-        bound = bound.get("value")
-    # written so that a NaN falls, too
-    if bound is not None and not solution.rms_point <= float(bound):
-        fallen.append(f"rms_point {solution.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
-    return fallen
 
 
 def _inputs(data: Correspondences) -> dict[str, Any]:

@@ -1,1 +1,21 @@
 """Refinement: all poses and the intrinsics together, by nonlinear least squares."""
+
+#: what `--robust` takes, and what each does; the losses are those of `camcal.solve.losses`
+ROBUST_METHODS = {
+    "none": "least squares with all points",
+    "auto": "look for outliers first; where there are some, reject them and fit the rest by least squares",
+    "huber": "least squares for small residuals, absolute values for large ones",
+    "soft-l1": "as huber, with a smooth transition",
+    "cauchy": "weights 1 / (1 + u²): far points count less and less",
+    "tukey": "biweight: points beyond a bound count for nothing",
+    "geman-mcclure": "weights 1 / (1 + u²)²: between cauchy and tukey",
+}
+
+#: what `--board-shape` takes: flat as designed, a shape of `camcal.solve.board`, or auto
+BOARD_SHAPES = {
+    "flat": "flat and as designed",
+    "bowl": "bent: heights quadratic in the place on the board",
+    "print": "bent as bowl, and stretched and sheared by the printer",
+    "free": "each point of its own",
+    "auto": "the one that views held out confirm",
+}

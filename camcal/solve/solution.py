@@ -133,3 +133,24 @@ class Solution:
     def free_count(self) -> int:
         """Number of estimated parameters, poses and the board's shape included."""
         return self.free.shape[1] + 6 * len(self.poses)
+
+    @property
+    def failures(self) -> list[str]:
+        """The gates that fell, each as a sentence: a cross-check, an rms_point above the option `max_rms`."""
+        fallen = [
+            f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
+            for e in self.crosscheck
+            if e["status"] == "fail"
+        ]
+        bound = self.options.get("max_rms")
+        if isinstance(bound, Mapping):
+            bound = bound.get("value")
+        # written so that a NaN falls, too
+        if bound is not None and not self.rms_point <= float(bound):
+            fallen.append(f"rms_point {self.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
+        return fallen
+
+    @property
+    def verdict(self) -> str:
+        """`fail` where a gate fell, else `pass`."""
+        return "fail" if self.failures else "pass"

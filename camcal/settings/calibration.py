@@ -1,0 +1,80 @@
+"""What a calibration is asked for, whatever its input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, Whole
+from camcal.settings.option import Settings, setting
+
+#: a lens model, as of commands that do not choose one themselves
+MODEL = Name("model", "camcal.model.lenses:LENSES", metavar="NAME[:ARGS]")
+
+
+@dataclass(frozen=True)
+class CalibrationOptions(Settings):
+    """The options of a calibration, under the names that the command line and `camcal.calibrate` use.
+
+    `CalibrationOptions.resolve(**keywords)` converts and checks the keywords of a call and refuses unknown ones.
+    """
+
+    model: str = setting(
+        Name("model", "camcal.model.lenses:LENSES", also=("auto",), metavar="NAME[:ARGS]|auto"),
+        "Camera model; `camcal list models` names them; auto takes the one that `camcal select` would.",
+        "opencv5",
+        short="-m",
+    )
+    skew: bool = setting(Switch(), "Estimate the skew of the pixel axes too.", False)
+    fix: Mapping[str, float | None] = setting(
+        Assignments(),
+        "Hold parameters, at VALUE or where they start; `aspect` means fy = fx.",
+        {},
+        repeated=True,
+    )
+    optimizer: str = setting(
+        Name("optimizer", "camcal.solve.optimizers:OPTIMIZERS"),
+        "What minimises the reprojection error; `camcal list optimizers` names them.",
+        "lm",
+    )
+    robust: str = setting(
+        Name("robust method", "camcal.solve:ROBUST_METHODS", metavar="METHOD"),
+        "How outliers are treated: none, auto (which looks for them first), or the name of a loss.",
+        "auto",
+        in_python="none",
+    )
+    board_shape: str = setting(
+        Name("board shape", "camcal.solve:BOARD_SHAPES", files=True, metavar="SHAPE|REPORT"),
+        "The board's shape: flat as designed; estimated too: bowl, print, free (each point), or auto, which "
+        "keeps a shape only if views held out confirm it; or the report that found it.",
+        "flat",
+    )
+    crosscheck: bool = setting(
+        Switch(),
+        "Compare every stage with OpenCV.",
+        True,
+        in_python=False,  # a program that calls camcal should not pay for it unasked
+        off="--no-crosscheck",
+    )
+    holdout: int | None = setting(
+        Whole(0, metavar="K"),
+        "Calibrate K times without every K-th view and test the camera on it; 4 where that is quick, "
+        "0 leaves it out.",
+    )
+    max_rms: float | None = setting(
+        POSITIVE, "A gate: the verdict is fail, exit code 1, where rms_point is larger.", metavar="PX"
+    )
+    seed: int = setting(Whole(0), "Seed of what is random.", 0)
+    normalise: bool = setting(
+        Switch(),
+        "Centre and scale coordinates and columns at every stage; off only shows what that is worth.",
+        True,
+        off="--no-normalise",
+        show_default=False,
+    )
+    checks: bool = setting(
+        Switch(),
+        "Look for reasons to warn, hold views out, estimate conditioning.",
+        True,
+        on_command_line=False,
+    )

@@ -1,0 +1,290 @@
+"""Kinds of values: how text, a YAML value or a Python object becomes the value that the program works with.
+
+`convert` accepts what it returns, so that converting twice changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from camcal.errors import UsageError
+from camcal.registry import load, suggestion
+
+
+class Kind:
+    """A kind of value; the base class takes everything as it is."""
+
+    metavar: str = "VALUE"  #: how the value is named in the help
+
+    def convert(self, value: Any) -> Any:
+        """Return the value as the program works with it.
+
+        Raises
+        ------
+        UsageError
+            Where it is not of this kind: what was found and what is needed, with a hint.
+        """
+        return value
+
+    def words(self) -> list[str]:
+        """Names that shell completion offers."""
+        return []
+
+
+def shown(value: Any) -> str:
+    """Return a value as an error message quotes it."""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = text if len(text) <= 60 else text[:57] + "..."
+    return f"'{text}'" if isinstance(value, str) else text
+
+
+def refuse(value: Any, needed: str, hint: str | None = None) -> UsageError:
+    """Return the error for a value that is not `needed`."""
+    return UsageError(f"{shown(value)} is not {needed}.", hint)
+
+
+def real(value: Any) -> float | None:
+    """Return a number, or text that is one, as a float; None for anything else."""
+    if isinstance(value, bool):
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def parts_of(value: Any) -> list[Any]:
+    """Split `a,b,c`, or return the items of a sequence (a list, a tuple, an array)."""
+    return value.split(",") if isinstance(value, str) else list(value)
+
+
+@dataclass(frozen=True)
+class Switch(Kind):
+    """On or off."""
+
+    def convert(self, value: Any) -> bool:
+        """Return True or False; words such as `yes` are refused."""
+        if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
+            return bool(value)
+        raise refuse(value, "true or false")
+
+
+@dataclass(frozen=True)
+class Whole(Kind):
+    """A whole number from `low` to `high`, both included."""
+
+    low: int
+    high: int | None = None
+    metavar: str = "WHOLE NUMBER"
+
+    def convert(self, value: Any) -> int:
+        """Return an int."""
+        try:
+            number = int(value) if isinstance(value, str) else operator.index(value)
+        except (TypeError, ValueError):
+            raise refuse(value, self.needed) from None
+        if isinstance(value, bool) or number < self.low or (self.high is not None and number > self.high):
+            raise refuse(value, self.needed)
+        return number
+
+    @property
+    def needed(self) -> str:
+        """The range in words."""
+        return f"a whole number from {self.low} " + ("up" if self.high is None else f"to {self.high}")
+
+
+@dataclass(frozen=True)
+class Real(Kind):
+    """A number from `low` to `high`; `above` excludes `low` itself, `infinite` admits infinity."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    infinite: bool = False
+    metavar: str = "NUMBER"
+
+    def convert(self, value: Any) -> float:
+        """Return a float."""
+        number = real(value)
+        if number is None or not (self.infinite or math.isfinite(number)):
+            raise refuse(value, self.needed)
+        if not (self.low < number or (self.low == number and not self.above)) or number > self.high:
+            raise refuse(value, self.needed)
+        return number
+
+    @property
+    def needed(self) -> str:
+        """The range in words."""
+        if self.low == -math.inf:
+            return "a number"
+        least = f"a number above {self.low:g}" if self.above else f"a number from {self.low:g}"
+        if self.infinite:
+            return f"{least}, or inf"
+        if self.high == math.inf:
+            return least if self.above else f"{least} up"
+        return f"{least} {'and at most' if self.above else 'to'} {self.high:g}"
+
+
+#: a number above 0
+POSITIVE = Real(0, above=True)
+
+
+@dataclass(frozen=True)
+class Text(Kind):
+    """Any text; a number in YAML counts as the text that is written."""
+
+    metavar: str = "TEXT"
+
+    def convert(self, value: Any) -> str:
+        """Return a str."""
+        if isinstance(value, (str, int, float)) and not isinstance(value, bool):
+            return str(value)
+        raise refuse(value, "text")
+
+
+@dataclass(frozen=True)
+class FilePath(Kind):
+    """A file or a folder."""
+
+    metavar: str = "FILE"
+
+    def convert(self, value: Any) -> Path:
+        """Return a Path."""
+        if isinstance(value, (str, PurePath)) and str(value):
+            return Path(value)
+        raise refuse(value, "the name of a file")
+
+
+@dataclass(frozen=True)
+class Words(Kind):
+    """One of a few words."""
+
+    known: tuple[str, ...]
+
+    @property
+    def metavar(self) -> str:  # type: ignore[override]
+        """The words, with bars between them."""
+        return "|".join(self.known)
+
+    def convert(self, value: Any) -> str:
+        """Return the word."""
+        if isinstance(value, str) and value in self.known:
+            return value
+        hint = suggestion(str(value), self.known) or f"Known: {', '.join(self.known)}."
+        raise UsageError(f"{shown(value)} is not known here.", hint)
+
+    def words(self) -> list[str]:
+        """Return the words."""
+        return list(self.known)
+
+
+@dataclass(frozen=True)
+class Name(Kind):
+    """A name of a table, with arguments after a colon: `brown:radial=3`.
+
+    Attributes
+    ----------
+    kind : str
+        What the table holds, for messages: "model".
+    table : str
+        "module:object" of a mapping with these names; its module must not import numpy.
+    also : tuple of str
+        Names besides those of the table.
+    files : bool
+        Whether the name of a report (.yaml, .yml, .json) is good too.
+    """
+
+    kind: str
+    table: str
+    also: tuple[str, ...] = ()
+    files: bool = False
+    metavar: str = "NAME"
+
+    def convert(self, value: Any) -> str:
+        """Return the text as it is, once its name is known."""
+        text = str(value).strip()
+        if self.files and is_report(text):
+            return text
+        name = text.partition(":")[0].strip()
+        known = self.words()
+        if name not in known:
+            hint = suggestion(name, known) or f"Known: {', '.join(known)}."
+            raise UsageError(f"unknown {self.kind} '{name}'.", hint)
+        return text
+
+    def words(self) -> list[str]:
+        """Return the names of the table."""
+        return [*load(self.table), *self.also]
+
+
+def is_report(name: Any) -> bool:
+    """Whether a text is the name of a report: it ends in .yaml, .yml or .json."""
+    return str(name).lower().endswith((".yaml", ".yml", ".json"))
+
+
+@dataclass(frozen=True)
+class Assignments(Kind):
+    """Names with values: `p1,p2,k3=0.1`, or a list or mapping; several of them are merged.
+
+    A name without a value gets None, which is refused where `values` says that each needs one.
+    """
+
+    metavar: str = "NAME[=VALUE],..."
+    example: str = "p1,p2,k3=0.1"
+    values: bool = False
+
+    def convert(self, value: Any) -> dict[str, float | None]:
+        """Return a dict name -> float or None."""
+        found: dict[str, float | None] = {}
+        for name, held in self._pairs(value):
+            number = None if held is None else real(held)
+            if held is not None and (number is None or not math.isfinite(number)):
+                raise UsageError(f"{name}={held}: {shown(held)} is not a number.", f"Try: {self.example}")
+            if held is None and self.values:
+                raise UsageError(f"'{name}' has no value; a number is needed.", f"Try: {self.example}")
+            if name in found and found[name] != number:
+                raise UsageError(f"'{name}' is given twice, with different values.", "Leave one out.")
+            found[name] = number
+        return found
+
+    def _pairs(self, value: Any) -> list[tuple[str, Any]]:
+        if isinstance(value, Mapping):
+            return [(str(name), held) for name, held in value.items()]
+        if isinstance(value, str):
+            return [self._split(part) for part in value.split(",")]
+        if isinstance(value, (list, tuple)):
+            return [pair for part in value for pair in self._pairs(part)]
+        raise refuse(value, self.metavar, f"Try: {self.example}")
+
+    def _split(self, part: str) -> tuple[str, str | None]:
+        name, equals, held = (text.strip() for text in part.partition("="))
+        if not re.fullmatch(r"[A-Za-z_]\w*", name) or (equals and not held):
+            raise refuse(part, "NAME or NAME=VALUE", f"Try: {self.example}")
+        return name, held if equals else None
+
+
+@dataclass(frozen=True)
+class Several(Kind):
+    """Any number of values of one kind: a flag that may be repeated, a list, or a single value."""
+
+    item: Kind
+
+    @property
+    def metavar(self) -> str:  # type: ignore[override]
+        """That of an item."""
+        return self.item.metavar
+
+    def convert(self, value: Any) -> tuple[Any, ...]:
+        """Return a tuple."""
+        items = value if isinstance(value, (list, tuple)) else [value]
+        return tuple(self.item.convert(item) for item in items)
+
+    def words(self) -> list[str]:
+        """Those of an item."""
+        return self.item.words()

@@ -1,0 +1,173 @@
+"""What an option is, and dataclasses whose fields are options."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
+from pathlib import PurePath
+from typing import Any, Self
+
+from camcal.errors import UsageError
+from camcal.registry import suggestion
+from camcal.settings.kinds import Kind, Switch
+
+_META = "camcal.option"
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: everything that a command line, a configuration file or a caller has to know of it.
+
+    Attributes
+    ----------
+    name : str
+        The keyword in Python, the key in camcal.yaml and in the report's `options`.
+    kind : Kind
+        How a value is read and checked.
+    help : str
+    default : object
+        Of the command line; None where there is none.
+    short : str
+        A one-letter flag such as `-m`.
+    flag : str
+        The long flag; `--` and the name by default.
+    off : str
+        The flag that turns a switch off; a switch with one may be None, neither on nor off.
+    metavar : str
+        How the value is named in the help; that of its kind by default.
+    required : bool
+        Whether a command needs it.
+    repeated : bool
+        Whether the flag may be given several times; the kind then takes a list.
+    show_default : bool
+        Whether the help shows the default.
+    on_command_line : bool
+        False for what only Python offers.
+    in_checkpoints : bool
+        Whether `camcal track` goes on from a checkpoint only where the value is the same.
+    """
+
+    name: str
+    kind: Kind
+    help: str
+    default: Any = None
+    short: str = ""
+    flag: str = ""
+    off: str = ""
+    metavar: str = ""
+    required: bool = False
+    repeated: bool = False
+    show_default: bool = True
+    on_command_line: bool = True
+    in_checkpoints: bool = False
+
+    @property
+    def long(self) -> str:
+        """The long flag."""
+        return self.flag or "--" + self.name.replace("_", "-")
+
+    @property
+    def environment(self) -> str:
+        """The environment variable."""
+        return "CAMCAL_" + self.long.strip("-").replace("-", "_").upper()
+
+    @property
+    def value_name(self) -> str:
+        """How the value is named in the help."""
+        return self.metavar or self.kind.metavar
+
+    @property
+    def is_switch(self) -> bool:
+        """Whether it is on or off, without a value."""
+        return isinstance(self.kind, Switch)
+
+    def convert(self, value: Any) -> Any:
+        """Return the value as the program works with it; None stays None where that is the default.
+
+        Raises
+        ------
+        UsageError
+            Where the value does not fit; the message does not name the option.
+        """
+        return None if value is None and self.default is None else self.kind.convert(value)
+
+
+def setting(kind: Kind, help: str, default: Any = None, *, in_python: Any = MISSING, **more: Any) -> Any:
+    """Return a dataclass field that is an option; `more` are attributes of `Option`.
+
+    Parameters
+    ----------
+    default : object
+        On the command line.
+    in_python : object, optional
+        The default of the field itself, where calls from Python have another.
+    """
+    held = default if in_python is MISSING else in_python
+    option = Option("", kind, help, default, **more)
+    if isinstance(held, dict):
+        return field(default_factory=dict, metadata={_META: option})
+    return field(default=held, metadata={_META: option})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of dataclasses whose fields are options: values are converted and checked when one is made.
+
+    Raises
+    ------
+    UsageError
+        For a value that does not fit.
+    """
+
+    def __post_init__(self) -> None:
+        for name, option in self.options().items():
+            given = getattr(self, name)
+            try:
+                value = option.convert(given)
+            except UsageError as error:
+                raise UsageError(f"{name}: {error.message}", error.hint) from None
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    @cache
+    def options(cls) -> Mapping[str, Option]:
+        """Return the options by name, in the order of the fields."""
+        found = {f.name: f.metadata.get(_META) for f in fields(cls)}
+        return {name: replace(option, name=name) for name, option in found.items() if option is not None}
+
+    @classmethod
+    def command_line(cls, *without: str) -> tuple[Option, ...]:
+        """Return the options that commands have, but for those named."""
+        return tuple(o for o in cls.options().values() if o.on_command_line and o.name not in without)
+
+    @classmethod
+    def resolve(cls, **keywords: Any) -> Self:
+        """Make the settings of the keywords of a call, the others at their defaults.
+
+        Raises
+        ------
+        UsageError
+            For an unknown keyword, with the closest known one, and for a value that does not fit.
+        """
+        for name in keywords:
+            if name not in cls.options():
+                hint = suggestion(name, cls.options()) or f"Known: {', '.join(cls.options())}."
+                raise UsageError(f"unknown option '{name}'.", hint)
+        return cls(**keywords)
+
+    def described(self, given: Collection[str] = ()) -> dict[str, dict[str, Any]]:
+        """Return `{name: {value, from}}` for a report; `from` is `keyword` for those in `given`, else `default`."""
+        return {
+            name: {"value": readable(getattr(self, name)), "from": "keyword" if name in given else "default"}
+            for name in self.options()
+        }
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return the values that must be the same for a run to go on from a checkpoint."""
+        return {name: getattr(self, name) for name, o in self.options().items() if o.in_checkpoints}
+
+
+def readable(value: Any) -> Any:
+    """Return a value for the `options` of a report: lengths and paths as the text the user would type."""
+    return str(value) if isinstance(value, PurePath) or hasattr(value, "unit") else value

@@ -1,0 +1,172 @@
+"""Kinds of values that measure something: image sizes, boards, lengths, pixels, angles."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from camcal.errors import UsageError
+from camcal.settings.kinds import Kind, Real, parts_of, real, refuse, shown
+
+UNITS = ("um", "mm", "cm", "m", "in")
+#: board sizes in cells: two rows are the least that make a plane; a side of 1000 does not fit in a picture
+LEAST_CELLS, MOST_CELLS = 2, 1000
+#: a positive distance in the unit of the data, or inf
+DISTANCE = Real(0, above=True, infinite=True, metavar="D|inf")
+
+
+class Length(NamedTuple):
+    """A length and its unit; `unit` is "unit" where none was given."""
+
+    value: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g}" + ("" if self.unit == "unit" else self.unit)
+
+
+def parse_grid(text: str) -> tuple[int, int]:
+    """Read `9x6` as (columns, rows).
+
+    Raises
+    ------
+    UsageError
+        Where it is not two whole numbers of at least 2.
+    """
+    match = re.fullmatch(r"(\d{1,9})[xX](\d{1,9})", text.strip())
+    if not match:
+        raise UsageError(f"{shown(text)} is not the size of a board.", "Write COLUMNSxROWS, as in 9x6.")
+    columns, rows = int(match[1]), int(match[2])
+    if min(columns, rows) < LEAST_CELLS or max(columns, rows) > MOST_CELLS:
+        raise UsageError(
+            f"a board of {columns}x{rows} cannot be used.", f"Each side needs {LEAST_CELLS} to {MOST_CELLS}."
+        )
+    return columns, rows
+
+
+def parse_length(text: str) -> Length:
+    """Read `25mm` as (25.0, "mm"); a bare number has the unit "unit".
+
+    Raises
+    ------
+    UsageError
+        Where it is not a positive number with a known unit or none.
+    """
+    match = re.fullmatch(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*)", text.strip())
+    value = (real(match[1]) if match else None) or 0.0
+    unit = match[2] if match else ""
+    if not 0 < value < math.inf or (unit and unit not in UNITS):
+        raise UsageError(
+            f"{shown(text)} is not a length.", f"Write a positive number and {', '.join(UNITS)} or no unit."
+        )
+    return Length(value, unit or "unit")
+
+
+def _with_x(value: Any) -> str:
+    """Write `[640, 480]` as `640x480`."""
+    return value if isinstance(value, str) or not hasattr(value, "__len__") else "x".join(map(str, value))
+
+
+class ImageSize(Kind):
+    """The size of a picture: `640x480`, or [640, 480]."""
+
+    metavar = "WxH"
+
+    def convert(self, value: Any) -> tuple[int, int]:
+        """Return (width, height), px."""
+        found = re.fullmatch(r"\s*(\d{1,7})\s*[xX]\s*(\d{1,7})\s*", str(_with_x(value)))
+        if not found:
+            raise UsageError(
+                f"{shown(value)} is not an image size; width x height in pixels is needed.", "Try: 640x480"
+            )
+        width, height = int(found[1]), int(found[2])
+        if min(width, height) < 1:
+            raise UsageError(f"a picture of {width}x{height} has no pixels.", "Try: 640x480")
+        return width, height
+
+
+class BoardSize(Kind):
+    """The size of a board in inner corners: `9x6`, or [9, 6]."""
+
+    metavar = "CxR"
+
+    def convert(self, value: Any) -> tuple[int, int]:
+        """Return (columns, rows)."""
+        return parse_grid(str(_with_x(value)))
+
+
+class LengthKind(Kind):
+    """A positive length with its unit: `25mm`, `0.025m`, or a bare number."""
+
+    metavar = "LENGTH"
+
+    def convert(self, value: Any) -> Length:
+        """Return the length as (value, unit)."""
+        if isinstance(value, (tuple, list)) and len(value) == 2:
+            value = f"{value[0]!r}" + ("" if value[1] == "unit" else str(value[1]))
+        return parse_length(str(value))
+
+
+class Pixel(Kind):
+    """A place in a picture: `100,200`, or [100, 200]."""
+
+    metavar = "U,V"
+
+    def convert(self, value: Any) -> tuple[float, float]:
+        """Return (u, v)."""
+        numbers = numbers_of(value, 2)
+        if numbers is None:
+            raise UsageError(
+                f"{shown(value)} is not a pixel; its two coordinates are needed.", "Try: 100,200"
+            )
+        return numbers[0], numbers[1]
+
+
+@dataclass(frozen=True)
+class Numbers(Kind):
+    """A fixed count of numbers separated by commas, or a list."""
+
+    count: int
+    example: str
+    metavar: str = "NUMBERS"
+
+    def convert(self, value: Any) -> tuple[float, ...]:
+        """Return the numbers."""
+        numbers = numbers_of(value, self.count)
+        if numbers is None:
+            raise UsageError(
+                f"{shown(value)} is not {self.count} numbers with commas.", f"Try: {self.example}"
+            )
+        return numbers
+
+
+def numbers_of(value: Any, count: int) -> tuple[float, ...] | None:
+    """Return `count` finite numbers, or None where the value is something else."""
+    try:
+        numbers = [real(part) for part in parts_of(value)]
+    except TypeError:
+        return None
+    found = tuple(n for n in numbers if n is not None and math.isfinite(n))
+    return found if len(found) == len(numbers) == count else None
+
+
+class Radians(float):
+    """An angle that was converted already."""
+
+
+class KeptField(Kind):
+    """The field that an undistorted picture keeps: `all`, `no-black`, or an angle such as `90deg`."""
+
+    metavar = "all|no-black|ANGLE"
+
+    def convert(self, value: Any) -> str | float:
+        """Return the word, or the angle in rad."""
+        if isinstance(value, Radians) or (isinstance(value, str) and value in ("all", "no-black")):
+            return value
+        found = re.fullmatch(r"\s*([0-9.]+)\s*(deg)?\s*", str(value))
+        degrees = real(found[1]) if found else None
+        if degrees is None or not 0 < degrees < 360:
+            raise refuse(value, "all, no-black or an angle", "Try: 90deg")
+        return Radians(math.radians(degrees))

@@ -1,0 +1,95 @@
+"""How a camera that changes with time is followed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from camcal.settings.calibration import MODEL, CalibrationOptions
+from camcal.settings.kinds import POSITIVE, Assignments, FilePath, Name, Real, Switch, Whole
+from camcal.settings.option import Option, Settings, setting
+
+_setting = partial(setting, in_checkpoints=True)
+
+
+class CameraFile(FilePath):
+    """The file that holds a camera; in Python the camera itself."""
+
+    def convert(self, value: Any) -> Any:
+        """Return the path, or the camera as it is."""
+        return value if hasattr(value, "lens") else super().convert(value)
+
+
+@dataclass(frozen=True)
+class TrackOptions(Settings):
+    """How to track; each estimator uses what concerns it and refuses what contradicts it."""
+
+    gain: str | None = _setting(
+        Name("gain", "camcal.track:GAINS"),
+        "kalman, forgetting, fixed, mean or adaptive. [default: the method's own]",
+    )
+    forgetting: float = _setting(
+        Real(0, 1, above=True),
+        "Factor per frame by which old frames lose weight.",
+        0.98,
+        metavar="FACTOR",
+    )
+    alpha: float = _setting(Real(0, 1, above=True), "The fixed gain.", 0.1, metavar="FRACTION")
+    motion: str = _setting(
+        Name("motion", "camcal.track:MOTION_SUMMARIES"),
+        "How the camera may move: fixed, thermal, zoom, pan, free.",
+        "thermal",
+    )
+    drift: Mapping[str, float] = _setting(
+        Assignments("GROUP=VALUE,...", "focal=1e-5,rotation=0.01", values=True),
+        "Figures in place of the motion's: focal, principal (px), rotation (deg), translation, ...",
+        {},
+    )
+    velocity: bool = _setting(Switch(), "Constant velocity instead of a random walk.", False)
+    sigma: float | None = _setting(
+        POSITIVE,
+        "Noise of the image points; a factor where they bring sigmas. [default: estimated]",
+        metavar="PX",
+    )
+    learn_noise: bool = _setting(Switch(), "Estimate a factor of the noise where points bring sigmas.", False)
+    gate: float = _setting(
+        Real(0, 0.5, above=True),
+        "Probability of taking a good point for an outlier.",
+        1e-4,
+        metavar="PROBABILITY",
+    )
+    false_alarm: float = _setting(
+        Real(0, 0.1, above=True), "False alarms per frame of the change test.", 1e-6, metavar="RATE"
+    )
+    min_points: int | None = _setting(
+        Whole(1, metavar="N"), "Frames with fewer are predicted only. [default: what the method needs]"
+    )
+    rate: float = _setting(
+        POSITIVE,
+        "Frames per second that the drift refers to, where frames have times.",
+        30.0,
+        metavar="HZ",
+    )
+    model: str = _setting(
+        MODEL,
+        "Lens of iekf, window and smoother; `camcal list models` names them.",
+        "pinhole",
+        short="-m",
+    )
+    skew: bool = _setting(Switch(), CalibrationOptions.options()["skew"].help, False)
+    camera: Any = _setting(CameraFile(), "Calibration to start from, with its lens.")
+    fix: Mapping[str, float | None] = _setting(
+        Assignments(), CalibrationOptions.options()["fix"].help, {}, repeated=True
+    )
+    iterations: int = _setting(Whole(1, 100, metavar="N"), "Relinearisations of a frame, at most.", 4)
+    window: int = _setting(Whole(2, 1000, metavar="FRAMES"), "Length of the sliding window.", 10)
+
+
+METHOD = Option(
+    "method",
+    Name("method", "camcal.track:ESTIMATORS"),
+    "Estimator; `camcal list estimators` names them. [default: iekf with --camera, else kalman]",
+    in_checkpoints=True,
+)
