@@ -12,6 +12,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "images": ("camcal.cli.checkerboard:images", "The same for pictures of any target."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
+    "pose": ("camcal.cli.pose:command", "Find where a known camera stood, with all solutions."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
     "select": ("camcal.cli.select:command", "Find the lens model that the data call for."),

@@ -1,0 +1,116 @@
+"""`camcal pose`: where a known camera stood."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import crosscheck_option, option, report_options, seed_option
+from camcal.cli.params import Word
+from camcal.cli.verbosity import note, verbosity_options
+
+FILE = click.Path(path_type=Path)
+
+
+@click.command("pose")
+@click.argument("camera", type=FILE, metavar="CAMERA")
+@click.argument("points", type=FILE, metavar="POINTS")
+@option(
+    "--robust", type=Word(["auto", "none"]), default="auto", show_default=True,
+    help="auto leaves out points that do not agree with the rest; none uses all.",
+)  # fmt: skip
+@crosscheck_option
+@seed_option
+@report_options
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> int:
+    """Find the pose of a known camera from three or more points and their images.
+
+    CAMERA is a report of camcal or a camera file, POINTS a table as `camcal estimate` reads it. Where the
+    points allow several poses (three points, a plane seen from afar), all are reported, the best first.
+    """
+    from camcal.cli.job import GATE_FELL, command_line, output_is_free
+    from camcal.cli.output import emit
+
+    output_is_free(options)
+    from camcal.report.document import load_camera, save
+
+    report = _report(load_camera(camera), points, options, command_line(ctx))
+    if options["output"] is not None:
+        save(report, options["output"], options["force"])
+        note(f"Report written to {options['output']}.")
+    emit(report, options["format"], lambda: _table(report))
+    return GATE_FELL if report["verdict"] == "fail" else 0
+
+
+def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]) -> dict[str, Any]:
+    from camcal.data.points import read_points
+    from camcal.peers.solve_pnp import against_cv2
+    from camcal.report.routes import camera_entry, document, view_entry
+    from camcal.routes.pose import find
+
+    views = read_points(points).views
+    entries, checks = [], []
+    for view in views:
+        found = find(camera, view, options["robust"], options["seed"])
+        entries.append(view_entry(view.id, found))
+        if options["crosscheck"]:
+            used = view.take(found.used)
+            checks.append(against_cv2(camera, used.xyz, used.uv, found.solutions[0].pose))
+    sections: dict[str, Any] = {"views": entries}
+    if len(entries) == 1:
+        sections = {"solutions": entries[0]["solutions"], **sections}
+    held = list(camera.lens.names)
+    return document(words, camera_entry(camera, fixed=held), sections, checks, _warnings(entries))
+
+
+def _warnings(entries: list[dict[str, Any]]) -> list[dict[str, str]]:
+    from camcal.report.routes import warning
+
+    made = []
+    for entry in entries:
+        if len(entry["solutions"]) > 1:
+            made.append(
+                warning(
+                    "several-poses",
+                    f"view '{entry['id']}': {len(entry['solutions'])} poses fit; the second's error is "
+                    + (
+                        f"{entry['ratio']:.3g} times the first's."
+                        if entry["ratio"] is not None
+                        else "as small."
+                    ),
+                    "Add points out of the plane, or come closer.",
+                )
+            )
+        if entry["solutions"][0]["covariance"] is None:
+            made.append(
+                warning(
+                    "no-redundancy",
+                    f"view '{entry['id']}': three points leave no residuals to take the noise from.",
+                    "Add a column sigma (px), or more points.",
+                )
+            )
+    return made
+
+
+def _table(report: dict[str, Any]) -> Any:
+    from camcal.cli.output import table
+
+    rows = [
+        [entry["id"], number + 1, s["rms_point"], *map(str, _pose_words(s))]
+        for entry in report["views"]
+        for number, s in enumerate(entry["solutions"])
+    ]
+    return table(["view", "pose", "rms px", "rotation vector", "translation", "sigma"], rows)
+
+
+def _pose_words(solution: dict[str, Any]) -> tuple[str, str, str]:
+    pose, sigma = solution["cam_from_world"], solution["sigma_translation"]
+    return (
+        " ".join(f"{x:.5f}" for x in pose["rotation_vector"]),
+        " ".join(f"{x:.6g}" for x in pose["translation"]),
+        "-" if sigma is None else " ".join(f"{x:.2g}" for x in sigma),
+    )

@@ -1,0 +1,109 @@
+"""Documents of the commands beside the two main jobs: what each found, in the keys of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.geometry import rotations
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.report.document import tool
+from camcal.report.plain import plain
+from camcal.report.schema import SCHEMA
+from camcal.routes.pose import Found, Solution
+
+Array = np.ndarray
+
+
+def document(
+    command: Sequence[str],
+    camera: Mapping[str, Any] | None,
+    sections: Mapping[str, Any],
+    crosscheck: Sequence[Mapping[str, Any]] = (),
+    warnings: Sequence[Mapping[str, Any]] = (),
+    failures: Sequence[str] = (),
+) -> dict[str, Any]:
+    """A report of one route: schema and tool first, then the camera, the route's sections, the verdict."""
+    failed = [
+        f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
+        for e in crosscheck
+        if e["status"] == "fail"
+    ]
+    failed += failures
+    made: dict[str, Any] = {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+    if camera is not None:
+        made["camera"] = camera
+    return plain(
+        {
+            **made,
+            **sections,
+            "crosscheck": list(crosscheck),
+            "warnings": list(warnings),
+            "verdict": "fail" if failed else "pass",
+            "failures": failed,
+        }
+    )
+
+
+def camera_entry(
+    camera: Camera,
+    sigmas: Mapping[str, float | None] | None = None,
+    start: Mapping[str, float] | None = None,
+    fixed: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The report's `camera`: value, sigma, start and whether it was held, of each parameter."""
+    sigmas, start = sigmas or {}, start or {}
+    return {
+        "model": camera.lens.name,
+        "image_size": camera.image_size,
+        "pixel_center": "integer",
+        "matrix": camera.matrix,
+        "parameters": {
+            name: {
+                "value": value,
+                "sigma": None if name in fixed else sigmas.get(name),
+                "start": start.get(name, value),
+                "fixed": name in fixed,
+            }
+            for name, value in camera.values.items()
+        },
+    }
+
+
+def warning(code: str, message: str, hint: str = "") -> dict[str, str]:
+    """An entry of the report's `warnings`."""
+    return {"code": code, "message": message, "hint": hint}
+
+
+def pose_entry(pose: Pose) -> dict[str, Any]:
+    """A pose as rotation vector, rad, and translation."""
+    return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}
+
+
+def solution_entry(solution: Solution) -> dict[str, Any]:
+    """A pose with its standard deviations: three angles, degrees, and three lengths."""
+    covariance = solution.covariance
+    sigma = None if covariance is None else np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    return {
+        "cam_from_world": pose_entry(solution.pose),
+        "rms_point": solution.rms_point,
+        "sigma_rotation_deg": None if sigma is None else np.degrees(sigma[:3]),
+        "sigma_translation": None if sigma is None else sigma[3:],
+        "covariance": covariance,
+    }
+
+
+def view_entry(name: str, found: Found) -> dict[str, Any]:
+    """All solutions of a view, and the points that they do not rest on."""
+    left_out = np.flatnonzero(~found.used)
+    return {
+        "id": name,
+        "points": len(found.used),
+        "rejected_points": len(left_out),
+        "solutions": [solution_entry(s) for s in found.solutions],
+        "ratio": found.ratio,
+        "rejected": [{"row": row, "residual": found.solutions[0].residuals[row]} for row in left_out],
+    }

@@ -1,0 +1,1 @@
+"""Other ways to a camera: poses, triangulation, straight lines, rooms, self-calibration."""

@@ -1,0 +1,167 @@
+"""Normal equations of shared parameters and of many small blocks that touch only these, and their minimiser.
+
+Poses, lines and scene points are such blocks. With the shared part A (F, F), the blocks D (B, K, K) and what
+couples them C (B, F, K), the blocks are eliminated first (Schur complement; Triggs et al., Bundle adjustment:
+a modern synthesis, 2000, section 6.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+Array = np.ndarray
+State = TypeVar("State")
+
+#: converged where a step promises less than this part of the cost: 7 digits of the root mean square and more
+PROMISED = 1e-12
+#: the damping beyond which a step is too short to change anything in float64
+MOST_DAMPING = 1e14
+
+
+@dataclass(frozen=True)
+class Normal:
+    """JᵀJ and Jᵀr, by blocks, of the cost ½ Σ r²."""
+
+    cost: float
+    shared: Array  #: (F, F)
+    gradient: Array  #: (F,)
+    coupling: Array  #: (B, F, K)
+    blocks: Array  #: (B, K, K)
+    block_gradients: Array  #: (B, K)
+
+    @classmethod
+    def dense(cls, residual: Array, jacobian: Array) -> Normal:
+        """Of residuals (M,) and their Jacobian (M, F), without blocks."""
+        f = jacobian.shape[1]
+        empty = np.zeros((0, f, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0))
+        return cls(0.5 * residual @ residual, jacobian.T @ jacobian, jacobian.T @ residual, *empty)
+
+    @classmethod
+    def of_groups(cls, residual: Array, shared: Array, own: Array, group: Array, groups: int) -> Normal:
+        """Of residuals (M,), Jacobians by the shared (M, F) and by the own (M, K) parameters of their group.
+
+        `group` (M,) says which block each residual belongs to; residuals of a group stand together.
+        """
+        f, k = shared.shape[1], own.shape[1]
+        rows = np.concatenate([shared, own, residual[:, None]], 1)
+        starts = np.searchsorted(group, np.arange(groups))
+        outer = own[:, :, None] * rows[:, None]
+        sums = np.add.reduceat(outer, starts, 0) if groups else np.zeros((0, k, rows.shape[1]))
+        return cls(
+            0.5 * float(residual @ residual),
+            shared.T @ shared,
+            shared.T @ residual,
+            np.swapaxes(sums[:, :, :f], 1, 2),
+            sums[:, :, f : f + k],
+            sums[:, :, -1],
+        )
+
+    def step(self, damping: float) -> tuple[Array, Array, float] | None:
+        """The damped step, shared (F,) and of the blocks (B, K), and the decrease it promises.
+
+        None where the damped equations are not positive definite.
+        """
+        a, d = _damped(self.shared[None], damping)[0], _damped(self.blocks, damping)
+        try:
+            inverse = np.linalg.inv(d) if len(d) else d
+            reduced = (
+                np.tensordot(self.coupling @ inverse, self.coupling, ([0, 2], [0, 2])) if len(d) else 0.0
+            )
+            carried = (
+                np.einsum("bfk,bkl,bl->f", self.coupling, inverse, self.block_gradients) if len(d) else 0.0
+            )
+            factor = np.linalg.cholesky(a - reduced)
+        except np.linalg.LinAlgError:
+            return None
+        shared = -np.linalg.solve(factor.T, np.linalg.solve(factor, self.gradient - carried))
+        if len(d):
+            onto = self.block_gradients + np.einsum("bfk,f->bk", self.coupling, shared)
+            own = -np.einsum("bkl,bl->bk", inverse, onto)
+        else:
+            own = np.zeros_like(self.block_gradients)
+        damped = damping * (np.diagonal(self.shared) @ shared**2)
+        damped += damping * (np.einsum("bkk->bk", self.blocks) * own**2).sum()
+        promised = 0.5 * (damped - self.gradient @ shared - (self.block_gradients * own).sum())
+        return shared, own, float(promised)
+
+    def reduced(self) -> Array:
+        """The normal matrix (F, F) of the shared parameters with the blocks eliminated."""
+        if not len(self.blocks):
+            return self.shared
+        inverse = np.linalg.pinv(self.blocks, hermitian=True)
+        return self.shared - np.tensordot(self.coupling @ inverse, self.coupling, ([0, 2], [0, 2]))
+
+    def block_covariances(self, shared: Array) -> Array:
+        """Covariances (B, K, K) of the blocks, given that of the shared parameters (F, F)."""
+        inverse = np.linalg.pinv(self.blocks, hermitian=True)
+        gain = np.einsum("bfk,bkl->bfl", self.coupling, inverse)
+        return inverse + np.einsum("bfk,fg,bgl->bkl", gain, shared, gain)
+
+
+def _damped(matrices: Array, damping: float) -> Array:
+    """Matrices (B, K, K) with their diagonals scaled by 1 + damping, each parameter in its own unit."""
+    out = matrices.copy()
+    index = np.arange(matrices.shape[-1])
+    diagonal = out[:, index, index]
+    # the floor keeps a parameter without influence solvable: its step is then 0
+    out[:, index, index] = diagonal * (1 + damping) + np.finfo(float).tiny ** 0.5
+    return out
+
+
+@dataclass(frozen=True)
+class Fitted(Generic[State]):
+    """Where a minimisation ended, with the normal equations there."""
+
+    state: State
+    normal: Normal
+    iterations: int
+    converged: bool
+
+
+def minimise(
+    linearise: Callable[[State], Normal | None],
+    moved: Callable[[State, Array, Array], State],
+    state: State,
+    iterations: int = 100,
+) -> Fitted[State] | None:
+    """Levenberg-Marquardt; None where the start cannot be linearised.
+
+    Parameters
+    ----------
+    linearise : state -> Normal
+        None where a state is outside the domain: the step there is then shortened.
+    moved : (state, shared (F,), own (B, K)) -> state
+    """
+    normal = linearise(state)
+    if normal is None or not np.isfinite(normal.cost):
+        return None
+    damping, converged, count = 1e-4, False, 0
+    for count in range(1, iterations + 1):  # noqa: B007
+        step = normal.step(damping)
+        if step is None:
+            damping = max(damping, 1e-9) * 10
+            if damping > MOST_DAMPING:
+                break
+            continue
+        shared, own, promised = step
+        if promised <= PROMISED * normal.cost + np.finfo(float).tiny:
+            converged = True
+            break
+        trial_state = moved(state, shared, own)
+        trial = linearise(trial_state)
+        if trial is not None and trial.cost < normal.cost:
+            gain = (normal.cost - trial.cost) / promised
+            state, normal = trial_state, trial
+            damping *= 0.03 if gain > 0.5 else 1.0
+        elif promised <= 1e-9 * normal.cost and damping <= 1e-3:  # what is promised is rounding
+            converged = True
+            break
+        else:
+            damping = max(damping, 1e-12) * 20
+            if damping > MOST_DAMPING:
+                break
+    return Fitted(state, normal, count, converged)
