@@ -184,11 +184,11 @@ def _refined(camera: Camera, view: View, used: Array, start: Pose) -> Solution |
 
 def _require_determined(view: View, normal: Array) -> None:
     scale = np.sqrt(np.diagonal(normal))
-    if (scale == 0).any():
-        values = np.zeros(6)
-    else:
+    known = bool((scale > 0).all())
+    if known:
         values = np.linalg.eigvalsh(normal / np.outer(scale, scale))
-    if values[0] <= UNDETERMINED**2 * max(values[-1], 1.0):
+        known = bool(values[0] > UNDETERMINED**2 * values[-1])
+    if not known:
         raise EstimationError(
             f"view '{view.id}': its points leave the pose undetermined.", "Add points in other places."
         )
