@@ -151,8 +151,8 @@ def test_candidates_are_the_minima_whatever_the_frame():
     rays = PINHOLE.unproject(PINHOLE.project(truth.apply(xyz)))
     move = Pose(rotations.exp([0.4, 2.0, -1]), np.array([30.0, -20, 5]))
     here, there = absolute_pose.candidates(xyz, rays)[0], absolute_pose.candidates(move.apply(xyz), rays)[0]
-    np.testing.assert_allclose(there.after(move).rotation, here.rotation, atol=1e-7)
-    np.testing.assert_allclose(there.after(move).translation, here.translation, atol=1e-7)
+    np.testing.assert_allclose((there @ move).rotation, here.rotation, atol=1e-7)
+    np.testing.assert_allclose((there @ move).translation, here.translation, atol=1e-7)
 
 
 @pytest.mark.parametrize("planar", [False, True])
