@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "pose": ("camcal.cli.pose:command", "Find where a known camera stood, with all solutions."),
+    "triangulate": ("camcal.cli.triangulate:command", "Find points in space that several cameras see."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
     "select": ("camcal.cli.select:command", "Find the lens model that the data call for."),

@@ -54,7 +54,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
         )
     with _damage(source):
-        camera = _camera(found["camera"])
+        camera = camera_of(found["camera"])
         start, free = _start_and_free(found["camera"], camera)
         entries = found["views"]
         seen = decode(found["data"], [e["id"] for e in entries])
@@ -96,7 +96,7 @@ def load_camera(path: str | os.PathLike) -> Camera:
         if found["schema"] != TRUTH_SCHEMA:
             schema.check(found, source)
         with _damage(source):
-            return _camera(found["camera"])
+            return camera_of(found["camera"])
     if "camera_matrix" in found:
         with _damage(source):
             return _opencv_camera(found)
@@ -118,7 +118,8 @@ def _damage(source: str) -> Any:
         raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
 
 
-def _camera(entry: Mapping[str, Any]) -> Camera:
+def camera_of(entry: Mapping[str, Any]) -> Camera:
+    """The camera of a report's entry `camera`."""
     given = entry["parameters"]
     lens = make(entry["model"], skew="skew" in given)
     params = np.array([given[name]["value"] for name in lens.names], float)

@@ -7,11 +7,13 @@ one line here.
 CLOSED_FORMS = {
     "central": "camcal.start.central:estimate",
     "dlt": "camcal.start.dlt:estimate",
+    "mdlt": "camcal.start.mdlt:estimate",
     "zhang": "camcal.start.zhang:estimate",
 }
 
 SUMMARIES = {
     "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
     "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
+    "mdlt": "one view of a 3D rig: the DLT of Hatze, whose pixel axes are orthogonal",
     "zhang": "views of a plane: homographies and the image of the absolute conic",
 }

@@ -1,0 +1,86 @@
+"""The motion laboratories' files of DLT coefficients: a column a camera, L1 to L11 down.
+
+u = (L1 X + L2 Y + L3 Z + L4) / (L9 X + L10 Y + L11 Z + 1), v with L5 to L8 (Abdel-Aziz & Karara 1971): a projection
+matrix with m34 = 1, by rows. DLTdv, Argus, easyWand, StereoMorph and Kinovea exchange these files. Their pixels
+are those of the program that digitised the points, so that coefficients and points belong together as they are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from camcal.data.layout import find_separator, is_number
+from camcal.errors import DataError
+
+Array = np.ndarray
+
+ROWS = 11
+
+
+def looks_like_dlt(text: str) -> bool:
+    """Whether a text is eleven rows of equally many numbers."""
+    rows = _rows(text)
+    return (
+        len(rows) == ROWS
+        and len({len(r) for r in rows}) == 1
+        and all(is_number(f, ",") for r in rows for f in r)
+    )
+
+
+def read_dlt(path: str | os.PathLike) -> Array:
+    """The projection matrices (C, 3, 4) of a file, m34 = 1.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing or holds anything but eleven rows of numbers.
+    """
+    source = Path(path)
+    try:
+        text = source.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(
+            f"cannot read '{source}': it is not a text file that is there.", "Check the path."
+        ) from error
+    if not looks_like_dlt(text):
+        rows = _rows(text)
+        raise DataError(
+            f"'{source}' holds {len(rows)} rows; DLT coefficients are 11 rows of numbers, a column a camera.",
+            "Give the file that the digitising program saved as DLT coefficients.",
+        )
+    coefficients = np.array(_rows(text), float).T
+    if not np.isfinite(coefficients).all():
+        raise DataError(
+            f"'{source}' holds a coefficient that is not finite.", "Export the coefficients again."
+        )
+    return np.c_[coefficients, np.ones(len(coefficients))].reshape(-1, 3, 4)
+
+
+def dlt_text(matrices: Sequence[Array]) -> str:
+    """The text of projection matrices (3, 4); every coefficient reads back to the last bit where m34 is 1.
+
+    Raises
+    ------
+    DataError
+        Where m34 is 0 beside the other entries: the world's origin lies in the plane of that camera's centre.
+    """
+    columns = []
+    for index, m in enumerate(matrices):
+        m34 = m[2, 3]
+        if abs(m34) <= 1e-9 * np.abs(m[2]).max():  # dividing would leave fewer than 7 digits
+            raise DataError(
+                f"camera {index + 1}: the world's origin lies in the plane of its centre; the eleven coefficients "
+                "need m34 = 1.",
+                "Move the origin of the world.",
+            )
+        columns.append((m if m34 == 1 else m / m34).reshape(-1)[:ROWS])
+    return "".join(",".join(repr(float(x)) for x in row) + "\n" for row in np.array(columns).T)
+
+
+def _rows(text: str) -> list[list[str]]:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return [[f.strip() for f in line.split(find_separator(line))] for line in lines]

@@ -1,0 +1,70 @@
+"""Cameras with their place in the world, from whatever file holds them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.data.dlt_table import looks_like_dlt, read_dlt
+from camcal.errors import DataError
+from camcal.geometry import rotations
+from camcal.model.pose import Pose
+from camcal.report.loading import camera_of
+from camcal.report.yaml import read_document
+from camcal.routes.placed import PlacedCamera
+
+
+def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
+    """Cameras of a file of DLT coefficients, of a rig, of a report with one view, or of `camcal pose`.
+
+    Cameras of a DLT file are named 1, 2, ... as they stand in it; those of a report without a name `camera`.
+
+    Raises
+    ------
+    DataError
+        Where the file holds no camera with a pose.
+    """
+    source = Path(path)
+    if _is_dlt(source):
+        return tuple(PlacedCamera.of_matrix(str(i + 1), m) for i, m in enumerate(read_dlt(source)))
+    found = read_document(source)
+    if "cameras" in found and "rig" in found:
+        poses = {found["rig"].get("reference"): Pose.identity()}
+        poses |= {name: _pose(p) for name, p in found["rig"]["cam_from_rig"].items()}
+        return tuple(PlacedCamera(n, camera_of(e), poses[n]) for n, e in found["cameras"].items())
+    if "camera" in found:
+        pose = _single_pose(found)
+        if pose is not None:
+            return (PlacedCamera(source.stem, camera_of(found["camera"]), pose),)
+    raise DataError(
+        f"'{source}' holds no camera with a pose.",
+        "Give DLT coefficients (11 rows), a rig, the report of one view, or what `camcal pose` wrote.",
+    )
+
+
+def _is_dlt(source: Path) -> bool:
+    if source.suffix.lower() in (".yaml", ".yml", ".json"):
+        return False
+    try:
+        return looks_like_dlt(source.read_text(encoding="utf-8-sig")) or source.suffix.lower() in (
+            ".csv",
+            ".txt",
+        )
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _single_pose(found: Mapping[str, Any]) -> Pose | None:
+    if "solutions" in found:
+        return _pose(found["solutions"][0]["cam_from_world"])
+    used = [v for v in found.get("views", []) if v.get("status") == "used"]
+    return _pose(used[0]["cam_from_board"]) if len(used) == 1 else None
+
+
+def _pose(entry: Mapping[str, Any]) -> Pose:
+    vector = np.array(entry["rotation_vector"], float)
+    return Pose(rotations.exp(vector), np.array(entry["translation"], float))

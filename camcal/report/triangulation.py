@@ -1,0 +1,141 @@
+"""What `camcal triangulate` writes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.data.labelled import Labelled, read_labelled
+from camcal.errors import DataError
+from camcal.peers.triangulate_points import against_cv2
+from camcal.report.placed import load_placed
+from camcal.report.routes import document, warning
+from camcal.routes.placed import PlacedCamera
+from camcal.routes.triangulate import Images, Triangulated, sorted_images, triangulate
+
+Array = np.ndarray
+
+COLUMNS = ("point", *"XYZ", "sigma_X", "sigma_Y", "sigma_Z", "residual", "outliers")
+
+
+def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Sequence[str]) -> dict[str, Any]:
+    """Read cameras and image points, triangulate, and say what was found.
+
+    Raises
+    ------
+    DataError
+        Where a file cannot be read, a camera of the table is unknown, or no point has two images.
+    """
+    cameras = _cameras(paths)
+    table = read_labelled(points, ("camera", "point"), optional=("sigma",))
+    which = _matched(table, cameras, points)
+    sigma = table.values.get("sigma")
+    images, _ = sorted_images(which[table.labels["camera"]], table.labels["point"], table.uv, sigma)
+    names = table.names["point"]
+    found = triangulate(cameras, images, len(names))
+    checks = _checks(found, images) if crosscheck else []
+    sections = {
+        "points": [_entry(i, name, found, images) for i, name in enumerate(names) if not found.reason[i]],
+        "undetermined": [{"point": n, "reason": r} for n, r in zip(names, found.reason, strict=True) if r],
+        "sigma_hat": found.sigma_hat,
+    }
+    return document(command, None, sections, checks, _warnings(sections, found))
+
+
+def csv_text(found: dict[str, Any]) -> str:
+    """The points of a report as CSV, every number to its last bit."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for p in found["points"]:
+        numbers = [repr(float(x)) for x in (*p["xyz"], *p["sigma"], p["residual"])]
+        writer.writerow([p["point"], *numbers, ";".join(p["outliers"])])
+    return out.getvalue()
+
+
+def _cameras(paths: Sequence[Path]) -> tuple[PlacedCamera, ...]:
+    cameras = tuple(c for path in paths for c in load_placed(path))
+    names = [c.name for c in cameras]
+    if len(set(names)) < len(names):
+        cameras = tuple(PlacedCamera(str(i + 1), c.camera, c.pose) for i, c in enumerate(cameras))
+    if len(cameras) < 2:
+        raise DataError("one camera is given; triangulation needs two or more.", "Give all of them.")
+    return cameras
+
+
+def _matched(table: Labelled, cameras: Sequence[PlacedCamera], path: Path) -> Array:
+    """Which camera each name of the table means, (C,)."""
+    known = {c.name: i for i, c in enumerate(cameras)}
+    counted = {str(i + 1): i for i in range(len(cameras))}
+    out = []
+    for name in table.names["camera"]:
+        index = known.get(name, counted.get(name))
+        if index is None:
+            raise DataError(
+                f"{path}: there is no camera '{name}'; the cameras are {', '.join(known)}.",
+                "Name the cameras so in the table, or count them from 1.",
+            )
+        out.append(index)
+    return np.array(out)
+
+
+def _entry(index: int, name: str, found: Triangulated, images: Images) -> dict[str, Any]:
+    rows = images.point == index
+    left_out = images.camera[rows & ~found.used]
+    return {
+        "point": name,
+        "xyz": found.xyz[index],
+        "sigma": np.sqrt(np.diagonal(found.covariance[index])),
+        "residual": found.residual[index],
+        "images": int((rows & found.used).sum()),
+        "outliers": [found.cameras[c].name for c in left_out],
+        "covariance": found.covariance[index],
+    }
+
+
+def _checks(found: Triangulated, images: Images) -> list[dict[str, Any]]:
+    """cv2 beside camcal on the pair of cameras that shares the most points."""
+    seen = [set(images.point[(images.camera == c) & found.used].tolist()) for c in range(len(found.cameras))]
+    pairs = itertools.combinations(range(len(seen)), 2)
+    a, b = max(pairs, key=lambda pair: len(seen[pair[0]] & seen[pair[1]]))
+    shared = np.array(sorted(seen[a] & seen[b]), int)
+    if not len(shared):
+        return []
+    rows = [np.flatnonzero((images.camera == c) & np.isin(images.point, shared)) for c in (a, b)]
+    order = np.arange(len(shared))
+    uv = np.concatenate([images.uv[r] for r in rows])
+    two, _ = sorted_images(np.repeat([0, 1], len(shared)), np.r_[order, order], uv)
+    pair = [found.cameras[a], found.cameras[b]]
+    again = triangulate(pair, two, len(shared))
+    sides = [(c.camera, c.pose, images.uv[r]) for c, r in zip(pair, rows, strict=True)]
+    return [against_cv2(sides[0], sides[1], again.xyz)]
+
+
+def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, str]]:
+    made = []
+    lost = sections["undetermined"]
+    if lost:
+        first = lost[0]
+        made.append(
+            warning(
+                "undetermined-points",
+                f"{len(lost)} points are left out, first '{first['point']}': {first['reason']}.",
+                "A point needs two images whose rays meet at an angle.",
+            )
+        )
+    outliers = int((~found.used).sum())
+    if outliers:
+        made.append(
+            warning(
+                "outlier-images",
+                f"{outliers} images disagree with the others of their points.",
+                "Look at them.",
+            )
+        )
+    return made

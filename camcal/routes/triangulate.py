@@ -1,0 +1,265 @@
+"""Points in space from their images in several cameras: least squares in px, outlier views, covariances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from camcal.errors import DataError
+from camcal.model.pose import Array
+from camcal.routes.normal import Normal, minimise
+from camcal.routes.placed import PlacedCamera
+
+#: Rays are parallel where the least singular value of their normal matrix is below this part of the largest: the
+#: angle between them is then below 1e-6 rad, a thousandth of a pixel for a focal length of 1000 px.
+PARALLEL = 1e-12
+#: px; residuals of exact data are rounding, of which none is an outlier
+ROUNDING = 1e-9
+#: A point's residuals are noise unless χ² at this level says otherwise: one good point of a thousand is looked into.
+LEVEL = 0.999
+
+
+@dataclass(frozen=True)
+class Images:
+    """Image points of several cameras.
+
+    Attributes
+    ----------
+    camera, point : (N,) int arrays
+        Sorted by point.
+    uv : (N, 2) array, px
+    sigma : (N,) array or None, px
+    """
+
+    camera: Array
+    point: Array
+    uv: Array
+    sigma: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+
+@dataclass(frozen=True)
+class Triangulated:
+    """Points and what is known of them.
+
+    Attributes
+    ----------
+    xyz : (P, 3) array
+        NaN where a point is undetermined.
+    covariance : (P, 3, 3) array
+        Scaled by `sigma_hat`.
+    residual : (P,) array
+        rms_point over the images used, px.
+    residuals : (N, 2) array, px
+        Of each image, NaN where its point is undetermined.
+    used : (N,) bool array
+    sigma_hat : float or None
+        Of the noise of an image coordinate, px (or of sigma), from the residuals of all points together.
+    reason : tuple of str
+        Why a point is undetermined; empty where it is not.
+    cameras : tuple of PlacedCamera
+        As given, but turned over where the world's frame is left-handed.
+    """
+
+    xyz: Array
+    covariance: Array
+    residual: Array
+    residuals: Array
+    used: Array
+    sigma_hat: float | None
+    reason: tuple[str, ...]
+    cameras: tuple[PlacedCamera, ...]
+
+
+def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> Triangulated:
+    """Triangulate `count` points.
+
+    Each point starts where the squared distances from its rays are least, and ends where Σ |r|² / sigma² is
+    least. A point whose residuals are too large for the common noise is tried without each of its images (with
+    three or more); the best such choice is kept if its residuals are noise.
+
+    Raises
+    ------
+    DataError
+        Where no point has two images.
+    """
+    views = np.bincount(images.point, minlength=count)
+    if views.max(initial=0) < 2:
+        raise DataError(
+            f"none of {count} points is seen by two cameras; triangulation needs two images of a point.",
+            "Check the names of the points in the table.",
+        )
+    cameras = _right_way_round(cameras, images, count)
+    used = np.isfinite(_rays(cameras, images)).all(1)
+    found = _solve(cameras, images, used, count)
+    used = _without_outliers(cameras, images, used, found, count)
+    return _solve(cameras, images, used, count)
+
+
+def _rays(cameras: Sequence[PlacedCamera], images: Images) -> Array:
+    rays = np.full((len(images), 3), np.nan)
+    for index, camera in enumerate(cameras):
+        rows = images.camera == index
+        rays[rows] = camera.rays(images.uv[rows])
+    return rays
+
+
+def _linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> tuple[Array, Array]:
+    """Points (P, 3) nearest to their rays, and whether these determine them (P,)."""
+    rays = np.nan_to_num(_rays(cameras, images))
+    across = (np.eye(3) - rays[:, :, None] * rays[:, None]) * used[:, None, None]
+    centres = np.stack([c.centre for c in cameras])[images.camera]
+    normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    np.add.at(normal, images.point, across)
+    np.add.at(right, images.point, np.einsum("nij,nj->ni", across, centres))
+    values = np.linalg.eigvalsh(normal)
+    known = values[:, 0] > PARALLEL * np.maximum(values[:, 2], np.finfo(float).tiny)
+    xyz = np.full((count, 3), np.nan)
+    xyz[known] = np.linalg.solve(normal[known], right[known][..., None])[..., 0]
+    return xyz, known
+
+
+def _right_way_round(cameras: Sequence[PlacedCamera], images: Images, count: int) -> tuple[PlacedCamera, ...]:
+    """Cameras that see most of their points in front: a left-handed world turns projection matrices over."""
+    xyz, _ = _linear(cameras, images, np.isfinite(_rays(cameras, images)).all(1), count)
+    out = []
+    for index, camera in enumerate(cameras):
+        depth = camera.pose.apply(xyz[images.point[images.camera == index]])[:, 2]
+        depth = depth[np.isfinite(depth)]
+        pinhole = camera.camera.lens.name == "pinhole"
+        out.append(camera.mirrored() if pinhole and (depth < 0).mean() > 0.5 else camera)
+    return tuple(out)
+
+
+def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> Triangulated:
+    start, known = _linear(cameras, images, used, count)
+    seen = np.bincount(images.point[used], minlength=count)
+    reason = np.where(seen < 2, "one image", np.where(known, "", "its rays are parallel")).astype(object)
+    rows = used & (reason[images.point] == "")
+    roots = np.ones(len(images)) if images.sigma is None else 1 / images.sigma
+
+    def equations(xyz: Array) -> tuple[Array, Array]:
+        residual, jacobian = np.full((len(images), 2), np.nan), np.full((len(images), 2, 3), np.nan)
+        for index, camera in enumerate(cameras):
+            own = images.camera == index
+            residual[own], jacobian[own] = camera.residuals(xyz[images.point[own]], images.uv[own])
+        return residual, jacobian
+
+    with np.errstate(invalid="ignore"):
+        first, _ = equations(start)
+    lost = np.zeros(count, bool)
+    np.logical_or.at(lost, images.point[rows], ~np.isfinite(first[rows]).all(1))
+    reason[lost & (reason == "")] = "behind a camera, or outside its domain"
+    rows &= reason[images.point] == ""
+    own = np.flatnonzero(reason == "")
+    place = np.full(count, -1)
+    place[own] = np.arange(len(own))
+    group = np.repeat(place[images.point[rows]], 2)
+    weight = np.repeat(roots[rows], 2)
+
+    def linearise(xyz: Array) -> Normal | None:
+        residual, jacobian = equations(xyz)
+        residual, jacobian = residual[rows].ravel(), jacobian[rows].reshape(-1, 3)
+        if not np.isfinite(residual).all():
+            return None
+        shared = np.zeros((len(residual), 0))
+        return Normal.of_groups(residual * weight, shared, jacobian * weight[:, None], group, len(own))
+
+    def moved(xyz: Array, _: Array, steps: Array) -> Array:
+        out = xyz.copy()
+        out[own] += steps
+        return out
+
+    fit = minimise(linearise, moved, start) if len(own) else None
+    xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    sigma_hat = None
+    if fit is not None:
+        xyz[own] = fit.state[own]
+        freedom = 2 * int(rows.sum()) - 3 * len(own)
+        scale = 2 * fit.normal.cost / freedom
+        sigma_hat = float(np.sqrt(scale))
+        covariance[own] = np.linalg.inv(fit.normal.blocks) * scale
+    with np.errstate(invalid="ignore"):
+        residuals = equations(xyz)[0]
+    squares = np.bincount(images.point[rows], np.square(residuals[rows]).sum(1), count)
+    images_used = np.maximum(np.bincount(images.point[rows], minlength=count), 1)
+    residual = np.where(reason == "", np.sqrt(squares / images_used), np.nan)
+    return Triangulated(xyz, covariance, residual, residuals, used, sigma_hat, tuple(reason), tuple(cameras))
+
+
+def _without_outliers(
+    cameras: Sequence[PlacedCamera], images: Images, used: Array, found: Triangulated, count: int
+) -> Array:
+    """`used` without the images that their points are better off without."""
+    costs, freedom = _costs(images, used, found, count)
+    scale = _scale(costs, freedom)
+    with np.errstate(invalid="ignore"):
+        suspects = (costs > scale * stats.chi2.ppf(LEVEL, np.maximum(freedom, 1))) & (freedom >= 3)
+    if not suspects.any():
+        return used
+    best, choice = np.full(count, np.inf), np.full(count, -1)
+    order = _order_within(images.point)
+    for nth in range(int(order.max()) + 1):  # the n-th image of every suspect is left out, all at once
+        rows = np.flatnonzero((order == nth) & suspects[images.point] & used)
+        part = suspects[images.point] & used
+        part[rows] = False
+        tried = _solve(cameras, images, part, count)
+        cost, left = _costs(images, part, tried, count)
+        for row in rows:
+            point = images.point[row]
+            if cost[point] < best[point] and left[point] >= 1:
+                best[point], choice[point] = cost[point], row
+    good = best <= scale * stats.chi2.ppf(LEVEL, np.maximum(freedom - 2, 1))
+    out = used.copy()
+    out[choice[good & (choice >= 0)]] = False
+    return out
+
+
+def _costs(images: Images, used: Array, found: Triangulated, count: int) -> tuple[Array, Array]:
+    """Σ |r|² / sigma² (P,) of each point, and its degrees of freedom (P,)."""
+    squares = np.square(found.residuals).sum(1)
+    if images.sigma is not None:
+        squares = squares / images.sigma**2
+    rows = used & np.isfinite(squares)
+    costs = np.bincount(images.point[rows], squares[rows], count)
+    freedom = 2 * np.bincount(images.point[rows], minlength=count) - 3
+    return np.where(freedom > 0, costs, np.nan), freedom
+
+
+def _scale(costs: Array, freedom: Array) -> float:
+    """The variance of an image coordinate from the median of the points, so that outliers do not raise it."""
+    known = np.isfinite(costs) & (freedom > 0)
+    if not known.any():
+        return float("inf")
+    return max(float(np.median(costs[known] / stats.chi2.ppf(0.5, freedom[known]))), ROUNDING**2)
+
+
+def _order_within(point: Array) -> Array:
+    """How many rows of the same point stand before each row (N,); rows are sorted by point."""
+    starts = np.searchsorted(point, point)
+    return np.arange(len(point)) - starts
+
+
+def sorted_images(camera: Array, point: Array, uv: Array, sigma: Array | None = None) -> tuple[Images, Array]:
+    """Images sorted by point, and where each came from (N,).
+
+    Raises
+    ------
+    DataError
+        Where a camera has two images of a point.
+    """
+    order = np.lexsort((camera, point))
+    made = Images(camera[order], point[order], uv[order])
+    same = (np.diff(made.camera) == 0) & (np.diff(made.point) == 0)
+    if same.any():
+        rows = order[[int(same.argmax()), int(same.argmax()) + 1]]
+        raise DataError(
+            f"rows {min(rows) + 1} and {max(rows) + 1} of points are the same point in the same camera.",
+            "One image of a point in each camera is needed.",
+        )
+    return (made if sigma is None else replace(made, sigma=sigma[order])), order

@@ -1,0 +1,157 @@
+"""The modified DLT of Hatze: the projection matrix with m34 = 1 whose pixel axes are orthogonal.
+
+H. Hatze, High-precision three-dimensional photogrammetric calibration and object space reconstruction using a
+modified DLT approach, Journal of Biomechanics 21 (1988). Eleven coefficients describe a camera with a skew; a
+camera without one has ten unknowns, so that the coefficients obey one condition, with m1, m2, m3 the rows of
+the left 3 x 3 part:
+
+    g(M) = (m1 x m3) · (m2 x m3) = 0                                                                    (1)
+
+Hatze eliminates one coefficient by (1) and iterates; here the same constrained minimum of Σ |r|², r in px, is
+found by Gauss-Newton steps with a Lagrange multiplier, from the linear solution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.data.observations import Correspondences, View
+from camcal.errors import EstimationError
+from camcal.geometry import projective
+from camcal.geometry.dlt import solve
+from camcal.model.pose import Poses
+from camcal.start import shape
+from camcal.start.base import ClosedForm, scaled
+
+Array = np.ndarray
+
+STEPS = 50
+#: a step is the last that changes the coefficients, each in normalised coordinates, by less than this
+SETTLED = 1e-12
+#: halvings of a step that raises cost and condition; from the DLT full steps have always been taken
+HALVINGS = 10
+
+
+def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
+    """K without skew and the pose of a single view of points in space.
+
+    `info` holds `leave_one_out`, the rms_point of every point predicted by the others, px.
+
+    Raises
+    ------
+    DataError
+        Where the view has too few points or all on a line.
+    EstimationError
+        For several views, for points on a plane, and where the iteration does not settle.
+    """
+    form = shape.check(correspondences)
+    if len(correspondences) != 1 or form.planar[0]:
+        found = "a plane" if len(correspondences) == 1 else f"{len(correspondences)} views"
+        raise EstimationError(
+            f"the closed form 'mdlt' takes one view of points in space, not {found}.", "Use 'zhang' or 'dlt'."
+        )
+    view = correspondences.views[0]
+    m, steps, left_out, condition = constrained(view)
+    k, rotation, translation, mirrored = projective.decompose(m, view.xyz)
+    info = {
+        "assumptions": ["the pixel axes are orthogonal"],
+        "iterations": steps,
+        "leave_one_out": left_out,
+        "condition": condition,
+        "mirrored": mirrored,
+        "degenerate": False,
+    }
+    k[0, 1] = 0.0  # what is left of the condition is rounding
+    return ClosedForm("mdlt", k, Poses(rotation[None], translation[None]), scaled(m), info)
+
+
+def constrained(view: View) -> tuple[Array, int, float, float]:
+    """The projection matrix (3, 4) of least Σ |r|² / sigma² under (1).
+
+    Returns
+    -------
+    matrix, steps taken, leave-one-out rms_point (px), condition number of the linear system
+    """
+    roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+    to_xyz, to_uv = projective.normalisation(view.xyz[None])[0], projective.normalisation(view.uv[None])[0]
+    x = projective.homogeneous(view.xyz) @ to_xyz.T
+    y = (projective.homogeneous(view.uv) @ to_uv.T)[:, :2]
+    linear, singular = solve(view.xyz[None], view.uv[None], roots[None] ** 2)
+    m = to_uv @ linear[0] @ np.linalg.inv(to_xyz)
+    m = m / np.linalg.norm(m)
+    for count in range(1, STEPS + 1):  # noqa: B007
+        residual, jacobian = _equations(m, x, y, roots)
+        value, gradient = _condition(m)
+        # the scale of M is free: its own direction is held
+        system = np.zeros((14, 14))
+        system[:12, :12] = jacobian.T @ jacobian
+        system[:12, 12] = system[12, :12] = gradient.ravel()
+        system[:12, 13] = system[13, :12] = m.ravel()
+        right = -np.r_[jacobian.T @ residual, value, 0.0]
+        step = np.linalg.lstsq(system, right, rcond=1e-15)[0][:12].reshape(3, 4)
+        m = _taken(m, step, x, y, roots)
+        if np.abs(step).max() < SETTLED:
+            break
+    else:
+        raise EstimationError(
+            f"view '{view.id}': the modified DLT has not settled after {STEPS} steps.",
+            "Use the closed form 'dlt'; the points may leave the matrix undetermined.",
+        )
+    left_out = _leave_one_out(m, x, y, roots) / float(to_uv[0, 0])
+    condition = float(singular[0, 0] / max(singular[0, 10], np.finfo(float).tiny))
+    return np.linalg.inv(to_uv) @ m @ to_xyz, count, left_out, condition
+
+
+def _taken(m: Array, step: Array, x: Array, y: Array, roots: Array) -> Array:
+    """M after the step, shortened while both the cost and the condition get worse."""
+
+    def figures(n: Array) -> tuple[float, float]:
+        r, _ = _equations(n, x, y, roots)
+        return float(r @ r), abs(_condition(n)[0])
+
+    before = figures(m)
+    for _ in range(HALVINGS):
+        trial = (m + step) / np.linalg.norm(m + step)
+        cost, off = figures(trial)
+        if not (cost > before[0] and off > before[1]):
+            return trial
+        step = step / 2
+    return trial
+
+
+def _equations(m: Array, x: Array, y: Array, roots: Array) -> tuple[Array, Array]:
+    """Residuals (2N,) in normalised px and their Jacobian (2N, 12) by M."""
+    q = x @ m.T
+    uv = q[:, :2] / q[:, 2:]
+    jacobian = np.zeros((len(x), 2, 3, 4))
+    jacobian[:, 0, 0] = jacobian[:, 1, 1] = x / q[:, 2:]
+    jacobian[:, :, 2] = -uv[:, :, None] * (x / q[:, 2:])[:, None]
+    jacobian *= roots[:, None, None, None]
+    return ((uv - y) * roots[:, None]).ravel(), jacobian.reshape(-1, 12)
+
+
+def _condition(m: Array) -> tuple[float, Array]:
+    """g of (1) and its gradient (3, 4).
+
+    Similarities of the points' coordinates do not change that g is 0; isotropic ones of pixels neither.
+    """
+    m1, m2, m3 = m[:, :3]
+    a, b = np.cross(m1, m3), np.cross(m2, m3)
+    gradient = np.zeros((3, 4))
+    gradient[0, :3], gradient[1, :3] = np.cross(m3, b), np.cross(m3, a)
+    gradient[2, :3] = np.cross(b, m1) + np.cross(a, m2)
+    return float(a @ b), gradient
+
+
+def _leave_one_out(m: Array, x: Array, y: Array, roots: Array) -> float:
+    """rms_point of each point predicted without it, to first order: (I - H_ii)⁻¹ r_i with H = J J⁺."""
+    residual, jacobian = _equations(m, x, y, roots)
+    held = np.stack([_condition(m)[1].ravel(), m.ravel()])
+    free = np.linalg.svd(held)[2][2:].T
+    basis = np.linalg.qr(jacobian @ free)[0].reshape(len(x), 2, -1)
+    own = np.eye(2) - basis @ np.swapaxes(basis, 1, 2)
+    # a point that the fit follows wholly has no prediction by the others
+    safe = np.linalg.det(own) > 1e-9
+    alone = np.full((len(x), 2), np.inf)
+    alone[safe] = np.linalg.solve(own[safe], residual.reshape(-1, 2)[safe][..., None])[..., 0]
+    return float(np.sqrt(np.square(alone / roots[:, None]).sum(1).mean()))
