@@ -19,7 +19,7 @@ from tracking_common import estimator, method_errors, nees, run
 from camcal.data.points import read_points
 from camcal.geometry import projective, rotations
 from camcal.report.yaml import read_document
-from camcal.track.base import Frame
+from camcal.track.frames import Frame
 from camcal.track.simulate import SEQUENCES, Scene, simulate
 from camcal.track.table import MATRIX, PARAMETERS, Table
 

@@ -18,7 +18,7 @@ from tracking_common import KNOWS_MOTION, cv2_matrix, error, estimator, nees
 
 from camcal.geometry import projective
 from camcal.track import ESTIMATORS
-from camcal.track.base import Frame
+from camcal.track.frames import Frame
 from camcal.track.simulate import Scene, Truth, simulate
 
 WANTED = {"rls": "2,000", "kalman": "2,000", "iekf": "500"}

@@ -16,8 +16,9 @@ from camcal.cli.track_results import deliver, may_replace, reference_matrix
 from camcal.cli.verbosity import note, verbosity_options
 
 if TYPE_CHECKING:
-    from camcal.track.base import Frame, TrackOptions
     from camcal.track.events import Change
+    from camcal.track.frames import Frame
+    from camcal.track.options import TrackOptions
 
 #: changes that are told as they are seen
 TOLD = 20
@@ -48,13 +49,12 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
         output,
         on_change=_Teller(),
         hold=options["reorder"],
-        state=options["state"],
+        state_file=options["state"],
         every=options["state_every"] or (FROM_PIPE if live else FROM_FILE),
         options=_must_match(options, track_options),
     )
-    if options["state"] is not None and options["state"].is_file():
-        follower.resume()
     try:
+        follower.resume()
         summary = follower.run(_frames(frames, options, output.flush))
         output.finish()
     except BaseException:  # also on ^C: no table that looks complete
@@ -97,7 +97,7 @@ def _estimator(
     from camcal.errors import UsageError
     from camcal.registry import look_up
     from camcal.track import ESTIMATORS
-    from camcal.track.base import TrackOptions
+    from camcal.track.options import TrackOptions
 
     method = options["method"] or ("iekf" if options["camera"] is not None else "kalman")
     options["method"] = method
@@ -206,9 +206,9 @@ def _from_stream(
 
 def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[Frame]:
     from camcal.cli.job import read_pictures
-    from camcal.track.pictures import frames_of
+    from camcal.track.frames import from_pictures
 
-    return frames_of(read_pictures(paths, options))
+    return from_pictures(read_pictures(paths, options))
 
 
 def _format(options: dict[str, Any]) -> str:
@@ -227,6 +227,7 @@ def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
         _format(options),
         options["output"],
         growing=live or options["state"] is not None,
+        force=options["force"],
     )
 
 

@@ -7,9 +7,9 @@ contract tests follow. The tables import nothing, so that help and completion st
 from __future__ import annotations
 
 ESTIMATORS = {
-    "batch": "camcal.track.batch:Batch",
-    "rls": "camcal.track.rls:RecursiveLeastSquares",
-    "kalman": "camcal.track.kalman:Kalman",
+    "batch": "camcal.track.matrix_filters:Batch",
+    "rls": "camcal.track.matrix_filters:RecursiveLeastSquares",
+    "kalman": "camcal.track.matrix_filters:Kalman",
     "iekf": "camcal.track.iekf:IteratedKalman",
     "window": "camcal.track.window:Window",
     "smoother": "camcal.track.smoother:Smoother",
@@ -25,7 +25,7 @@ SUMMARIES = {
 }
 
 GAINS = {
-    "kalman": "camcal.track.gains:KalmanGain",
+    "kalman": "camcal.track.gains:Gain",
     "forgetting": "camcal.track.gains:ForgettingGain",
     "fixed": "camcal.track.gains:FixedGain",
     "mean": "camcal.track.gains:MeanGain",

@@ -1,62 +1,56 @@
-"""Checkpoints: all that is needed to go on after a kill as if nothing had happened, to the last bit.
+"""Checkpoint files: all that a run needs to go on after a kill as if nothing had happened, to the last bit.
 
-A checkpoint is one JSON document. Arrays are stored as the base64 text of their bytes; floats as the
-shortest text that reads back as the same number.
+The first line names the schema and the SHA-256 of the second, which is one JSON document (camcal.track.keep).
 """
 
 from __future__ import annotations
 
-import base64
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any
 
 from camcal.data.writing import atomic_write, sweep
 from camcal.errors import DataError, UsageError
-from camcal.track.base import State
-from camcal.track.decompose import Cameras
-from camcal.track.events import Alarm
-from camcal.track.model import Model
+from camcal.track.keep import pack, unpack
 
-SCHEMA = "camcal-track-state/1"
-_ARRAY = "__array__"
+SCHEMA = "camcal-track-state/2"
+_HINT = "Choose another --state."
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a checkpoint; the file is the old one or the new one at every moment."""
-    text = json.dumps({"schema": SCHEMA, **content}, default=_encode)
-    atomic_write(path, text, force=True)
+    """Write a checkpoint atomically: a reader sees the old one or the new one."""
+    body = json.dumps(pack(content))
+    head = json.dumps({"schema": SCHEMA, "sha256": _digest(body)})
+    atomic_write(path, f"{head}\n{body}\n", force=True)
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Read a checkpoint; what a run that was killed while it wrote one has left is removed.
+    """Read a checkpoint, and remove temporary files of a run that was killed while it wrote one.
 
     Raises
     ------
     DataError
-        Where the file is not one.
+        Where the file is no checkpoint of this version, or is damaged.
     """
     sweep(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"), object_hook=_decode)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise DataError(
-            f"{path}: not a state of `camcal track` ({error}).", "Choose another --state."
-        ) from None
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise DataError(
-            f"{path}: not a state of `camcal track`; {SCHEMA} is needed.", "Choose another --state."
-        )
-    return content
+        head, _, body = path.read_text(encoding="utf-8").partition("\n")
+        found = json.loads(head)
+    except (ValueError, RecursionError):
+        raise DataError(f"{path}: not a state of `camcal track`.", _HINT) from None
+    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
+        raise DataError(f"{path}: not a state of `camcal track`; the schema {SCHEMA} is needed.", _HINT)
+    body = body.removesuffix("\n")
+    if found.get("sha256") != _digest(body):
+        raise DataError(f"{path}: the state is damaged: its checksum does not match.", _HINT)
+    return json.loads(body, object_hook=unpack)
 
 
 def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Refuse to go on with other options than those that the checkpoint was made with."""
-    saved, now = (json.loads(json.dumps(d, default=_encode)) for d in (saved, now))
+    """Refuse options that differ from those that the checkpoint was made with."""
+    saved, now = (json.loads(json.dumps(pack(options))) for options in (saved, now))
     for name, value in now.items():
         if saved.get(name) != value:
             raise UsageError(
@@ -65,60 +59,10 @@ def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -
             )
 
 
-def _encode(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        # the memory order is kept: BLAS adds in another order on the transposed layout
-        order: Literal["F", "C"] = "F" if value.flags.f_contiguous and not value.flags.c_contiguous else "C"
-        text = base64.b64encode(value.tobytes(order)).decode("ascii")
-        return {_ARRAY: text, "dtype": value.dtype.str, "shape": list(value.shape), "order": order}
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"a {type(value).__name__} has no place in a checkpoint")
-
-
-def _decode(value: dict[str, Any]) -> Any:
-    if _ARRAY not in value:
-        return value
-    data = np.frombuffer(base64.b64decode(value[_ARRAY]), np.dtype(value["dtype"]))
-    return data.reshape(value["shape"], order=value["order"]).copy("K")
-
-
 def round_trip(content: Mapping[str, Any]) -> dict[str, Any]:
     """What `load` gives after `save`, without a file."""
-    return json.loads(json.dumps(content, default=_encode), object_hook=_decode)
+    return json.loads(json.dumps(pack(content)), object_hook=unpack)
 
 
-def pack_alarm(alarm: Alarm) -> dict[str, Any]:
-    """An alarm as a dict that a checkpoint takes."""
-    return asdict(alarm)
-
-
-def unpack_alarm(packed: Mapping[str, Any]) -> Alarm:
-    """The alarm of `pack_alarm`."""
-
-    def cameras(one: Mapping[str, Any]) -> Cameras:
-        return Cameras(**{**one, "extra_names": tuple(one["extra_names"])})
-
-    return Alarm(**{**packed, "before": cameras(packed["before"]), "after": cameras(packed["after"])})
-
-
-def pack_states(states: Sequence[State], model: Model) -> list[dict[str, Any]]:
-    """States as dicts that a checkpoint takes."""
-    packed = []
-    for state in states:
-        one = {name: getattr(state, name) for name in State.__slots__}
-        one["estimate"] = None if state.estimate is None else model.pack(state.estimate)
-        one["alarm"] = None if state.alarm is None else pack_alarm(state.alarm)
-        packed.append(one)
-    return packed
-
-
-def unpack_states(packed: Sequence[Mapping[str, Any]], model: Model) -> list[State]:
-    """The states of `pack_states`."""
-    states = []
-    for one in packed:
-        state = State(**one)
-        state.estimate = None if one["estimate"] is None else model.unpack(one["estimate"])
-        state.alarm = None if one["alarm"] is None else unpack_alarm(one["alarm"])
-        states.append(state)
-    return states
+def _digest(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()

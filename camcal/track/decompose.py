@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.track.keep import stored
 
 Array = np.ndarray
 
@@ -32,6 +33,7 @@ _PLACES[range(5), [0, 1, 0, 0, 1], [0, 1, 1, 2, 2]] = 1.0
 _TURNS = rotations.skew(np.eye(3))
 
 
+@stored
 @dataclass(frozen=True)
 class Cameras:
     """Cameras of F frames with the factor of their covariance.
@@ -45,7 +47,6 @@ class Cameras:
         L with covariance L Lᵀ in the physical coordinates, then the E distortion coefficients.
     extra : (F, E) array
         Distortion coefficients.
-    extra_names : tuple of E str
     """
 
     k: Array
@@ -53,7 +54,6 @@ class Cameras:
     translation: Array
     factor: Array
     extra: Array
-    extra_names: tuple[str, ...] = ()
 
     @property
     def pose(self) -> Array:

@@ -16,13 +16,14 @@ alarm, which solves an integral equation (Page 1954; Brook & Evans, Biometrika 5
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, fdtrc, ndtr, ndtri
+
+from camcal.track.keep import Kept
 
 #: the shift of the deviate, in standard deviations, that the sum is quickest for is twice this
 REFERENCE = 0.5
@@ -88,7 +89,7 @@ def cusum_threshold(false_alarm: float) -> float:
     return float(brentq(excess, low, high, xtol=1e-6)) if excess(low) < 0 else low
 
 
-class ChangeTest:
+class ChangeTest(Kept):
     """Both tests, frame by frame.
 
     Attributes
@@ -99,6 +100,8 @@ class ChangeTest:
     since : int or None
         The frame after which the sum was last zero: where a change that it finds began.
     """
+
+    kept: ClassVar[tuple[str, ...]] = ("sum", "since")
 
     def __init__(self, false_alarm: float):
         self.limit = float(-ndtri(false_alarm / 2))
@@ -126,11 +129,3 @@ class ChangeTest:
     def reset(self) -> None:
         """Begin anew, after an alarm."""
         self.sum, self.since = 0.0, None
-
-    def state(self) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {"sum": self.sum, "since": self.since}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """From a checkpoint."""
-        self.sum, self.since = state["sum"], state["since"]

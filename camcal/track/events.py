@@ -9,6 +9,7 @@ import numpy as np
 
 from camcal.geometry import rotations
 from camcal.track.decompose import FOCAL, PRINCIPAL, ROTATION, TRANSLATION, Cameras
+from camcal.track.keep import stored
 
 Array = np.ndarray
 
@@ -39,6 +40,7 @@ PENALTY = float(np.log(100.0))
 ODDS = {"principal point": 4.0, "zoom": 4.0}
 
 
+@stored
 @dataclass(frozen=True)
 class Alarm:
     """The camera before and after a change.
@@ -61,6 +63,7 @@ class Alarm:
     after: Cameras
 
 
+@stored
 @dataclass(frozen=True)
 class Change:
     """What an alarm amounts to.

@@ -7,14 +7,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from camcal.track import checkpoint
-from camcal.track.base import Estimator, Frame, State, pack_frames, unpack_frames
+from camcal.track.estimator import Estimator, TrackState
 from camcal.track.events import Alarm, Change, explain
+from camcal.track.frames import Frame
+from camcal.track.keep import Kept, stored
 from camcal.track.output import Output
 
-#: frames after a change until it is described for good
+#: frames after a change until its final description: the spread of the camera after it has then fallen to
+#: about a third of that of one frame
 SETTLE = 10
 #: motions so slow that the camera SETTLE frames later is still the one after the change
 STILL = ("fixed", "thermal")
@@ -22,6 +25,7 @@ STILL = ("fixed", "thermal")
 KEPT = 1000
 
 
+@stored
 @dataclass
 class Summary:
     """What a run amounts to.
@@ -37,7 +41,7 @@ class Summary:
     changes : list of Change
         The first `KEPT`.
     change_count : int
-    last : State or None
+    last : TrackState or None
         The last one with an estimate.
     nis, nis_dof : float
         Sums over the tested frames; their ratio is 1 for a filter that knows its own uncertainty.
@@ -50,11 +54,14 @@ class Summary:
     ignored: int = 0
     changes: list[Change] = field(default_factory=list)
     change_count: int = 0
-    last: State | None = None
+    last: TrackState | None = None
     nis: float = 0.0
     nis_dof: int = 0
 
-    def add(self, state: State) -> None:
+    def __post_init__(self) -> None:
+        self.statuses = Counter(self.statuses)  # a checkpoint holds a plain mapping
+
+    def add(self, state: TrackState) -> None:
         """Count a frame."""
         self.frames += 1
         self.statuses[state.status] += 1
@@ -68,7 +75,7 @@ class Summary:
 
 
 @dataclass
-class Follower:
+class Follower(Kept):
     """A run in progress.
 
     Parameters
@@ -77,28 +84,38 @@ class Follower:
     output : Output
         Where the rows go.
     on_change : callable
-        Told of each change at once, before it is described for good.
+        Called with each change at once, before its final description.
     hold : int
         Frames held back to put late ones in their place.
-    state : Path or None
-        The checkpoint.
+    state_file : Path or None
+        Where the state is kept.
     every : int
         Frames between checkpoints.
     options : mapping
         What must be the same when the run is taken up again.
     """
 
+    kept: ClassVar[tuple[str, ...]] = (
+        "estimator",
+        "summary",
+        "_held",
+        "_first",
+        "_read",
+        "_alarm",
+        "_settling",
+    )
+
     estimator: Estimator
     output: Output
     on_change: Callable[[Change], None] = lambda change: None
     hold: int = 0
-    state: Path | None = None
+    state_file: Path | None = None
     every: int = 1
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.summary = Summary()
-        self._heap: list[Frame] = []
+        self._held: list[Frame] = []
         self._first: int | None = None
         self._read = 0
         self._alarm: Alarm | None = None
@@ -117,13 +134,13 @@ class Follower:
         if since:
             # before the end is dealt with: a later run may find that the stream went on
             self._checkpoint()
-        for frame in sorted(self._heap, key=_number):
+        for frame in sorted(self._held, key=_number):
             self._step(frame)
-        self._heap = []
+        self._held = []
         states = list(self.estimator.finish())
         if self.estimator.offline:
             for state in states:
-                self._tell(state)
+                self._add(state)
         self._describe()
         self.output.flush()
         return self.summary
@@ -148,19 +165,19 @@ class Follower:
         if not self.hold:
             self._step(frame)
             return
-        self._heap.append(frame)
-        if len(self._heap) > self.hold:
-            oldest = min(self._heap, key=_number)
-            self._heap = [f for f in self._heap if f is not oldest]
+        self._held.append(frame)
+        if len(self._held) > self.hold:
+            oldest = min(self._held, key=_number)
+            self._held = [f for f in self._held if f is not oldest]
             self._step(oldest)
 
     def _step(self, frame: Frame) -> None:
         state = self.estimator.update(frame)
         self.summary.ignored = self.estimator.ignored
         if state is not None and not self.estimator.offline:
-            self._tell(state)
+            self._add(state)
 
-    def _tell(self, state: State) -> None:
+    def _add(self, state: TrackState) -> None:
         self.output.add(state)
         self.summary.add(state)
         if state.alarm is not None:
@@ -174,7 +191,7 @@ class Follower:
 
     # ------------------------------------------------------------------ changes
     def _describe(self) -> None:
-        """Describe the open change for good, by the camera of now where it has not moved on since."""
+        """Describe the last change finally, by the present camera where that has not moved since."""
         if self._alarm is None:
             return
         alarm, last, options = self._alarm, self.summary.last, self.estimator.options
@@ -189,28 +206,16 @@ class Follower:
 
     # ------------------------------------------------------------------ checkpoints
     def _checkpoint(self) -> None:
-        """Rows first, then the state that says how many bytes of them count."""
-        if self.state is None:
-            return
-        model = self.output.table.model
-        summary = dict(vars(self.summary))
-        summary["changes"] = [vars(c) for c in self.summary.changes]
-        summary["last"] = checkpoint.pack_states([s for s in [self.summary.last] if s], model)
-        content = {
-            "options": dict(self.options),
-            "estimator": self.estimator.state(),
-            "output": self.output.flush(),
-            "summary": summary,
-            "held": pack_frames(self._heap),
-            "first": self._first,
-            "read": self._read,
-            "alarm": None if self._alarm is None else checkpoint.pack_alarm(self._alarm),
-            "settling": self._settling,
-        }
-        checkpoint.save(self.state, content)
+        """Write the rows, then the state, which says how many bytes of them belong to it."""
+        if self.state_file is not None:
+            rows = self.output.flush()
+            checkpoint.save(self.state_file, {"options": self.options, "rows": rows, "run": self.state()})
 
     def resume(self) -> None:
-        """Take up the checkpoint.
+        """Go on from the checkpoint where there is one; without, write the first one.
+
+        The first one is written before the table is begun, so that a run that is killed at any moment can be
+        started again.
 
         Raises
         ------
@@ -219,24 +224,16 @@ class Follower:
         UsageError
             Where it was made with other options, or the rows that belong to it are gone.
         """
-        assert self.state is not None
-        saved = checkpoint.load(self.state)
-        checkpoint.require_same(self.state, saved["options"], self.options)
-        self.estimator.restore(saved["estimator"])
-        self.output.resume(saved["output"])
-        summary = saved["summary"]
-        last = checkpoint.unpack_states(summary["last"], self.output.table.model)
-        self.summary = Summary(
-            **{
-                **summary,
-                "statuses": Counter(summary["statuses"]),
-                "changes": [Change(**c) for c in summary["changes"]],
-                "last": last[0] if last else None,
-            }
-        )
-        self._heap, self._first, self._read = unpack_frames(saved["held"]), saved["first"], saved["read"]
-        self._alarm = None if saved["alarm"] is None else checkpoint.unpack_alarm(saved["alarm"])
-        self._settling = saved["settling"]
+        if self.state_file is None:
+            return
+        if not self.state_file.is_file():
+            content = {"options": self.options, "rows": 0, "run": self.state()}
+            checkpoint.save(self.state_file, content)
+            return
+        saved = checkpoint.load(self.state_file)
+        checkpoint.require_same(self.state_file, saved["options"], self.options)
+        self.restore(saved["run"])
+        self.output.resume(saved["rows"])
 
 
 def _number(frame: Frame) -> int:

@@ -7,19 +7,19 @@ uncertainty stays honest whichever gain is chosen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from camcal.track import linear
-from camcal.track.base import TrackOptions
+from camcal.track.keep import Kept
+from camcal.track.options import TrackOptions
 
 Array = np.ndarray
 
 
-class Gain:
-    """A rule for G; this one is that of least variance.
+class Gain(Kept):
+    """A rule for G; this one is Kalman's, of least variance.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Gain:
         Whether it can move state variables that no frame measures.
     """
 
-    tracks_velocity = False
+    tracks_velocity = True
 
     def __init__(self, options: TrackOptions):
         self.options = options
@@ -56,25 +56,11 @@ class Gain:
         """
         return kalman(factor, a, innovation)
 
-    def state(self) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """From a checkpoint."""
-        del state
-
 
 def kalman(factor: Array, a: Array, innovation: Array) -> Array:
     """P Aᵀ S⁻¹ (Kalman 1960)."""
     cross = (a @ factor[: len(a)]) @ factor.T
     return linear.solve_factored(innovation, cross).T
-
-
-class KalmanGain(Gain):
-    """The gain of least variance."""
-
-    tracks_velocity = True
 
 
 class ForgettingGain(Gain):
@@ -84,6 +70,9 @@ class ForgettingGain(Gain):
     subtracted, so that rounding errors do not build up over any number of frames.
     """
 
+    tracks_velocity = False
+    kept: ClassVar[tuple[str, ...]] = ("root",)
+
     def __init__(self, options: TrackOptions):
         super().__init__(options)
         self.forgetting = options.forgetting
@@ -91,9 +80,7 @@ class ForgettingGain(Gain):
 
     def begin(self, factor: Array) -> None:
         """The sum is that of the estimate's information."""
-        n = len(factor)
         self.root = linear.triangle(np.ascontiguousarray(np.linalg.inv(factor).T)).T
-        assert self.root.shape == (n, n)
 
     def __call__(self, factor: Array, a: Array, innovation: Array, step: float) -> Array:
         """See `Gain`."""
@@ -104,14 +91,6 @@ class ForgettingGain(Gain):
         self.root = linear.triangle(rows).T
         half = linear.solve_upper(self.root, a.T, transposed=True)
         return linear.solve_upper(self.root, half)
-
-    def state(self) -> dict[str, Any]:
-        """The triangle."""
-        return {"root": self.root}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """The triangle."""
-        self.root = state["root"]
 
 
 class MeanGain(ForgettingGain):
@@ -129,6 +108,8 @@ class MeanGain(ForgettingGain):
 class FixedGain(Gain):
     """G = α A⁻¹: the constant fraction α of the way to the frame's own least squares estimate."""
 
+    tracks_velocity = False
+
     def __call__(self, factor: Array, a: Array, innovation: Array, step: float) -> Array:
         """See `Gain`; directions that the frame does not determine are left alone."""
         return self.options.alpha * np.linalg.pinv(a, rcond=1e-10)
@@ -142,7 +123,7 @@ class AdaptiveGain(Gain):
     beyond two standard deviations of that mean.
     """
 
-    tracks_velocity = True
+    kept: ClassVar[tuple[str, ...]] = ("mean", "weight")
     #: frames over which the innovations are averaged
     MEMORY = 10.0
 
@@ -167,11 +148,3 @@ class AdaptiveGain(Gain):
         spread = (1 + predicted) * np.sqrt(2.0 / p / self.weight)
         surplus = self.mean - 1.0 - 2.0 * spread
         return factor * np.sqrt(max(1.0, surplus / predicted))
-
-    def state(self) -> dict[str, Any]:
-        """The mean and its weight."""
-        return {"mean": self.mean, "weight": self.weight}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """The mean and its weight."""
-        self.mean, self.weight = state["mean"], state["weight"]

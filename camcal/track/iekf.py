@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from camcal.errors import EstimationError, UsageError
 from camcal.model import lenses
-from camcal.track import motion, start
-from camcal.track.base import Frame, TrackOptions
+from camcal.track import first, motion
+from camcal.track.frames import Frame
+from camcal.track.options import TrackOptions
 from camcal.track.physical_model import PhysicalModel
 from camcal.track.recursive import Recursive
-from camcal.track.robust import Fit
+from camcal.track.robust import FrameFit
 
 
 def physical_model(options: TrackOptions) -> PhysicalModel:
@@ -55,11 +56,11 @@ class IteratedKalman(Recursive):
             options, physical_model(options), noise, options.gain or self.gains[0], options.iterations
         )
 
-    def _first(self, frame: Frame) -> Fit:
+    def _first(self, frame: Frame) -> FrameFit:
         """Refuse what would look like a result: intrinsics from one view of a plane."""
         lens = self.model.lens.parameters[: 5 if self.model.has_skew else 4]
         held = all(p.name in self.model.fix for p in lens)
         still = all(self.figures[group] < least for group, least in MOVES.items())
-        if still and not held and len(frame) >= self.model.start_points and start.is_flat(frame.xyz):
-            raise EstimationError(start.PLANE_INTRINSICS, start.PLANE_HINT)
+        if still and not held and len(frame) >= self.model.start_points and first.is_flat(frame.xyz):
+            raise EstimationError(first.PLANE_INTRINSICS, first.PLANE_HINT)
         return super()._first(frame)

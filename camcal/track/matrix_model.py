@@ -14,14 +14,14 @@ in front of the camera, so that m34 = 1 costs nothing there.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from camcal.geometry import projective
-from camcal.track import decompose, start
-from camcal.track.base import Frame
+from camcal.track import decompose, first
 from camcal.track.decompose import Cameras
+from camcal.track.frames import Frame
 from camcal.track.model import Model
 from camcal.track.motion import scaled
 
@@ -34,6 +34,7 @@ class MatrixModel(Model):
     size = 11
     min_points = 6
     start_points = 6
+    kept: ClassVar[tuple[str, ...]] = ("world", "image")
 
     def __init__(self) -> None:
         self._set(np.eye(4), np.eye(3))
@@ -149,7 +150,7 @@ class MatrixModel(Model):
 
     def start(self, frame: Frame) -> Array:
         """Least median of squares over DLTs of samples."""
-        return self.from_matrix(start.projection_matrix(frame.xyz, frame.uv))
+        return self.from_matrix(first.projection_matrix(frame.xyz, frame.uv))
 
     def describe(self, estimates: Sequence[Array], factors: Sequence[Array]) -> Cameras:
         """Split by RQ; the covariance by the inverse of its derivative."""
@@ -158,18 +159,6 @@ class MatrixModel(Model):
         factor = np.linalg.solve(self.tangent(k, pose), np.stack(factors)[:, :11])
         return Cameras(k, rotation, translation, factor, np.zeros((len(k), 0)))
 
-    def pack(self, x: Array) -> dict[str, Array]:
-        """The 11 numbers."""
-        return {"m": x}
-
-    def unpack(self, packed: Mapping[str, Array]) -> Array:
-        """The 11 numbers."""
-        return packed["m"]
-
-    def state(self) -> dict[str, Any]:
-        """The normalisation."""
-        return {"world": self.world, "image": self.image}
-
     def restore(self, state: Mapping[str, Any]) -> None:
-        """The normalisation."""
+        """Take up the normalisation."""
         self._set(state["world"], state["image"])

@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from camcal.track.base import Frame
 from camcal.track.decompose import Cameras
+from camcal.track.frames import Frame
+from camcal.track.keep import Kept
 
 Array = np.ndarray
 
 
-class Model(ABC):
+class Model(Kept, ABC):
     """Cameras with p local coordinates.
+
+    What it has taken from the data (its normalisation) is `kept` in checkpoints.
 
     Attributes
     ----------
@@ -104,19 +107,3 @@ class Model(ABC):
     @abstractmethod
     def describe(self, estimates: Sequence[Any], factors: Sequence[Array]) -> Cameras:
         """K, R, t of many estimates at once, with the factors of their covariances."""
-
-    @abstractmethod
-    def pack(self, x: Any) -> dict[str, Array]:
-        """An estimate as arrays, for a checkpoint."""
-
-    @abstractmethod
-    def unpack(self, packed: Mapping[str, Array]) -> Any:
-        """The estimate of `pack`, to the last bit."""
-
-    def state(self) -> dict[str, Any]:
-        """What the model itself has taken from the data (its normalisation)."""
-        return {}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take up a state of `state`."""
-        del state

@@ -27,6 +27,9 @@ Array = np.ndarray
 
 GROUPS = ("focal", "aspect", "principal", "skew", "rotation", "translation", "distortion")
 
+#: the figures of a filter that knows no motion
+NONE = dict.fromkeys(GROUPS, 0.0)
+
 #: `thermal` is a camera whose focal length walks by 1e-3 and principal point by 2 px in half an hour at
 #: 30 frames a second; the others are an order of magnitude above what their name suggests as a slow motion.
 MOTIONS: dict[str, dict[str, float]] = {
@@ -67,7 +70,7 @@ def figures(motion: str, drift: Mapping[str, float]) -> dict[str, float]:
             raise UsageError(f"unknown group of parameters '{group}' in the drift.", hint)
         if not value >= 0:
             raise UsageError(f"the drift {group}={value} is negative.", "Figures are standard deviations.")
-    return {**dict.fromkeys(GROUPS, 0.0), **MOTIONS[motion], **drift}
+    return {**NONE, **MOTIONS[motion], **drift}
 
 
 def scaled(noise: Mapping[str, float], focal: float, distance: float) -> dict[str, float]:

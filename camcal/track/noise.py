@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 from scipy.special import chdtrc, fdtrc
+
+from camcal.track.keep import Kept
 
 #: degrees of freedom after which old frames are forgotten: 1 % of standard deviation
 MEMORY = 5000.0
@@ -28,7 +29,7 @@ def gate(probability: float, dof: float) -> float:
     return dof * math.expm1(power) if power < 700 else math.inf
 
 
-class Noise:
+class Noise(Kept):
     """Pooled variance of the residuals that a frame's own best camera leaves.
 
     This part of a frame is independent of whether, and how well, the camera is tracked, so that the figure
@@ -41,6 +42,8 @@ class Noise:
     dof : float
         Degrees of freedom that it rests on; inf where it is known.
     """
+
+    kept: ClassVar[tuple[str, ...]] = ("known", "sigma", "dof")
 
     def __init__(self, known: float | None = None):
         self.known = known
@@ -71,11 +74,3 @@ class Noise:
         if math.isinf(self.dof):
             return float(chdtrc(dof, squares))
         return float(fdtrc(dof, self.dof, squares / dof))
-
-    def state(self) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {"known": self.known, "sigma": self.sigma, "dof": self.dof}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """From a checkpoint."""
-        self.known, self.sigma, self.dof = state["known"], state["sigma"], state["dof"]

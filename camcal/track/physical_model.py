@@ -7,22 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from camcal.data.observations import View
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective, rotations
+from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Pose
+from camcal.solve import ransac
 from camcal.solve.parameters import apply_fixed, free_matrix
 from camcal.start.pose import initial_poses
-from camcal.track import decompose, start
-from camcal.track.base import Frame
+from camcal.track import decompose, first
 from camcal.track.decompose import Cameras
+from camcal.track.frames import Frame
+from camcal.track.keep import stored
 from camcal.track.model import Model
 from camcal.track.motion import scaled
-from camcal.track.robust import majority
 
 Array = np.ndarray
 
@@ -33,10 +36,7 @@ UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
 GIVEN = {"focal": 0.02, "principal": 0.02, "skew": 0.002, "distortion": 0.03}
 
 
-#: samples of six points: 99.9 % of drawing one without an outlier among 20 % of them
-SAMPLES = 25
-
-
+@stored
 class Physical(NamedTuple):
     """An estimate: parameters of the lens (P,), R (3, 3), t (3,)."""
 
@@ -57,6 +57,8 @@ class PhysicalModel(Model):
         Parameters of the lens that are held, at a value or where they start; `intrinsics` holds all, `aspect`
         ties fy to fx.
     """
+
+    kept: ClassVar[tuple[str, ...]] = ("centroid", "free")
 
     def __init__(
         self, lens: Lens, params: Array | None = None, fixed: Mapping[str, float | None] | None = None
@@ -158,7 +160,7 @@ class PhysicalModel(Model):
     def start(self, frame: Frame) -> Physical:
         """From a projection matrix, or where the camera is given from poses of samples of the points."""
         if self.params is None:
-            matrix = start.projection_matrix(frame.xyz, frame.uv)
+            matrix = first.projection_matrix(frame.xyz, frame.uv)
             k, rotation, translation = decompose.split(matrix)
             params = apply_fixed(self.lens, self.lens.from_matrix(k), self.fix)
             self._set_free(params)
@@ -167,7 +169,7 @@ class PhysicalModel(Model):
         return Physical(np.array(self.params, float), pose.rotation, pose.translation)
 
     def _pose(self, frame: Frame) -> Pose:
-        """The pose of least quantile of residuals over fits to all points and to samples of six."""
+        """The pose with which most points agree; with fewer than six points, that of all."""
         assert self.params is not None
         ray, valid = self.lens.unproject(self.params, frame.uv)
         valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
@@ -177,28 +179,19 @@ class PhysicalModel(Model):
                 "Check the camera that is given.",
             )
         xyz, ab = frame.xyz[valid], ray[valid, :2] / ray[valid, 2:]
-        rows = [np.arange(len(xyz))]
-        if len(xyz) > 6:
-            rng = np.random.default_rng(0)
-            rows += list(rng.random((SAMPLES, len(xyz))).argpartition(6, axis=1)[:, :6])
         _check_spread(xyz)
-        poses: list[Pose] = []
-        for r in rows:
-            try:
-                with np.errstate(all="ignore"):
-                    poses += list(initial_poses([xyz[r]], [ab[r]]))
-            except DataError:  # a sample with outliers, of which no pose comes; the others have theirs
-                continue
-        if not poses:
-            raise EstimationError("the points of the first frame leave the pose open.", "Check the points.")
-        return min(poses, key=lambda pose: self._quantile(pose, frame))
-
-    def _quantile(self, pose: Pose, frame: Frame) -> float:
-        assert self.params is not None
-        uv, valid = self.lens.project(self.params, pose.apply(frame.xyz))
-        distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], uv, 0) - frame.uv, axis=1), np.inf)
-        rank = majority(len(distance), 6) - 1
-        return float(np.partition(distance, rank)[rank])
+        sigma = None if frame.sigma is None else frame.sigma[valid]
+        view = View("", xyz, frame.uv[valid], sigma=sigma)
+        found = ransac.of_poses([view], Camera(self.lens, self.params))[0]
+        if found.matrix is not None:
+            return Pose(found.matrix[:, :3], found.matrix[:, 3])
+        try:
+            with np.errstate(all="ignore"):
+                return initial_poses([xyz], [ab])[0]
+        except DataError:
+            raise EstimationError(
+                "the points of the first frame leave the pose undetermined.", "Check the points."
+            ) from None
 
     def prior(self, x: Physical) -> Array:
         """What is believed of the lens; of the pose nothing that would matter."""
@@ -224,31 +217,19 @@ class PhysicalModel(Model):
         rows[:, 11:] = lens[:, self.bend :]
         rotation = np.stack([x.rotation for x in estimates])
         translation = np.stack([x.translation for x in estimates])
-        return Cameras(k, rotation, translation, rows, params[:, self.bend :], self.extra_names)
-
-    def pack(self, x: Physical) -> dict[str, Array]:
-        """The three arrays."""
-        return x._asdict()
-
-    def unpack(self, packed: Mapping[str, Array]) -> Physical:
-        """The three arrays."""
-        return Physical(packed["params"], packed["rotation"], packed["translation"])
-
-    def state(self) -> dict[str, Any]:
-        """Where the points are, and how fy is tied to fx."""
-        return {"centroid": self.centroid, "free": self.free}
+        return Cameras(k, rotation, translation, rows, params[:, self.bend :])
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Where the points are, and how fy is tied to fx."""
+        """Take up where the points are, and how fy is tied to fx."""
         self.centroid = state["centroid"]
         self._take(state["free"])
 
 
 def _check_spread(xyz: Array) -> None:
     spread = projective.fit_plane(xyz)[2]
-    if spread[1] <= start.FLAT * spread[0]:
+    if spread[1] <= first.FLAT * spread[0]:
         raise EstimationError(
-            "the points lie on a line: the pose is open.", "Points off the line are needed."
+            "the points lie on a line: the pose is undetermined.", "Points off the line are needed."
         )
 
 

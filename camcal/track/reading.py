@@ -21,7 +21,7 @@ class Reading:
     keep: Array
     whitening: Any
     innovation: float
-    alone: robust.Fit | None = None
+    alone: robust.FrameFit | None = None
 
 
 @dataclass(slots=True)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from camcal.errors import CamcalError, DataError, EstimationError, UsageError
 from camcal.registry import look_up
 from camcal.track import GAINS, first, linear, motion, noise, robust
-from camcal.track.base import Estimator, Frame, State, TrackOptions, join, pack_frames, unpack_frames
 from camcal.track.detection import LARGEST, ChangeTest, normal_deviate
+from camcal.track.estimator import Estimator, TrackState
 from camcal.track.events import Alarm
+from camcal.track.frames import Frame, join
 from camcal.track.model import Model
 from camcal.track.noise import Noise
+from camcal.track.options import TrackOptions
 from camcal.track.reading import Reading, Verdict, innovation_factor, near_prediction, whitened_rows
 
 Array = np.ndarray
@@ -50,6 +52,11 @@ class Recursive(Estimator):
         Linearisations of a frame, at most; more than one needs a gain without memory.
     """
 
+    kept: ClassVar[tuple[str, ...]] = (
+        "x", "factor", "velocity", "waiting", "model", "gain", "noise", "test",
+        "_process", "_walked", "_origin",
+    )  # fmt: skip
+
     def __init__(
         self,
         options: TrackOptions,
@@ -77,11 +84,11 @@ class Recursive(Estimator):
         self._origin: Any = None  # the estimate when `_process` was worked out
         self._walked = np.zeros(model.size)  # motion since the covariance last followed
 
-    def _update(self, frame: Frame, step: float) -> State:
+    def _update(self, frame: Frame, step: float) -> TrackState:
         return self._wait(frame) if self.x is None else self._advance(frame, step)
 
     # ------------------------------------------------------------------ the first estimate
-    def _wait(self, frame: Frame) -> State:
+    def _wait(self, frame: Frame) -> TrackState:
         """Collect frames until their points determine a camera."""
         self.waiting.append(frame)
         joined = join(self.waiting)
@@ -90,19 +97,19 @@ class Recursive(Estimator):
         except (EstimationError, DataError):  # with few points the noise may say either
             if len(self.waiting) >= PATIENCE:
                 raise
-            return State(frame.number, "waiting", points=len(frame))
+            return TrackState(frame.number, "waiting", points=len(frame))
         self.waiting = []
         self.noise.add(found.equations.rest * found.sigma**2, found.equations.dof)
         self._adopt(found)
         keep = found.keep[len(found.keep) - len(frame) :]
         return self._report(frame, "started", keep, gain=1.0, a=found.equations.a)
 
-    def _first(self, frame: Frame) -> robust.Fit:
+    def _first(self, frame: Frame) -> robust.FrameFit:
         if frame.sigma is not None and self.noise.known is None and not self.options.learn_noise:
             self.noise = Noise(1.0)
         return first.fit(self.model, frame, self.noise.known, self.options.gate)
 
-    def _adopt(self, found: robust.Fit) -> None:
+    def _adopt(self, found: robust.FrameFit) -> None:
         """Go on from a camera fitted to one frame."""
         p = self.model.size
         self.x, self.factor = found.estimate, linear.triangle(found.factor.copy())
@@ -118,7 +125,7 @@ class Recursive(Estimator):
             self.velocity = np.zeros(p)
 
     # ------------------------------------------------------------------ frame by frame
-    def _advance(self, frame: Frame, step: float) -> State:
+    def _advance(self, frame: Frame, step: float) -> TrackState:
         self._predict(step)
         if len(frame) < self.min_points:
             return self._report(frame, "predicted")
@@ -134,7 +141,9 @@ class Recursive(Estimator):
         equations = reading.equations
         self.noise.add(equations.rest * self.noise.sigma**2, equations.dof)
         granted = self._correct(frame, reading, verdict, step)
-        return self._report(frame, "updated", reading.keep, reading, verdict, granted, equations.a)
+        return self._report(
+            frame, "updated", reading.keep, reading=reading, verdict=verdict, gain=granted, a=equations.a
+        )
 
     def _refresh(self) -> None:
         """Let the process noise, and what the covariance refers to, follow the camera."""
@@ -244,7 +253,7 @@ class Recursive(Estimator):
         return float(np.einsum("ij,ji->", a, gain[:p])) / p
 
     # ------------------------------------------------------------------ after a change
-    def _alone(self, frame: Frame) -> robust.Fit | None:
+    def _alone(self, frame: Frame) -> robust.FrameFit | None:
         """The camera of this frame alone, near the prediction or anywhere; None where there is none."""
         reset = self.model.motion(self.x, motion.RESET)
         prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
@@ -263,14 +272,18 @@ class Recursive(Estimator):
                 return found
         return None
 
-    def _restart(self, frame: Frame, reading: Reading, verdict: Verdict, alone: robust.Fit) -> State:
+    def _restart(
+        self, frame: Frame, reading: Reading, verdict: Verdict, alone: robust.FrameFit
+    ) -> TrackState:
         p = self.model.size
         before = self.model.describe([self.x], [self.factor[:p]])
         after = self.model.describe([alone.estimate], [alone.factor])
         self.noise.add(alone.equations.rest * alone.sigma**2, alone.equations.dof)
         self._adopt(alone)
         assert verdict.test is not None
-        state = self._report(frame, "restarted", alone.keep, reading, verdict, 1.0, alone.equations.a)
+        state = self._report(
+            frame, "restarted", alone.keep, reading=reading, verdict=verdict, gain=1.0, a=alone.equations.a
+        )
         state.changed = True
         state.alarm = Alarm(frame.number, verdict.since, verdict.test, before, after)
         return state
@@ -281,14 +294,16 @@ class Recursive(Estimator):
         frame: Frame,
         status: str,
         keep: Array | None = None,
+        *,
         reading: Reading | None = None,
         verdict: Verdict | None = None,
         gain: float = 0.0,
         a: Array | None = None,
-    ) -> State:
+    ) -> TrackState:
+        """The state after a frame; its estimate is the filter's of now."""
         p = self.model.size
         used = 0 if keep is None else int(np.count_nonzero(keep))
-        state = State(frame.number, status, self.x, self.factor[:p], len(frame), used)
+        state = TrackState(frame.number, status, self.x, self.factor[:p], len(frame), used)
         state.gain, state.noise, state.cusum = gain, self.noise.sigma, self.test.sum
         if a is not None:
             worth = a @ self.factor[:p]
@@ -298,34 +313,8 @@ class Recursive(Estimator):
             state.nis, state.nis_dof, state.score = verdict.nis, verdict.dof, verdict.score
         return state
 
-    def finish(self) -> list[State]:
+    def finish(self) -> list[TrackState]:
         """Nothing is held back; a stream that never showed a camera is an error."""
         if self.x is None and self.waiting:
             self._first(join(self.waiting))  # raises what stood in the way
         return []
-
-    # ------------------------------------------------------------------ checkpoints
-    def state(self) -> dict[str, Any]:
-        """See `Estimator.state`."""
-        return {
-            **super().state(),
-            "x": None if self.x is None else self.model.pack(self.x),
-            "factor": self.factor,
-            "velocity": self.velocity,
-            "process": self._process,
-            "walked": self._walked,
-            "origin": None if self._origin is None else self.model.pack(self._origin),
-            "waiting": pack_frames(self.waiting),
-            "parts": {name: getattr(self, name).state() for name in ("model", "gain", "noise", "test")},
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """See `Estimator.restore`."""
-        super().restore(state)
-        for name, part in state["parts"].items():
-            getattr(self, name).restore(part)
-        self.x = None if state["x"] is None else self.model.unpack(state["x"])
-        self.factor, self.velocity = state["factor"], state["velocity"]
-        self._process, self._walked = state["process"], state["walked"]
-        self._origin = None if state["origin"] is None else self.model.unpack(state["origin"])
-        self.waiting = unpack_frames(state["waiting"])

@@ -9,7 +9,7 @@ import numpy as np
 
 from camcal.errors import EstimationError
 from camcal.track import linear
-from camcal.track.base import Frame
+from camcal.track.frames import Frame
 from camcal.track.linear import Compressed
 from camcal.track.model import Model
 from camcal.track.noise import FLOOR
@@ -22,7 +22,7 @@ STEPS = 40
 
 
 @dataclass
-class Fit:
+class FrameFit:
     """A camera fitted to one frame.
 
     Attributes
@@ -49,7 +49,7 @@ class Fit:
 
 def fit(
     model: Model, start: Any, frame: Frame, sigma: float | None, gate: float, prior: Array | None = None
-) -> Fit:
+) -> FrameFit:
     """Minimise Tukey's loss by reweighted Gauss-Newton steps, then take the points within the gate.
 
     Parameters
@@ -94,7 +94,7 @@ def _finish(
     gate: float,
     prior: Array | None,
     own: Array,
-) -> Fit:
+) -> FrameFit:
     """Gate the points at the solution and take one unweighted step with those that are left."""
     design, valid = model.linearise(x, frame)
     distance = _distances(design, valid, own)
@@ -111,7 +111,7 @@ def _finish(
     own_equations = linear.compress(rows / noise)
     a, _ = _equations(design, keep / (noise * own), model, start, x, prior)
     factor = linear.solve_upper(a, np.eye(model.size))
-    return Fit(x, factor, own_equations, keep, noise, scatter)
+    return FrameFit(x, factor, own_equations, keep, noise, scatter)
 
 
 def _distances(design: Array, valid: Array, own: Array) -> Array:

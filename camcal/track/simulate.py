@@ -10,9 +10,9 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.geometry import projective, rotations
 from camcal.track import SEQUENCES
-from camcal.track.base import Frame
 from camcal.track.decompose import noise_columns
-from camcal.track.motion import MOTIONS, figures, scaled
+from camcal.track.frames import Frame
+from camcal.track.motion import figures, scaled
 from camcal.track.table import MATRIX, PARAMETERS
 
 Array = np.ndarray
@@ -141,6 +141,3 @@ def truth_rows(pairs: Iterable[tuple[Frame, Truth]]) -> str:
         numbers += [*rotations.log(true.rotation), *true.translation]
         lines.append(",".join([str(frame.number), *(f"{x:.12g}" for x in numbers)]) + "\n")
     return "".join(lines)
-
-
-__all__ = ["MOTIONS", "SEQUENCES", "Scene", "Truth", "simulate"]

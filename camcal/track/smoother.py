@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from camcal.track import linear
-from camcal.track.base import Frame, State, TrackOptions
-from camcal.track.checkpoint import pack_states, unpack_states
+from camcal.track.estimator import TrackState
+from camcal.track.frames import Frame
 from camcal.track.iekf import IteratedKalman
+from camcal.track.options import TrackOptions
 
 Array = np.ndarray
 
@@ -28,13 +28,14 @@ class Smoother(IteratedKalman):
     gains = ("kalman",)
     takes = IteratedKalman.takes - {"alpha"}
     offline = True
+    kept: ClassVar[tuple[str, ...]] = ("steps", "states")
 
     def __init__(self, options: TrackOptions):
         super().__init__(options)
-        self.states: list[State] = []
+        self.states: list[TrackState] = []
         self.steps: list[dict[str, Any]] = []
 
-    def _update(self, frame: Frame, step: float) -> State:
+    def _update(self, frame: Frame, step: float) -> TrackState:
         before = None if self.x is None else self.factor
         state = super()._update(frame, step)
         linked = before is not None and state.status != "restarted"
@@ -44,7 +45,7 @@ class Smoother(IteratedKalman):
                 "step": step,
                 "noise": self._pushed if linked else None,
                 "predicted": self.predicted if linked else None,
-                "x": None if self.x is None else self.model.pack(self.x),
+                "x": self.x,
                 "factor": self.factor,
                 "velocity": self.velocity,
             }
@@ -55,12 +56,12 @@ class Smoother(IteratedKalman):
     def _predict(self, step: float) -> None:
         super()._predict(step)
         self.predicted = {
-            "x": self.model.pack(self.x),
+            "x": self.x,
             "factor": self.factor,
             "velocity": self.velocity,
         }
 
-    def finish(self) -> list[State]:
+    def finish(self) -> list[TrackState]:
         """All frames, smoothed."""
         super().finish()
         after: tuple[Any, Array, Array | None] | None = None
@@ -69,7 +70,7 @@ class Smoother(IteratedKalman):
         ):
             if own["x"] is None:
                 break
-            here = self.model.unpack(own["x"]), own["factor"], own["velocity"]
+            here = own["x"], own["factor"], own["velocity"]
             if later is not None and later["linked"] and after is not None:
                 here = self._back(here, later, after)
             after = here
@@ -91,7 +92,7 @@ class Smoother(IteratedKalman):
         predicted = later["predicted"]
         inverse = _scaled_inverse(predicted["factor"])
         back = factor @ (forward @ factor).T @ inverse.T @ inverse
-        error = self.model.local(self.model.unpack(predicted["x"]), after[0])
+        error = self.model.local(predicted["x"], after[0])
         if velocity is not None:
             error = np.concatenate([error, after[2] - predicted["velocity"]])
         delta = back @ error
@@ -101,15 +102,6 @@ class Smoother(IteratedKalman):
             linear.triangle(rows),
             None if velocity is None else velocity + delta[p:],
         )
-
-    def state(self) -> dict[str, Any]:
-        """With all frames so far."""
-        return {**super().state(), "steps": self.steps, "states": pack_states(self.states, self.model)}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """See `Estimator.restore`."""
-        super().restore(state)
-        self.steps, self.states = list(state["steps"]), unpack_states(state["states"], self.model)
 
 
 def _scaled_inverse(factor: Array) -> Array:

@@ -15,10 +15,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from camcal.data.blocks import LONGEST_LINE
 from camcal.data.columns import FRAMES, plain, role_of
 from camcal.errors import DataError
 from camcal.registry import suggestion
-from camcal.track.base import Frame
+from camcal.track.frames import Frame
 
 Array = np.ndarray
 
@@ -56,7 +57,7 @@ class FrameReader:
         self.columns: tuple[str, ...] = ()
         self.delimiter: str | None = ","
         self.line = 0
-        self._open: list[Array] = []
+        self._rows_so_far: list[Array] = []
 
     def __iter__(self) -> Iterator[Frame]:
         count = 0
@@ -64,7 +65,7 @@ class FrameReader:
             for frame in self._frames(lines):
                 count += 1
                 yield frame
-        if self._open:
+        if self._rows_so_far:
             count += 1
             yield self._close()
         if not count:
@@ -81,11 +82,16 @@ class FrameReader:
             if not data:
                 break
             head, newline, tail = data.rpartition(b"\n")
-            if not newline:
+            if newline:
+                yield self._text(rest + head).split("\n")
+                rest = tail
+            else:
                 rest += data
-                continue
-            yield self._text(rest + head).split("\n")
-            rest = tail
+            if len(rest) > LONGEST_LINE:
+                where = f"{self.name}:{self.line + 1}"
+                raise DataError(
+                    f"{where}: a line of more than {LONGEST_LINE} bytes.", f"Rows {_FORM} are needed."
+                )
         if rest.strip():
             yield [self._text(rest)]
 
@@ -108,7 +114,7 @@ class FrameReader:
                 continue
             yield from self._rows(run, first + index - len(run))
             run = []
-            if self._open and not line.startswith("#"):
+            if self._rows_so_far and not line.startswith("#"):
                 yield self._close()
         yield from self._rows(run, first + len(lines) - len(run))
 
@@ -164,9 +170,9 @@ class FrameReader:
         starts = np.flatnonzero(np.diff(number)) + 1
         pieces = np.split(table, starts) if len(starts) else [table]
         for piece in pieces:
-            if self._open and self._open[0][0, 0] != piece[0, 0]:
+            if self._rows_so_far and self._rows_so_far[0][0, 0] != piece[0, 0]:
                 yield self._close()
-            self._open.append(piece)
+            self._rows_so_far.append(piece)
 
     def _parse(self, lines: list[str], first: int) -> Array:
         """Numbers (n, 8) in the order frame, X, Y, Z, u, v, sigma, t; absent columns are NaN."""
@@ -226,8 +232,8 @@ class FrameReader:
 
     def _close(self) -> Frame:
         """The frame of the rows collected so far, without its missing points."""
-        table = self._open[0] if len(self._open) == 1 else np.concatenate(self._open)
-        self._open = []
+        table = self._rows_so_far[0] if len(self._rows_so_far) == 1 else np.concatenate(self._rows_so_far)
+        self._rows_so_far = []
         seen = np.isfinite(table[:, 1:6].sum(1))
         time = table[np.isfinite(table[:, 7]), 7]
         points = table if seen.all() else table[seen]

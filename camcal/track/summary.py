@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.track.base import Estimator
+from camcal.track.estimator import Estimator
 from camcal.track.follow import Summary
 from camcal.track.table import COVARIANCE, MATRIX, PARAMETERS, Table
 

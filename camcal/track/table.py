@@ -13,8 +13,8 @@ import numpy as np
 
 from camcal.geometry import rotations
 from camcal.track import decompose
-from camcal.track.base import State
 from camcal.track.decompose import Cameras
+from camcal.track.estimator import TrackState
 from camcal.track.model import Model
 
 Array = np.ndarray
@@ -82,7 +82,7 @@ class Table:
         )  # fmt: skip
         self._csv = ",".join("%s" if n in _AS_TEXT else "%.12g" for n in self.names)
 
-    def values(self, states: Sequence[State]) -> Array:
+    def values(self, states: Sequence[TrackState]) -> Array:
         """Estimates, sigmas and covariances (F, 2 (23 + E) + C) of the states; NaN without an estimate."""
         known = [i for i, s in enumerate(states) if s.estimate is not None]
         out = np.full((len(states), 2 * self._estimates + len(self._upper[0])), np.nan)
@@ -108,7 +108,7 @@ class Table:
             rows.append(covariance[:, self._upper[0], self._upper[1]])
         return np.concatenate(rows, 1)
 
-    def rows(self, states: Sequence[State]) -> list[list[Any]]:
+    def rows(self, states: Sequence[TrackState]) -> list[list[Any]]:
         """The rows, in the order of `names`."""
         out = []
         head, extras = len(MATRIX) + len(PARAMETERS), len(self.extra)
@@ -126,12 +126,12 @@ class Table:
         """The first line of the CSV form."""
         return ",".join(self.names) + "\n"
 
-    def csv(self, states: Sequence[State]) -> str:
+    def csv(self, states: Sequence[TrackState]) -> str:
         """Rows as CSV, 12 significant digits; an empty field is a number that does not exist."""
         lines = [self._csv % tuple(row) for row in self.rows(states)]
         return "".join(line.replace("nan", "") + "\n" for line in lines)
 
-    def jsonl(self, states: Sequence[State]) -> str:
+    def jsonl(self, states: Sequence[TrackState]) -> str:
         """Rows as JSON, one object a line, all digits; null is a number that does not exist."""
         lines = []
         for row in self.rows(states):

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.track import linear, robust
-from camcal.track.base import Frame, TrackOptions, pack_frames, unpack_frames
+from camcal.track.frames import Frame
 from camcal.track.gains import kalman
 from camcal.track.iekf import IteratedKalman
+from camcal.track.keep import stored
+from camcal.track.options import TrackOptions
 from camcal.track.reading import Reading, Verdict, innovation_factor, whitened_rows
 
 Array = np.ndarray
 
 
+@stored
 @dataclass(slots=True)
-class Entry:
+class WindowFrame:
     """A frame in the window: its kept points, the noise of the step to it, its camera as last adjusted."""
 
     frame: Frame
@@ -41,17 +43,18 @@ class Window(IteratedKalman):
 
     gains = ("kalman",)
     takes = IteratedKalman.takes - {"alpha", "velocity"} | {"window"}
+    kept: ClassVar[tuple[str, ...]] = ("entries", "anchor", "anchor_factor", "_since_anchor")
 
     def __init__(self, options: TrackOptions):
         if options.velocity:
             raise UsageError("the window does not track a velocity.", "Use --method iekf or smoother.")
         super().__init__(options)
-        self.entries: list[Entry] = []
+        self.entries: list[WindowFrame] = []
         self.anchor: Any = None
         self.anchor_factor = np.zeros((0, 0))
         self._since_anchor = np.zeros((0, 0))
 
-    def _adopt(self, found: robust.Fit) -> None:
+    def _adopt(self, found: robust.FrameFit) -> None:
         super()._adopt(found)
         self.entries = []
         self.anchor, self.anchor_factor = self.x, self.factor
@@ -63,7 +66,7 @@ class Window(IteratedKalman):
 
     def _correct(self, frame: Frame, reading: Reading, verdict: Verdict, step: float) -> float:
         """Add the frame and adjust the window; see `Recursive._correct`."""
-        self.entries.append(Entry(frame, reading.keep, reading.whitening, self._since_anchor, self.x))
+        self.entries.append(WindowFrame(frame, reading.keep, reading.whitening, self._since_anchor, self.x))
         self._since_anchor = np.zeros((self.model.size, 0))
         granted = 0.0
         for _ in range(self.iterations):
@@ -75,7 +78,7 @@ class Window(IteratedKalman):
             self.anchor, self.anchor_factor = self._forward(self.anchor, self.anchor_factor, oldest)[:2]
         return granted
 
-    def _forward(self, x: Any, factor: Array, entry: Entry) -> tuple[Any, Array, Array, Array, Array]:
+    def _forward(self, x: Any, factor: Array, entry: WindowFrame) -> tuple[Any, Array, Array, Array, Array]:
         """Predict and correct by one frame, linearised at the frame's camera in the last adjustment.
 
         Returns
@@ -112,28 +115,3 @@ class Window(IteratedKalman):
                 error = linear.solve_factored(predicted, self.model.local(before, smooth))
                 smooth = self.model.retract(filtered, own @ (own.T @ error))
         return float(np.einsum("ij,ji->", a, gain)) / len(a), largest
-
-    def state(self) -> dict[str, Any]:
-        """With the window."""
-        return {
-            **super().state(),
-            "frames": pack_frames([e.frame for e in self.entries]),
-            "entries": [
-                {"keep": e.keep, "whitening": e.whitening, "noise": e.noise, "x": self.model.pack(e.x)}
-                for e in self.entries
-            ],
-            "anchor": None if self.anchor is None else self.model.pack(self.anchor),
-            "anchor_factor": self.anchor_factor,
-            "since_anchor": self._since_anchor,
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """See `Estimator.restore`."""
-        super().restore(state)
-        frames = unpack_frames(state["frames"])
-        self.entries = [
-            Entry(f, e["keep"], e["whitening"], e["noise"], self.model.unpack(e["x"]))
-            for f, e in zip(frames, state["entries"], strict=True)
-        ]
-        self.anchor = None if state["anchor"] is None else self.model.unpack(state["anchor"])
-        self.anchor_factor, self._since_anchor = state["anchor_factor"], state["since_anchor"]

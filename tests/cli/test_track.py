@@ -235,6 +235,63 @@ def test_the_rest_of_a_stream_is_enough(tmp_path):
     assert table.read_bytes() == whole.read_bytes()
 
 
+def test_killed_before_the_first_frame_and_started_again(tmp_path):
+    frames = text_of("static", 12, points=30)
+    source, whole, table, state = (tmp_path / n for n in ("s.csv", "whole.csv", "t.csv", "state"))
+    source.write_text(ROWS + "".join(frames))
+    assert start(source, "-o", whole).wait(60) == 0
+    process = start("-", "-o", table, "--state", state, stdin=subprocess.PIPE)
+    process.stdin.write(ROWS.encode())
+    process.stdin.flush()
+    wait_for(table.exists)
+    process.kill()
+    process.communicate()
+    done = start("-", "-o", table, "--state", state, stdin=subprocess.PIPE)
+    _, said = done.communicate(source.read_bytes())
+    assert done.returncode == 0, said
+    assert table.read_bytes() == whole.read_bytes()
+
+
+def test_two_runs_do_not_write_one_table(tmp_path):
+    frames = text_of("static", 12, points=30)
+    table, state = tmp_path / "t.csv", tmp_path / "state"
+    writer = start("-", "-o", table, "--state", state, stdin=subprocess.PIPE)
+    writer.stdin.write((ROWS + "".join(frames[:6])).encode())
+    writer.stdin.flush()
+    wait_for(lambda: table.exists() and table.stat().st_size > 2000)
+    rows = (ROWS + "".join(frames)).encode()
+    for more in (("--state", state), ("--force",)):
+        second = start("-", "-o", table, *more, stdin=subprocess.PIPE)
+        _, said = second.communicate(rows)
+        assert second.returncode == 2 and b"is being written by another run" in said
+    _, said = writer.communicate("".join(frames[6:]).encode())
+    assert writer.returncode == 0, said
+    assert [int(r["frame"]) for r in read(table)] == list(range(12))
+
+
+def test_a_table_that_appears_meanwhile_is_kept(tmp_path):
+    frames = text_of("static", 6, points=30)
+    table = tmp_path / "t.csv"
+    source = tmp_path / "fifo.csv"
+    os.mkfifo(source)
+    process = start(source, "-o", table)
+    with source.open("w") as stream:
+        stream.write(ROWS + "".join(frames))
+        stream.flush()
+        table.write_text("made by another program")
+    _, said = process.communicate()
+    assert process.returncode == 2 and b"exists already" in said
+    assert table.read_text() == "made by another program"
+    assert not [p.name for p in tmp_path.iterdir() if p.name.endswith(".part")]
+
+
+def wait_for(ready):
+    deadline = time.monotonic() + 60
+    while not ready():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
 def test_a_state_goes_with_its_options(camcal, knock):
     assert camcal("track", knock, "-o", "t.csv", "--state", "s")[0] == 0
     code, _, err = camcal("track", knock, "-o", "t.csv", "--state", "s", "--method", "rls")

@@ -5,16 +5,17 @@ import pytest
 
 from camcal.errors import EstimationError
 from camcal.track import checkpoint
-from camcal.track.base import Frame, State
+from camcal.track.estimator import TrackState
+from camcal.track.frames import Frame
 
 from .helpers import METHODS, follow, made_for, make, projection_error, sequence, true_estimate, with_points
 
 pytestmark = pytest.mark.parametrize("method", METHODS)
 
 
-def same(a: State, b: State):
+def same(a: TrackState, b: TrackState):
     """Bit for bit."""
-    for name in State.__slots__:
+    for name in TrackState.__slots__:
         left, right = getattr(a, name), getattr(b, name)
         if name == "alarm":
             assert (left is None) == (right is None)

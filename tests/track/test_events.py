@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from camcal.model import lenses
-from camcal.track.base import Frame
 from camcal.track.events import Alarm, axis, explain
+from camcal.track.frames import Frame
 from camcal.track.physical_model import Physical, PhysicalModel
 from camcal.track.robust import fit
 

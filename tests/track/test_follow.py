@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 
-from camcal.track.base import Frame
 from camcal.track.follow import Follower
+from camcal.track.frames import Frame
 from camcal.track.output import Output
 from camcal.track.table import Table
 
 from .helpers import make, sequence
 
 
-def run(frames, folder, method="kalman", name="t.csv", state=None, resume=False, **kwargs):
+def run(frames, folder, method="kalman", name="t.csv", state=None, **kwargs):
     estimator = make(method, motion="fixed") if method != "rls" else make(method)
     output = Output(Table(estimator.model), "csv", folder / name, growing=state is not None)
-    follower = Follower(estimator, output, state=state, options={"method": method}, **kwargs)
-    if resume:
-        follower.resume()
+    follower = Follower(estimator, output, state_file=state, options={"method": method}, **kwargs)
+    follower.resume()
     summary = follower.run(frames)
     output.finish()
     return summary, (folder / name).read_text()
@@ -49,7 +48,7 @@ def test_in_two_parts_as_in_one(tmp_path, method, whole, hold):
         name, state = f"{cut}.csv", tmp_path / f"{cut}.state"
         run(frames[:cut], tmp_path, method, name, state, hold=hold, every=4)
         rest = frames if whole else frames[cut:]
-        summary, text = run(rest, tmp_path, method, name, state, resume=True, hold=hold, every=4)
+        summary, text = run(rest, tmp_path, method, name, state, hold=hold, every=4)
         assert text == expected
         assert summary.frames == len(expected.splitlines()) - 1
         assert summary.ignored == (0 if hold else 2)

@@ -7,7 +7,7 @@ from camcal.errors import DataError, EstimationError, UsageError
 from camcal.geometry import projective, rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.track.base import Frame
+from camcal.track.frames import Frame
 from camcal.track.physical_model import Physical
 
 from .helpers import follow, made_for, make, nees, projection_error, sequence, with_points

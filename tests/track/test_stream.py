@@ -112,3 +112,20 @@ def test_what_is_refused(text, said):
         read(text)
     assert said in caught.value.message
     assert caught.value.hint
+
+
+class Endless:
+    """A stream of one line without an end; it counts what was taken."""
+
+    taken = 0
+
+    def read(self, size):
+        self.taken += 4096
+        return b"7" * 4096
+
+
+def test_a_line_without_an_end_is_refused_early():
+    stream = Endless()
+    with pytest.raises(DataError, match=r"pipe:1: a line of more than 1048576 bytes"):
+        next(iter(FrameReader(stream, "pipe")))
+    assert stream.taken <= 2**20 + 4096
