@@ -17,6 +17,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.lenses.containment import contained
 from camcal.model.pose import Poses
 from camcal.plan.start import Options, Start, first_camera, leave_out_unusable, masked, start
 from camcal.solve import noise, ransac, starts
@@ -159,7 +160,7 @@ class _Run:
             begins = self.aligned.begin(self.lens, fix)
             for begun in begins[0 if self.begun.camera is None else 1 :]:
                 found.append(self.fit(begun.camera, begun.poses, correspondences, **more))
-        for spec in self.lens.nests()[:1]:
+        for spec in contained(self.lens)[:1]:
             inner = lenses.make(spec, self.told.skew)
             told = replace(self.told, model=spec, fix={n: v for n, v in fix.items() if starts.has(inner, n)})
             run = _Run(told, inner)

@@ -20,6 +20,7 @@ from camcal.data.observations import Correspondences
 from camcal.errors import CamcalError, DataError, EstimationError
 from camcal.model import lenses
 from camcal.model.lenses.base import Lens
+from camcal.model.lenses.containment import embed
 from camcal.model.pose import Array, Poses
 from camcal.plan.pipeline import calibrate
 from camcal.solve import starts
@@ -221,8 +222,9 @@ class _Bench:
         solution = first if first is not None else self.calibrated(lens, data, "none")
         fix = self.fixed(lens)
         tried = [] if solution is None else [solution]
-        for inner in (c.solution for c in done if c.model in lens.nests()):
-            if inner is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
+        for inner in (c.solution for c in done if c.solution is not None):
+            known = embed(lens, inner.camera.lens, inner.camera.params)
+            if known is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
                 tried.append(refine(*starts.adopted(lens, inner, fix), data, fix))
         if not tried:
             reason = self.failed.get(lens.name, "it could not be fitted")

@@ -22,7 +22,7 @@ def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> A
     Raises
     ------
     UsageError
-        For a name that the model does not have, or a contradiction.
+        For a name that the model does not have, a value that it cannot have, or a contradiction.
     """
     params = np.array(params, float)
     for name, value in fix.items():
@@ -30,6 +30,7 @@ def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> A
             continue
         index = lens.index(name)
         if value is not None:
+            lens.check_value(name, value)
             params[index] = value
     if ASPECT in fix:
         ratio = fix[ASPECT] or 1.0

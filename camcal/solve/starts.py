@@ -19,6 +19,7 @@ from camcal.data.observations import Correspondences
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
+from camcal.model.lenses.containment import embed
 from camcal.model.lenses.regress import minima, regress
 from camcal.model.pose import Poses
 from camcal.solve.parameters import ASPECT, apply_fixed
@@ -183,7 +184,9 @@ def _holds(camera: Camera, poses: Poses, correspondences: Correspondences) -> bo
 
 def adopted(lens: Lens, inner: Solution, fix: Mapping[str, float | None]) -> tuple[Camera, Poses]:
     """The solution of a model that `lens` contains, as a start."""
-    params = apply_fixed(lens, lens.adopt(inner.camera.lens, inner.camera.params), fix)
+    held = embed(lens, inner.camera.lens, inner.camera.params)
+    assert held is not None, f"{lens} does not contain {inner.camera.lens}"
+    params = apply_fixed(lens, held, fix)
     return Camera(lens, params, inner.camera.image_size), inner.poses
 
 

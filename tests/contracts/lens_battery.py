@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.model import lenses
+from camcal.model.lenses import containment
 from camcal.model.lenses.base import Lens, OpenCVForm
+from camcal.model.lenses.radial import InverseRadialLens
 
 Array = np.ndarray
 Size = tuple[int, int]
@@ -39,6 +41,16 @@ def directions(lens: Lens, params: Array, size: Size, count: int = 60, seed: int
         seen = valid & ((uv >= 0) & (uv <= np.array(size) - 1)).all(-1)
     assert seen.sum() >= count, f"only {seen.sum()} of 5000 directions project into the picture"
     return xyz[seen][:count] * rng.uniform(0.3, 30, (count, 1))
+
+
+def random_camera(lens: Lens, seed: int) -> tuple[Array, Size]:
+    """Seeds 0 and 1: an example; others: with each distortion parameter scaled by 0.5 to 1.2, within its bounds."""
+    examples = lens.examples()
+    params, size = examples[seed % len(examples)]
+    if seed >= len(examples):
+        params[lens._bend :] *= np.random.default_rng(seed).uniform(0.5, 1.2, lens.size - lens._bend)
+    low, high = np.array([(p.lower, p.upper) for p in lens.parameters]).T
+    return np.clip(params, low, high), size
 
 
 def pixels(size: Size, columns: int = 9, rows: int = 7) -> Array:
@@ -229,6 +241,66 @@ def check_centre(lens: Lens, params: Array) -> None:
     np.testing.assert_allclose(ray, xyz / np.linalg.norm(xyz, axis=1)[:, None], rtol=0, atol=1e-12)
 
 
+# ---------------------------------------------------------------------------------------------- where it ends
+#: coefficients without which a lens is symmetric about its axis, by the first letters of their names
+_ASYMMETRIC = ("p1", "p2", "p3", "p4", "tau", "xc", "yc")
+#: rad; at a fold the radius is flat, so that rounding hides where it turns to sqrt(1e-15), and a few times that
+LIMIT = 1e-6
+
+
+def check_limit(lens: Lens, params: Array) -> None:
+    """The domain ends where sampling finds that the image radius no longer grows with the angle; not before, not after.
+
+    For a lens that states the ray of a pixel: where the angle no longer grows with the radius. The asymmetric terms
+    are left out, because the domain is that of the radial part.
+    """
+    params = params.copy()
+    for i, name in enumerate(lens.names):
+        if name.startswith(_ASYMMETRIC) or (name in ("s1", "s2", "s3", "s4") and "k1" in lens.names):
+            params[i] = 0.0
+    if isinstance(lens, InverseRadialLens):
+        reach = _end_of_growth(
+            lambda t: _ray_angle(lens, params, np.tan(t)), np.arctan(_widest_radius(lens, params))
+        )
+        wanted = float(_ray_angle(lens, params, np.tan(np.array([reach])))[0])
+    else:
+        wanted = _end_of_growth(lambda angle: _image_radius(lens, params, angle), np.pi)
+    assert abs(lens.limit_angle(params) - wanted) < LIMIT, (
+        f"the domain ends at {np.degrees(lens.limit_angle(params)):.6f} degrees, the lens at {np.degrees(wanted):.6f}"
+    )
+
+
+def _widest_radius(lens: Lens, params: Array) -> float:
+    """How far out the curve is defined: `reach` of a spline; without one 1e9, which is tan of nearly 90 degrees."""
+    return float(params[lens.index("reach")]) if "reach" in lens.names else 1e9
+
+
+def _image_radius(lens: Lens, params: Array, angle: Array) -> Array:
+    """Signed image radius, in focal lengths, of rays at angles from the axis, without a look at the domain."""
+    with np.errstate(all="ignore"):
+        return (lens.forward(params, np.sin(angle), 0 * angle, np.cos(angle))[0] - params[2]) / params[0]
+
+
+def _ray_angle(lens: Lens, params: Array, radius: Array) -> Array:
+    """Angle from the axis of the rays of pixels at distances in focal lengths, without a look at the domain."""
+    with np.errstate(all="ignore"):
+        x, _, z, _ = lens.backward(params, params[2] + params[0] * radius, params[3] + 0 * radius)
+    return np.arctan2(x, z)
+
+
+def _end_of_growth(curve, top: float) -> float:
+    """The first place in (0, top) at which a curve does not grow, by sampling ever more closely; top without one."""
+    low, high = 0.0, top
+    for _ in range(4):
+        t = np.linspace(low, high, 4001)
+        grows = np.diff(curve(t)) > 0
+        if grows.all():
+            return high
+        i = int(grows.argmin())
+        low, high = t[max(i - 1, 0)], t[i + 1]
+    return 0.5 * (low + high)
+
+
 # ---------------------------------------------------------------------------------------------- relations
 CURVES = {"perspective": np.tan, "equidistant": lambda angle: angle}
 
@@ -248,18 +320,20 @@ def check_neutral(lens: Lens) -> None:
             np.testing.assert_array_equal(lens.from_matrix(lens.matrix(plain)), plain)
 
 
-def check_nesting(lens: Lens) -> None:
-    """Each camera of a nested model is a camera of this one."""
-    for spec in lens.nests():
-        for skew in {False, lens.has_skew}:
-            inner = lenses.make(spec, skew)
-            for params, size in inner.examples():
-                outer = lens.adopt(inner, params)
-                xyz = directions(inner, params, size)
-                got, valid = lens.project(outer, xyz)
-                assert valid.all(), f"a point of {spec} lies outside"
-                error = np.abs(got - inner.project(params, xyz)[0]).max()
-                assert error < ROUND_TRIP, f"{spec} is adopted with a difference of {error:.2g} px"
+def check_embedding(outer: Lens, inner: Lens, cameras: int = 6) -> bool:
+    """Whether `outer` contains `inner`; if so, random cameras of `inner` project to the same pixels in `outer`."""
+    if not containment.contains(outer, inner):
+        return False
+    for seed in range(cameras):
+        params, size = random_camera(inner, seed)
+        found = containment.embed(outer, inner, params)
+        assert found is not None, f"{outer} contains {inner}, but not its camera {params.tolist()}"
+        xyz = directions(inner, params, size)
+        got, valid = outer.project(found, xyz)
+        assert valid.all(), f"a point of {inner} is outside the domain of {outer}"
+        error = np.abs(got - inner.project(params, xyz)[0]).max()
+        assert error < ROUND_TRIP, f"{inner} is embedded in {outer} with a difference of {error:.2g} px"
+    return True
 
 
 def check_prior(lens: Lens, params: Array) -> None:

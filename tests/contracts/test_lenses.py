@@ -5,6 +5,7 @@ import pytest
 
 from camcal.errors import UsageError
 from camcal.model import lenses
+from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.opencv import OpenCV
 from camcal.registry import load
 from tests.contracts import lens_battery as battery
@@ -32,11 +33,6 @@ def test_parameters(lens):
 @each_lens
 def test_neutral_is_a_plain_camera(lens):
     battery.check_neutral(lens)
-
-
-@each_lens
-def test_nesting(lens):
-    battery.check_nesting(lens)
 
 
 @each_camera
@@ -72,6 +68,14 @@ def test_whole_sphere(lens, params, size):
 @each_camera
 def test_outside(lens, params, size):
     battery.check_outside(lens, params, size)
+
+
+@pytest.mark.parametrize(
+    "lens", [n for n in LENSES if not isinstance(n, InverseLens) and not n.has_skew], ids=repr
+)
+def test_limit(lens):
+    for seed in range(20):
+        battery.check_limit(lens, battery.random_camera(lens, seed)[0])
 
 
 @each_camera
@@ -114,19 +118,19 @@ class _Wrong(OpenCV):
 class WrongParameterDerivative(_Wrong):
     catches = "jacobians"
 
-    def linearise(self, params, x, y, z, uv, d_xyz, d_params):
-        ok = super().linearise(params, x, y, z, uv, d_xyz, d_params)
-        d_params[:, 8] *= 1.0001
-        return ok
+    def derivatives(self, k, x, y, z, d_xyz, d_k, fx, fy):
+        found = super().derivatives(k, x, y, z, d_xyz, d_k, fx, fy)
+        d_k[:, 4] *= 1.0001
+        return found
 
 
 class WrongPointDerivative(_Wrong):
     catches = "euler"
 
-    def linearise(self, params, x, y, z, uv, d_xyz, d_params):
-        ok = super().linearise(params, x, y, z, uv, d_xyz, d_params)
+    def derivatives(self, k, x, y, z, d_xyz, d_k, fx, fy):
+        found = super().derivatives(k, x, y, z, d_xyz, d_k, fx, fy)
         d_xyz[:, 2] *= 1 + 1e-7
-        return ok
+        return found
 
 
 class ForgetsARow(_Wrong):
@@ -142,15 +146,15 @@ class ForgetsARow(_Wrong):
 class NeverOutside(_Wrong):
     catches = "whole_sphere"
 
-    def inside(self, params, x, y, z):
+    def in_domain(self, k, x, y, z):
         return z > 0
 
 
 class BehindIsInside(_Wrong):
     catches = "outside"
 
-    def inside(self, params, x, y, z):
-        return x * x + y * y < (self.radius(params) * z) ** 2
+    def in_domain(self, k, x, y, z):
+        return x * x + y * y < (self.plane.fold(k) * z) ** 2
 
 
 class LooksOnlyAtTheSlope(_Wrong):
@@ -163,9 +167,10 @@ class LooksOnlyAtTheSlope(_Wrong):
         params[4:] = -0.6, 0.1, 0, 0, 0
         return [(params, size)]
 
-    def _grows(self, params, k, s):
-        f, slope, _ = self._radial(k, np.array(s))
-        return bool(2 * slope * s + f > 0)
+    def derivatives(self, k, x, y, z, d_xyz, d_k, fx, fy):
+        xd, yd, _ = super().derivatives(k, x, y, z, d_xyz, d_k, fx, fy)
+        slope = (x * d_xyz[:, 0, 0] + y * d_xyz[:, 1, 0]) * x + (x * d_xyz[:, 0, 1] + y * d_xyz[:, 1, 1]) * y
+        return xd, yd, bool((slope > 0).all() and (z > 0).all())
 
 
 class LaxLinearise(_Wrong):
@@ -179,26 +184,40 @@ class LaxLinearise(_Wrong):
 class RoughInverse(_Wrong):
     catches = "round_trip"
 
-    def backward(self, params, u, v):
-        x, y, z, valid = super().backward(params, u, v)
+    def undistort(self, k, mx, my):
+        x, y, z, valid = super().undistort(k, mx, my)
         return x * (1 + 1e-10), y, z, valid
 
 
 class WrongNeutral(_Wrong):
     catches = "neutral"
 
-    def forward(self, params, x, y, z):
-        u, v = super().forward(params, x, y, z)
-        return u + 1e-6 * (v - params[3]), v
+    def distort(self, k, x, y, z):
+        mx, my = super().distort(k, x, y, z)
+        return mx + 1e-8 * my, my
 
 
-class WrongNesting(_Wrong):
-    catches = "nesting"
+class WrongTerms(_Wrong):
+    catches = "embedding"
 
-    def adopt(self, other, params):
-        out = super().adopt(other, params)
-        out[-1] += 1e-6
-        return out
+    def terms(self):
+        return super().terms() | {"n2": "k3", "n3": "k2"}
+
+
+class EndsEarly(_Wrong):
+    """By 0.06 degrees."""
+
+    catches = "limit"
+
+    def limit_angle(self, params):
+        return super().limit_angle(params) - 1e-3
+
+
+class EndsLate(_Wrong):
+    catches = "limit"
+
+    def limit_angle(self, params):
+        return super().limit_angle(params) + 1e-3
 
 
 class SwappedForCv2(_Wrong):
@@ -215,7 +234,8 @@ def _run(check, lens):
     arguments = {
         "jacobians": (lens, params, battery.directions(lens, params, size)),
         "neutral": (lens,),
-        "nesting": (lens,),
+        "embedding": (lens, OpenCV("opencv4")),
+        "limit": (lens, params),
         "centre": (lens, params),
     }
     getattr(battery, f"check_{check}")(*arguments.get(check, (lens, params, size)))

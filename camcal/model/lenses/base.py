@@ -1,36 +1,37 @@
-"""What a lens model is.
+"""What a lens model is: a camera matrix applied to a map from rays to distorted normalised coordinates.
 
-A model maps points of the camera's frame to pixels and back. Subclasses work on coordinates as separate
-arrays of any one shape (x, y, z), because that is the layout in which the refinement keeps them in the
-cache; the public methods take (..., 3) and (..., 2) arrays and mask what lies outside the domain.
+    (mx, my) = distort(x, y, z),  u = fx mx + skew my + cx,  v = fy my + cy                              (1)
+
+With a free distortion centre (xc, yc), in units of the focal length, the map acts about that centre:
+
+    (mx, my) = (xc, yc) + distort(x - xc z, y - yc z, z)                                                 (2)
+
+so that the principal point (cx, cy) and the distortion centre (cx + fx xc + skew yc, cy + fy yc) are apart, as
+in Brown (1966) and in Hartley & Kang (2005).
+
+A subclass states the map, its derivatives, its inverse and its domain on coordinates as separate arrays of one
+shape (x, y, z), the layout in which the refinement keeps them. The public methods take (..., 3) and (..., 2)
+arrays and give NaN outside the domain. A lens never changes: what a model derives from its coefficients (limits,
+tables) is kept by `curve.cached`, outside it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from camcal.errors import UsageError
+from camcal.model.lenses.parameters import MATRIX, Parameters
 
 Array = np.ndarray
+Values = dict[str, float]
 
-#: points worked on at a time: the temporaries stay in the cache, and the calls of numpy cost little beside them
+#: points worked on at a time: a few dozen temporary arrays of 64 kB stay in a cache of 1 to 2 MB, and the cost
+#: of calling numpy (1 µs) is small beside 8192 points (8 µs an operation)
 BLOCK = 8192
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a model: `group` is focal, principal, skew or distortion."""
-
-    name: str
-    group: str
-    neutral: float = 0.0
-    lower: float = -np.inf
-    upper: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -48,27 +49,27 @@ class OpenCVForm:
     xi: float | None = None
 
 
-def pinhole_parameters(skew: bool) -> tuple[Parameter, ...]:
-    """fx, fy, cx, cy and, where wanted, skew."""
-    base = (
-        Parameter("fx", "focal", 1.0, lower=0.0),
-        Parameter("fy", "focal", 1.0, lower=0.0),
-        Parameter("cx", "principal"),
-        Parameter("cy", "principal"),
-    )
-    return (*base, Parameter("skew", "skew")) if skew else base
-
-
-class Lens(ABC):
-    """A camera model.
+@dataclass(frozen=True)
+class Reading:
+    """A camera in terms that models share, so that one model can tell whether it holds another's camera.
 
     Attributes
     ----------
-    name : str
-        The spec the model was made from.
-    parameters : tuple of Parameter
-        In the order of the parameter vector; the first four are fx, fy, cx, cy.
-    has_skew : bool
+    terms : mapping of str -> float
+        Values by the terms of `Lens.terms`, and fx, fy, cx, cy, skew. A term that is left out has no effect.
+    curve : str
+        What is left with no term: `perspective` (R = tan θ) or `equidistant` (R = θ).
+    """
+
+    terms: Mapping[str, float]
+    curve: str = "perspective"
+
+
+class Lens(Parameters, ABC):
+    """A camera model. Lenses of the same type, spec and skew are equal.
+
+    Attributes
+    ----------
     default_fixed : tuple of str
         Parameters that the model's gauge holds where they start, unless the user frees them.
     turns : tuple of str
@@ -78,34 +79,23 @@ class Lens(ABC):
     several_minima : bool
         Whether cameras that lie far apart can both fit nearly as well as can be.
     neutral_curve : str
-        What the lens without distortion does: `perspective` (r = tan θ) or `equidistant` (r = θ).
+        What the lens without distortion does: `perspective` (R = tan θ) or `equidistant` (R = θ).
     """
 
-    name: str
-    parameters: tuple[Parameter, ...]
-    has_skew: bool
     default_fixed: tuple[str, ...] = ()
     turns: tuple[str, ...] = ()
     shaped_by_data: bool = False
     several_minima: bool = False
     neutral_curve: str = "perspective"
 
-    def __init__(self, name: str, distortion: Sequence[Parameter], skew: bool = False):
-        self.name = name
-        self.has_skew = skew
-        self.parameters = (*pinhole_parameters(skew), *distortion)
-        self.names = tuple(p.name for p in self.parameters)
-        self.size = len(self.parameters)
-        self._bend = 5 if skew else 4  # where the distortion parameters begin
-
     def __repr__(self) -> str:
         return f"<lens {self.name}{' with skew' if self.has_skew else ''}>"
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Lens) and (self.name, self.has_skew) == (other.name, other.has_skew)
+        return type(other) is type(self) and (self.name, self.has_skew) == (other.name, other.has_skew)
 
     def __hash__(self) -> int:
-        return hash((self.name, self.has_skew))
+        return hash((type(self), self.name, self.has_skew))
 
     # ------------------------------------------------------------------ what a model has to say
     @classmethod
@@ -114,63 +104,47 @@ class Lens(ABC):
         """Make the model from the parts of its spec; UsageError for an option it does not know."""
 
     @abstractmethod
-    def forward(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-        """Project without looking at the domain: (u, v) of points whose coordinates are separate arrays."""
+    def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """The map without a look at its domain: (mx, my). `k` are the coefficients alone."""
 
     @abstractmethod
-    def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
-        """Which points lie in the domain: in view, before the first fold or pole."""
-
-    @abstractmethod
-    def linearise(
-        self, params: Array, x: Array, y: Array, z: Array, uv: Array, d_xyz: Array, d_params: Array
-    ) -> bool:
-        """Project with derivatives into preallocated arrays: the kernel of the refinement.
+    def derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
+    ) -> tuple[Array, Array, bool]:
+        """The map, and its derivatives times the focal lengths: the kernel of the refinement.
 
         Parameters
         ----------
         x, y, z : (V, N) arrays
-        uv : (V, 2, N) array, filled with the projections
-        d_xyz : (V, 3, 2, N) array, filled with d(u, v) / d(x, y, z)
-        d_params : (V, P, 2, N) array, filled with d(u, v) / d params
+        d_xyz : (V, 3, 2, N) array, filled with d(fx mx, fy my) / d(x, y, z)
+        d_k : (V, Q, 2, N) array, filled with d(fx mx, fy my) / dk
 
         Returns
         -------
-        bool
-            False where a point has left the domain: the values are then not to be used.
+        mx, my : (V, N) arrays
+        inside : bool
+            False where a point is outside the domain; the values are then not used.
         """
 
     @abstractmethod
-    def backward(self, params: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-        """Unproject: (x, y, z) of a ray of any length, and the mask of pixels inside the domain."""
+    def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+        """The inverse: a ray (x, y, z) of any length, and which points have one."""
 
-    def limit_angle(self, params: Array) -> float:
-        """Half-angle of the domain about the optical axis, rad: up to there it has no fold and no pole.
+    @abstractmethod
+    def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+        """Which points lie in the domain: in view, before the first fold or pole."""
 
-        By asking `inside` along a fan of directions; models that know it better override this.
-        """
-        low, high = 0.0, np.pi
-        for steps in (361, 101, 101, 101):
-            angles = np.linspace(low, high, steps)
-            with np.errstate(all="ignore"):
-                leaves = ~self._ring_inside(params, angles)
-            first = int(leaves.argmax()) if leaves.any() else steps - 1
-            low, high = angles[max(first - 1, 0)], angles[first]
-        return float(low)
-
-    def _ring_inside(self, params: Array, angles: Array) -> Array:
-        """Whether all directions at these angles (A,) from the axis are inside, (A,) bool."""
-        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-        radius, z = np.sin(angles)[:, None], np.repeat(np.cos(angles)[:, None], len(turn), 1)
-        inside = self.inside(params, radius * np.cos(turn), radius * np.sin(turn), z)
-        return np.asarray(inside.all(1))
-
+    # ------------------------------------------------------------------ what a model may say
     @classmethod
     def variants(cls, name: str) -> tuple[str, ...]:
         """Specs of `name` with the options that the contract tests should run besides the defaults."""
         return (name,)
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
+        """Realistic cameras (params, image_size) that every contract test runs on."""
+        return [(self.pinhole(500.0, 505.0, 320.0, 238.0), (640, 480))]
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """Values of the distortion parameters to begin from when the model is fitted to rays and pixels.
 
         Parameters
@@ -184,21 +158,9 @@ class Lens(ABC):
         """
         return [{}]
 
-    def nests(self) -> tuple[str, ...]:
-        """Specs of the simpler models of which this one holds every camera, the closest first."""
-        return ()
-
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """The parameters of this model for a camera of a model that it nests: same names, same values."""
-        return self.from_values(dict(zip(other.names, params.tolist(), strict=True)))
-
     def opencv(self, params: Array) -> OpenCVForm | None:
         """The same camera for cv2, or None where cv2 has no such model."""
         return None
-
-    def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """Realistic cameras (params, image_size) that every contract test runs on."""
-        return [(self.pinhole(500.0, 505.0, 320.0, 238.0), (640, 480))]
 
     def prior(self, params: Array) -> tuple[Array, Array] | None:
         """Residuals (K,) and Jacobian (K, P) of the model's own regularisation, px; None without."""
@@ -208,45 +170,117 @@ class Lens(ABC):
         """The same camera with its gauge fixed, where a model has one; else the parameters as they are."""
         return params
 
-    # ------------------------------------------------------------------ parameters by name
-    @property
-    def neutral(self) -> Array:
-        """The parameters (P,) of focal length 1 without distortion."""
-        return np.array([p.neutral for p in self.parameters])
+    # ------------------------------------------------------------------ which models contain which
+    def smaller(self) -> tuple[str, ...]:
+        """Specs of the next smaller models of the same family, the closest first."""
+        return ()
 
-    def index(self, name: str) -> int:
-        """Where a parameter stands; UsageError for an unknown name."""
-        if name not in self.names:
-            raise UsageError(
-                f"model '{self.name}' has no parameter '{name}'.", "It has: " + ", ".join(self.names) + "."
-            )
-        return self.names.index(name)
+    def terms(self) -> dict[str, str]:
+        """The terms of `Reading` that the model has: term -> name of its parameter.
 
-    def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
-        """The parameters (P,) of a camera without distortion."""
-        params = self.neutral
-        params[:4] = fx, fy, cx, cy
+        By default terms of its own, which no other model has.
+        """
+        return {f"{type(self).__name__}.{n}": n for n in self.names if n not in MATRIX}
+
+    def readings(self, values: Values) -> Iterator[Reading]:
+        """A camera of this model, given by name, in shared terms: every way in which another model may hold it."""
+        of = {t: n for t, n in self.terms().items() if values[n] != self.neutral[self.index(n)]}
+        matrix = {n: values[n] for n in MATRIX if values.get(n, 0.0) != 0.0}
+        yield Reading(matrix | {t: values[n] for t, n in of.items()}, self.neutral_curve)
+
+    def from_coarser(self, inner: Lens, params: Array) -> Array | None:
+        """For models that are `shaped_by_data`: the camera of one of the family with fewer intervals, exactly."""
+        return None
+
+    # ------------------------------------------------------------------ equations (1) and (2)
+    def _centred(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        if not self.free_centre:
+            return x, y
+        xc, yc = params[self._bend : self._own].tolist()
+        return x - xc * z, y - yc * z
+
+    def _pixels(self, params: Array, mx: Array, my: Array) -> tuple[Array, Array]:
+        if self.free_centre:
+            mx, my = mx + params[self._bend], my + params[self._bend + 1]
+        u = params[0] * mx + params[2]
         if self.has_skew:
-            params[4] = skew
-        return params
+            u += params[4] * my
+        return u, params[1] * my + params[3]
 
-    def from_matrix(self, matrix: Array) -> Array:
-        """The parameters (P,) of a camera matrix (3, 3) without distortion; a model without skew drops it."""
-        k = matrix / matrix[2, 2]
-        return self.pinhole(k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1])
+    def forward(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """Project without a look at the domain: (u, v) of points whose coordinates are separate arrays."""
+        x, y = self._centred(params, x, y, z)
+        return self._pixels(params, *self.distort(params[self._own :], x, y, z))
 
-    def from_values(self, values: dict[str, float]) -> Array:
-        """The parameters (P,) with those of the given names set and the rest neutral."""
-        params = self.neutral
-        for name, value in values.items():
-            if name in self.names:
-                params[self.names.index(name)] = value
-        return params
+    def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
+        """Which points lie in the domain."""
+        x, y = self._centred(params, x, y, z)
+        return self.in_domain(params[self._own :], x, y, z)
 
-    def matrix(self, params: Array) -> Array:
-        """The camera matrix (3, 3), px."""
-        fx, fy, cx, cy = params[:4]
-        return np.array([[fx, params[4] if self.has_skew else 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    def backward(self, params: Array, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Unproject: (x, y, z) of a ray of any length, and the mask of pixels inside the domain."""
+        my = (v - params[3]) / params[1]
+        mx = (u - params[2] - (params[4] * my if self.has_skew else 0.0)) / params[0]
+        if not self.free_centre:
+            return self.undistort(params[self._own :], mx, my)
+        xc, yc = params[self._bend : self._own].tolist()
+        x, y, z, valid = self.undistort(params[self._own :], mx - xc, my - yc)
+        return x + xc * z, y + yc * z, z, valid
+
+    def linearise(
+        self, params: Array, x: Array, y: Array, z: Array, uv: Array, d_xyz: Array, d_params: Array
+    ) -> bool:
+        """Project with derivatives into preallocated arrays.
+
+        Parameters
+        ----------
+        x, y, z : (V, N) arrays
+        uv : (V, 2, N) array, filled with the projections
+        d_xyz : (V, 3, 2, N) array, filled with d(u, v) / d(x, y, z)
+        d_params : (V, P, 2, N) array, filled with d(u, v) / d params
+
+        Returns
+        -------
+        bool
+            False where a point has left the domain or a parameter its bounds: the values are then not to be used.
+        """
+        fx, fy = params[:2].tolist()
+        x, y = self._centred(params, x, y, z)
+        rows, k = d_params[:, self._own :], params[self._own :]
+        mixed = self.has_skew or self.free_centre
+        mx, my, inside = self.derivatives(k, x, y, z, d_xyz, rows, *((1.0, 1.0) if mixed else (fx, fy)))
+        if mixed:
+            mx, my = self._mix(params, mx, my, z, d_xyz, d_params[:, self._bend :])
+        np.multiply(mx, fx, out=uv[:, 0])
+        uv[:, 0] += params[2]
+        np.multiply(my, fy, out=uv[:, 1])
+        uv[:, 1] += params[3]
+        d_params[:, : self._bend] = 0.0
+        d_params[:, 0, 0], d_params[:, 1, 1] = mx, my
+        d_params[:, 2, 0] = d_params[:, 3, 1] = 1.0
+        if self.has_skew:
+            uv[:, 0] += params[4] * my
+            d_params[:, 4, 0] = my
+        return inside and self.within_bounds(params)
+
+    def _mix(
+        self, params: Array, mx: Array, my: Array, z: Array, d_xyz: Array, rows: Array
+    ) -> tuple[Array, Array]:
+        """Add what the centre and the skew do to derivatives of the map alone; (mx, my) of (2)."""
+        if self.free_centre:
+            xc, yc = params[self._bend : self._own].tolist()
+            z_ = z[:, None]
+            for i in range(2):  # d/dxc: the centre moves, and the map is read elsewhere
+                np.multiply(d_xyz[:, i], -z_, out=rows[:, i])
+                rows[:, i, i] += 1.0
+            d_xyz[:, 2] -= xc * d_xyz[:, 0] + yc * d_xyz[:, 1]
+            mx, my = mx + xc, my + yc
+        for block in (rows, d_xyz):
+            block[:, :, 0] *= params[0]
+            if self.has_skew:
+                block[:, :, 0] += params[4] * block[:, :, 1]
+            block[:, :, 1] *= params[1]
+        return mx, my
 
     # ------------------------------------------------------------------ for everybody
     def project(self, params: Array, xyz: Array) -> tuple[Array, Array]:
@@ -262,15 +296,12 @@ class Lens(ABC):
         uv : (..., 2) array, px; NaN outside the domain
         valid : (...) bool array
         """
-        points = np.asarray(xyz, float).reshape(-1, 3)
-        uv, valid = np.empty((len(points), 2)), np.empty(len(points), bool)
-        with np.errstate(all="ignore"):
-            for rows in _blocks(len(points)):
-                u, v, found = self._project(params, *np.ascontiguousarray(points[rows].T))
-                found &= np.isfinite(u)
-                found &= np.isfinite(v)
-                _fill(uv[rows], (u, v), valid[rows], found)
-        return uv.reshape(*np.shape(xyz)[:-1], 2), valid.reshape(np.shape(xyz)[:-1])
+
+        def project(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], Array]:
+            u, v, found = self._project(params, x, y, z)
+            return (u, v), found & np.isfinite(u) & np.isfinite(v)
+
+        return _in_blocks(project, np.asarray(xyz, float), 2)
 
     def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """`forward` and `inside`; models that learn both from one computation override this."""
@@ -289,18 +320,17 @@ class Lens(ABC):
         ray : (..., 3) array of unit length in the camera's frame; NaN outside the domain
         valid : (...) bool array
         """
-        pixels = np.asarray(uv, float).reshape(-1, 2)
-        ray, valid = np.empty((len(pixels), 3)), np.empty(len(pixels), bool)
-        with np.errstate(all="ignore"):
-            for rows in _blocks(len(pixels)):
-                x, y, z, found = self.backward(params, *np.ascontiguousarray(pixels[rows].T))
-                scale = x * x
-                scale += y * y
-                scale += z * z
-                np.sqrt(scale, out=scale)
-                np.divide(1.0, scale, out=scale)
-                _fill(ray[rows], (x * scale, y * scale, z * scale), valid[rows], found)
-        return ray.reshape(*np.shape(uv)[:-1], 3), valid.reshape(np.shape(uv)[:-1])
+
+        def unproject(u: Array, v: Array) -> tuple[tuple[Array, ...], Array]:
+            x, y, z, found = self.backward(params, u, v)
+            scale = x * x
+            scale += y * y
+            scale += z * z
+            np.sqrt(scale, out=scale)
+            np.divide(1.0, scale, out=scale)
+            return (x * scale, y * scale, z * scale), found
+
+        return _in_blocks(unproject, np.asarray(uv, float), 3)
 
     def jacobians(self, params: Array, xyz: Array) -> tuple[Array, Array, Array, Array]:
         """Project points (N, 3) with derivatives.
@@ -325,29 +355,41 @@ class Lens(ABC):
             a[~valid] = np.nan
         return (*out, valid)
 
+    def limit_angle(self, params: Array) -> float:
+        """Half-angle of the domain about the optical axis, rad: up to there it has no fold and no pole.
 
-def _blocks(count: int) -> Iterator[slice]:
-    for i in range(0, count, BLOCK):
-        yield slice(i, i + BLOCK)
+        By asking `inside` along a fan of directions; models that know it better override this.
+        """
+        low, high = 0.0, np.pi
+        for steps in (361, 101, 101, 101):
+            angles = np.linspace(low, high, steps)
+            with np.errstate(all="ignore"):
+                leaves = ~self._ring_inside(params, angles)
+            first = int(leaves.argmax()) if leaves.any() else steps - 1
+            low, high = angles[max(first - 1, 0)], angles[first]
+        return float(low)
+
+    def _ring_inside(self, params: Array, angles: Array) -> Array:
+        """Whether all directions at these angles (A,) from the axis are inside, (A,) bool."""
+        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        radius, z = np.sin(angles)[:, None], np.repeat(np.cos(angles)[:, None], len(turn), 1)
+        return np.asarray(self.inside(params, radius * np.cos(turn), radius * np.sin(turn), z).all(1))
 
 
-def _fill(rows: Array, columns: tuple[Array, ...], valid: Array, found: Array) -> None:
-    """Write columns into rows (N, C), NaN where they are not found."""
-    for i, column in enumerate(columns):
-        rows[:, i] = column
-    valid[:] = found
-    if not found.all():
-        rows[~found] = np.nan
-
-
-def no_options(name: str, plain: Sequence[str], named: dict[str, str], known: Sequence[str] = ()) -> None:
-    """Refuse options that a model does not know."""
-    unknown = [*plain, *(k for k in named if k not in known)]
-    if unknown:
-        raise UsageError(
-            f"model '{name}' has no option '{unknown[0]}'.",
-            f"Known: {', '.join(known)}." if known else f"Try: --model {name}",
-        )
+def _in_blocks(function: Any, points: Array, width: int) -> tuple[Array, Array]:
+    """Apply a function of columns to points (..., C) by blocks: (..., width) with NaN where invalid, and the mask."""
+    flat = points.reshape(-1, points.shape[-1])
+    out, valid = np.empty((len(flat), width)), np.empty(len(flat), bool)
+    with np.errstate(all="ignore"):
+        for begin in range(0, len(flat), BLOCK):
+            rows = slice(begin, begin + BLOCK)
+            columns, found = function(*np.ascontiguousarray(flat[rows].T))
+            for i, column in enumerate(columns):
+                out[rows, i] = column
+            valid[rows] = found
+            if not found.all():
+                out[rows][~found] = np.nan
+    return out.reshape(*points.shape[:-1], width), valid.reshape(points.shape[:-1])
 
 
 def example_list(*cameras: Any) -> list[tuple[Array, tuple[int, int]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache, wraps
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +20,8 @@ SOLVED = 1e-12
 CELLS, HUGE = 256, 1e12
 #: Newton ends with a step that is no longer than this, as the next would be its square; so many are tried
 LAST_STEP, QUICK = 1e-9, 4
+#: results that `cached` keeps of each method: a few cameras at once, of a dozen kB each
+KEPT = 64
 
 
 def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float:
@@ -136,14 +139,19 @@ def _cubics(t: Array, slope: Array) -> Array:
     return np.stack([t[:-1], left, 3 * chord - 2 * left - right, left + right - 2 * chord])
 
 
-def memo(owner: Any, k: Array, compute: Callable[[Array], T], what: str = "limit") -> T:
-    """`compute(k)`, remembered on `owner` for the last k: limits are asked for once per block of points.
+def cached(method: Callable[[Any, Array], T]) -> Callable[[Any, Array], T]:
+    """Keep the results of `method(owner, k)` for the last coefficients: limits and tables, asked for by block.
 
-    `compute` gets a copy, which it may keep.
+    They are kept here, by the owner's value and the coefficients' bits: equal owners share them, and the owner stays
+    as it is. The result must not be changed by those who get it.
     """
-    key = k.tobytes()
-    last = owner.__dict__.get(f"_memo_{what}")
-    if last is None or last[0] != key:
-        last = (key, compute(k.copy()))
-        owner.__dict__[f"_memo_{what}"] = last
-    return last[1]
+
+    @lru_cache(maxsize=KEPT)
+    def compute(owner: Any, key: bytes) -> T:
+        return method(owner, np.frombuffer(key))
+
+    @wraps(method)
+    def call(owner: Any, k: Array) -> T:
+        return compute(owner, k.tobytes())
+
+    return call

@@ -23,10 +23,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from camcal.errors import UsageError
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Lens, Parameter, example_list, no_options
-from camcal.model.lenses.curve import Inverse, first_root, memo
+from camcal.model.lenses.base import Lens, Reading, Values, example_list
+from camcal.model.lenses.curve import Inverse, cached, first_root
+from camcal.model.lenses.options import choice, count_option, no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, InverseRadialLens, RadialLens
 
 Array = np.ndarray
@@ -43,7 +44,19 @@ class PolynomialDepth(InverseRadialLens):
         self.exponents = exponents
         super().__init__(name, [Parameter(n, "distortion") for n in names], skew)
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def terms(self) -> dict[str, str]:
+        """The powers of R in z."""
+        return {f"z{e}": n for e, n in zip(self.exponents, self.names[self._own :], strict=True)}
+
+    def readings(self, values: Values) -> Iterator[Reading]:
+        """With R² alone also a rational function; for a barrel-shaped lens, a unified one with α = 1/2."""
+        (own,) = super().readings(values)
+        yield own
+        first, terms = own.terms.get("z2", 0.0), {t: v for t, v in own.terms.items() if t != "z2"}
+        yield Reading(terms | {"c2,0": first, "c0,2": first})
+        yield Reading(terms | {"alpha": 0.5, "beta": -4 * first})
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """The linear solution; from a pinhole camera to 180 degrees and more (there R = 1 / sqrt(-first))."""
         first = self.names[self._own] if self.exponents else None
         trials = [{first: v} for v in (0.0, -0.1, -0.25, -0.45)] if first else [{}]
@@ -84,6 +97,7 @@ class PolynomialDepth(InverseRadialLens):
         for i, power in enumerate(self._powers(radius)):
             np.multiply(slope, power, out=d_k[:, i])
 
+    @cached
     def reach(self, k: Array) -> float:
         """The first root of z - R dz/dR."""
         slope = np.zeros(max(self.exponents, default=0) + 1)
@@ -92,16 +106,16 @@ class PolynomialDepth(InverseRadialLens):
             slope[e] = -(e - 1) * c
         return first_root(slope)
 
-    def _limit(self, k: Array) -> float:
+    def limit(self, k: Array) -> float:
         """Without a fold z falls for ever, and the angle comes close to π; or it stays 1."""
         if np.isinf(self.reach(k)):
             return ALMOST_PI if np.any(k) else np.pi / 2
-        return super()._limit(k)
+        return super().limit(k)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
         """As stated, without an angle."""
         z, _ = self._depth(k, radius)
-        return radius, z, radius < memo(self, k, self.reach, "reach")
+        return radius, z, radius < self.reach(k)
 
 
 class Division(PolynomialDepth):
@@ -112,11 +126,8 @@ class Division(PolynomialDepth):
         """`division:n`, `division:n,direction=undistort|distort`; one term without n."""
         no_options(name, plain[1:], named, ("direction",))
         terms = count_option(name, plain, 1, 0, MOST_TERMS)
-        direction = named.get("direction", "undistort")
-        if direction == "distort":
+        if choice(name, named, "direction", ("undistort", "distort")) == "distort":
             return ReciprocalDivision(terms, skew)
-        if direction != "undistort":
-            raise UsageError(f"model 'division': direction={direction} is neither 'undistort' nor 'distort'.")
         names = [f"l{i + 1}" for i in range(terms)]
         return cls(f"division:{terms}", tuple(range(2, 2 * terms + 1, 2)), names, skew)
 
@@ -131,9 +142,9 @@ class Division(PolynomialDepth):
             "division:3,direction=distort",
         )
 
-    def nests(self) -> tuple[str, ...]:
+    def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""
-        return (*(f"division:{n}" for n in range(len(self.exponents) - 1, 0, -1)), "pinhole")
+        return tuple(f"division:{n}" for n in range(len(self.exponents) - 1, 0, -1))
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A mild lens and a wide one."""
@@ -164,18 +175,11 @@ class Scaramuzza(PolynomialDepth):
         """The toolbox's degree, and another."""
         return ("scaramuzza", "scaramuzza:6")
 
-    def nests(self) -> tuple[str, ...]:
+    def smaller(self) -> tuple[str, ...]:
         """Lower degrees, and the division model with the even ones."""
         degree = self.exponents[-1]
         lower = [f"scaramuzza:{n}" for n in range(degree - 1, 1, -1)]
-        return (*lower, *(f"division:{n}" for n in range(degree // 2, 0, -1)), "pinhole")
-
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """`division`: its l1, l2, ... are c2, c4, ..."""
-        values = dict(zip(other.names, params.tolist(), strict=True))
-        if isinstance(other, Division):
-            values = {f"c{2 * int(n[1:])}" if n[0] == "l" else n: v for n, v in values.items()}
-        return self.from_values(values)
+        return (*lower, *(f"division:{n}" for n in range(degree // 2, 0, -1)))
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A fisheye lens of about 190 degrees and a milder one."""
@@ -191,23 +195,27 @@ class Scaramuzza(PolynomialDepth):
 class ReciprocalDivision(RadialLens):
     """`division:n,direction=distort`: equation (2)."""
 
-    def __init__(self, terms: int, skew: bool = False):
-        self.terms = terms
-        names = [Parameter(f"k{i + 1}", "distortion") for i in range(terms)]
-        super().__init__(f"division:{terms},direction=distort", names, skew)
+    def __init__(self, count: int, skew: bool = False):
+        self.count = count
+        names = [Parameter(f"k{i + 1}", "distortion") for i in range(count)]
+        super().__init__(f"division:{count},direction=distort", names, skew)
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
         """See `Division.parse`."""
         return Division.parse(name, plain, {"direction": "distort"} | named, skew)
 
-    def nests(self) -> tuple[str, ...]:
+    def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""
-        return (*(f"division:{n},direction=distort" for n in range(self.terms - 1, 0, -1)), "pinhole")
+        return tuple(f"division:{n},direction=distort" for n in range(self.count - 1, 0, -1))
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def terms(self) -> dict[str, str]:
+        """The denominators of a rational radial series (`plane`)."""
+        return {f"d{i + 1}": n for i, n in enumerate(self.names[self._own :])}
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From a pinhole camera to strong barrel distortion."""
-        return [{"k1": v} for v in (0.0, 0.05, 0.2)] if self.terms else [{}]
+        return [{"k1": v} for v in (0.0, 0.05, 0.2)] if self.count else [{}]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """Barrel and pincushion distortion."""
@@ -215,8 +223,8 @@ class ReciprocalDivision(RadialLens):
         barrel, cushion = [0.2, -0.03, 0.002], [-0.08, 0.03, -0.01]
         fill = [0.0] * MOST_TERMS
         return example_list(
-            ([533.0, 534.0, 341.0, 234.0, *skew, *[*barrel, *fill][: self.terms]], (640, 480)),
-            ([1336.0, 1340.0, 632.0, 519.0, *skew, *[*cushion, *fill][: self.terms]], (1280, 1024)),
+            ([533.0, 534.0, 341.0, 234.0, *skew, *[*barrel, *fill][: self.count]], (640, 480)),
+            ([1336.0, 1340.0, 632.0, 519.0, *skew, *[*cushion, *fill][: self.count]], (1280, 1024)),
         )
 
     def _series(self, k: Array, s: Array) -> tuple[Array, Array]:
@@ -240,27 +248,26 @@ class ReciprocalDivision(RadialLens):
         d, fold = self._series(k, s)
         radius = a / d
         row = -radius / d
-        for i in range(self.terms):
+        for i in range(self.count):
             row = np.multiply(row, s, out=d_k[:, i])
         by_r = fold / (d * d * z)
         return radius, by_r, -by_r * a
 
+    @cached
     def limit(self, k: Array) -> float:
         """Where D or dR/da is 0."""
-        return memo(self, k, self._limit)
-
-    def _limit(self, k: Array) -> float:
         fold = [1.0, *(-(2 * i - 1) * c for i, c in enumerate(k.tolist(), 1))]
         s = first_root(np.array(fold), first_root(np.array([1.0, *k])))
         return float(np.arctan(np.sqrt(s)))
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
         """Newton on (2), in the angle."""
-        if not self.terms:
+        if not self.count:
             return radius, np.ones_like(radius), np.isfinite(radius)
-        theta, solved = memo(self, k, self._inverse, "inverse")(radius)
+        theta, solved = self._inverse(k)(radius)
         return np.tan(theta, out=theta), np.ones_like(theta), solved
 
+    @cached
     def _inverse(self, k: Array) -> Inverse:
         def in_angle(theta: Array) -> tuple[Array, Array]:
             a = np.tan(theta)
@@ -274,15 +281,3 @@ class ReciprocalDivision(RadialLens):
             return a, s
 
         return Inverse(in_angle, self.limit(k) * (1 - 1e-9))
-
-
-def count_option(name: str, plain: list[str], default: int, least: int, most: int) -> int:
-    """The number in `name:number`; UsageError for anything else."""
-    if not plain:
-        return default
-    if not plain[0].isdigit() or not least <= int(plain[0]) <= most:
-        raise UsageError(
-            f"model '{name}' has no option '{plain[0]}'; a number from {least} to {most} is needed.",
-            f"Try: --model {name}:{default}",
-        )
-    return int(plain[0])

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Parameter, example_list, no_options
+from camcal.model.lenses.base import Values, example_list
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens
-from camcal.model.lenses.unified import ALPHA
+from camcal.model.lenses.unified import ALPHA, sphere_limit
 
 Array = np.ndarray
 
@@ -30,11 +32,11 @@ class DoubleSphere(RadialLens):
         no_options(name, plain, named)
         return cls(name, [XI, ALPHA], skew)
 
-    def nests(self) -> tuple[str, ...]:
-        """With ξ = 0 the unified model."""
-        return ("ucm", "pinhole")
+    def terms(self) -> dict[str, str]:
+        """α as in `ucm`, which is ξ = 0."""
+        return {"DoubleSphere.xi": "xi", "alpha": "alpha"}
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """Spheres apart by some steps, with and without the second projection."""
         return [{"xi": x, "alpha": a} for x in (-0.2, 0.0, 0.3) for a in (0.05, 0.5, 0.65)]
 
@@ -72,11 +74,17 @@ class DoubleSphere(RadialLens):
         return radius, by_r, -slope * by_c * (1 + xi * z * id1)
 
     def limit(self, k: Array) -> float:
-        """Where z = -w2 d1 (eqs. 43 to 45), and before c = ξ d1 + z turns with ξ < 0."""
+        """Where c = -w d2, the pole or fold of the second projection: (1) grows with the angle at the second centre,
+        and that, for |ξ| < 1, with the angle at the first.
+
+        With d1 = 1 and z = cos θ the condition is cos² θ + 2 ξ (1 - w²) cos θ + ξ² - w² (1 + ξ²) = 0. The paper's
+        bound (eqs. 43 to 45) lies up to 4 degrees before it.
+        """
         xi, alpha = k.tolist()
-        w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
-        w2 = (w1 + xi) / np.sqrt(max(2 * w1 * xi + xi * xi + 1, 1e-300))
-        return min(float(np.arccos(np.clip(-w2, -1, 1))), ALMOST_PI)
+        w = sphere_limit(alpha)
+        inner = xi * (1 - w * w)
+        cosine = -inner - w * np.sqrt(max(1 - xi * inner, 0.0))
+        return min(float(np.arccos(np.clip(cosine, -1, 1))), ALMOST_PI)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
         """Equations 46 to 50."""

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Parameter, example_list, no_options
+from camcal.model.lenses.base import Values, example_list
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens
 
 Array = np.ndarray
@@ -30,11 +32,11 @@ class FieldOfView(RadialLens):
         no_options(name, plain, named)
         return cls(name, [Parameter("w", "distortion", lower=0.0, upper=3.1)], skew)
 
-    def nests(self) -> tuple[str, ...]:
-        """w = 0."""
-        return ("pinhole",)
+    def terms(self) -> dict[str, str]:
+        """The field of view."""
+        return {"w": "w"}
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From narrow to wide."""
         return [{"w": w} for w in (0.2, 0.6, 0.95, 1.3, 1.8)]
 

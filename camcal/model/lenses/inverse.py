@@ -15,8 +15,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from camcal.model.lenses.curve import memo
-from camcal.model.lenses.mapped import MappedLens
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.curve import cached
 
 Array = np.ndarray
 
@@ -29,7 +29,7 @@ CELLS = 512
 LAST_STEP, QUICK, ITERATIONS = 1e-9, 5, 20
 
 
-class InverseLens(MappedLens):
+class InverseLens(Lens):
     """A lens of equation (1); (p, q) are pixels with the camera matrix taken off."""
 
     # ------------------------------------------------------------------ what a model has to say
@@ -46,11 +46,9 @@ class InverseLens(MappedLens):
         return 20.0
 
     # ------------------------------------------------------------------ projection
+    @cached
     def _extent(self, k: Array) -> tuple[Array, Array]:
         """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of even mean angles, (CELLS + 1,)."""
-        return memo(self, k, self._find_extent, "extent")
-
-    def _find_extent(self, k: Array) -> tuple[Array, Array]:
         turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
         radius = np.tan(np.linspace(0, np.arctan(self.farthest(k)), STEPS))
         p, q = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
@@ -115,39 +113,37 @@ class InverseLens(MappedLens):
         low = np.minimum(spoke.astype(int), SPOKES - 1)
         return np.asarray(inside & (radius <= np.minimum(reach[low], reach[(low + 1) % SPOKES])))
 
-    # ------------------------------------------------------------------ MappedLens
-    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    # ------------------------------------------------------------------ map
+    def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
         """Newton."""
         p, q, _ = self._solve(k, x, y, z)
         return p, q
 
-    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+    def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """Where Newton ends within the domain."""
         return self._solve(k, x, y, z)[2]
 
     def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """Solves once for pixel and domain."""
+        x, y = self._centred(params, x, y, z)
         p, q, valid = self._solve(params[self._own :], x, y, z)
-        u = params[0] * p + params[2]
-        if self.has_skew:
-            u += params[4] * q
-        return u, params[1] * q + params[3], valid
+        return *self._pixels(params, p, q), valid
 
-    def bend_derivatives(
-        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    def derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
         """Equation (1)."""
         p, q, valid = self._solve(k, x, y, z)
         ray, a, b = self.ray(k, p, q)
         length = np.sqrt((ray * ray).sum(0) / (x * x + y * y + z * z))
         inverse = 1.0 / _triple(ray, a, b)
-        for i, normal in enumerate((_cross(b, ray) * inverse, _cross(ray, a) * inverse)):
+        for i, normal in enumerate((_cross(b, ray) * (fx * inverse), _cross(ray, a) * (fy * inverse))):
             for j in range(3):
                 np.multiply(normal[j], length, out=d_xyz[:, j, i])
             self.ray_rows(k, p, q, -normal, d_k[:, :, i])
         return p, q, bool(valid.all())
 
-    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+    def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """As stated."""
         ray, a, b = self.ray(k, mx, my)
         valid = self._within(k, mx, my) & (_triple(ray, a, b) > 0)

@@ -10,11 +10,14 @@ With n = 4 this is cv2.fisheye. Their asymmetric terms (eqs. 7 to 10) are left o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from camcal.errors import UsageError
-from camcal.model.lenses.base import OpenCVForm, Parameter, example_list, no_options
-from camcal.model.lenses.curve import Inverse, first_root, memo
+from camcal.model.lenses.base import OpenCVForm, Reading, Values, example_list
+from camcal.model.lenses.curve import Inverse, cached, first_root
+from camcal.model.lenses.options import count_option, no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens
 
 Array = np.ndarray
@@ -29,9 +32,9 @@ class KannalaBrandt(RadialLens):
 
     neutral_curve = "equidistant"
 
-    def __init__(self, name: str, terms: int, skew: bool = False):
-        self.terms = terms
-        super().__init__(name, [Parameter(f"k{i + 1}", "distortion") for i in range(terms)], skew)
+    def __init__(self, name: str, count: int, skew: bool = False):
+        self.count = count
+        super().__init__(name, [Parameter(f"k{i + 1}", "distortion") for i in range(count)], skew)
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> KannalaBrandt:
@@ -40,20 +43,30 @@ class KannalaBrandt(RadialLens):
             no_options(name, plain, named)
             return cls(name, 4, skew)
         no_options(name, plain[1:], named)
-        text = plain[0] if plain else "4"
-        if not text.isdigit() or not 0 <= int(text) <= MOST:
-            raise UsageError(f"model 'kb' has no option '{text}': 0 to {MOST} terms.", "Try: --model kb:5")
-        return cls(f"kb:{int(text)}", int(text), skew)
+        terms = count_option(name, plain, 4, 0, MOST)
+        return cls(f"kb:{terms}", terms, skew)
 
     @classmethod
     def variants(cls, name: str) -> tuple[str, ...]:
         """`kb4`, and other numbers of terms."""
         return (name,) if name == "kb4" else ("kb:0", "kb:2", "kb:4", "kb:6")
 
-    def nests(self) -> tuple[str, ...]:
+    def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""
-        fewer = [f"kb:{n}" for n in range(min(self.terms, 5) - 1, -1, -1)]
-        return ("kb4", *fewer[1:]) if self.terms > 4 else tuple(fewer)
+        return tuple("kb4" if n == 4 else f"kb:{n}" for n in range(self.count - 1, -1, -1))
+
+    def terms(self) -> dict[str, str]:
+        """The powers of θ."""
+        return {f"t{2 * i + 3}": n for i, n in enumerate(self.names[self._own :])}
+
+    def readings(self, values: Values) -> Iterator[Reading]:
+        """The equidistant lens, R = θ, is a field-of-view lens with 2 tan(w/2) = 1 and w times its focal length."""
+        (own,) = super().readings(values)
+        yield own
+        if not any(t in own.terms for t in self.terms()):
+            w = 2 * np.arctan(0.5)
+            matrix = {n: v * (w if n in ("fx", "fy", "skew") else 1.0) for n, v in own.terms.items()}
+            yield Reading(matrix | {"w": w})
 
     def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
         """Close to a pinhole camera near the axis: the series of the tangent, as far as there are terms.
@@ -61,11 +74,11 @@ class KannalaBrandt(RadialLens):
         With coefficients of 0 the lens is equidistant (`neutral`).
         """
         params = super().pinhole(fx, fy, cx, cy, skew)
-        count = min(self.terms, len(_TANGENT))
+        count = min(self.count, len(_TANGENT))
         params[self._own : self._own + count] = _TANGENT[:count]
         return params
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """Equidistant, near stereographic, near equisolid, near perspective."""
         series = (
             (0.0, 0.0),
@@ -73,15 +86,15 @@ class KannalaBrandt(RadialLens):
             (-1 / 24, 1 / 1920),
             _TANGENT,
         )
-        return [{f"k{i + 1}": v for i, v in enumerate(s[: self.terms])} for s in series]
+        return [{f"k{i + 1}": v for i, v in enumerate(s[: self.count])} for s in series]
 
     def opencv(self, params: Array) -> OpenCVForm | None:
         """cv2.fisheye up to four terms, whose alpha is skew / fx."""
-        if self.terms > 4:
+        if self.count > 4:
             return None
         k = np.zeros(4)
-        k[: self.terms] = params[self._own :]
-        flags = tuple(f"FIX_K{i}" for i in range(self.terms + 1, 5))
+        k[: self.count] = params[self._own :]
+        flags = tuple(f"FIX_K{i}" for i in range(self.count + 1, 5))
         return OpenCVForm("fisheye.calibrate", k, flags, self.names[self._own :])
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
@@ -90,8 +103,8 @@ class KannalaBrandt(RadialLens):
         wide = [0.02, -0.004, 0.001, -3e-4, 4e-5, -2e-6, *[0.0] * MOST]
         fish = [-0.015, 0.004, -0.003, 4e-4, -2e-5, 1e-6, *[0.0] * MOST]
         return example_list(
-            ([558.5, 560.5, 620.5, 381.9, *skew, *wide[: self.terms]], (1280, 800)),
-            ([335.0, 337.0, 543.0, 378.0, *skew, *fish[: self.terms]], (1032, 778)),
+            ([558.5, 560.5, 620.5, 381.9, *skew, *wide[: self.count]], (1280, 800)),
+            ([335.0, 337.0, 543.0, 378.0, *skew, *fish[: self.count]], (1032, 778)),
         )
 
     # ------------------------------------------------------------------ curve
@@ -99,7 +112,7 @@ class KannalaBrandt(RadialLens):
         """R and dR/dθ of (1)."""
         s = theta * theta
         value, slope = np.zeros_like(s), np.zeros_like(s)
-        for i in range(self.terms, 0, -1):
+        for i in range(self.count, 0, -1):
             c = float(k[i - 1])
             value += c
             value *= s
@@ -127,22 +140,20 @@ class KannalaBrandt(RadialLens):
         theta = np.arctan2(r, z)
         value, slope = self._poly(k, theta)
         power, s = theta, theta * theta
-        for i in range(self.terms):
+        for i in range(self.count):
             power = np.multiply(power, s, out=d_k[:, i])
         slope /= r * r + z * z
         return value, slope * z, -slope * r
 
+    @cached
     def limit(self, k: Array) -> float:
         """The first root of dR/dθ."""
-        return memo(self, k, self._limit)
-
-    def _limit(self, k: Array) -> float:
         slope = np.array([1.0, *((2 * i + 3) * c for i, c in enumerate(k.tolist()))])
         return min(float(np.sqrt(first_root(slope))), ALMOST_PI)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
         """Newton in θ; sine and cosine from the tangent of half of it, which is cheaper than both."""
-        half, solved = memo(self, k, self._inverse, "inverse")(radius)
+        half, solved = self._inverse(k)(radius)
         half *= 0.5
         np.tan(half, out=half)
         z = half * half
@@ -150,5 +161,6 @@ class KannalaBrandt(RadialLens):
         half *= 2.0
         return half, z, solved
 
+    @cached
     def _inverse(self, k: Array) -> Inverse:
         return Inverse(lambda t: self._poly(k, t), self.limit(k))

@@ -12,40 +12,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Lens, OpenCVForm, Parameter, example_list, no_options
-from camcal.model.lenses.mapped import MappedLens
+from camcal.model.lenses.base import Lens, OpenCVForm, Values, example_list
+from camcal.model.lenses.curve import cached
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.plane import PlaneDistortion
-from camcal.model.lenses.radial import ALMOST_PI
+from camcal.model.lenses.radial import ALMOST_PI, within_cone
 
 Array = np.ndarray
 
 
-class Mei(MappedLens):
+class Mei(Lens):
     """`mei`: xi, k1, k2, p1, p2."""
 
-    plane = PlaneDistortion(2, 1, False)
+    plane = PlaneDistortion(("n1", "n2", "p1", "p2"))
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Mei:
         """No options."""
         no_options(name, plain, named)
         own = [Parameter("xi", "distortion", lower=0.0)]
-        return cls(name, own + [Parameter(n, "distortion") for n in cls.plane.names], skew)
+        return cls(name, own + [Parameter(n, "distortion") for n in ("k1", "k2", "p1", "p2")], skew)
 
-    def nests(self) -> tuple[str, ...]:
-        """`ucm` without distortion, and `opencv4` with ξ = 0."""
-        return ("ucm", "opencv4", "pinhole")
+    def smaller(self) -> tuple[str, ...]:
+        """The sphere without distortion."""
+        return ("ucm",)
 
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """`ucm`: ξ = α / (1 - α) with focal lengths and skew divided by 1 - α; others by name."""
-        values = dict(zip(other.names, params.tolist(), strict=True))
-        rest = 1 - min(values.get("alpha", 0.0), 1 - 1e-6)
-        for name in ("fx", "fy", "skew"):
-            if name in values:
-                values[name] /= rest
-        return self.from_values(values | {"xi": 1 / rest - 1})
+    def terms(self) -> dict[str, str]:
+        """ξ and those of the plane."""
+        return {"xi": "xi"} | dict(zip(self.plane.terms, self.names[self._own + 1 :], strict=True))
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From a pinhole camera over the stereographic one (ξ = 1) on."""
         return [{"xi": xi} for xi in (0.0, 0.5, 1.0, 1.6, 2.5)]
 
@@ -62,22 +59,22 @@ class Mei(MappedLens):
             ([560.0, 561.0, 318.0, 242.0, *skew, 0.6, -0.08, 0.01, -5e-4, 4e-4], (640, 480)),
         )
 
-    # ------------------------------------------------------------------ MappedLens
-    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    # ------------------------------------------------------------------ map
+    def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
         """Equation (1), then the distortion."""
         scale = 1.0 / (z + k[0] * np.sqrt(x * x + y * y + z * z))
         return self.plane.apply(k[1:], x * scale, y * scale)
 
-    def bend_derivatives(
-        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    def derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
         """The chain rule through (a, b)."""
         xi = float(k[0])
         d = np.sqrt(x * x + y * y + z * z)
         scale = 1.0 / (z + xi * d)
         a, b = x * scale, y * scale
-        xd, yd, xa, xb, ya, yb = self.plane.derivatives(k[1:], a, b)
-        self.plane.coefficient_rows(k[1:], a, b, d_k[:, 1:])
+        (xd, yd, xa, xb, ya, yb), grows = self.plane.linearise(k[1:], a, b, d_k[:, 1:], fx, fy)
+        xa, xb, ya, yb = fx * xa, fx * xb, fy * ya, fy * yb
         # d(a, b) = scale (dx, dy) - (a, b) scale (dz + ξ dd + d dξ)
         along_x, along_y = a * xa + b * xb, a * ya + b * yb
         slope = scale * xi / d
@@ -89,8 +86,9 @@ class Mei(MappedLens):
         np.multiply(along_y, down, out=d_xyz[:, 2, 1])
         np.multiply(along_x, -scale * d, out=d_k[:, 0, 0])
         np.multiply(along_y, -scale * d, out=d_k[:, 0, 1])
-        return xd, yd, bool(self.bend_inside(k, x, y, z).all())
+        return xd, yd, grows and bool(self.in_domain(k, x, y, z).all())
 
+    @cached
     def _limit(self, k: Array) -> float:
         """Angle of the fold of (1), of its pole, or of the fold of the distortion, rad."""
         xi = float(k[0])
@@ -107,12 +105,11 @@ class Mei(MappedLens):
         """See `_limit`."""
         return self._limit(params[self._own :])
 
-    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+    def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """At a smaller angle than the limit."""
-        limit = self._limit(k)
-        return np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit)
+        return within_cone(self._limit(k), x, y, z)
 
-    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+    def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """Newton on the distortion, then the sphere (Mei & Rives, eq. 4), scaled to keep small ξ exact."""
         xi = float(k[0])
         a, b, solved = self.plane.invert(k[1:], mx, my)

@@ -1,162 +1,275 @@
-"""Distortion of the plane: radial, decentering and thin prism terms of any order.
+"""Distortion of the plane z = 1: radial, decentering and thin prism terms.
 
 A. E. Conrady (1919); D. C. Brown, Decentering distortion of lenses (1966) and Close-range camera calibration
-(1971), eq. 5; J. Weng, P. Cohen, M. Herniou, Camera calibration with distortion models and accuracy
-evaluation, PAMI 14 (1992), eq. 16. With s = a² + b²:
+(1971), eq. 5; J. Weng, P. Cohen, M. Herniou, Camera calibration with distortion models and accuracy evaluation,
+PAMI 14 (1992), eq. 16; OpenCV's documentation of camera calibration. With s = a² + b²:
 
-    f  = 1 + k1 s + k2 s² + ... + kn sⁿ
+    f  = (1 + n1 s + n2 s² + ...) / (1 + d1 s + d2 s² + d3 s³)                                           (1)
     h  = 1 + p3 s + p4 s² + ...
-    xd = a f + (2 p1 a b + p2 (s + 2 a²)) h + s1 s                                                       (1)
-    yd = b f + (p1 (s + 2 b²) + 2 p2 a b) h + s2 s
+    xd = a f + (2 p1 a b + p2 (s + 2 a²)) h + x1 s + x2 s²                                               (2)
+    yd = b f + (p1 (s + 2 b²) + 2 p2 a b) h + y1 s + y2 s²
 
-p1 and p2 stand as in OpenCV; Brown's P1, P2 are the other way round.
+p1 and p2 stand as in OpenCV; Brown's P1, P2 are the other way round. Models choose among these terms, in an order of
+their own.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 
 from camcal.model.lenses import newton
-from camcal.model.lenses.curve import first_root, memo
+from camcal.model.lenses.curve import cached, first_root
 
 Array = np.ndarray
 
 
+class _Coefficients(NamedTuple):
+    """The coefficients by kind: numerator, denominator, p1, p2, p3 and higher, prism."""
+
+    n: list[float]
+    d: list[float]
+    p1: float
+    p2: float
+    higher: list[float]
+    x: list[float]
+    y: list[float]
+
+
+@dataclass(frozen=True)
 class PlaneDistortion:
-    """Equation (1) with `radial` terms k, `decentering` factors (0 = none, 1 = p1 p2, 2 = and p3, ...)."""
+    """Equations (1) and (2) with the given terms.
 
-    def __init__(self, radial: int, decentering: int, prism: bool):
-        self.radial, self.decentering, self.prism = radial, decentering, prism
-        count = decentering + 1 if decentering else 0
-        self.names = (
-            *(f"k{i + 1}" for i in range(radial)),
-            *(f"p{i + 1}" for i in range(count)),
-            *(("s1", "s2") if prism else ()),
-        )
+    Attributes
+    ----------
+    terms : tuple of str
+        In the order of the coefficients: `n1`..., `d1`..., `p1`, `p2`, ..., `x1`, `x2`, `y1`, `y2`. Without a gap in
+        each kind; a denominator only beside `n1`; p1 and p2 together.
+    """
 
-    def _split(self, c: Array) -> tuple[list[float], float, float, list[float], float, float]:
-        """k, p1, p2, the higher factors p3, ..., s1, s2."""
+    terms: tuple[str, ...]
+
+    @cached_property
+    def _at(self) -> dict[str, list[int]]:
+        """Where the coefficients of each kind stand."""
+        found = {kind: [i for i, t in enumerate(self.terms) if t[0] == kind] for kind in "ndpxy"}
+        return {kind: sorted(at, key=lambda i: int(self.terms[i][1:])) for kind, at in found.items()}
+
+    def _split(self, c: Array) -> _Coefficients:
         values = c.tolist()
-        k, rest = values[: self.radial], values[self.radial :]
-        s1, s2 = rest[-2:] if self.prism else (0.0, 0.0)
-        p1, p2 = rest[:2] if self.decentering else (0.0, 0.0)
-        return k, p1, p2, rest[2 : self.decentering + 1] if self.decentering else [], s1, s2
+        n, d, p, x, y = ([values[i] for i in at] for at in self._at.values())
+        p1, p2 = p[:2] or (0.0, 0.0)
+        return _Coefficients(n, d, p1, p2, p[2:], x, y)
 
     def apply(self, c: Array, a: Array, b: Array) -> tuple[Array, Array]:
-        """(xd, yd) of (1)."""
-        k, p1, p2, higher, s1, s2 = self._split(c)
-        s = a * a + b * b
-        f, h = _series(k, s)[0], _series(higher, s)[0]
-        common = f + (2 * h) * (p1 * b + p2 * a)
-        hs = h * s
-        return a * common + p2 * hs + s1 * s, b * common + p1 * hs + s2 * s
+        """(xd, yd) of (2)."""
+        k, s = self._split(c), a * a + b * b
+        common = _series(k.n, s)
+        if k.d:
+            common /= _series(k.d, s)
+        h = _series(k.higher, s) if k.higher else 1.0
+        if self._at["p"]:
+            common += h * ((2 * k.p1) * b + (2 * k.p2) * a)
+        xd, yd = a * common, b * common
+        if self._at["p"]:
+            hs = h * s
+            xd += k.p2 * hs
+            yd += k.p1 * hs
+        for out, prism in ((xd, k.x), (yd, k.y)):
+            if prism:
+                out += _polynomial(prism, s)
+        return xd, yd
+
+    def linearise(
+        self, c: Array, a: Array, b: Array, rows: Array, fx: float, fy: float
+    ) -> tuple[tuple[Array, ...], bool]:
+        """(2) with derivatives.
+
+        Parameters
+        ----------
+        a, b : (V, N) arrays
+        rows : (V, Q, 2, N) array, filled with d(fx xd, fy yd) / dc
+
+        Returns
+        -------
+        (xd, yd, dxd/da, dxd/db, dyd/da, dyd/db) : (V, N) arrays, without the focal lengths
+        grows : bool
+            Whether all points lie before the fold of the radial part.
+        """
+        k, s = self._split(c), a * a + b * b
+        f, slope, inverse = _radial(k, s)
+        self._rows(k, (a, b), s, (f, inverse), rows, (fx, fy))
+        return _partials(k, a, b, s, f, slope), self._grows(c, k, float(s.max(initial=0.0)))
 
     def derivatives(self, c: Array, a: Array, b: Array) -> tuple[Array, ...]:
-        """(xd, yd) and d(xd)/da, d(xd)/db, d(yd)/da, d(yd)/db."""
-        k, p1, p2, higher, s1, s2 = self._split(c)
-        aa, bb, ab = a * a, b * b, a * b
-        s = aa + bb
-        f, slope = _series(k, s)
-        slope *= 2
-        x, y, cross = a * f, b * f, ab * slope
-        aa *= slope
-        aa += f
-        bb *= slope
-        bb += f
-        slopes = [aa, cross, cross, bb]
-        if self.decentering:
-            self._decentre(p1, p2, higher, a, b, s, ab, (x, y), slopes)
-        if self.prism:
-            x += s1 * s
-            y += s2 * s
-            slopes = [d + (2 * w) * c for d, w, c in zip(slopes, (s1, s1, s2, s2), (a, b, a, b), strict=True)]
-        return x, y, *slopes
+        """xd, yd, dxd/da, dxd/db, dyd/da, dyd/db."""
+        k, s = self._split(c), a * a + b * b
+        return _partials(k, a, b, s, *_radial(k, s)[:2])
 
-    def _decentre(
-        self, p1: float, p2: float, higher: list[float], a: Array, b: Array, s: Array, ab: Array,
-        xy: tuple[Array, Array], slopes: list[Array],
-    ) -> None:  # fmt: skip
-        """Add the decentering terms to (xd, yd) in place and to the slopes."""
-        p1a, p1b, p2a, p2b = p1 * a, p1 * b, p2 * a, p2 * b
-        common = p1b + p2a
-        common *= 2
-        dx, dy = a * common + p2 * s, b * common + p1 * s
-        xa, mixed, yb = 2 * p1b + 6 * p2a, 2 * (p1a + p2b), 6 * p1b + 2 * p2a
-        if not higher:
-            for total, part in ((xy[0], dx), (xy[1], dy), (slopes[0], xa), (slopes[3], yb)):
-                total += part
-            slopes[1] += mixed  # the same array as slopes[2]
-            return
-        h, h_slope = _series(higher, s)
-        h_slope *= 2
-        xy[0][...] += h * dx
-        xy[1][...] += h * dy
-        mixed *= h
-        dx *= h_slope
-        dy *= h_slope
-        slopes[:] = [
-            slopes[0] + h * xa + a * dx,
-            slopes[1] + mixed + b * dx,
-            slopes[2] + mixed + a * dy,
-            slopes[3] + h * yb + b * dy,
-        ]
+    def _rows(
+        self,
+        k: _Coefficients,
+        ab: tuple[Array, Array],
+        s: Array,
+        radial: tuple[Array, Array | None],
+        rows: Array,
+        focal: tuple[float, float],
+    ) -> None:
+        """d(fx xd, fy yd) / dc."""
+        (a, b), (f, inverse), (fx, fy) = ab, radial, focal
+        at, s_ = self._at, s[:, None]
+        for before, i in zip([None, *at["n"]], at["n"], strict=False):
+            if before is not None:
+                np.multiply(rows[:, before], s_, out=rows[:, i])
+                continue
+            np.multiply(a, fx * s, out=rows[:, i, 0])
+            np.multiply(b, fy * s, out=rows[:, i, 1])
+            if inverse is not None:
+                rows[:, i] *= inverse[:, None]
+        for before, i in zip([None, *at["d"]], at["d"], strict=False):
+            factor, source = (-f[:, None], at["n"][0]) if before is None else (s_, before)
+            np.multiply(rows[:, source], factor, out=rows[:, i])
+        if at["p"]:
+            i, j, *more = at["p"]
+            ab2 = (2.0 * a) * b
+            np.multiply(ab2, fx, out=rows[:, i, 0])
+            np.multiply(2.0 * (b * b) + s, fy, out=rows[:, i, 1])
+            np.multiply(2.0 * (a * a) + s, fx, out=rows[:, j, 0])
+            np.multiply(ab2, fy, out=rows[:, j, 1])
+            if more:
+                np.multiply(k.p1 * rows[:, i] + k.p2 * rows[:, j], s_, out=rows[:, more[0]])
+                for before, m in pairwise(more):
+                    np.multiply(rows[:, before], s_, out=rows[:, m])
+                h = _series(k.higher, s)[:, None]
+                rows[:, i] *= h
+                rows[:, j] *= h
+        for axis, kind in enumerate("xy"):
+            power = focal[axis] * s
+            for i in at[kind]:
+                rows[:, i, axis], rows[:, i, 1 - axis] = power, 0.0
+                power = power * s
 
-    def coefficient_rows(self, c: Array, a: Array, b: Array, rows: Array) -> None:
-        """Write d(xd, yd)/d coefficients into rows (V, Q, 2, N)."""
-        _, p1, p2, higher, _, _ = self._split(c)
-        s = a * a + b * b
-        power = s
-        for i in range(self.radial):
-            np.multiply(a, power, out=rows[:, i, 0])
-            np.multiply(b, power, out=rows[:, i, 1])
-            power = power * s
-        at = self.radial
-        if self.decentering:
-            h = _series(higher, s)[0]
-            ab = 2 * a * b
-            rows[:, at, 0], rows[:, at, 1] = ab * h, (s + 2 * b * b) * h
-            rows[:, at + 1, 0], rows[:, at + 1, 1] = (s + 2 * a * a) * h, ab * h
-            dx, dy = p1 * ab + p2 * (s + 2 * a * a), p1 * (s + 2 * b * b) + p2 * ab
-            for i in range(len(higher)):
-                dx, dy = dx * s, dy * s
-                rows[:, at + 2 + i, 0], rows[:, at + 2 + i, 1] = dx, dy
-            at += 2 + len(higher)
-        if self.prism:
-            rows[:, at : at + 2] = 0.0
-            rows[:, at, 0] = rows[:, at + 1, 1] = s
-
+    # ------------------------------------------------------------------ domain and inverse
+    @cached
     def fold(self, c: Array) -> float:
-        """Radius at which a f(a²) folds back: root of 1 + 3 k1 s + 5 k2 s² + ...; inf without one."""
-        return memo(self, c, self._fold, "fold")
+        """The radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf where it does neither."""
+        k = self._split(c)
+        n, d = np.array([1.0, *k.n]), np.array([1.0, *k.d])
+        i, j = np.arange(len(n)), np.arange(len(d))
+        # d(r f)/dr, times the squared denominator: n d + 2 s (n' d - n d'), with s n' = (0, n1, 2 n2, ...)
+        slope = np.convolve(n, d) + 2 * (np.convolve(i * n, d) - np.convolve(n, j * d))
+        return float(np.sqrt(min(first_root(slope), first_root(d))))
 
-    def _fold(self, c: Array) -> float:
-        k = c[: self.radial]
-        return float(np.sqrt(first_root(np.array([1.0, *((2 * i + 3) * v for i, v in enumerate(k))]))))
+    def _grows(self, c: Array, k: _Coefficients, s: float) -> bool:
+        """Whether r f(r²) grows without a pole all the way to r² = s; False for NaN.
+
+        Where the negative coefficients together cannot stop it, the roots need not be found.
+        """
+        if not k.d:
+            falling = [min((2 * i + 3) * n, 0.0) for i, n in enumerate(k.n)]
+            if 1.0 + sum(n * s ** (i + 1) for i, n in enumerate(falling)) > 0:
+                return True
+        return s < self.fold(c) ** 2
 
     def invert(self, c: Array, xd: Array, yd: Array) -> tuple[Array, Array, Array]:
         """(a, b) of (xd, yd) within the fold, and which were found: Newton from the radial part's inverse."""
-        if not len(self.names):
-            return xd, yd, np.isfinite(xd) & np.isfinite(yd)
-        a, b = memo(self, c, self._start, "start")(xd, yd)
+        a, b = self._start(c)(xd, yd)
         a, b, solved = newton.solve(lambda a, b: self.derivatives(c, a, b), xd, yd, a, b)
         return a, b, solved & (a * a + b * b < self.fold(c) ** 2)
 
+    @cached
     def _start(self, c: Array) -> newton.RadialStart:
-        k = c[: self.radial].tolist()
-        return newton.RadialStart(lambda s: _series(k, s), self.fold(c))
+        return newton.RadialStart(lambda s: _radial(self._split(c), s)[:2], self.fold(c))
 
 
-def _series(c: list[float], s: Array) -> tuple[Array, Array]:
-    """1 + c1 s + c2 s² + ... and its derivative."""
-    value, slope = np.zeros_like(s), np.zeros_like(s)
-    for v in reversed(c):
-        slope *= s
-        slope += value
-        value *= s
+def _radial(k: _Coefficients, s: Array) -> tuple[Array, Array, Array | None]:
+    """f of (1), df/ds, and the inverse of the denominator where there is one."""
+    f, slope = _series_and_slope(k.n, s)
+    if not k.d:
+        return f, slope, None
+    inverse, below = _series_and_slope(k.d, s)
+    np.divide(1.0, inverse, out=inverse)
+    f *= inverse
+    below *= f
+    slope -= below
+    slope *= inverse
+    return f, slope, inverse
+
+
+def _partials(k: _Coefficients, a: Array, b: Array, s: Array, f: Array, slope: Array) -> tuple[Array, ...]:
+    p1, p2, higher = k.p1, k.p2, k.higher
+    common = f + (2 * p2) * a
+    common += (2 * p1) * b
+    xd, yd = a * common, b * common
+    xd += p2 * s
+    yd += p1 * s
+    slope = 2.0 * slope
+    xa, mixed = slope * a, slope * b
+    xa += 4 * p2
+    xa *= a
+    xa += common
+    yb = mixed + 4 * p1
+    yb *= b
+    yb += common
+    mixed += 2 * p1
+    mixed *= a
+    mixed += (2 * p2) * b
+    xb = ya = mixed
+    if higher:  # the terms of (2) with h - 1 in place of h
+        h, h_slope = _series_and_slope(higher, s)
+        h, h_slope = h - 1, 2 * h_slope
+        twist = (2 * p1) * b + (2 * p2) * a
+        dx, dy = a * twist + p2 * s, b * twist + p1 * s
+        both = (2 * p1) * a + (2 * p2) * b
+        xd, yd = xd + h * dx, yd + h * dy
+        xa, xb = xa + h * (twist + (4 * p2) * a) + a * h_slope * dx, mixed + h * both + b * h_slope * dx
+        ya, yb = mixed + h * both + a * h_slope * dy, yb + h * (twist + (4 * p1) * b) + b * h_slope * dy
+    if k.x:
+        value, by_s = _polynomial_and_slope(k.x, s)
+        xd, xa, xb = xd + value, xa + 2 * a * by_s, xb + 2 * b * by_s
+        value, by_s = _polynomial_and_slope(k.y, s)
+        yd, ya, yb = yd + value, ya + 2 * a * by_s, yb + 2 * b * by_s
+    return xd, yd, xa, xb, ya, yb
+
+
+def _series(c: list[float], s: Array) -> Array:
+    """1 + c1 s + c2 s² + ..."""
+    if not c:
+        return np.ones_like(s)
+    value = _polynomial(c, s)
+    value += 1.0
+    return value
+
+
+def _polynomial(c: list[float], s: Array) -> Array:
+    """c1 s + c2 s² + ..."""
+    value = c[-1] * s
+    for v in reversed(c[:-1]):
         value += v
-    # value = c1 + c2 s + ..., slope its derivative
-    slope *= s
-    slope += value
-    value *= s
+        value *= s
+    return value
+
+
+def _series_and_slope(c: list[float], s: Array) -> tuple[Array, Array]:
+    """1 + c1 s + c2 s² + ... and its derivative."""
+    if not c:
+        return np.ones_like(s), np.zeros_like(s)
+    value, slope = _polynomial_and_slope(c, s)
     value += 1.0
     return value, slope
+
+
+def _polynomial_and_slope(c: list[float], s: Array) -> tuple[Array, Array]:
+    """c1 s + c2 s² + ... and its derivative."""
+    if len(c) == 1:
+        return c[0] * s, np.full_like(s, c[0])
+    slope = (len(c) * c[-1]) * s
+    for i in range(len(c) - 1, 1, -1):
+        slope += i * c[i - 1]
+        slope *= s
+    slope += c[0]
+    return _polynomial(c, s), slope

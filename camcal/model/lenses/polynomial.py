@@ -15,9 +15,10 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Lens, Parameter, example_list, no_options
-from camcal.model.lenses.division import count_option
+from camcal.model.lenses.base import Values, example_list
 from camcal.model.lenses.inverse import InverseLens
+from camcal.model.lenses.options import count_option, no_options
+from camcal.model.lenses.parameters import Parameter
 
 Array = np.ndarray
 
@@ -51,21 +52,17 @@ class Polynomial(InverseLens):
         """`bicubic`, and other orders."""
         return (name,) if name == "bicubic" else ("polynomial:2", "polynomial:3", "polynomial:5")
 
-    def nests(self) -> tuple[str, ...]:
+    def smaller(self) -> tuple[str, ...]:
         """Lower orders; of the high ones every other."""
         orders = [n for n in (12, 10, 8, 6, 5, 4, 3, 2) if n < self.order]
-        return (*("bicubic" if n == 3 else f"polynomial:{n}" for n in orders), "pinhole")
+        return tuple("bicubic" if n == 3 else f"polynomial:{n}" for n in orders)
 
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """By exponents: orders of ten and more write their coefficients with an underscore."""
-        values = dict(zip(other.names, params.tolist(), strict=True))
-        if isinstance(other, Polynomial):
-            for c in "ab":
-                for i, j in other.powers:
-                    values[coefficient(c, i, j, self.order)] = values[coefficient(c, i, j, other.order)]
-        return self.from_values(values)
+    def terms(self) -> dict[str, str]:
+        """The coefficients of pⁱ qʲ in X and Y."""
+        powers = [("b", 1, 0), *((c, i, j) for c in "ab" for i, j in self.powers)]
+        return {f"{c}{i},{j}": n for (c, i, j), n in zip(powers, self.names[self._own :], strict=True)}
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """The linear solution; without distortion where there are too few rays."""
         found = direct.polynomial(rays, uv, self.order)
         if found is None:

@@ -14,8 +14,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from camcal.model.lenses.curve import Inverse, memo
-from camcal.model.lenses.mapped import MappedLens
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.curve import Inverse, cached
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ TINY = 1e-200
 ALMOST_PI = np.pi - 1e-8
 
 
-class RadialLens(MappedLens):
+class RadialLens(Lens):
     """A lens of equation (1)."""
 
     # ------------------------------------------------------------------ what a curve has to say
@@ -45,19 +45,18 @@ class RadialLens(MappedLens):
     def limit(self, k: Array) -> float:
         """Angle of the first fold or pole, rad, at most `ALMOST_PI`."""
 
-    # ------------------------------------------------------------------ MappedLens
+    # ------------------------------------------------------------------ map
     def limit_angle(self, params: Array) -> float:
         """The curve's own limit; with a distortion centre apart, what is left of it about the axis."""
         if self.free_centre:
             return super().limit_angle(params)
         return self.limit(params[self._own :])
 
-    def bend_inside(self, k: Array, x: Array, y: Array, z: Array) -> Array:
+    def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """At a smaller angle than the limit."""
-        limit = self.limit(k)
-        return np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit)
+        return within_cone(self.limit(k), x, y, z)
 
-    def bend(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
         """Equation (1)."""
         r = np.sqrt(x * x + y * y)
         r += TINY
@@ -65,8 +64,8 @@ class RadialLens(MappedLens):
         scale /= r
         return x * scale, y * scale
 
-    def bend_derivatives(
-        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array
+    def derivatives(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
         """Along the radius by dR/dr, across it by R / r: no cancellation next to the axis."""
         r = np.sqrt(x * x + y * y)
@@ -75,29 +74,29 @@ class RadialLens(MappedLens):
         rows = np.empty((len(x), len(k), x.shape[1]))
         radius, by_r, by_z = self.curve_derivatives(k, r, z, rows)
         across = radius / r
-        more = by_r - across
-        cm = c * more
-        np.multiply(c, cm, out=d_xyz[:, 0, 0])
-        d_xyz[:, 0, 0] += across
-        np.multiply(s, cm, out=d_xyz[:, 0, 1])
-        d_xyz[:, 1, 0] = d_xyz[:, 0, 1]
-        np.multiply(s * s, more, out=d_xyz[:, 1, 1])
-        d_xyz[:, 1, 1] += across
-        np.multiply(c, by_z, out=d_xyz[:, 2, 0])
-        np.multiply(s, by_z, out=d_xyz[:, 2, 1])
-        np.multiply(rows, c[:, None], out=d_k[:, :, 0])
-        np.multiply(rows, s[:, None], out=d_k[:, :, 1])
-        limit = self.limit(k)
-        inside = bool((r * np.cos(limit) < z * np.sin(limit)).all())
-        return c * radius, s * radius, inside
+        by_r -= across
+        for axis, (along, focal) in enumerate(((c, fx), (s, fy))):
+            scaled = focal * along
+            np.multiply(rows, scaled[:, None], out=d_k[:, :, axis])
+            np.multiply(scaled, by_z, out=d_xyz[:, 2, axis])
+            scaled *= by_r
+            np.multiply(scaled, c, out=d_xyz[:, 0, axis])
+            np.multiply(scaled, s, out=d_xyz[:, 1, axis])
+            d_xyz[:, axis, axis] += focal * across
+        return c * radius, s * radius, bool(within_cone(self.limit(k), r, 0.0, z).all())
 
-    def unbend(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
+    def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """The inverse of (1)."""
         radius = np.sqrt(mx * mx + my * my)
         radius += TINY
         r, z, valid = self.angle(k, radius)
         scale = r / radius
         return mx * scale, my * scale, z, valid
+
+
+def within_cone(limit: float, x: Array, y: Array | float, z: Array) -> Array:
+    """Which points lie at a smaller angle from the axis than a limit, rad."""
+    return np.asarray(np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit))
 
 
 class InverseRadialLens(RadialLens):
@@ -115,18 +114,17 @@ class InverseRadialLens(RadialLens):
     def reach(self, k: Array) -> float:
         """The image radius up to which θ grows and stays below π; may be inf."""
 
+    @cached
     def limit(self, k: Array) -> float:
         """The angle of `reach`."""
-        return memo(self, k, self._limit)
-
-    def _limit(self, k: Array) -> float:
         return min(float(self.ray_angle(k, np.array([self.reach(k)]))[0][0]), ALMOST_PI)
 
     def curve(self, k: Array, r: Array, z: Array) -> Array:
         """Solve θ(R) = atan2(r, z)."""
-        t, _ = memo(self, k, self._inverse, "inverse")(np.arctan2(r, z))
+        t, _ = self._inverse(k)(np.arctan2(r, z))
         return np.tan(t, out=t)
 
+    @cached
     def _inverse(self, k: Array) -> Inverse:
         """In t = atan R, in which θ is close to linear."""
 

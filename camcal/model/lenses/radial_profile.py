@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.errors import UsageError
-from camcal.model.lenses.base import Lens, Parameter, example_list, no_options
-from camcal.model.lenses.bspline import locate, slopes, weights
-from camcal.model.lenses.curve import memo
-from camcal.model.lenses.division import count_option
+from camcal.model.lenses.base import Lens, Values, example_list
+from camcal.model.lenses.bspline import locate, refined, slopes, weights
+from camcal.model.lenses.curve import cached
+from camcal.model.lenses.options import choice, count_option, no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import InverseRadialLens
 from camcal.model.lenses.start import image_radii
 
@@ -53,9 +53,7 @@ class RadialProfile(InverseRadialLens):
         """8 intervals about the principal point without options."""
         no_options(name, plain[1:], named, ("centre",))
         intervals = count_option(name, plain, INTERVALS, 2, MOST)
-        centre = named.get("centre", "principal")
-        if centre not in ("free", "principal"):
-            raise UsageError(f"model '{name}': centre={centre} is neither 'free' nor 'principal'.")
+        centre = choice(name, named, "centre", ("principal", "free"))
         spec = f"{name}:{intervals}" if plain or centre == "free" else name
         spec += ",centre=free" * (centre == "free")
         return cls(spec, intervals, centre == "free", skew)
@@ -65,22 +63,25 @@ class RadialProfile(InverseRadialLens):
         """Few and more intervals, both kinds of centre."""
         return (name, f"{name}:4", f"{name}:6,centre=free")
 
-    def nests(self) -> tuple[str, ...]:
-        """Without the spline a pinhole camera; halved intervals; the same about the principal point."""
-        found = [f"radial-profile:{self.intervals}"] if self.free_centre else []
-        half = self.intervals // 2
-        if self.intervals % 2 == 0 and half >= 2:
-            found.append(f"radial-profile:{half}" + ",centre=free" * self.free_centre)
-        return tuple(found)
+    def smaller(self) -> tuple[str, ...]:
+        """About the principal point; with as many intervals as divide these, the most first."""
+        centre = ",centre=free" * self.free_centre
+        fewer = [n for n in range(self.intervals // 2, 1, -1) if self.intervals % n == 0]
+        own = [f"radial-profile:{self.intervals}"] * self.free_centre
+        return (*own, *(f"radial-profile:{n}{centre}" for n in fewer))
 
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """Halved intervals hold the same curve (Oslo algorithm for a knot in the middle of each)."""
-        out = super().adopt(other, params)
-        if isinstance(other, RadialProfile) and other.intervals != self.intervals:
-            out[self._own + 1 :] = _refined(other._control(params[other._own :]))[2:]
+    def from_coarser(self, inner: Lens, params: Array) -> Array | None:
+        """A spline of fewer intervals is one of any multiple of them; the centre may be free."""
+        if not isinstance(inner, RadialProfile) or inner.free_centre > self.free_centre:
+            return None
+        times, rest = divmod(self.intervals, inner.intervals)
+        if rest or inner.has_skew > self.has_skew:
+            return None
+        out = self.from_values(dict(zip(inner.names, params.tolist(), strict=True)))
+        out[self._own + 1 :] = refined(inner._control(params[inner._own :]), times)[2:]
         return out
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """`reach` from the data; the curve from the angles that the radii have, by least squares."""
         radius, theta = image_radii(rays, uv, image_size)
         reach = MARGIN * float(radius.max())
@@ -152,20 +153,10 @@ class RadialProfile(InverseRadialLens):
         np.multiply(slope, -t * t, out=d_k[:, 0])
         np.multiply(self._basis(t), radius[:, None], out=d_k[:, 1:])
 
+    @cached
     def reach(self, k: Array) -> float:
         """`reach`, or where the curve, looked at in 16 places per interval, turns or gets to π before."""
-        return memo(self, k, self._reach, "reach")
-
-    def _reach(self, k: Array) -> float:
         radius = float(k[0]) * np.linspace(0, 1, SAMPLES * self.intervals + 1)
         theta, slope = self.ray_angle(k, radius)
         bad = np.flatnonzero(~(slope > 0) | ~(theta < np.pi))
         return float(radius[max(bad[0] - 1, 0)]) if len(bad) else float(k[0])
-
-
-def _refined(c: Array) -> Array:
-    """Coefficients of a cubic B-spline on twice as many intervals: (n + 3,) -> (2 n + 3,)."""
-    out = np.empty(2 * len(c) - 3)
-    out[0::2] = (c[:-1] + c[1:]) / 2
-    out[1::2] = (c[:-2] + 6 * c[1:-1] + c[2:]) / 8
-    return out

@@ -21,13 +21,16 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Lens, Parameter, example_list, no_options
-from camcal.model.lenses.division import Division
+from camcal.model.lenses.base import Values, example_list
 from camcal.model.lenses.inverse import InverseLens
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 
 Array = np.ndarray
 
 NAMES = ("a1", "a2", "a3", "b1", "b2", "b3", "b4", "c1", "c2", "c3", "c4", "c5")
+#: the entries of A as coefficients of pⁱ qʲ in X, Y, Z, as in `polynomial`
+TERMS = ("a2,0", "a1,1", "a0,2", "b2,0", "b1,1", "b0,2", "b1,0", "c2,0", "c1,1", "c0,2", "c1,0", "c0,1")
 
 
 class RationalFunction(InverseLens):
@@ -42,18 +45,11 @@ class RationalFunction(InverseLens):
         no_options(name, plain, named)
         return cls(name, [Parameter(n, "distortion") for n in NAMES], skew)
 
-    def nests(self) -> tuple[str, ...]:
-        """The division model with one term."""
-        return ("division:1", "pinhole")
+    def terms(self) -> dict[str, str]:
+        """Coefficients of pⁱ qʲ."""
+        return dict(zip(TERMS, NAMES, strict=True))
 
-    def adopt(self, other: Lens, params: Array) -> Array:
-        """`division:1`: c1 = c3 = l1."""
-        out = super().adopt(other, params)
-        if isinstance(other, Division):
-            out[[self.index("c1"), self.index("c3")]] = params[other.index("l1")]
-        return out
-
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """The linear solution, and division models from a pinhole camera to 180 degrees and more."""
         found = direct.rational_function(rays, uv)
         divisions = [{"c1": v, "c3": v} for v in (0.0, -0.1, -0.25, -0.45)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
+from camcal.model.lenses.containment import embed
 
 Array = np.ndarray
 
@@ -145,12 +146,13 @@ def _starts(
     found = [_with_matrix(lens, shape, rays, uv) for shape in shapes]
     if "fx" in shapes[0] and _near(measure(lens, found[0], rays, uv), uv):
         return found[:1]  # a linear solution has no other minima
-    nested = lens.nests()
+    nested = lens.smaller()
     if (
         len(shapes) <= 2 and {} in shapes and nested
-    ):  # few ideas of its own: climb from the ones that it holds
+    ):  # few starts of its own: begin at the optimum of a smaller one
         inner = make(nested[0], lens.has_skew)
-        found.append(lens.adopt(inner, regress(inner, rays, uv, image_size, hold).params))
+        start = embed(lens, inner, regress(inner, rays, uv, image_size, hold).params)
+        found += [] if start is None else [start]
     return found
 
 

@@ -27,9 +27,11 @@ import re
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.model.lenses.base import Parameter, example_list, no_options
-from camcal.model.lenses.bspline import locate, slopes, weights
+from camcal.model.lenses.base import Lens, Values, example_list
+from camcal.model.lenses.bspline import locate, refined, slopes, weights
 from camcal.model.lenses.inverse import InverseLens
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.start import rough_pinhole
 
 Array = np.ndarray
@@ -80,6 +82,30 @@ class Spline(InverseLens):
         """Few control points, which keeps the tests fast."""
         return (f"{name}:5x4", f"{name}:4x4,smooth=0.1")
 
+    def smaller(self) -> tuple[str, ...]:
+        """As many intervals in each direction as divide these, the most first."""
+        columns, rows = self.columns - 3, self.rows - 3
+        smooth = self.name.partition(",")[2]
+        counts = [(c, r) for c in _divisors(columns) for r in _divisors(rows) if (c, r) != (columns, rows)]
+        sizes = sorted(counts, key=lambda n: -(n[0] + 3) * (n[1] + 3))
+        return tuple(f"spline:{c + 3}x{r + 3}" + f",{smooth}" * bool(smooth) for c, r in sizes)
+
+    def from_coarser(self, inner: Lens, params: Array) -> Array | None:
+        """A spline of fewer intervals is one of any multiple of them."""
+        if not isinstance(inner, Spline):
+            return None
+        (across, rest), (down, more) = (
+            divmod(n - 3, m - 3) for n, m in ((self.columns, inner.columns), (self.rows, inner.rows))
+        )
+        if rest or more or inner.has_skew > self.has_skew:
+            return None
+        out = self.from_values(dict(zip(inner.names[: inner._own + 4], params.tolist(), strict=False)))
+        for at, surface in enumerate(params[inner._own + 4 :].reshape(2, inner.rows, inner.columns)):
+            fine = refined(refined(surface, down).T, across).T
+            begin = self._own + 4 + at * self.rows * self.columns
+            out[begin : begin + fine.size] = fine.ravel()
+        return out
+
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A barrel-shaped lens with a wave in it, and a fisheye lens of 160 degrees."""
         skew = [0.8] if self.has_skew else []
@@ -96,7 +122,7 @@ class Spline(InverseLens):
         return example_list(*out)
 
     # ------------------------------------------------------------------ start
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """A nominal camera matrix, the image's rectangle, and the control points by linear least squares."""
         f, centre = rough_pinhole(rays, uv)
         low, high = uv.min(0), uv.max(0)
@@ -234,3 +260,7 @@ def _third_differences(columns: int, rows: int) -> Array:
     """Every third difference along rows and columns of a grid of C x R values, (K, C R)."""
     along, down = np.diff(np.eye(columns), 3, axis=0), np.diff(np.eye(rows), 3, axis=0)
     return np.concatenate([np.kron(np.eye(rows), along), np.kron(down, np.eye(columns))])
+
+
+def _divisors(n: int) -> list[int]:
+    return [d for d in range(1, n + 1) if n % d == 0]

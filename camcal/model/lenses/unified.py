@@ -12,15 +12,23 @@ w = (1 - α) / α from there on, where it folds back.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from camcal.model.lenses.base import Parameter, example_list, no_options
+from camcal.model.lenses.base import Reading, Values, example_list
+from camcal.model.lenses.options import no_options
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens
 
 Array = np.ndarray
 
 ALPHA = Parameter("alpha", "distortion", lower=0.0, upper=1.0)
-BETA = Parameter("beta", "distortion", neutral=1.0, lower=0.0)
+#: α = 1 is ξ = ∞; 1 - α is taken for at least this, which moves no pixel by more than 1e-9 of its radius
+HIGHEST_ALPHA = 1 - 1e-9
+#: β = 0 is r / z in front of the camera, whatever α is
+LEAST_BETA = 1e-6
+BETA = Parameter("beta", "distortion", neutral=1.0, lower=LEAST_BETA)
 
 
 class Unified(RadialLens):
@@ -36,11 +44,19 @@ class Unified(RadialLens):
         no_options(name, plain, named)
         return cls(name, skew)
 
-    def nests(self) -> tuple[str, ...]:
-        """`eucm` with β = 1 is `ucm`, that with α = 0 a pinhole camera."""
-        return ("ucm", "pinhole") if self.enhanced else ("pinhole",)
+    def terms(self) -> dict[str, str]:
+        """α and β."""
+        return {n: n for n in self.names[self._own :]}
 
-    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[dict[str, float]]:
+    def readings(self, values: Values) -> Iterator[Reading]:
+        """Without β also a unit sphere seen from a distance of ξ = α / (1 - α) (`mei`), the focal lengths longer."""
+        yield from super().readings(values)
+        if values.get("beta", 1.0) == 1.0:
+            rest = 1 - min(values["alpha"], HIGHEST_ALPHA)
+            longer = {n: values[n] / rest for n in ("fx", "fy", "skew") if n in values}
+            yield Reading({"cx": values["cx"], "cy": values["cy"], "xi": 1 / rest - 1} | longer)
+
+    def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From a pinhole camera over the stereographic one (α = 1/2) to the widest."""
         return [{"alpha": a} for a in (0.0, 0.3, 0.5, 0.6, 0.7, 0.85)]
 
@@ -75,12 +91,10 @@ class Unified(RadialLens):
         return radius, by_r, -slope * (alpha * z * id_ + (1 - alpha))
 
     def limit(self, k: Array) -> float:
-        """Where z = -w d."""
+        """Where z = -w d, that is, at tan θ = -sqrt(1 - w²) / (w sqrt β)."""
         alpha, beta = float(k[0]), float(k[1]) if self.enhanced else 1.0
-        w = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
-        if w <= 0:
-            return np.pi / 2
-        return min(np.pi - float(np.arctan(np.sqrt(max(1 - w * w, 0.0) / beta) / w)), ALMOST_PI)
+        w = sphere_limit(alpha)
+        return min(np.pi - float(np.arctan2(np.sqrt(1 - w * w), w * np.sqrt(beta))), ALMOST_PI)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
         """Usenko et al., eqs. 13 and 26."""
@@ -90,3 +104,8 @@ class Unified(RadialLens):
         valid = root > 0
         z = (1 - alpha * alpha * s) / (alpha * np.sqrt(np.where(valid, root, 0.0)) + (1 - alpha))
         return radius, z, valid
+
+
+def sphere_limit(alpha: float) -> float:
+    """w, from 0 to 1: r / (α d + (1 - α) z) grows from the axis up to z = -w d, where it has its pole or its fold."""
+    return alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha

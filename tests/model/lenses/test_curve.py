@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camcal.model.lenses import newton
-from camcal.model.lenses.curve import Inverse, first_root, memo
+from camcal.model.lenses.curve import Inverse, cached, first_root
 
 
 def cubic(c):
@@ -44,20 +44,34 @@ def test_the_table_alone_is_good_to_nine_digits():
     np.testing.assert_allclose(inverse.start(cubic(0.2)(t)[0]), t, rtol=1e-8)
 
 
-def test_what_is_remembered_belongs_to_its_parameters():
-    class Owner:
-        pass
+class Owner:
+    """Something with a value; `calls` counts how often it computes."""
 
-    owner, k, calls = Owner(), np.array([1.0, 2.0]), []
+    calls = 0
 
-    def compute(kept):
-        calls.append(kept)
-        return lambda: kept.sum()
+    def __init__(self, value):
+        self.value = value
 
-    first = memo(owner, k, compute)
-    assert memo(owner, k, compute) is first and len(calls) == 1
-    k[0] = 5.0  # what the first call kept does not move with it
-    assert first() == 3.0 and memo(owner, k, compute)() == 7.0
+    def __eq__(self, other):
+        return self.value == other.value
+
+    def __hash__(self):
+        return hash(self.value)
+
+    @cached
+    def compute(self, k):
+        Owner.calls += 1
+        return lambda: self.value + k.sum()
+
+
+def test_what_is_kept_belongs_to_the_owners_value_and_the_coefficients():
+    owner, k = Owner(10), np.array([1.0, 2.0])
+    first = owner.compute(k)
+    assert owner.compute(k) is first and Owner(10).compute(k.copy()) is first and Owner.calls == 1
+    assert Owner(20).compute(k)() == 23.0 and Owner.calls == 2
+    k[0] = 5.0  # what was computed for the first coefficients does not move with them
+    assert first() == 13.0 and owner.compute(k)() == 17.0
+    assert vars(owner) == {"value": 10}
 
 
 def bent(a, b):
