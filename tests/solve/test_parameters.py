@@ -73,3 +73,13 @@ def test_unknown_name(function):
 
 def test_all_fixed():
     assert free_matrix(LENS, START, dict.fromkeys(LENS.names)).shape == (9, 0)
+
+
+@pytest.mark.parametrize(
+    "fix, said", [({"fx": 0.0}, "fx = 0"), ({"fy": -3.0}, "fy = -3"), ({"k1": np.nan}, "k1 = nan")]
+)
+def test_values_outside_the_range_are_refused(fix, said):
+    with pytest.raises(UsageError) as error:
+        apply_fixed(LENS, START, fix)
+    assert said in error.value.message and "range" in error.value.message
+    assert apply_fixed(LENS, START, {"fx": 1e-6})[0] == 1e-6  # the bound itself
