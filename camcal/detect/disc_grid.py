@@ -1,18 +1,22 @@
-"""Which board a lattice of discs is: its size, whether its rows are staggered, which way round it stands."""
+"""Which board a grid of discs is: its size, whether its rows are staggered, which way round it stands."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from camcal.detect.discs import Discs
+from camcal.detect import grid
+from camcal.detect.discs import Discs, links
+from camcal.detect.lattice import Lattice, trim
 
 Array = np.ndarray
 
-SPARSE = 0.4  #: a row at the rim with fewer discs than that share of the usual does not belong to the board
-QUARTER = np.array([[0, -1], [1, 0]])  #: (x, y) -> (-y, x)
-STAGGER = np.array([[1, 1], [-1, 1]])  #: along the diagonals, a staggered grid has rows
+FULL = 0.8  #: share of a board's discs that must be seen; more hidden ones leave its size to chance
+MOST_PIECES = 4  #: grids of a picture that are looked at, the largest first
+LEAST_SIDE = 3  #: discs to each side of a board of unknown size
+LEAST_DISCS = 6
 
 
 @dataclass(frozen=True)
@@ -38,89 +42,101 @@ class Grid:
     factor: float
 
 
-def candidates(cells: Array) -> list[Array]:
-    """The cells (N, 2) as they are, and without sparse rows at the rim, straight or along diagonals."""
-    ways = [np.arange(len(cells)), _trim(cells)[0], _trim(cells @ STAGGER.T)[0]]
-    return [cells[rows] for rows in sorted(ways, key=len, reverse=True)]
+@dataclass(frozen=True)
+class _Layout:
+    """A numbering of discs: their indices (rows, places) or -1; staggered rows fill every other place."""
+
+    index: Array
+    staggered: bool
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(columns, rows)."""
+        rows, places = self.index.shape
+        return places // (2 if self.staggered else 1), rows
+
+    @property
+    def number(self) -> int:
+        """How many discs it holds."""
+        return int((self.index >= 0).sum())
+
+    @property
+    def full(self) -> bool:
+        """Whether it is a board: enough discs are there, and those of staggered rows where they should be."""
+        rows, columns = np.nonzero(self.index >= 0)
+        if self.staggered and (((rows + columns) % 2).any() or self.index.shape[1] % 2):
+            return False
+        return len(rows) >= max(FULL * self.size[0] * self.size[1], LEAST_DISCS)
+
+    def rightward(self, discs: Discs) -> float:
+        """How nearly the rows run to the right of the picture: cosine of the angle."""
+        uv = Lattice.of(self.index, discs.centre).uv
+        return Lattice(uv[:, ::2] if self.staggered else uv).rightward
+
+    def grid(self, discs: Discs, factor: float) -> Grid:
+        """The discs with their ids."""
+        rows, places = np.nonzero(self.index >= 0)
+        columns = self.size[0]
+        ids = rows * columns + places // (2 if self.staggered else 1)
+        return Grid(ids, discs.take(self.index[rows, places]), *self.size, self.staggered, factor)
 
 
-def _trim(x: Array) -> tuple[Array, Array]:
-    rows = np.arange(len(x))
-    while len(rows) > 6:
-        thin = None
-        for axis in (0, 1):
-            values, counts = np.unique(x[rows, axis], return_counts=True)
-            for end in (0, -1):
-                if len(values) > 3 and counts[end] < SPARSE * np.median(counts):
-                    thin = x[rows, axis] != values[end]
-        if thin is None:
-            break
-        rows = rows[thin]
-    return rows, x[rows]
+def find_board(
+    discs: Discs, staggered: bool | None, size: tuple[int, int] | None, factor: float
+) -> tuple[Grid | None, list[tuple[int, int]]]:
+    """Number the discs of a picture as the points of a board.
 
+    Of the orientations that fit, the one whose rows run most nearly to the right of the picture is taken; of a
+    board of unknown size the longer side is the columns.
 
-def _fill(x: Array, staggered: bool) -> float:
-    """Share of the places of the bounding box that are taken."""
-    if not len(x):
-        return 0.0
-    extent = np.ptp(x, axis=0) + 1
-    return len(x) / (extent.prod() / (2 if staggered else 1))
+    Parameters
+    ----------
+    discs : Discs
+    staggered : bool or None
+        None for either kind.
+    size : (columns, rows) or None
+        None for any size.
+    factor : float
+        Of the `Grid`.
 
-
-def best_box(cells: Array) -> list[tuple[int, int]]:
-    """The size (columns, rows) of a complete rectangle of cells, the longer side first; or nothing."""
-    if len(cells) < 6:
-        return []
-    straight, slanted = _fill(cells, False), _fill(cells @ STAGGER.T, True)
-    if max(straight, slanted) < 0.8:
-        return []
-    extent = np.ptp(cells if straight >= slanted else cells @ STAGGER.T, axis=0) + 1
-    if straight >= slanted:
-        return [(int(extent.max()), int(extent.min()))]
-    return [(int(w) // 2, int(h)) for w, h in (extent, extent[::-1]) if w % 2 == 0][:1]
-
-
-def as_board(
-    cells: Array,
-    piece: dict[tuple[int, int], int],
-    discs: Discs,
-    staggered: bool | None,
-    size: tuple[int, int] | None,
-    factor: float,
-) -> Grid | None:
-    """Number the discs as the points of a board, or None where they are none of that kind and size.
-
-    Of the orientations that fit, the one whose rows run most nearly to the right of the picture is taken.
+    Returns
+    -------
+    grid : Grid or None
+    sizes : list of (columns, rows)
+        Of the boards of other kinds or sizes that were seen.
     """
-    found = []
-    for slanted in (False, True) if staggered is None else (staggered,):
-        x = cells @ STAGGER.T if slanted else cells
-        for quarter in range(4):
-            turned = x @ np.linalg.matrix_power(QUARTER, quarter).T
-            place = turned - turned.min(0)
-            extent = place.max(0) + 1
-            if slanted and ((place.sum(1) % 2).any() or extent[0] % 2):
-                continue
-            columns, rows = int(extent[0]) // (2 if slanted else 1), int(extent[1])
-            wanted = (columns, rows) == size if size else _fill(x, slanted) > 0.8 and min(columns, rows) >= 3
-            if wanted:
-                ids = place[:, 1] * columns + place[:, 0] // (2 if slanted else 1)
-                members = discs.take(np.array([piece[tuple(c)] for c in cells.tolist()]))
-                found.append((_rightness(place, members), Grid(ids, members, columns, rows, slanted, factor)))
-    if not found:
-        return None
-    if size is None:  # of a board of unknown size the longer side is the columns
-        longest = (
-            max(g.columns for _, g in found if not g.staggered)
-            if not all(g.staggered for _, g in found)
-            else 0
-        )
-        found = [(r, g) for r, g in found if g.staggered or g.columns == longest]
-    return max(found, key=lambda f: f[0])[1]
+    if len(discs) < LEAST_DISCS:
+        return None, []
+    seen: list[tuple[int, int]] = []
+    for piece in grid.grow(*links(discs))[:MOST_PIECES]:
+        ways = sorted((w for w in _layouts(piece) if w.full), key=lambda w: -w.number)
+        wanted = [w for w in ways if staggered in (None, w.staggered)]
+        if size is None:
+            wanted = [w for w in wanted if min(w.size) >= LEAST_SIDE]
+            wanted = [w for w in wanted if w.staggered or w.size[0] >= w.size[1]]
+        else:
+            wanted = [w for w in wanted if w.size == size]
+        if wanted:
+            most = [w for w in wanted if w.number == wanted[0].number]
+            return max(most, key=lambda w: w.rightward(discs)).grid(discs, factor), seen
+        seen += list(dict.fromkeys(w.size for w in ways))[:1]
+    return None, seen
 
 
-def _rightness(place: Array, discs: Discs) -> float:
-    """How nearly the first axis of the places runs to the right: cosine of the angle."""
-    design = np.c_[place, np.ones(len(place))]
-    along = np.linalg.lstsq(design, discs.centre, rcond=None)[0][0]
-    return float(along[0] / np.linalg.norm(along))
+def _layouts(index: Array) -> Iterator[_Layout]:
+    """The ways to read a piece: in rows or staggered, whole or without sparse rows at the rim, from each end."""
+    for staggered in (False, True):
+        along = _diagonal(index) if staggered else index
+        for part in (along, along[trim(along >= 0)]):
+            for quarter in range(4):
+                yield _Layout(np.rot90(part, quarter), staggered)
+
+
+def _diagonal(index: Array) -> Array:
+    """The same places along their diagonals, turned by an eighth of a turn: every other place is empty."""
+    row, column = np.nonzero(index >= 0)
+    x, y = column + row, row - column
+    x, y = x - x.min(), y - y.min()
+    turned = np.full((y.max() + 1, x.max() + 1), -1)
+    turned[y, x] = index[row, column]
+    return turned

@@ -1,133 +1,167 @@
-"""From single corners to a grid: each corner's neighbours along its edges, then whole numbers as coordinates.
+"""From single marks (corners of squares, discs) to grids of them.
 
-No lens and no plane is assumed: two corners are neighbours when an edge of one leads to the other, bright
-and dark lie on the same sides at both ends, and the picture shows that edge between them. So a grid is
-found as well through a fisheye as on a bent sheet.
+Each mark has four rays, the directions in which its neighbours may lie. Two marks are neighbours where a ray
+of each leads to the other. The marks of a connected piece are then numbered by columns and rows. No lens and
+no plane is assumed, so that a grid is found through a fisheye and on a bent sheet as well.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from camcal.detect.candidates import Candidates
-
 Array = np.ndarray
 
-NEAREST = 20  #: candidates among which the neighbour on an edge is looked for
-ANGLE = 0.40  #: rad; how far an edge may point past the neighbour it leads to
-LIKE = np.log(4)  #: by what factor the contrast of neighbours may differ
-LEAST_NODES = 6
+NEAREST = (
+    16  #: marks among which the neighbour on a ray is looked for: a tilt of 70 degrees puts six nearer ones
+)
+#: rad (23 degrees), half of what separates a ray from the diagonal; how far a ray may point past the neighbour
+ANGLE = 0.40
+LEAST_NODES = 6  #: marks of a piece; two squares side by side
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  #: of (column, row) along the rays, clockwise in the picture
 
 
-def neighbours(gray: Array, found: Candidates) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class Marks:
+    """What a picture shows that may belong to a grid.
+
+    Attributes
+    ----------
+    xy : (N, 2) array
+        px.
+    rays : (N, 4, 2) array
+        Unit vectors, clockwise in the picture.
+    size : (N,) array
+        A positive quantity that hardly changes from neighbour to neighbour: contrast, radius.
+    spread : float
+        By what factor it may change.
+    alternating : bool
+        Whether even rays lead to odd rays only, as bright and dark change sides from corner to corner.
+    closed : bool
+        Whether only links that are sides of a closed square of four marks count, which chance does not make.
+    """
+
+    xy: Array
+    rays: Array
+    size: Array
+    spread: float
+    alternating: bool
+    closed: bool
+
+
+def neighbours(
+    marks: Marks, shown: Callable[[Array, Array, Array], Array] | None = None
+) -> tuple[Array, Array]:
     """The neighbour on each of the four rays.
+
+    Parameters
+    ----------
+    marks : Marks
+    shown : callable, optional
+        `shown(i, ray, j)` says for links (L,) from marks i along their rays to marks j whether the picture shows
+        them.
 
     Returns
     -------
     other, back : (N, 4) int arrays
         Index of the neighbour on each ray, or -1, and which of its rays leads back.
     """
-    count = len(found)
-    other, back = np.full((count, 4), -1), np.zeros((count, 4), int)
+    count = len(marks.xy)
     if count < LEAST_NODES:
-        return other, back
-    near = np.asarray(cKDTree(found.xy).query(found.xy, k=min(NEAREST + 1, count))[1])[:, 1:]
-    step = found.xy[near] - found.xy[:, None]
-    direction = np.arctan2(step[..., 1], step[..., 0])
-    own, own_miss = _closest_ray(found.rays[:, None], direction)
-    its, its_miss = _closest_ray(found.rays[near], direction + np.pi)
-    fits = (own_miss < ANGLE) & (its_miss < ANGLE) & ((own + its) % 2 == 1)
-    fits &= np.abs(np.log(found.contrast[near] / found.contrast[:, None])) < LIKE
-    rows = np.arange(count)
-    for ray in range(4):  # candidates are in order of distance: the first that fits is the nearest
-        here = fits & (own == ray)
-        first = here.argmax(1)
-        some = here[rows, first]
-        other[some, ray] = near[rows, first][some]
-        back[some, ray] = its[rows, first][some]
-    mutual = other[other, back] == rows[:, None]  # -1 looks up the last row; masked by the next condition
-    seen = np.where((other >= 0) & mutual, other, -1)
-    start, along = np.nonzero(seen >= 0)
-    real = _edge_between(gray, found, start, seen[start, along], along % 2 == 0)
-    seen[start[~real], along[~real]] = -1
-    return _in_squares(seen, back), back
+        return np.full((count, 4), -1), np.zeros((count, 4), int)
+    near = np.asarray(cKDTree(marks.xy).query(marks.xy, k=min(NEAREST + 1, count))[1])[:, 1:]
+    step = marks.xy[near] - marks.xy[:, None]
+    step /= np.linalg.norm(step, axis=2, keepdims=True)
+    own = step @ marks.rays.transpose(0, 2, 1)  # cosines (N, k, 4)
+    its = -np.einsum("nkc,nkrc->nkr", step, marks.rays[near])
+    ray, back = own.argmax(2), its.argmax(2)
+    fits = (own.max(2) > np.cos(ANGLE)) & (its.max(2) > np.cos(ANGLE))
+    fits &= np.abs(np.log(marks.size[near] / marks.size[:, None])) < np.log(marks.spread)
+    if marks.alternating:
+        fits &= (ray + back) % 2 == 1
+    # the marks are in order of distance: the first that fits on a ray is the nearest
+    on_ray = fits[:, :, None] & (ray[:, :, None] == np.arange(4))
+    first = on_ray.argmax(1)
+    rows = np.arange(count)[:, None]
+    other = np.where(on_ray.any(1), near[rows, first], -1)
+    back = back[rows, first]
+    other[other[other, back] != rows] = -1  # both must agree; -1 looks up the last row and stays -1
+    if shown is not None:
+        i, along = np.nonzero(other > rows)
+        false = ~shown(i, along, other[i, along])
+        i, along = i[false], along[false]
+        other[other[i, along], back[i, along]] = -1
+        other[i, along] = -1
+    return _in_squares(other, back) if marks.closed else other, back
 
 
 def _in_squares(other: Array, back: Array) -> Array:
-    """Keep only the links that are a side of a closed square of four corners: chance does not make those."""
+    """The links that are sides of closed squares; -1 for the others."""
     kept = np.full_like(other, -1)
-    rows = np.arange(len(other))
-    for ray in range(4):
-        turn = (ray + 1) % 4
-        j, k = other[:, ray], other[:, turn]
-        m, n = (back[:, ray] - 1) % 4, (back[:, turn] + 1) % 4
-        corner = other[j, m]
-        closed = (j >= 0) & (k >= 0) & (corner >= 0) & (corner == other[k, n])
-        i, j, k, m, n, corner = (a[closed] for a in (rows, j, k, m, n, corner))
-        for a, q in ((i, np.full_like(i, ray)), (i, np.full_like(i, turn)), (j, m), (k, n)):
-            kept[a, q] = other[a, q]
-            kept[other[a, q], back[a, q]] = a
+    ray = np.arange(4)
+    turn = (ray + 1) % 4
+    j, k = other, other[:, turn]
+    m, n = (back - 1) % 4, (back[:, turn] + 1) % 4
+    corner = other[j, m]
+    closed = (j >= 0) & (k >= 0) & (corner >= 0) & (corner == other[k, n])
+    i, q = np.nonzero(closed)
+    j, k, m, n = (a[closed] for a in (j, k, m, n))
+    for a, b in ((i, q), (i, turn[q]), (j, m), (k, n)):
+        kept[a, b] = other[a, b]
+        kept[other[a, b], back[a, b]] = a
     return kept
 
 
-def _closest_ray(rays: Array, direction: Array) -> tuple[Array, Array]:
-    """Index of the ray closest to a direction, and the angle between them."""
-    miss = np.abs((rays - direction[..., None] + np.pi) % (2 * np.pi) - np.pi)
-    best = miss.argmin(-1)
-    return best, np.take_along_axis(miss, best[..., None], -1)[..., 0]
-
-
-def _edge_between(gray: Array, found: Candidates, i: Array, j: Array, bright_clockwise: Array) -> Array:
-    """Whether the picture is brighter on the right side all along the way from corner i to corner j."""
-    if not len(i):
-        return np.zeros(0, bool)
-    start, step = found.xy[i], found.xy[j] - found.xy[i]
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    normal = np.c_[-step[:, 1], step[:, 0]] / length  # clockwise of the step, y points down
-    side = np.maximum(1.5, 0.17 * length) * normal
-    along = start[:, None] + np.linspace(0.2, 0.8, 5)[None, :, None] * step[:, None]
-    at = np.stack([along + side[:, None], along - side[:, None]]).astype(np.float32)
-    flat = at.reshape(-1, 5, 2)
-    value = cv2.remap(gray, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    difference = (value[: len(i)] - value[len(i) :]) * np.where(bright_clockwise, 1, -1)[:, None]
-    contrast = np.minimum(found.contrast[i], found.contrast[j])
-    return (difference > 0.4 * contrast[:, None]).all(1)
-
-
-def grow(other: Array, back: Array) -> list[dict[tuple[int, int], int]]:
-    """Number the corners of each connected piece of the graph: {(column, row): candidate}, the largest first.
+def grow(other: Array, back: Array) -> list[Array]:
+    """Number the marks of each connected piece of the graph; the largest piece first.
 
     A link that contradicts what is numbered already is passed over.
+
+    Returns
+    -------
+    list of (rows, columns) int arrays
+        Index of the mark at each place, -1 where there is none; columns to rows turn clockwise.
     """
-    done = np.zeros(len(other), bool)
-    links = (other >= 0).sum(1)
+    degree = (other >= 0).sum(1)
+    seeds = np.argsort(-degree, kind="stable")
+    seeds = seeds[degree[seeds] >= 2].tolist()
+    others, backs = other.tolist(), back.tolist()
+    done: set[int] = set()
     pieces = []
-    steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
-    for seed in np.argsort(-links, kind="stable"):
-        if done[seed] or links[seed] < 2:
+    for seed in seeds:
+        if seed in done:
             continue
-        turn = {int(seed): 0}  # which direction of the grid a corner's ray 0 points to
-        place = {int(seed): (0, 0)}
-        taken = {(0, 0): int(seed)}
-        queue = deque([int(seed)])
+        turn = {seed: 0}  # the direction of the grid to which a mark's ray 0 points
+        place = {seed: (0, 0)}
+        taken = {(0, 0)}
+        queue = deque([seed])
         while queue:
             here = queue.popleft()
-            for ray in range(4):
-                there = int(other[here, ray])
-                if there < 0 or there in place or done[there]:
+            column, row = place[here]
+            for ray, there in enumerate(others[here]):
+                if there < 0 or there in place or there in done:
                     continue
                 heading = (turn[here] + ray) % 4
-                target = (place[here][0] + steps[heading][0], place[here][1] + steps[heading][1])
+                target = (column + STEPS[heading][0], row + STEPS[heading][1])
                 if target in taken:
                     continue
-                taken[target], place[there] = there, target
-                turn[there] = (heading + 2 - int(back[here, ray])) % 4
+                taken.add(target)
+                place[there] = target
+                turn[there] = (heading + 2 - backs[here][ray]) % 4
                 queue.append(there)
-        done[list(place)] = True
-        if len(taken) >= LEAST_NODES:
-            pieces.append(taken)
-    return sorted(pieces, key=len, reverse=True)
+        done.update(place)
+        if len(place) >= LEAST_NODES:
+            pieces.append(place)
+    return [_as_array(p) for p in sorted(pieces, key=len, reverse=True)]
+
+
+def _as_array(place: dict[int, tuple[int, int]]) -> Array:
+    at = np.array(list(place.values()))
+    at -= at.min(0)
+    index = np.full((at[:, 1].max() + 1, at[:, 0].max() + 1), -1)
+    index[at[:, 1], at[:, 0]] = list(place)
+    return index

@@ -47,9 +47,9 @@ def sharp_corners(gray: Array, lattice: Lattice, blur: float) -> tuple[Array, sa
     good = np.full_like(uv, np.nan)
     good[ids[known.good]] = known.uv[known.good]
     if not known.good.all():
-        guess = predicted(good.reshape(shape)).reshape(-1, 2)
-        guess = np.where(np.isfinite(guess), guess, uv)[ids]
         row, col = np.divmod(ids, shape[1])
+        guess = predicted(good.reshape(shape), row, col)
+        guess = np.where(np.isfinite(guess), guess, uv[ids])
         known = saddle.with_guesses(known, guess, sides[ids], np.where((row + col) % 2 == 0, 1, -1))
         good[ids] = known.uv
     half = saddle.wider_halves(shape[1], shape[0])[ids]

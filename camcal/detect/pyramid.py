@@ -1,4 +1,4 @@
-"""Smaller versions of a picture for the first search, in the 8 bits that cv2's detectors take."""
+"""Smaller versions of a picture for the first search, its grey values stretched to what is there."""
 
 from __future__ import annotations
 
@@ -8,14 +8,34 @@ import numpy as np
 Array = np.ndarray
 
 FIRST_PIXELS = 1.5e6  #: size to which a picture is reduced for the first search
+SAMPLES = 100_000  #: pixels from which the range of a picture is taken
+#: per cent; the darkest and the brightest pixels of 16 bits, which are not counted: a sensor of a megapixel has
+#: some hundred dead ones
+OUTLIERS = 0.1
+
+
+def grey_range(gray: Array) -> tuple[float, float]:
+    """Darkest and brightest grey value: of 8 bits 0 and 255, of 16 bits those that occur."""
+    if gray.dtype == np.uint8:
+        return 0.0, 255.0
+    stride = max(1, int(np.sqrt(gray.size / SAMPLES)))
+    low, high = np.percentile(gray[::stride, ::stride], (OUTLIERS, 100 - OUTLIERS))
+    return float(low), max(float(high), float(low) + 1.0)
+
+
+def grey_span(gray: Array) -> float:
+    """Difference of the brightest and the darkest grey value, as `grey_range` gives them."""
+    low, high = grey_range(gray)
+    return high - low
 
 
 def to_8_bits(gray: Array) -> Array:
     """The picture in 8 bits for cv2's detectors; one of 16 bits is stretched to its own range."""
     if gray.dtype == np.uint8:
         return gray
-    low, high = float(gray.min()), float(gray.max())
-    return ((gray - low) * (255.0 / max(high - low, 1.0))).astype(np.uint8)
+    low, high = grey_range(gray)
+    scale = 255.0 / (high - low)
+    return cv2.convertScaleAbs(np.maximum(gray, low).astype(np.float32), alpha=scale, beta=-low * scale)
 
 
 def reductions(shape: tuple[int, ...], enlarge: bool = False) -> list[float]:
@@ -27,8 +47,23 @@ def reductions(shape: tuple[int, ...], enlarge: bool = False) -> list[float]:
 
 
 def reduced(picture: Array, factor: float) -> Array:
-    """The picture `factor` times smaller; pixel u of it is (u + 0.5) factor - 0.5 of the picture."""
+    """The picture `factor` times smaller; pixel u of it is (u + 0.5) factor - 0.5 of the picture.
+
+    For a whole factor what is left at the right and at the bottom is cut off, so that this holds exactly.
+    """
     if factor == 1:
         return picture
+    height, width = (int(n / factor) for n in picture.shape[:2])
+    if factor > 1:
+        picture = picture[: int(height * factor), : int(width * factor)]
     how = cv2.INTER_AREA if factor > 1 else cv2.INTER_CUBIC
-    return cv2.resize(picture, None, fx=1 / factor, fy=1 / factor, interpolation=how)
+    return cv2.resize(picture, (width, height), interpolation=how)
+
+
+def as_float(picture: Array, limits: tuple[float, float]) -> Array:
+    """The picture in float32, its limits brought to 0 and 255."""
+    low, high = limits
+    values = picture.astype(np.float32)
+    return (
+        values if (low, high) == (0.0, 255.0) else (values - np.float32(low)) * np.float32(255 / (high - low))
+    )

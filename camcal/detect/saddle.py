@@ -14,6 +14,7 @@ import numpy as np
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits, first_guess, fit
 from camcal.detect.local_map import BoardFromPixel
+from camcal.detect.pyramid import grey_span
 from camcal.detect.shading import evened, slopes
 from camcal.detect.windows import Windows, cut, straightened
 
@@ -31,7 +32,9 @@ CLEAR = 2.5  #: blurs that a window keeps away from the next edge
 LEAST_HALF = 0.25  #: of a square
 MOST_BLUR = 0.3  #: of a square
 LEAST_INSIDE = 0.75  #: share of the window that must lie in the picture
-LEAST_CONTRAST = 2.0  #: grey levels of 255
+LEAST_CONTRAST = (
+    1.0  #: grey levels of 255; half the difference of black and white, which rounding leaves there
+)
 MOST_MISFIT = 0.22  #: residual as a share of the contrast; noise of 10 levels on a contrast of 60 gives 0.17
 MOST_TURN = 0.35  #: rad; between a fitted edge and the board's direction
 MOST_SIGMA = 0.35  #: px
@@ -119,7 +122,7 @@ def refine(
     blur : float
         Blur to start from, px: at least half the error of `uv`.
     scale : float, optional
-        Grey value of white, to judge the contrast by; full scale where left out.
+        Grey levels from black to white, to judge the contrast by; those of the picture where left out.
     """
     if not len(uv):
         return _nothing()
@@ -128,7 +131,7 @@ def refine(
     start = np.minimum(blur, 0.2 * shortest)
     guess = first_guess(windows, edge_normals(sides), start)
     fits = fit(windows, guess, grey_limits(gray), settled=ROUGH)
-    return _judged(windows, fits, sides, half, scale or white_level(gray))
+    return _judged(windows, fits, sides, half, scale or grey_span(gray))
 
 
 def usual_half(sides: Array) -> Array:
@@ -198,7 +201,7 @@ def sharpen(
     offset = known.params[:, model.OFFSET]
     slope = slopes(known.uv, offset, known.contrast)
     windows = evened(windows, slope, offset, known.contrast, limits)
-    return _judged(windows, fit(windows, known.params, limits), sides, half, white_level(gray))
+    return _judged(windows, fit(windows, known.params, limits), sides, half, grey_span(gray))
 
 
 def edge_normals(sides: Array) -> Array:

@@ -1,7 +1,7 @@
 import numpy as np
 
 from camcal.detect import edge_model as model
-from camcal.detect.lattice import Lattice, predicted, trimmed
+from camcal.detect.lattice import Lattice, predicted
 from camcal.detect.local_map import board_from_corners
 from camcal.detect.shading import slopes
 from camcal.detect.windows import LARGEST, cut
@@ -39,9 +39,9 @@ def test_missing_corners_are_predicted():
     uv = bent(board)
     holes = uv.copy()
     holes[2, 3] = holes[0, 0] = np.nan
-    guess = predicted(holes)
-    assert np.linalg.norm(guess[2, 3] - uv[2, 3]) < 1.0  # px, of 40 a square
-    assert np.linalg.norm(guess[0, 0] - uv[0, 0]) < 4.0
+    guess = predicted(holes, np.array([2, 0]), np.array([3, 0]))
+    assert np.linalg.norm(guess[0] - uv[2, 3]) < 1.0  # px, of 40 a square
+    assert np.linalg.norm(guess[1] - uv[0, 0]) < 4.0
 
 
 def test_stray_rows_are_cut():
@@ -49,7 +49,7 @@ def test_stray_rows_are_cut():
     uv[0, 2:] = np.nan
     uv[:, 8] = np.nan
     uv[1, 8] = 1.0
-    assert trimmed(Lattice(uv)).size == (8, 5)
+    assert Lattice(uv).trimmed().size == (8, 5)
 
 
 def test_slopes_of_the_light():

@@ -6,8 +6,9 @@ import numpy as np
 
 from camcal.detect import saddle
 from camcal.detect.grid_fit import fit_reduced, sharp_corners
-from camcal.detect.lattice import oriented
+from camcal.detect.pyramid import grey_span
 from camcal.detect.search import Found, search
+from camcal.detect.squares import oriented
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     Detection,
@@ -112,7 +113,7 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     if len(ids) < max(4, LEAST_GOOD * columns * rows):
         return _unusable(rejected)
     steps = lattice.steps().reshape(-1, 2, 2)[ids]
-    scale = 255 / saddle.white_level(gray)
+    scale = 255 / grey_span(gray)
     info = {
         "rejected": rejected,
         "square_px": float(np.median(np.linalg.norm(steps, axis=2))),

@@ -17,9 +17,9 @@ import numpy as np
 
 from camcal.detect.board_points import LOCAL_POINTS, from_points
 from camcal.detect.disc_fit import fit_discs
-from camcal.detect.disc_grid import Grid, as_board, best_box, candidates
-from camcal.detect.discs import Discs, find_discs, lattices
-from camcal.detect.pyramid import reduced, reductions, to_8_bits
+from camcal.detect.disc_grid import Grid, find_board
+from camcal.detect.discs import Discs, find_discs
+from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     Detection,
@@ -82,7 +82,7 @@ class Circles(Target):
         return Miss("none", "no grid of discs was found")
 
     def _fitted(self, gray: Array, found: Grid) -> Detection | Miss:
-        scale = float(gray.max()) if gray.dtype == np.uint16 else 255.0
+        scale = grey_span(gray)
         fitted = fit_discs(gray, found.discs, max(1.0, 0.5 * found.factor), scale)
         good, total = fitted.good & ~self._strays(found.ids, fitted.discs.centre), self.columns * self.rows
         order = np.argsort(found.ids)
@@ -224,14 +224,11 @@ def search(
     sizes: list[tuple[int, int]] = []
     for factor in reductions(picture.shape):
         start = clock()
-        discs = find_discs(reduced(picture, factor))
-        discs = Discs((discs.centre + 0.5) * factor - 0.5, discs.shape * factor)
-        for piece in lattices(discs)[:4]:
-            for cells in candidates(np.array(list(piece))):
-                found = as_board(cells, piece, discs, staggered, size, factor)
-                if found is not None and len(found.ids) >= ENOUGH * found.columns * found.rows:
-                    return found, sizes
-                sizes += best_box(cells)
+        discs = find_discs(reduced(picture, factor)).scaled(factor)
+        found, seen = find_board(discs, staggered, size, factor)
+        if found is not None:
+            return found, sizes
+        sizes += seen
         if 5 * (clock() - start) > seconds - (clock() - began):
             break
     return None, sizes

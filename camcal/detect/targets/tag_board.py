@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from camcal.detect import saddle
 from camcal.detect.board_points import Known, board_from_pixel, locate
-from camcal.detect.pyramid import reduced, reductions, to_8_bits
+from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
 from camcal.geometry import homography
@@ -142,13 +142,13 @@ class TagBoard(Target):
             return Miss(
                 "none", f"a board was found, but only {len(known.rows)} of its corners could be fitted"
             )
-        found, white = known.corners, saddle.white_level(gray)
+        found, span = known.corners, grey_span(gray)
         info = info | {
             "rejected": {i: r for i, r in sorted(known.reasons.items()) if not known.good[i]},
             "square_px": float(np.median(np.linalg.norm(known.jacobian[known.rows], axis=1)) * self.square),
             "blur_px": float(np.median(found.blur)),
-            "contrast": float(np.median(found.contrast) * 255 / white),
-            "noise": float(np.median(found.noise) * 255 / white),
+            "contrast": float(np.median(found.contrast) * 255 / span),
+            "noise": float(np.median(found.noise) * 255 / span),
             "covariance": found.covariance,
         }
         return Detection(known.rows, found.uv, found.sigma, info)

@@ -1,0 +1,35 @@
+"""Why a picture shows no board, as far as its grey values can tell."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from camcal.detect.pyramid import as_float, grey_range, reduced
+from camcal.detect.targets.base import Miss
+
+Array = np.ndarray
+
+LEAST_PIXELS = 16  #: to each side
+LONG_SIDE = 640  #: px; what the picture is reduced to
+DARK, BRIGHT = 30.0, 240.0  #: grey levels of 255 below or above which nearly the whole picture lies
+#: least share of the picture's contrast by which 1 pixel in 200 differs from its surroundings of 2 px
+SHARP = 0.03
+
+
+def why_nothing(gray: Array) -> Miss:
+    """The plainest reason why a picture shows no board."""
+    if min(gray.shape) < LEAST_PIXELS:
+        return Miss(
+            "too-small", f"the picture has {gray.shape[1]}x{gray.shape[0]} pixels: too small for a board"
+        )
+    small = as_float(reduced(gray, float(max(1, max(gray.shape) // LONG_SIDE))), grey_range(gray))
+    low, high = np.percentile(small, (2, 99))
+    if high < DARK:
+        return Miss("too-dark", f"the picture is too dark: 99% of it is below {high:.0f} of 255")
+    if low > BRIGHT:
+        return Miss("too-bright", f"the picture is too bright: 98% of it is above {low:.0f} of 255")
+    fine = small - cv2.GaussianBlur(small, (0, 0), 2)
+    if np.percentile(np.abs(fine), 99.5) < SHARP * (high - low):
+        return Miss("too-blurred", "the picture is too blurred: it shows no sharp edge")
+    return Miss("none", "no checkerboard was found")

@@ -1,0 +1,158 @@
+"""What the grey values of a picture say of a grid of corners: black and white squares in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.detect.candidates import Candidates
+from camcal.detect.grid import Marks
+from camcal.detect.lattice import Lattice, predicted
+
+Array = np.ndarray
+
+#: of a square; how far from its prediction a missing corner may lie. Neighbouring corners are 1 away, saddles
+#: of a blurred edge between them .5
+REACH = 0.25
+ROUNDS = 6  #: of completing a grid: so many rows may be missing at one side
+CLEAR = 0.4  #: share of the contrast of the corners beside it that an edge, or another corner, must have
+UNLIKE = 0.25  #: share of the median difference by which neighbouring squares must differ
+BESIDE = 0.17  #: of an edge's length; where its two sides are looked at, between the edge and the next one
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Grey values at the centres of the squares of a grid.
+
+    Attributes
+    ----------
+    value : (rows - 1, columns - 1) array
+        NaN where a corner is missing.
+    """
+
+    value: Array
+
+    @classmethod
+    def of(cls, gray: Array, lattice: Lattice) -> Squares:
+        """Look a float32 picture up."""
+        uv = lattice.uv
+        centre = 0.25 * (uv[:-1, :-1] + uv[1:, :-1] + uv[:-1, 1:] + uv[1:, 1:])
+        known = np.isfinite(centre[..., 0])
+        value = np.full(known.shape, np.nan)
+        value[known] = _sample(gray, centre[known])
+        return cls(value)
+
+    @property
+    def sign(self) -> float:
+        """Median of the squares of the parity of the first, less that of the others, grey levels.
+
+        Negative where the square between corners (0, 0) and (1, 1) is black; 0 with nothing to compare.
+        """
+        even = np.indices(self.value.shape).sum(0) % 2 == 0
+        known = np.isfinite(self.value)
+        one, other = self.value[known & even], self.value[known & ~even]
+        return float(np.median(one) - np.median(other)) if len(one) and len(other) else 0.0
+
+    def alternation(self) -> float:
+        """Share of neighbouring squares that are as unlike as the colours of a checkerboard should be."""
+        value = (
+            self.value * np.where(np.indices(self.value.shape).sum(0) % 2 == 0, 1, -1) * np.sign(self.sign)
+        )
+        steps = np.concatenate([(value[:, :-1] + value[:, 1:]).ravel(), (value[:-1] + value[1:]).ravel()])
+        known = steps[np.isfinite(steps)]
+        usual = np.median(known) if len(known) else 0.0
+        return float((known > UNLIKE * usual).mean()) if usual > 0 else 0.0
+
+
+def _sample(gray: Array, at: Array) -> Array:
+    if not at.size:
+        return np.zeros(at.shape[:-1])
+    flat = at.reshape(-1, 1, 2).astype(np.float32)
+    value = cv2.remap(gray, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return value.reshape(at.shape[:-1]).astype(float)
+
+
+def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Array:
+    """Whether the picture is brighter on the right side all along the way from corners i to corners j, (L,).
+
+    Parameters
+    ----------
+    gray : (height, width) float32 array
+    marks : Marks
+        Corners; the sector that follows an even ray is bright.
+    i, ray, j : (L,) int arrays
+    """
+    start, step = marks.xy[i], marks.xy[j] - marks.xy[i]
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    normal = np.c_[-step[:, 1], step[:, 0]] / length  # clockwise of the step, y points down
+    side = np.maximum(1.5, BESIDE * length) * normal
+    along = start[:, None] + np.linspace(0.2, 0.8, 5)[None, :, None] * step[:, None]
+    bright, dark = _sample(gray, np.stack([along + side[:, None], along - side[:, None]]))
+    difference = (bright - dark) * np.where(ray % 2 == 0, 1, -1)[:, None]
+    contrast = np.minimum(marks.size[i], marks.size[j])
+    return (difference > CLEAR * contrast[:, None]).all(1)
+
+
+def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
+    """Look for corners that are missing inside the grid or one step outside it.
+
+    Each is predicted from its neighbours and taken where a saddle lies near the prediction and the four squares
+    around it alternate as they should.
+
+    Parameters
+    ----------
+    gray : (height, width) float32 array
+    lattice : Lattice
+    found : Candidates
+        Of the picture.
+    """
+    sign = Squares.of(gray, lattice).sign
+    if not sign:
+        return lattice
+    tree, origin = cKDTree(found.weak), 0  # parity of the place that was the first corner
+    lattice = lattice.padded(1, 1, 1, 1)
+    for _ in range(ROUNDS):
+        present = lattice.present
+        row, col = np.nonzero(~present)
+        guess, steps = predicted(lattice.uv, row, col), lattice.steps()[row, col]
+        known = np.isfinite(guess).all(1) & np.isfinite(steps).all((1, 2))
+        row, col, guess, steps = row[known], col[known], guess[known], steps[known]
+        side = np.linalg.norm(steps, axis=2).min(1)
+        distance, nearest = map(np.asarray, tree.query(guess))
+        near = distance < REACH * side
+        row, col, steps, at = row[near], col[near], steps[near], found.weak[nearest[near]]
+        contrast = _corner_contrast(gray, at, steps) * np.where((row + col) % 2 == origin, 1, -1)
+        good = contrast * np.sign(sign) > CLEAR * abs(sign)
+        if not good.any():
+            break
+        lattice.uv[row[good], col[good]] = at[good]
+        present = lattice.present
+        rim = [int(side.any()) for side in (present[0], present[-1], present[:, 0], present[:, -1])]
+        origin = (origin + rim[0] + rim[2]) % 2
+        lattice = lattice.padded(*rim)
+    rows, cols = np.flatnonzero(present.any(1)), np.flatnonzero(present.any(0))
+    return Lattice(lattice.uv[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1])
+
+
+def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
+    """How much brighter the squares down-right and up-left are than the two others; 0 where unclear."""
+    a, b = 0.3 * steps[..., 0, :], 0.3 * steps[..., 1, :]
+    values = _sample(gray, np.stack([uv + a + b, uv - a - b, uv + a - b, uv - a + b]))
+    plus, minus = values[:2], values[2:]
+    up, down = plus.min(0) - minus.max(0), plus.max(0) - minus.min(0)
+    return np.where(up > 0, up, np.where(down < 0, down, 0.0))
+
+
+def oriented(gray: Array, lattice: Lattice, columns: int, rows: int) -> Lattice | None:
+    """Turn a grid so that it has the wanted columns and rows and its first outer square is black.
+
+    Where that leaves more than one way, the columns run as nearly to the right of the picture as they can: a
+    board whose sides are both odd or both even looks the same after half a turn. None where the size does not
+    match.
+    """
+    ways = [w for w in map(lattice.turned, range(4)) if w.size == (columns, rows)]
+    black_first = [w for w in ways if Squares.of(gray, w).sign < 0]
+    return max(black_first or ways, key=lambda w: w.rightward, default=None)
