@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from camcal.data.observations import View
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Poses
+from camcal.solve import local
 from camcal.solve.solution import NormalBlocks
 
 Array = np.ndarray
@@ -190,8 +192,16 @@ class Problem:
     # ------------------------------------------------------------------ evaluation
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations at a state; None where a point leaves the lens's domain."""
+        if self.lens.local:
+            sums = local.products(self.lens, state.params, state.rotations, state.centres, self._all_points)
+            return None if sums is None else self._assembled(*sums, state)
         normal = self.view_normals(state)
         return None if normal is None else self.blocks(normal, state)
+
+    @cached_property
+    def _all_points(self) -> local.Points:
+        xyz = [v.xyz - offset for v, offset in zip(self.views, self.offsets, strict=True)]
+        return local.Points.of(xyz, [v.uv for v in self.views], self.weights)
 
     def view_normals(self, state: State, partly: bool = False) -> Array | None:
         """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
@@ -252,10 +262,14 @@ class Problem:
 
     def blocks(self, normal: Array, state: State) -> Blocks | None:
         """Add the views up and pass to the free parameters."""
-        p, free = self.lens.size, self.free
-        own = normal[:, :p].sum(0)
-        view_costs = 0.5 * normal[:, -1, -1]
-        cost, intrinsics, gradient = float(view_costs.sum()), own[:, :p], own[:, -1]
+        p = self.lens.size
+        return self._assembled(normal[:, :p, :p].sum(0), normal[:, :p, p:], normal[:, p:, p:], state)
+
+    def _assembled(self, intrinsics: Array, coupling: Array, poses: Array, state: State) -> Blocks | None:
+        """From sums over the parameters (P, P), and by view with pose and residual (V, P, 7), (V, 7, 7)."""
+        free = self.free
+        view_costs = 0.5 * poses[:, -1, -1]
+        cost, gradient = float(view_costs.sum()), coupling[:, :, -1].sum(0)
         prior = self.lens.prior(state.params)
         if prior is not None:
             r, j = prior
@@ -266,10 +280,10 @@ class Problem:
         return Blocks(
             cost,
             free.T @ intrinsics @ free,
-            free.T @ normal[:, :p, p : p + 6],
-            normal[:, p : p + 6, p : p + 6],
+            free.T @ coupling[:, :, :6],
+            poses[:, :6, :6],
             free.T @ gradient,
-            normal[:, p : p + 6, -1],
+            poses[:, :6, -1],
             view_costs,
         )
 

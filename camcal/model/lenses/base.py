@@ -65,6 +65,25 @@ class Reading:
     curve: str = "perspective"
 
 
+@dataclass(frozen=True)
+class LocalRows:
+    """Derivatives by the `local` last coefficients, of which each point feels K in each of two halves.
+
+    With h = `local` / 2, d(u, v) / d(coefficient c of half i) at point n is factors[i, :, n] · basis[n, m] where
+    c = columns[n, m], and 0 for the others.
+
+    Attributes
+    ----------
+    columns : (N, K) int array, 0 to h - 1
+    basis : (N, K) array
+    factors : (2, 2, N) array, px: half, (u, v), point
+    """
+
+    columns: Array
+    basis: Array
+    factors: Array
+
+
 class Lens(Parameters, ABC):
     """A camera model. Lenses of the same type, spec and skew are equal.
 
@@ -80,6 +99,8 @@ class Lens(Parameters, ABC):
         Whether cameras that lie far apart can both fit nearly as well as can be.
     neutral_curve : str
         What the lens without distortion does: `perspective` (R = tan θ) or `equidistant` (R = θ).
+    local : int
+        So many of the last coefficients of the map are felt by few points each (`linearise_locally`).
     """
 
     default_fixed: tuple[str, ...] = ()
@@ -87,6 +108,7 @@ class Lens(Parameters, ABC):
     shaped_by_data: bool = False
     several_minima: bool = False
     neutral_curve: str = "perspective"
+    local: int = 0
 
     def __repr__(self) -> str:
         return f"<lens {self.name}{' with skew' if self.has_skew else ''}>"
@@ -165,6 +187,12 @@ class Lens(Parameters, ABC):
     def prior(self, params: Array) -> tuple[Array, Array] | None:
         """Residuals (K,) and Jacobian (K, P) of the model's own regularisation, px; None without."""
         return None
+
+    def linearise_locally(
+        self, params: Array, xyz: Array, uv: Array, d_xyz: Array, d_dense: Array
+    ) -> LocalRows | None:
+        """As `linearise`, for models with many coefficients of which each point feels a few; see `local`."""
+        raise NotImplementedError
 
     def normalise(self, params: Array) -> Array:
         """The same camera with its gauge fixed, where a model has one; else the parameters as they are."""
@@ -251,9 +279,14 @@ class Lens(Parameters, ABC):
         mx, my, inside = self.derivatives(k, x, y, z, d_xyz, rows, *((1.0, 1.0) if mixed else (fx, fy)))
         if mixed:
             mx, my = self._mix(params, mx, my, z, d_xyz, d_params[:, self._bend :])
-        np.multiply(mx, fx, out=uv[:, 0])
+        self._pixel_rows(params, mx, my, uv, d_params)
+        return inside and self.within_bounds(params)
+
+    def _pixel_rows(self, params: Array, mx: Array, my: Array, uv: Array, d_params: Array) -> None:
+        """Equation (1), and its derivatives by the camera matrix."""
+        np.multiply(mx, params[0], out=uv[:, 0])
         uv[:, 0] += params[2]
-        np.multiply(my, fy, out=uv[:, 1])
+        np.multiply(my, params[1], out=uv[:, 1])
         uv[:, 1] += params[3]
         d_params[:, : self._bend] = 0.0
         d_params[:, 0, 0], d_params[:, 1, 1] = mx, my
@@ -261,7 +294,6 @@ class Lens(Parameters, ABC):
         if self.has_skew:
             uv[:, 0] += params[4] * my
             d_params[:, 4, 0] = my
-        return inside and self.within_bounds(params)
 
     def _mix(
         self, params: Array, mx: Array, my: Array, z: Array, d_xyz: Array, rows: Array
@@ -276,11 +308,15 @@ class Lens(Parameters, ABC):
             d_xyz[:, 2] -= xc * d_xyz[:, 0] + yc * d_xyz[:, 1]
             mx, my = mx + xc, my + yc
         for block in (rows, d_xyz):
-            block[:, :, 0] *= params[0]
-            if self.has_skew:
-                block[:, :, 0] += params[4] * block[:, :, 1]
-            block[:, :, 1] *= params[1]
+            self._to_pixels(params, block)
         return mx, my
+
+    def _to_pixels(self, params: Array, block: Array) -> None:
+        """Derivatives (V, ., 2, N) of (mx, my) become derivatives of (u, v), in place."""
+        block[:, :, 0] *= params[0]
+        if self.has_skew:
+            block[:, :, 0] += params[4] * block[:, :, 1]
+        block[:, :, 1] *= params[1]
 
     # ------------------------------------------------------------------ for everybody
     def project(self, params: Array, xyz: Array) -> tuple[Array, Array]:

@@ -133,15 +133,24 @@ class InverseLens(Lens):
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
         """Equation (1)."""
+        p, q, inside, normals = self._implicit(k, x, y, z, d_xyz, fx, fy)
+        for i, normal in enumerate(normals):
+            self.ray_rows(k, p, q, normal, d_k[:, :, i])
+        return p, q, inside
+
+    def _implicit(
+        self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, fx: float, fy: float
+    ) -> tuple[Array, Array, bool, tuple[Array, Array]]:
+        """p, q, whether all are inside, and the vectors (3, V, N) whose products with dX/dk are d(fx p, fy q)/dk."""
         p, q, valid = self._solve(k, x, y, z)
         ray, a, b = self.ray(k, p, q)
         length = np.sqrt((ray * ray).sum(0) / (x * x + y * y + z * z))
         inverse = 1.0 / _triple(ray, a, b)
-        for i, normal in enumerate((_cross(b, ray) * (fx * inverse), _cross(ray, a) * (fy * inverse))):
+        normals = _cross(b, ray) * (-fx * inverse), _cross(ray, a) * (-fy * inverse)
+        for i, normal in enumerate(normals):
             for j in range(3):
-                np.multiply(normal[j], length, out=d_xyz[:, j, i])
-            self.ray_rows(k, p, q, -normal, d_k[:, :, i])
-        return p, q, bool(valid.all())
+                np.multiply(normal[j], -length, out=d_xyz[:, j, i])
+        return p, q, bool(valid.all()), normals
 
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """As stated."""

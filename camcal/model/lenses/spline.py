@@ -27,7 +27,7 @@ import re
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.model.lenses.base import Lens, Values, example_list
+from camcal.model.lenses.base import Lens, LocalRows, Values, example_list
 from camcal.model.lenses.bspline import locate, refined, slopes, weights
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.options import no_options
@@ -56,6 +56,7 @@ class Spline(InverseLens):
         name = f"spline:{columns}x{rows}" + (f",smooth={smooth:g}" if smooth != SMOOTH else "")
         super().__init__(name, own, skew)
         self.default_fixed = self.names[: self._own + 4]
+        self.local = 2 * columns * rows
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Spline:
@@ -133,12 +134,13 @@ class Spline(InverseLens):
         params[self._own : self._own + 4] = np.r_[(low - centre) / abs(f), (high - centre) / abs(f)]
         p, q = ((uv - centre) / abs(f)).T
         k = params[self._own :]
-        basis = np.zeros((1, self.columns * self.rows, len(p)))
-        self._scatter(k, p[None], q[None], np.ones((1, len(p))), basis)
+        columns, values = self._basis(k, p, q)
+        basis = np.zeros((len(p), self.columns * self.rows))
+        np.put_along_axis(basis, columns.T, values.T, 1)
         w = 2 * rays[:, :2] / (np.linalg.norm(rays, axis=1) + rays[:, 2])[:, None]
         base = np.stack(_stereographic(p, q)[:2], 1)
         smooth = max(self.smooth, 1e-3) * _third_differences(self.columns, self.rows)
-        lines = np.concatenate([basis[0].T, smooth])
+        lines = np.concatenate([basis, smooth])
         known = np.concatenate([w - base, np.zeros((len(smooth), 2))])
         params[self._own + 4 :] = np.linalg.lstsq(lines, known, rcond=None)[0].T.ravel()
         return [dict(zip(self.names, params.tolist(), strict=True))]
@@ -194,14 +196,14 @@ class Spline(InverseLens):
         out[2] *= high
         return out
 
-    def _scatter(self, k: Array, p: Array, q: Array, factor: Array, rows: Array) -> None:
-        """Write factor · (basis functions) into rows (V, C R, N), which are 0 before."""
+    def _basis(self, k: Array, p: Array, q: Array) -> tuple[Array, Array]:
+        """The control points (16, ...) that each pixel feels, row by row, and their basis functions."""
         i, f, j, g, *_ = self._cells(k, p, q)
-        columns = [factor * w for w in weights(f)]
-        for n, wg in enumerate(weights(g)):
-            for m, wf in enumerate(columns):
-                at = (j + n) * self.columns + i + m
-                np.put_along_axis(rows, at[:, None], (wf * wg)[:, None], 1)
+        across, down = np.stack(weights(f)), np.stack(weights(g))
+        basis = (down[:, None] * across[None]).reshape(16, *np.shape(p))
+        corner = j * self.columns + i
+        steps = (np.arange(4)[:, None] * self.columns + np.arange(4)).reshape(16, *(1,) * np.ndim(p))
+        return corner + steps, basis
 
     # ------------------------------------------------------------------ InverseLens
     def farthest(self, k: Array) -> float:
@@ -233,19 +235,46 @@ class Spline(InverseLens):
 
     def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
         """Through w: normal · dX/dw, times the basis; the rectangle by moving the place in its cell."""
+        along = self._rectangle_rows(k, p, q, normal, rows[:, :4])
+        rows[:, 4:] = 0.0
+        columns, basis = (np.moveaxis(a, 0, 1) for a in self._basis(k, p, q))  # (V, 16, N)
+        for half, factor in enumerate(along):
+            own = rows[:, 4 + half * self.local // 2 :]
+            np.put_along_axis(own, columns, basis * factor[:, None], 1)
+
+    def _rectangle_rows(
+        self, k: Array, p: Array, q: Array, normal: Array, rows: Array
+    ) -> tuple[Array, Array]:
+        """Write normal · dX/d rectangle into rows (V, 4, N); normal · dX/dw (V, N) of both components of w."""
         surface = self._surface(k, p, q)
         base = _stereographic(p, q)[:2]
-        along = [normal[i] - normal[2] * (surface[0, i] + base[i]) / 2 for i in range(2)]
+        x, y = (normal[i] - normal[2] * (surface[0, i] + base[i]) / 2 for i in range(2))
         left, top, right, bottom = k[:4].tolist()
-        slope_p = along[0] * surface[1, 0] + along[1] * surface[1, 1]
-        slope_q = along[0] * surface[2, 0] + along[1] * surface[2, 1]
+        slope_p = x * surface[1, 0] + y * surface[1, 1]
+        slope_q = x * surface[2, 0] + y * surface[2, 1]
         a, b = (p - left) / (right - left), (q - top) / (bottom - top)
         for row, value in enumerate((slope_p * (a - 1), slope_q * (b - 1), -slope_p * a, -slope_q * b)):
             rows[:, row] = value
-        rows[:, 4:] = 0.0
-        count = self.columns * self.rows
-        self._scatter(k, p, q, along[0], rows[:, 4 : 4 + count])
-        self._scatter(k, p, q, along[1], rows[:, 4 + count :])
+        return x, y
+
+    def linearise_locally(
+        self, params: Array, xyz: Array, uv: Array, d_xyz: Array, d_dense: Array
+    ) -> LocalRows | None:
+        """See `Lens.linearise_locally`: a point feels 4 x 4 control points, by both components of w."""
+        k = params[self._own :]
+        p, q, inside, normals = self._implicit(k, xyz[0], xyz[1], xyz[2], d_xyz, 1.0, 1.0)
+        if not (inside and self.within_bounds(params)):
+            return None
+        factors = np.empty((1, 2, 2, p.shape[1]))  # half, (u, v)
+        for i, normal in enumerate(normals):
+            factors[0, :, i] = np.concatenate(
+                self._rectangle_rows(k, p, q, normal, d_dense[:, self._own : self._own + 4, i])
+            )
+        for block in (d_xyz, d_dense[:, self._own :], factors):
+            self._to_pixels(params, block)
+        self._pixel_rows(params, p, q, uv, d_dense)
+        columns, basis = self._basis(k, p[0], q[0])
+        return LocalRows(columns.T, basis.T, factors[0])
 
 
 def _stereographic(p: Array, q: Array) -> tuple[Array, ...]:
