@@ -6,34 +6,13 @@ from pathlib import Path
 
 import click
 
-from camcal.cli.options import config_option, force_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("board")
 @click.argument("spec", metavar="SPEC")
-@option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE",
-    help="Where to write; .svg, .pdf or .png.",
-)
-@option(
-    "--page",
-    metavar="NAME",
-    help="A4, A3, letter, ... or WIDTHxHEIGHT in mm; the target's own size by default.",
-)
-@option(
-    "--dpi",
-    type=click.FloatRange(min=10, max=2400),
-    default=300,
-    show_default=True,
-    help="Pixels per inch of a PNG.",
-)
-@force_option
-@config_option
+@options("board")
 @verbosity_options
 def command(spec: str, output: Path, page: str | None, dpi: float, force: bool) -> None:
     """Write a target at true scale, with a ruler mark to check the print.

@@ -8,23 +8,13 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import board_options, calibration_options, option, report_options
+from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("checkerboard")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
-@board_options
-@option(
-    "--refine-corners/--no-refine-corners", default=None,
-    help="Fit the corners again with the first camera; by default, kept if views held out fit better.",
-)  # fmt: skip
-@option(
-    "--save-corners", type=click.Path(path_type=Path), metavar="FILE",
-    help="Write the final corners too, as the table that `camcal detect` makes.",
-)  # fmt: skip
-@calibration_options
-@report_options
+@options("checkerboard")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | None, **options: Any) -> int:

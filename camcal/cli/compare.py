@@ -7,54 +7,17 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import (
-    config_option,
-    force_option,
-    format_option,
-    group_of,
-    image_size_option,
-    option,
-    output_option,
-)
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import UsageError
 
 FILE = click.Path(path_type=Path)
-POSITIVE = click.FloatRange(min=0, min_open=True)
-
-gate_options = group_of(
-    option("--max-px", type=POSITIVE, metavar="PX", help="A gate: the largest difference of projection."),
-    option("--max-sigma", type=POSITIVE, metavar="N", help="A gate: the same in standard deviations."),
-    option(
-        "--tolerance", type=params.FIX, multiple=True, metavar="NAME=VALUE,...",
-        help="A gate: the largest change of a parameter, in its own unit.",
-    ),
-)  # fmt: skip
 
 
 @click.command("compare")
 @click.argument("a", type=FILE, metavar="A")
 @click.argument("b", type=FILE, metavar="[B]", required=False)
-@option(
-    "--against", type=params.Word(["cv2"]), metavar="cv2",
-    help="In place of B: a fresh calibration of A's points by OpenCV.",
-)  # fmt: skip
-@option(
-    "--distance", type=params.DistanceType(), multiple=True, metavar="D|inf",
-    help="Of what is looked at, in the unit of the data; infinity by default.",
-)  # fmt: skip
-@image_size_option
-@gate_options
-@option("--junit", type=FILE, metavar="FILE", help="Write the gates to FILE as JUnit XML.")
-@option(
-    "--annotations", type=params.Word(["github"]), metavar="github",
-    help="Write the gates to stderr as annotations of GitHub's workflows.",
-)  # fmt: skip
-@output_option
-@force_option
-@format_option
-@config_option
+@options("compare")
 @verbosity_options
 def command(a: Path, b: Path | None, **options: Any) -> int:
     """Compare two cameras by what they project, over the image.
@@ -98,13 +61,14 @@ def _by_cv2(a: Path) -> Any:
     return Side(name, camera)
 
 
-def _tolerances(given: tuple[dict[str, float | None], ...]) -> dict[str, float]:
-    merged = {}
-    for name, bound in ((n, b) for one in given for n, b in one.items()):
-        if bound is None or not bound >= 0:
-            raise UsageError(f"--tolerance: '{name}' needs a bound.", f"Try: --tolerance {name}=0.5")
-        merged[name] = bound
-    return merged
+def _tolerances(given: dict[str, float]) -> dict[str, float]:
+    for name, bound in given.items():
+        if bound < 0:
+            raise UsageError(
+                f"--tolerance: the bound of '{name}' is {bound:g}; a number from 0 up is needed.",
+                f"Try: --tolerance {name}=0.5",
+            )
+    return given
 
 
 def _deliver(found: dict[str, Any], options: dict[str, Any]) -> int:

@@ -7,20 +7,10 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import (
-    fix_option,
-    image_size_option,
-    model_option,
-    option,
-    report_options,
-    seed_option,
-    skew_option,
-)
-from camcal.cli.params import Word
+from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
 
 FILE = click.Path(path_type=Path)
-ROTATIONS = ("left", "vector", "quaternion", "euler")
 #: what sees no more of a problem than linearisations and retractions, and so takes other coordinates
 PLAIN = (
     "lm:schur",
@@ -35,35 +25,7 @@ PLAIN = (
 
 @click.command("compare-optimizers")
 @click.argument("points", nargs=-1, required=True, type=FILE, metavar="POINTS...")
-@image_size_option
-@model_option
-@skew_option
-@fix_option
-@option(
-    "--optimizers", metavar="NAME,...",
-    help="Which, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
-)  # fmt: skip
-@option(
-    "--perturbed", type=click.IntRange(min=0), default=3, show_default=True,
-    help="Starts besides the closed form's, moved at random.",
-)  # fmt: skip
-@option(
-    "--perturbation", type=click.FloatRange(min=0, min_open=True), default=0.02, show_default=True,
-    help="How far: focal length, depth and principal point relative, rotations in rad.",
-)  # fmt: skip
-@option(
-    "--max-seconds", type=click.FloatRange(min=0, min_open=True), default=20.0, show_default=True,
-    help="Longest time of one run.",
-)  # fmt: skip
-@option(
-    "--rotation", type=Word(ROTATIONS), default="left", show_default=True,
-    help="Coordinates of rotations; left = perturbations on the left, as everywhere else.",
-)  # fmt: skip
-@option("--normalise/--no-normalise", default=True, help="Centre points and scale columns.")
-@option("--trace", type=FILE, metavar="FILE", help="Write every step of every run to FILE (CSV).")
-@option("--plot", type=FILE, metavar="FILE", help="Draw the convergence to FILE (needs matplotlib).")
-@seed_option
-@report_options
+@options("compare-optimizers")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> None:

@@ -8,16 +8,7 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import (
-    config_option,
-    force_option,
-    format_option,
-    image_size_option,
-    option,
-    output_option,
-    skew_option,
-)
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import EstimationError, UsageError
 
@@ -26,28 +17,9 @@ FILE = click.Path(path_type=Path)
 RICHER = ("kb4", "opencv8", "spline:12x9")
 
 
-def _lenses() -> Any:
-    from camcal.model.lenses import LENSES
-
-    return LENSES
-
-
 @click.command("convert")
 @click.argument("camera", type=FILE, metavar="CAMERA")
-@option(
-    "--to-model", type=params.SpecType("model", _lenses), metavar="NAME[:ARGS]",
-    help="The model to convert to; `camcal list models` names them.",
-)  # fmt: skip
-@skew_option
-@option(
-    "--max-px", type=click.FloatRange(min=0, min_open=True), default=0.5, show_default=True, metavar="PX",
-    help="The largest difference, anywhere in the image, that is still a conversion.",
-)  # fmt: skip
-@image_size_option
-@output_option
-@force_option
-@format_option
-@config_option
+@options("convert")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, camera: Path, **options: Any) -> int:

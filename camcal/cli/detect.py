@@ -7,19 +7,13 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import board_options, config_option, force_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("detect")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
-@option(
-    "--output", "-o", type=click.Path(path_type=Path), required=True, metavar="FILE",
-    help="The table (CSV): file, id, X, Y, Z, u, v, sigma.",
-)  # fmt: skip
-@board_options
-@force_option
-@config_option
+@options("detect")
 @verbosity_options
 def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) -> int:
     """Find a target in pictures and write its corners.

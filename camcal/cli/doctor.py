@@ -8,20 +8,16 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import board_options, config_option, format_option, image_size_option, model_option
-from camcal.cli.params import is_report
+from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
+from camcal.settings.kinds import is_report
 
 SOMETHING_WRONG = 1
 
 
 @click.command("doctor")
 @click.argument("data", nargs=-1, metavar="[REPORT|IMAGES]...")
-@model_option
-@image_size_option
-@board_options
-@format_option
-@config_option
+@options("doctor")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import calibration_options, image_size_option, option, report_options
+from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
 
 FILE = click.Path(path_type=Path)
@@ -15,11 +15,7 @@ FILE = click.Path(path_type=Path)
 
 @click.command("estimate")
 @click.argument("points", nargs=-1, type=FILE, metavar="POINTS...")
-@option("--points3d", type=FILE, metavar="FILE", help="The points alone (X Y Z), with --points2d.")
-@option("--points2d", type=FILE, metavar="FILE", help="Their images alone (u v), in the same order.")
-@image_size_option
-@calibration_options
-@report_options
+@options("estimate")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int:

@@ -7,26 +7,14 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import (
-    board_options,
-    image_size_option,
-    max_rms_option,
-    report_options,
-    robust_option,
-    seed_option,
-)
+from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("evaluate")
 @click.argument("camera", type=click.Path(path_type=Path), metavar="CAMERA")
 @click.argument("data", nargs=-1, required=True, metavar="POINTS|IMAGES...")
-@board_options
-@image_size_option
-@robust_option
-@max_rms_option
-@seed_option
-@report_options
+@options("evaluate")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:

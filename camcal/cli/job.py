@@ -10,32 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from camcal.cli.options import resolved_options
 from camcal.cli.output import console, emit, progress
-from camcal.cli.params import is_report
-from camcal.cli.settings import resolved_options
 from camcal.cli.verbosity import note, verbosity
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.detection import DetectionOptions
+from camcal.settings.kinds import is_report
+from camcal.settings.option import Settings
 
 if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
     from camcal.solve.solution import Solution
 
-CALIBRATION = (
-    "model",
-    "skew",
-    "fix",
-    "optimizer",
-    "robust",
-    "board_shape",
-    "crosscheck",
-    "holdout",
-    "max_rms",
-    "seed",
-    "normalise",
-)
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
 
 OnPicture = Callable[[Mapping[str, Any]], Any]
+
+
+def _names(settings: type[Settings]) -> list[str]:
+    return [option.name for option in settings.command_line()]
 
 
 def output_is_free(options: dict[str, Any]) -> None:
@@ -67,7 +61,7 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
-    told = {name: options[name] for name in ("target", "board", "square", "jobs", "seconds", "cache")}
+    told = {name: options[name] for name in _names(DetectionOptions)}
     with progress("reading pictures") as show:
 
         def tell(event: str, details: Mapping[str, Any]) -> None:
@@ -109,7 +103,7 @@ def calibrate_and_report(
     save_corners : Path, optional
         Where to write the final points.
     """
-    told = {name: options[name] for name in CALIBRATION}
+    told = {name: options[name] for name in _names(CalibrationOptions)}
     if is_report(told["board_shape"]):
         from camcal.report.board import on_known_board
 

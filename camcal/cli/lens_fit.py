@@ -7,33 +7,13 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import (
-    config_option,
-    force_option,
-    format_option,
-    image_size_option,
-    model_option,
-    option,
-    output_option,
-    skew_option,
-)
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("lens-fit")
 @click.argument("pairs", type=click.Path(path_type=Path), metavar="PAIRS")
-@model_option
-@skew_option
-@option(
-    "--ideal", type=params.FIX, metavar="fx=F,fy=F,cx=C,cy=C",
-    help="The camera of the ideal points, px; without it they lie on the plane z = 1, or a camera is assumed.",
-)  # fmt: skip
-@image_size_option
-@output_option
-@force_option
-@format_option
-@config_option
+@options("lens-fit")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, pairs: Path, **options: Any) -> int:
@@ -81,13 +61,12 @@ def _fitted(pairs: Path, options: dict[str, Any]) -> Any:
     return fit_pairs(lens, np.c_[x, y], np.c_[u, v], matrix, options["image_size"]), len(x)
 
 
-def _matrix(given: dict[str, float | None]) -> Any:
+def _matrix(values: dict[str, float]) -> Any:
     import numpy as np
 
     from camcal.errors import UsageError
 
-    values = {n: v for n, v in given.items() if v is not None}
-    if not {"fx", "cx", "cy"} <= set(values) or set(given) - {"fx", "fy", "cx", "cy", "skew"}:
+    if not {"fx", "cx", "cy"} <= set(values) or set(values) - {"fx", "fy", "cx", "cy", "skew"}:
         raise UsageError(
             "--ideal needs fx, cx and cy, and may have fy and skew.", "Try: --ideal fx=800,cx=320,cy=240"
         )

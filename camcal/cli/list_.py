@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import click
 
-from camcal.cli.options import format_option
+from camcal.cli.options import KindType, options
 from camcal.cli.output import emit, table
-from camcal.cli.params import Word
 from camcal.cli.verbosity import verbosity_options
+from camcal.settings.kinds import Words
 
 #: kind -> (module, its table); each module may hold SUMMARIES, name -> one line, beside the table; a table of
 #: summaries has its own lines.
@@ -22,6 +22,8 @@ TABLES: dict[str, tuple[str, str]] = {
     "estimators": ("camcal.track", "ESTIMATORS"),
     "gains": ("camcal.track", "GAIN_SUMMARIES"),
     "motions": ("camcal.track", "MOTION_SUMMARIES"),
+    "robust-methods": ("camcal.solve", "ROBUST_SUMMARIES"),
+    "board-shapes": ("camcal.solve", "BOARD_SHAPE_SUMMARIES"),
     "formats": ("camcal.data.formats", "FORMATS"),
     "commands": ("camcal.cli", "COMMANDS"),
 }
@@ -46,13 +48,14 @@ def _own_text(value: object) -> str:
 
 
 @click.command("list")
-@click.argument("kind", type=Word(list(TABLES)), metavar="KIND")
-@format_option
+@click.argument("kind", type=KindType(Words(tuple(TABLES))), metavar="KIND")
+@options("list")
 @verbosity_options
 def command(kind: str, format: str) -> None:
     """List what there is of one KIND, with a line on each.
 
-    KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, formats or commands.
+    KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, robust-methods, board-shapes,
+    formats or commands.
     """
     found = entries(kind)
     emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))

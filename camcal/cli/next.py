@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import config_option, force_option, format_option, option, seed_option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import UsageError
 
@@ -18,23 +17,7 @@ DRAWINGS = (".svg", ".png", ".pdf")
 
 @click.command("next")
 @click.argument("report", type=FILE, metavar="REPORT")
-@option(
-    "--count", type=click.IntRange(1, 50), default=1, show_default=True, metavar="N",
-    help="How many pictures to suggest, each taken for granted by the next.",
-)  # fmt: skip
-@option(
-    "--distance", type=params.DistanceType(), default=float("inf"), show_default=True, metavar="D|inf",
-    help="At which the uncertainty counts, in the unit of the data.",
-)  # fmt: skip
-@option(
-    "--target-px", type=click.FloatRange(min=0, min_open=True), metavar="PX",
-    help="Say how many more pictures bring the worst uncertainty down to PX.",
-)  # fmt: skip
-@option("--output", "-o", type=FILE, metavar="FILE", help="Draw where to hold the target (.svg, .png, .pdf).")
-@seed_option
-@force_option
-@format_option
-@config_option
+@options("next")
 @verbosity_options
 def command(report: Path, **options: Any) -> None:
     """Suggest the picture that would make a camera best known.

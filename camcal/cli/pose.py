@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import crosscheck_option, option, report_options, seed_option
-from camcal.cli.params import Word
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 FILE = click.Path(path_type=Path)
@@ -17,13 +16,7 @@ FILE = click.Path(path_type=Path)
 @click.command("pose")
 @click.argument("camera", type=FILE, metavar="CAMERA")
 @click.argument("points", type=FILE, metavar="POINTS")
-@option(
-    "--robust", type=Word(["auto", "none"]), default="auto", show_default=True,
-    help="auto leaves out points that do not agree with the rest; none uses all.",
-)  # fmt: skip
-@crosscheck_option
-@seed_option
-@report_options
+@options("pose")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> int:

@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import config_option, force_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 FILE = click.Path(path_type=Path)
@@ -16,14 +15,7 @@ FILE = click.Path(path_type=Path)
 
 @click.command("report")
 @click.argument("report", type=FILE, metavar="REPORT")
-@option("--output", "-o", type=FILE, metavar="FILE", help="The page (HTML); REPORT with .html by default.")
-@option("--plots", type=FILE, metavar="DIR", help="Write each chart to a file in DIR, in place of the page.")
-@option(
-    "--plot-format", type=params.Word(["png", "svg", "pdf"]), multiple=True, default=("png",),
-    show_default=True, help="Format of the charts; may be given several times.",
-)  # fmt: skip
-@force_option
-@config_option
+@options("report")
 @verbosity_options
 def command(report: Path, output: Path | None, plots: Path | None, **options: Any) -> None:
     """Show a report as one self-contained HTML page.

@@ -7,41 +7,13 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import (
-    board_options,
-    config_option,
-    fix_option,
-    force_option,
-    format_option,
-    image_size_option,
-    option,
-    output_option,
-    robust_option,
-    seed_option,
-    skew_option,
-)
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("select")
 @click.argument("data", nargs=-1, required=True, metavar="POINTS|IMAGES...")
-@option(
-    "--models", default="auto", show_default=True, metavar="A;B;C|auto|all",
-    help="Specs, separated by ; or blanks (by commas where none has options); auto tries each kind once.",
-)  # fmt: skip
-@option(
-    "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Rounds of holding views out."
-)
-@skew_option
-@fix_option
-@robust_option
-@seed_option
-@image_size_option
-@board_options
-@output_option
-@force_option
-@format_option
-@config_option
+@options("select")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:

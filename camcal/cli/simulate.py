@@ -7,109 +7,12 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import group_of, model_option, option
+from camcal.cli.options import options, resolved_options
 from camcal.cli.simulate_frames import command as frames_command
-from camcal.cli.simulate_frames import run_options, table_option
-from camcal.cli.verbosity import note
+from camcal.cli.verbosity import note, verbosity_options
+from camcal.settings.sizes import Length
 
 POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and the same on every machine
-
-
-class Numbers(params.CamcalType):
-    """A fixed count of numbers separated by commas, or a list in YAML."""
-
-    def __init__(self, count: int, example: str):
-        self.name, self.count, self.example = "numbers", count, example
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the numbers."""
-        parts = value.split(",") if isinstance(value, str) else list(value)
-        try:
-            numbers = tuple(float(part) for part in parts)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) != self.count or not all(abs(n) < float("inf") for n in numbers):
-            self.refuse(
-                f"'{value}' is not {self.count} numbers with commas.", f"Try: {self.example}", param, ctx
-            )
-        return numbers
-
-
-def _targets() -> Any:
-    from camcal.detect.targets import TARGETS
-
-    return TARGETS
-
-
-target_option = option(
-    "--target",
-    type=params.SpecType("target", _targets),
-    default="checkerboard:9x6:25mm",
-    show_default=True,
-    metavar="SPEC",
-    help="The target; `camcal list targets` names them.",
-)
-camera_options = group_of(
-    model_option,
-    option(
-        "--set",
-        "values",
-        type=params.FIX,
-        metavar="NAME=VALUE,...",
-        help="Values of the camera's parameters; the others are those of the model's first example.",
-    ),
-    option(
-        "--image-size",
-        type=params.IMAGE_SIZE,
-        metavar="WxH",
-        help="Size of the pictures; the example's by default.",
-    ),
-)
-
-
-def pose_options(tilt: str) -> Any:
-    """How many views, and how they differ."""
-    return group_of(
-        option("--views", type=click.IntRange(min=1), default=12, show_default=True, help="Number of views."),
-        option(
-            "--tilt",
-            type=Numbers(2, tilt),
-            default=tilt,
-            show_default=True,
-            metavar="LOW,HIGH",
-            help="Between the line of sight and the target's normal, degrees.",
-        ),
-        option(
-            "--fill",
-            type=Numbers(2, "0.45,0.8"),
-            default="0.45,0.8",
-            show_default=True,
-            metavar="LOW,HIGH",
-            help="Part of the picture that is taken up.",
-        ),
-    )
-
-
-noise_options = group_of(
-    option(
-        "--noise",
-        type=click.FloatRange(min=0),
-        default=0.1,
-        show_default=True,
-        help="Of each coordinate, px.",
-    ),
-    option(
-        "--outliers",
-        type=click.FloatRange(min=0, max=1),
-        default=0.0,
-        show_default=True,
-        help="Part of the points that is moved by 5 to 60 px.",
-    ),
-    option("--clip/--no-clip", default=True, show_default=True, help="Leave out points outside the picture."),
-)
 
 
 @click.group("simulate")
@@ -121,12 +24,8 @@ command.add_command(frames_command)
 
 
 @command.command("points")
-@target_option
-@camera_options
-@pose_options("5,45")
-@noise_options
-@table_option
-@run_options
+@options("simulate points")
+@verbosity_options
 @click.pass_context
 def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool, **given: Any) -> None:
     """Views of a flat target, as a table of points."""
@@ -143,40 +42,13 @@ def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool
 
 
 @command.command("rig")
-@option(
-    "--cells",
-    type=click.IntRange(min=2),
-    default=6,
-    show_default=True,
-    help="Points along an edge of a face.",
-)
-@option("--spacing", type=params.LENGTH, default="30mm", show_default=True, help="Distance of neighbours.")
-@option(
-    "--points3d", type=click.Path(path_type=Path), metavar="FILE", help="Take these points (X Y Z) instead."
-)
-@option(
-    "--frame",
-    type=click.Choice(["world", "camera"]),
-    default="world",
-    show_default=True,
-    help="Frame in which --points3d are given; `camera` needs --pose.",
-)
-@option(
-    "--pose",
-    type=Numbers(6, "0,0,0,0,0,5"),
-    metavar="RX,RY,RZ,TX,TY,TZ",
-    help="cam_from_world of a single view: rotation vector (rad), translation; by chance where not given.",
-)
-@camera_options
-@pose_options("0,20")
-@noise_options
-@table_option
-@run_options
+@options("simulate rig")
+@verbosity_options
 @click.pass_context
 def rig(
     ctx: click.Context,
     cells: int,
-    spacing: params.Length,
+    spacing: Length,
     points3d: Path | None,
     frame: str,
     pose: tuple[float, ...] | None,
@@ -214,42 +86,8 @@ def rig(
 
 
 @command.command("images")
-@target_option
-@camera_options
-@pose_options("5,45")
-@option("--blur", type=click.FloatRange(min=0), default=0.8, show_default=True, help="Gaussian, px.")
-@option(
-    "--noise", type=click.FloatRange(min=0), default=2.0, show_default=True, help="Grey levels of 8 bits."
-)
-@option(
-    "--uneven/--even", default=True, show_default=True, help="Light that differs across and between pictures."
-)
-@option(
-    "--vignetting",
-    type=click.FloatRange(0, 1),
-    default=0.2,
-    show_default=True,
-    help="Light lost in the corners.",
-)
-@option(
-    "--bow",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="Height of the sheet's middle over its rim, in its unit.",
-)
-@option(
-    "--bits",
-    type=click.Choice(["8", "16"]),
-    default="8",
-    show_default=True,
-    help="16 needs --type png or tiff.",
-)
-@option("--type", "extension", type=click.Choice(["png", "jpg", "tiff"]), default="png", show_default=True)
-@option(
-    "--output", "-o", type=click.Path(path_type=Path), required=True, metavar="FOLDER", help="Where to write."
-)
-@run_options
+@options("simulate images")
+@verbosity_options
 @click.pass_context
 def images(
     ctx: click.Context, target: str, output: Path, extension: str, seed: int, force: bool, **given: Any
@@ -324,11 +162,9 @@ def _spread(given: dict[str, Any]) -> Any:
 
 
 def _run(ctx: click.Context, seed: int) -> dict[str, Any]:
-    from camcal.cli.settings import resolved_options
-
     skipped = ("output", "force")
-    options = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in skipped}
-    return {"command": ["simulate", ctx.info_name], "seed": seed, "options": options}
+    used = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in skipped}
+    return {"command": ["simulate", ctx.info_name], "seed": seed, "options": used}
 
 
 def _read_points3d(path: Path) -> Any:

@@ -7,68 +7,13 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import config_option, force_option, group_of, option, seed_option
+from camcal.cli.options import options, resolved_options
 from camcal.cli.verbosity import note, verbosity_options
-from camcal.track import SEQUENCES
-
-#: where every table that is simulated goes, and what every simulation takes
-table_option = option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="FILE.csv",
-    help="Where to write.",
-)
-run_options = group_of(seed_option, force_option, config_option, verbosity_options)
-stream_options = group_of(
-    option(
-        "--kind",
-        type=params.Word(list(SEQUENCES)),
-        default="knock",
-        show_default=True,
-        help="How the camera moves: as the motion of that name walks; static and knock stand still.",
-    ),
-    option("--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Number of frames."),
-    option(
-        "--points", type=click.IntRange(min=1), default=50, show_default=True, help="In a cube of side 2."
-    ),
-    option(
-        "--noise",
-        type=click.FloatRange(min=0),
-        default=0.3,
-        show_default=True,
-        help="Of each coordinate, px.",
-    ),
-    option(
-        "--outliers",
-        type=click.FloatRange(0, 1),
-        default=0.0,
-        show_default=True,
-        help="Part of the points that lies anywhere in the picture.",
-    ),
-    option(
-        "--at",
-        type=click.IntRange(min=0),
-        metavar="FRAME",
-        help="In which the camera is knocked. [default: half-way]",
-    ),
-    option(
-        "--angle",
-        type=float,
-        default=0.3,
-        show_default=True,
-        metavar="DEGREES",
-        help="By which it is turned then, about y.",
-    ),
-)
 
 
 @click.command("frames")
-@stream_options
-@table_option
-@run_options
+@options("simulate frames")
+@verbosity_options
 @click.pass_context
 def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: Any) -> None:
     """A stream of frames seen by a camera that moves or is knocked, as a table for `camcal track`.
@@ -103,7 +48,6 @@ def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: A
 def _document(ctx: click.Context, last: Any, seed: int) -> dict[str, Any]:
     import numpy as np
 
-    from camcal.cli.settings import resolved_options
     from camcal.model import lenses
     from camcal.model.camera import Camera
     from camcal.model.pose import Pose, Poses
@@ -112,7 +56,7 @@ def _document(ctx: click.Context, last: Any, seed: int) -> dict[str, Any]:
     lens = lenses.make("pinhole")
     camera = Camera(lens, lens.pinhole(last.k[0, 0], last.k[1, 1], last.k[0, 2], last.k[1, 2]), (640, 480))
     poses = Poses.stack([Pose(last.rotation, np.asarray(last.translation))])
-    options = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in ("output", "force")}
-    run = {"command": ["simulate", "frames"], "seed": seed, "options": options}
+    used = {k: v["value"] for k, v in resolved_options(ctx).items() if k not in ("output", "force")}
+    run = {"command": ["simulate", "frames"], "seed": seed, "options": used}
     matrix = last.matrix / last.matrix[2, 3]
     return {**truth_document(camera, poses, ["last"], **run), "projection_matrix": matrix}

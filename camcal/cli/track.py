@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 from click.core import ParameterSource
 
-from camcal.cli.options import board_options
-from camcal.cli.track_options import FROM_FILE, FROM_PIPE, method_options, run_options
+from camcal.cli.options import options
 from camcal.cli.track_results import deliver, may_replace, reference_matrix
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.settings.tracking import FROM_FILE, FROM_PIPE, TrackOptions
 
 if TYPE_CHECKING:
     from camcal.track.events import Change
     from camcal.track.frames import Frame
-    from camcal.track.options import TrackOptions
 
 #: changes that are told as they are seen
 TOLD = 20
@@ -26,9 +25,7 @@ TOLD = 20
 
 @click.command("track")
 @click.argument("frames", nargs=-1, required=True, metavar="FRAMES")
-@method_options
-@run_options
-@board_options
+@options("track")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
@@ -92,34 +89,28 @@ def _estimator(
     ctx: click.Context, frames: tuple[str, ...], options: dict[str, Any]
 ) -> tuple[Any, TrackOptions]:
     """Make the estimator; refuse options that it would ignore."""
-    from dataclasses import fields
-
     from camcal.errors import UsageError
     from camcal.registry import look_up
     from camcal.track import ESTIMATORS
-    from camcal.track.options import TrackOptions
 
     method = options["method"] or ("iekf" if options["camera"] is not None else "kalman")
     options["method"] = method
     cls = look_up(ESTIMATORS, method, "method")
-    own = {"fix": "fixed"}
-    special = {own.get(p.name or "", p.name): p for p in ctx.command.params}
-    known = {f.name for f in fields(TrackOptions)}
-    for name in sorted(known - cls.takes - _FOR_ALL):
-        if _given(ctx, special[name].name or ""):
-            flag = max(special[name].opts, key=len)
+    known = TrackOptions.options()
+    for name in sorted(set(known) - cls.takes - _FOR_ALL):
+        if _given(ctx, name):
             takers = [m for m, path in ESTIMATORS.items() if name in look_up({m: path}, m, "method").takes]
             raise UsageError(
-                f"{flag} means nothing to the method '{method}'.", f"It is for {', '.join(takers)}."
+                f"{known[name].long} means nothing to the method '{method}'.",
+                f"It is for {', '.join(takers)}.",
             )
     gain = options["gain"] or next(iter(cls.gains), None)
     for name, owner in _OF_GAIN.items():
         if gain in cls.gains and gain != owner and _given(ctx, name):
             raise UsageError(f"--{name} means nothing to the gain '{gain}'.", f"Add --gain {owner}.")
-    values = {n: options[next((k for k, v in own.items() if v == n), n)] for n in known}
+    values = {name: options[name] for name in known}
     if options["camera"] is not None:
         values["camera"] = _camera(ctx, options)
-    values["drift"] = _drift(options["drift"])
     if not _is_table(frames):
         values["learn_noise"] = True
     made = TrackOptions(**values)
@@ -137,15 +128,6 @@ _OF_GAIN = {"alpha": "fixed", "forgetting": "forgetting"}
 _FOR_ALL = frozenset(("sigma", "learn_noise", "gate", "false_alarm", "min_points", "rate"))
 
 
-def _drift(given: dict[str, float | None] | None) -> dict[str, float]:
-    from camcal.errors import UsageError
-
-    for group, value in (given or {}).items():
-        if value is None:
-            raise UsageError(f"--drift {group}: a value is needed.", "Try: --drift focal=1e-5,rotation=0.01")
-    return {group: value for group, value in (given or {}).items() if value is not None}
-
-
 def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
     from camcal.errors import UsageError
     from camcal.report.document import load_camera
@@ -158,9 +140,7 @@ def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
 
 def _must_match(options: dict[str, Any], track: TrackOptions) -> dict[str, Any]:
     """What has to be the same when a run is taken up again."""
-    from dataclasses import fields
-
-    values = {f.name: getattr(track, f.name) for f in fields(track)}
+    values = track.checkpoint()
     if track.camera is not None:
         values["camera"] = [track.camera.lens.name, track.camera.params]
     output = None if options["output"] is None else str(options["output"].resolve())

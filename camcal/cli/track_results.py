@@ -59,7 +59,7 @@ def _write_report(
     ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any], failed: bool
 ) -> None:
     from camcal.cli.job import command_line
-    from camcal.cli.settings import resolved_options
+    from camcal.cli.options import resolved_options
     from camcal.report.document import save, tool
     from camcal.report.plain import plain
     from camcal.report.schema import SCHEMA

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import config_option, crosscheck_option, force_option, format_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 FILE = click.Path(path_type=Path)
@@ -16,11 +16,7 @@ FILE = click.Path(path_type=Path)
 @click.command("triangulate")
 @click.argument("cameras", nargs=-1, required=True, type=FILE, metavar="CAMERAS...")
 @click.argument("points", type=FILE, metavar="POINTS2D")
-@option("--output", "-o", type=FILE, metavar="FILE", help="Write the points to FILE (CSV).")
-@crosscheck_option
-@force_option
-@format_option
-@config_option
+@options("triangulate")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, cameras: tuple[Path, ...], points: Path, **options: Any) -> int:

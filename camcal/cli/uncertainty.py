@@ -7,27 +7,13 @@ from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import config_option, format_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
-
-PIXEL = params.PixelType()
-DISTANCE = params.DistanceType()
 
 
 @click.command("uncertainty")
 @click.argument("report", type=click.Path(path_type=Path), metavar="REPORT")
-@option("--at", type=PIXEL, multiple=True, metavar="U,V", help="A pixel; may be given several times.")
-@option(
-    "--distance", type=DISTANCE, multiple=True, metavar="D|inf",
-    help="From the camera, in the unit of the data; by default the boards' and infinity.",
-)  # fmt: skip
-@option(
-    "--max-px", type=click.FloatRange(min=0, min_open=True), metavar="PX",
-    help="A gate: exit code 1 where a sigma is larger.",
-)  # fmt: skip
-@format_option
-@config_option
+@options("uncertainty")
 @verbosity_options
 def command(
     report: Path,

@@ -2,62 +2,21 @@
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from camcal.cli import params
-from camcal.cli.options import config_option, force_option, image_size_option, option
+from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 
 FILE = click.Path(path_type=Path)
 
 
-class KeepType(params.CamcalType):
-    """`all`, `no-black`, or a field of view such as `90deg`."""
-
-    name = "field"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
-        """Return the word, or the angle in rad."""
-        if isinstance(value, float) or value in ("all", "no-black"):
-            return value
-        found = re.fullmatch(r"\s*([0-9.]+)\s*(deg)?\s*", str(value))
-        try:
-            degrees = float(found[1]) if found else math.nan
-        except ValueError:
-            degrees = math.nan
-        if not 0 < degrees < 360:
-            self.refuse(f"'{value}' is neither all, no-black nor an angle.", "Try: --keep 90deg", param, ctx)
-        return math.radians(degrees)
-
-
 @click.command("undistort")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
-@option("--camera", "-c", type=FILE, required=True, metavar="FILE", help="A report, or OpenCV's camera file.")
-@option("--output", "-o", type=FILE, required=True, metavar="FOLDER", help="Where the pictures go.")
-@option(
-    "--keep", type=KeepType(), default="all", show_default=True, metavar="all|no-black|ANGLE",
-    help="The field that is kept: all pixels, the most without black, or a horizontal field of view.",
-)  # fmt: skip
-@option(
-    "--size", type=params.IMAGE_SIZE, metavar="WxH", help="Of the new pictures; as the old ones by default."
-)
-@option(
-    "--projection", type=params.Word(["perspective", "equidistant"]), default="perspective", show_default=True,
-    help="Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
-)  # fmt: skip
-@option(
-    "--interpolation", type=params.Word(["nearest", "linear", "cubic", "lanczos"]), default="linear",
-    show_default=True, help="Between pixels.",
-)  # fmt: skip
-@image_size_option
-@force_option
-@config_option
+@options("undistort")
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:

@@ -13,10 +13,11 @@ from camcal.detect import cache as cache_files
 from camcal.detect import targets
 from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.listing import list_pictures, view_ids
-from camcal.detect.targets.base import DEFAULT_SECONDS, Target, parse_grid, parse_length
+from camcal.detect.targets.base import DEFAULT_SECONDS, Target
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError, UsageError
+from camcal.settings.sizes import parse_grid, parse_length
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]

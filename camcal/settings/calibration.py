@@ -38,13 +38,13 @@ class CalibrationOptions(Settings):
         "lm",
     )
     robust: str = setting(
-        Name("robust method", "camcal.solve:ROBUST_METHODS", metavar="METHOD"),
+        Name("robust method", "camcal.solve:ROBUST_SUMMARIES", metavar="METHOD"),
         "How outliers are treated: none, auto (which looks for them first), or the name of a loss.",
         "auto",
         in_python="none",
     )
     board_shape: str = setting(
-        Name("board shape", "camcal.solve:BOARD_SHAPES", files=True, metavar="SHAPE|REPORT"),
+        Name("board shape", "camcal.solve:BOARD_SHAPE_SUMMARIES", files=True, metavar="SHAPE|REPORT"),
         "The board's shape: flat as designed; estimated too: bowl, print, free (each point), or auto, which "
         "keeps a shape only if views held out confirm it; or the report that found it.",
         "flat",

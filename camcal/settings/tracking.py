@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from camcal.settings.calibration import MODEL, CalibrationOptions
-from camcal.settings.kinds import POSITIVE, Assignments, FilePath, Name, Real, Switch, Whole
+from camcal.settings.kinds import POSITIVE, Assignments, FilePath, Name, Real, Switch, Whole, Words
 from camcal.settings.option import Option, Settings, setting
+from camcal.settings.run import CONFIG, FILE, FORCE, OUTPUT
 
 _setting = partial(setting, in_checkpoints=True)
 
@@ -92,4 +93,42 @@ METHOD = Option(
     Name("method", "camcal.track:ESTIMATORS"),
     "Estimator; `camcal list estimators` names them. [default: iekf with --camera, else kalman]",
     in_checkpoints=True,
+)
+
+#: frames between checkpoints, where all of them can be read again and where they cannot
+FROM_FILE, FROM_PIPE = 1000, 1
+
+#: what concerns the run and not the estimator
+RUN = (
+    Option(
+        "reorder",
+        Whole(0, metavar="FRAMES"),
+        "Hold so many frames back to put late ones in their place.",
+        0,
+        in_checkpoints=True,
+    ),
+    Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
+    Option("state", FILE, "Checkpoint: written as the run goes on, taken up again where it exists."),
+    Option(
+        "state_every",
+        Whole(1, metavar="FRAMES"),
+        f"Between checkpoints. [default: {FROM_PIPE} from a pipe, else {FROM_FILE}]",
+    ),
+    replace(OUTPUT, help="Write the table to FILE. [default: stdout]"),
+    Option(
+        "format",
+        Words(("csv", "jsonl")),
+        "Of the table. [default: jsonl where FILE ends in it, else csv]",
+        in_checkpoints=True,
+    ),
+    Option("covariance", Switch(), "Add the covariance of K, R, t to each row.", False, in_checkpoints=True),
+    Option("report", FILE, "Write a summary (YAML) to FILE."),
+    Option("plots", FILE, "Draw the table into FOLDER (needs matplotlib).", metavar="FOLDER"),
+    Option(
+        "reference",
+        FILE,
+        "Report whose projection_matrix the plots compare with. [default: the last estimate]",
+    ),
+    FORCE,
+    CONFIG,
 )

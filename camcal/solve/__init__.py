@@ -1,7 +1,7 @@
 """Refinement: all poses and the intrinsics together, by nonlinear least squares."""
 
 #: what `--robust` takes, and what each does; the losses are those of `camcal.solve.losses`
-ROBUST_METHODS = {
+ROBUST_SUMMARIES = {
     "none": "least squares with all points",
     "auto": "look for outliers first; where there are some, reject them and fit the rest by least squares",
     "huber": "least squares for small residuals, absolute values for large ones",
@@ -12,7 +12,7 @@ ROBUST_METHODS = {
 }
 
 #: what `--board-shape` takes: flat as designed, a shape of `camcal.solve.board`, or auto
-BOARD_SHAPES = {
+BOARD_SHAPE_SUMMARIES = {
     "flat": "flat and as designed",
     "bowl": "bent: heights quadratic in the place on the board",
     "print": "bent as bowl, and stretched and sheared by the printer",

@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.settings.tracking import TrackOptions
 from camcal.track.events import Alarm
 from camcal.track.frames import Frame
 from camcal.track.keep import Kept, stored
 from camcal.track.model import Model
-from camcal.track.options import TrackOptions
 
 Array = np.ndarray
 

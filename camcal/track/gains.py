@@ -11,9 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from camcal.settings.tracking import TrackOptions
 from camcal.track import linear
 from camcal.track.keep import Kept
-from camcal.track.options import TrackOptions
 
 Array = np.ndarray
 

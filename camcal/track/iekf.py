@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from camcal.errors import EstimationError, UsageError
 from camcal.model import lenses
+from camcal.settings.tracking import TrackOptions
 from camcal.track import first, motion
 from camcal.track.frames import Frame
-from camcal.track.options import TrackOptions
 from camcal.track.physical_model import PhysicalModel
 from camcal.track.recursive import Recursive
 from camcal.track.robust import FrameFit
@@ -21,15 +21,15 @@ def physical_model(options: TrackOptions) -> PhysicalModel:
         Where parameters are to be held at values that are not given.
     """
     if options.camera is not None:
-        return PhysicalModel(options.camera.lens, options.camera.params, options.fixed)
+        return PhysicalModel(options.camera.lens, options.camera.params, options.fix)
     from_data = ("fx", "fy", "cx", "cy", "intrinsics")
-    for name, value in options.fixed.items():
+    for name, value in options.fix.items():
         if name in from_data and value is None:
             raise UsageError(
                 f"{name} is to be held, but its value is not given.",
                 "Give the camera (--camera CALIBRATION.yaml) or the value (--fix cx=320).",
             )
-    return PhysicalModel(lenses.make(options.model, options.skew), None, options.fixed)
+    return PhysicalModel(lenses.make(options.model, options.skew), None, options.fix)
 
 
 #: degrees, and fraction of the distance, per frame: a camera that walks less shows a plane from one side only
@@ -44,7 +44,7 @@ class IteratedKalman(Recursive):
     """
 
     takes = frozenset(
-        ("gain", "alpha", "motion", "drift", "velocity", "model", "skew", "camera", "fixed", "iterations")
+        ("gain", "alpha", "motion", "drift", "velocity", "model", "skew", "camera", "fix", "iterations")
     )
     gains: tuple[str, ...] = ("kalman", "adaptive", "fixed")
 

@@ -6,12 +6,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from camcal.settings.tracking import TrackOptions
 from camcal.start import central
 from camcal.track import linear, motion
 from camcal.track.estimator import TrackState
 from camcal.track.frames import Frame
 from camcal.track.matrix_model import MatrixModel
-from camcal.track.options import TrackOptions
 from camcal.track.recursive import Recursive
 
 Array = np.ndarray

@@ -10,6 +10,7 @@ import numpy as np
 
 from camcal.errors import CamcalError, DataError, EstimationError, UsageError
 from camcal.registry import look_up
+from camcal.settings.tracking import TrackOptions
 from camcal.track import GAINS, first, linear, motion, noise, robust
 from camcal.track.detection import LARGEST, ChangeTest, normal_deviate
 from camcal.track.estimator import Estimator, TrackState
@@ -17,7 +18,6 @@ from camcal.track.events import Alarm
 from camcal.track.frames import Frame, join
 from camcal.track.model import Model
 from camcal.track.noise import Noise
-from camcal.track.options import TrackOptions
 from camcal.track.reading import Reading, Verdict, innovation_factor, near_prediction, whitened_rows
 
 Array = np.ndarray

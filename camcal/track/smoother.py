@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from camcal.settings.tracking import TrackOptions
 from camcal.track import linear
 from camcal.track.estimator import TrackState
 from camcal.track.frames import Frame
 from camcal.track.iekf import IteratedKalman
-from camcal.track.options import TrackOptions
 
 Array = np.ndarray
 

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.settings.tracking import TrackOptions
 from camcal.track import linear, robust
 from camcal.track.frames import Frame
 from camcal.track.gains import kalman
 from camcal.track.iekf import IteratedKalman
 from camcal.track.keep import stored
-from camcal.track.options import TrackOptions
 from camcal.track.reading import Reading, Verdict, innovation_factor, whitened_rows
 
 Array = np.ndarray

@@ -8,8 +8,10 @@ import pytest
 
 from camcal.cli import COMMANDS
 from camcal.cli.boundary import run
+from camcal.settings import commands
 
 TOY = ("tests.cli.toy:command", "A command of the tests.")
+TOY_OPTIONS = (*commands.BOARD, commands.IMAGE_SIZE, *commands.CALIBRATION, *commands.REPORT)
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -40,6 +42,7 @@ def camcal(capsys):
 def toy(camcal, monkeypatch):
     """Run the toy command."""
     monkeypatch.setitem(COMMANDS, "toy", TOY)
+    monkeypatch.setitem(commands.OPTIONS, "toy", TOY_OPTIONS)
     return lambda *args: camcal("toy", *args)
 
 

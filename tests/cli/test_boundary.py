@@ -10,7 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 TOY_PROGRAM = (
-    "from camcal.cli import COMMANDS; from tests.cli.conftest import TOY; COMMANDS['toy'] = TOY;"
+    "from camcal.cli import COMMANDS; from camcal.settings.commands import OPTIONS;"
+    "from tests.cli.conftest import TOY, TOY_OPTIONS; COMMANDS['toy'] = TOY; OPTIONS['toy'] = TOY_OPTIONS;"
     "from camcal.__main__ import main; main()"
 )
 

@@ -63,7 +63,7 @@ def test_drawings(camcal, report):
         (["-o", "n.gif"], ".svg, .png, .pdf"),
         (["--count", "0"], "0"),
         (["--target-px", "0"], "0"),
-        (["--distance", "-1"], "positive number"),
+        (["--distance", "-1"], "is not a number above 0, or inf."),
     ],
 )
 def test_bad_usage(camcal, report, args, words):

@@ -135,7 +135,7 @@ def test_nothing_is_overwritten_or_left_half_written(camcal, knock):
         (["--method", "kalman", "--window", "5"], "It is for window"),
         (["--method", "kalman", "--fix", "fx"], "--fix means nothing"),
         (["--method", "iekf", "--fix", "fx"], "its value is not given"),
-        (["--drift", "focal"], "a value is needed"),
+        (["--drift", "focal"], "'focal' has no value; a number is needed."),
         (["--drift", "fokal=1"], "Did you mean 'focal'?"),
         (["--motion", "thermel"], "Did you mean 'thermal'?"),
         (["--gain", "fixed", "--velocity"], "cannot follow a velocity"),

@@ -52,8 +52,8 @@ def test_a_gate(camcal, report):
     [
         (["--at", "320"], 2, "two coordinates"),
         (["--at", "a,b"], 2, "two coordinates"),
-        (["--distance", "-1"], 2, "positive number"),
-        (["--distance", "nan"], 2, "positive number"),
+        (["--distance", "-1"], 2, "is not a number above 0, or inf."),
+        (["--distance", "nan"], 2, "is not a number above 0, or inf."),
         (["--at", "90000,90000"], 3, "no ray"),
     ],
 )

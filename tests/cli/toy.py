@@ -6,8 +6,7 @@ import time
 import click
 
 from camcal import errors
-from camcal.cli import options
-from camcal.cli.settings import resolved_options
+from camcal.cli.options import options, resolved_options
 from camcal.cli.verbosity import verbosity_options
 
 FAILURES = {
@@ -27,10 +26,7 @@ FAILURES = {
 
 @click.command("toy")
 @click.argument("what", default="show")
-@options.board_options
-@options.image_size_option
-@options.calibration_options
-@options.report_options
+@options("toy")
 @verbosity_options
 @click.pass_context
 def command(ctx, what, **values):

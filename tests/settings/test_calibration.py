@@ -77,8 +77,8 @@ def test_options_stand_in_the_solution():
 
 
 def test_tables_name_what_exists():
-    assert set(solve.ROBUST_METHODS) == {"none", "auto", *LOSSES} - {"linear"}
-    assert set(solve.BOARD_SHAPES) == {"flat", "auto", *KINDS}
+    assert set(solve.ROBUST_SUMMARIES) == {"none", "auto", *LOSSES} - {"linear"}
+    assert set(solve.BOARD_SHAPE_SUMMARIES) == {"flat", "auto", *KINDS}
 
 
 def test_nothing_heavy_is_loaded():

@@ -4,9 +4,9 @@ import numpy as np
 
 from camcal.geometry import projective
 from camcal.registry import look_up
+from camcal.settings.tracking import TrackOptions
 from camcal.track import ESTIMATORS
 from camcal.track.frames import Frame
-from camcal.track.options import TrackOptions
 from camcal.track.physical_model import Physical
 from camcal.track.simulate import SEQUENCES, Scene, simulate
 

@@ -58,7 +58,7 @@ def test_held_intrinsics_neither_change_nor_disturb():
     lens = lenses.make("pinhole")
     camera = Camera(lens, lens.pinhole(900, 900, 320, 240))
     frames, _ = sequence("knock", 40, knock=20, angle=0.5, thickness=0)
-    states = follow(make("iekf", camera=camera, fixed={"intrinsics": None}, motion="fixed"), frames)
+    states = follow(make("iekf", camera=camera, fix={"intrinsics": None}, motion="fixed"), frames)
     (alarm,) = [s.alarm for s in states if s.alarm]
     change = explain(alarm)
     assert change.kind == "rotation" and "deg about y" in change.message

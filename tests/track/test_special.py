@@ -22,14 +22,14 @@ def test_a_plane_is_fine_with_known_intrinsics(method):
     total = 0.0
     for seed in range(5):
         frames, truths = sequence("static", 20, seed=seed, thickness=0, outliers=0.05)
-        estimator = made_for(method, "static", camera=KNOWN, fixed={"intrinsics": None})
+        estimator = made_for(method, "static", camera=KNOWN, fix={"intrinsics": None})
         total += nees(estimator, follow(estimator, frames)[-1], truths[-1])
     assert 9.4 < total < 65.6
 
 
 def test_four_points_of_a_plane_start_a_known_camera():
     frames, _ = sequence("static", 3, thickness=0)
-    estimator = make("iekf", camera=KNOWN, fixed={"intrinsics": None})
+    estimator = make("iekf", camera=KNOWN, fix={"intrinsics": None})
     few = [with_points(f, slice(0, 5)) for f in frames]
     assert [s.status for s in follow(estimator, few)] == ["started", "updated", "updated"]
 
@@ -43,13 +43,13 @@ def test_known_intrinsics_that_are_not_held_are_refused_on_a_plane():
 
 def test_parameters_are_held_at_their_values():
     frames, _ = sequence("static", 10)
-    estimator = make("iekf", fixed={"cx": 321.0, "aspect": None})
+    estimator = make("iekf", fix={"cx": 321.0, "aspect": None})
     state = follow(estimator, frames)[-1]
     params = state.estimate.params
     assert params[2] == 321.0 and params[0] == pytest.approx(params[1], rel=1e-12)
     assert state.factor.shape == (8, 8)
     with pytest.raises(UsageError, match="not given"):
-        make("iekf", fixed={"fx": None})
+        make("iekf", fix={"fx": None})
 
 
 def test_distortion_is_tracked():

@@ -7,12 +7,12 @@ from scipy.stats import chi2
 from camcal.errors import EstimationError
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.settings.tracking import TrackOptions
 from camcal.track import first, follow, recursive
 from camcal.track.follow import Follower
 from camcal.track.frames import Frame
 from camcal.track.gains import AdaptiveGain
 from camcal.track.noise import FLOOR, Noise
-from camcal.track.options import TrackOptions
 from camcal.track.output import Output
 from camcal.track.robust import FrameFit
 from camcal.track.table import Table

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from camcal.detect.targets.base import Pattern, parse_grid, parse_length
+from camcal.detect.targets.base import Pattern
 from camcal.detect.targets.dictionaries import (
     black_cells,
     dictionary,
@@ -27,6 +27,7 @@ from camcal.detect.targets.dictionaries import (
 )
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.errors import DataError, UsageError
+from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 

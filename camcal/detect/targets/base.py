@@ -11,7 +11,6 @@ A new target is one file with a subclass of `Target` and one line in the table o
 
 from __future__ import annotations
 
-import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -20,11 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from camcal.errors import UsageError
+from camcal.settings.detection import DEFAULT_SECONDS
 
 Array = np.ndarray
 
-DEFAULT_SECONDS = 1.0  #: processor time a picture may take unless the caller says otherwise
 #: of this thread: a busy machine is to find the same boards as an idle one
 clock = time.thread_time
 
@@ -164,44 +162,3 @@ class Target(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.__dict__.items())})"
-
-
-def parse_grid(text: str) -> tuple[int, int]:
-    """Read `9x6` as (columns, rows).
-
-    Raises
-    ------
-    UsageError
-        Where it is not two whole numbers of at least 2.
-    """
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
-    if not match:
-        raise UsageError(f"'{text}' is not the size of a board.", "Write COLUMNSxROWS, as in 9x6.")
-    columns, rows = int(match[1]), int(match[2])
-    if min(columns, rows) < 2 or max(columns, rows) > 1000:
-        raise UsageError(f"a board of {columns}x{rows} cannot be used.", "Each side needs 2 to 1000.")
-    return columns, rows
-
-
-UNITS = ("um", "mm", "cm", "m", "in")
-
-
-def parse_length(text: str) -> tuple[float, str]:
-    """Read `25mm` as (25.0, "mm"); a bare number has the unit "unit".
-
-    Raises
-    ------
-    UsageError
-        Where it is not a positive number with a known unit or none.
-    """
-    match = re.fullmatch(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*)", text.strip())
-    try:
-        value = float(match[1]) if match else 0.0
-    except ValueError:
-        value = 0.0
-    unit = match[2] if match else ""
-    if not (0 < value < np.inf) or (unit and unit not in UNITS):
-        raise UsageError(
-            f"'{text}' is not a length.", f"Write a positive number and {', '.join(UNITS)} or no unit."
-        )
-    return value, unit or "unit"

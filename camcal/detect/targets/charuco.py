@@ -21,8 +21,6 @@ from camcal.detect.targets.base import (
     Miss,
     Pattern,
     clock,
-    parse_grid,
-    parse_length,
 )
 from camcal.detect.targets.dictionaries import (
     black_cells,
@@ -34,6 +32,7 @@ from camcal.detect.targets.dictionaries import (
 )
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.errors import UsageError
+from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 

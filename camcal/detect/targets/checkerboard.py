@@ -15,10 +15,9 @@ from camcal.detect.targets.base import (
     Miss,
     Pattern,
     Target,
-    parse_grid,
-    parse_length,
 )
 from camcal.errors import UsageError
+from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 

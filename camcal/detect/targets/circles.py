@@ -27,12 +27,11 @@ from camcal.detect.targets.base import (
     Pattern,
     Target,
     clock,
-    parse_grid,
-    parse_length,
 )
 from camcal.errors import UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 

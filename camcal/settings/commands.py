@@ -1,0 +1,287 @@
+"""The options of every command, in the order of its help."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from camcal.settings.calibration import MODEL, CalibrationOptions
+from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
+from camcal.settings.kinds import (
+    POSITIVE,
+    Assignments,
+    Real,
+    Several,
+    Text,
+    Whole,
+    Words,
+)
+from camcal.settings.option import Option
+from camcal.settings.run import (
+    CONFIG,
+    FILE,
+    FORCE,
+    FORMAT,
+    IMAGE_SIZE,
+    MODELS,
+    OUTPUT,
+    PLOTS,
+    POINTS2D,
+    POINTS3D,
+    REPORT,
+    TRACE,
+)
+from camcal.settings.simulation import SIMULATIONS
+from camcal.settings.sizes import DISTANCE, ImageSize, KeptField, Pixel
+from camcal.settings.tracking import METHOD, RUN, TrackOptions
+
+CALIBRATION = (*CalibrationOptions.command_line(), TRACE)
+BOARD = DetectionOptions.command_line()
+
+_OF = CalibrationOptions.options()
+#: of commands that take one model as it is
+_MODEL = replace(_OF["model"], kind=MODEL, help="Camera model; `camcal list models` names them.")
+_PX = replace(_OF["max_rms"], name="max_px")
+
+_COMPARE = (
+    Option(
+        "against",
+        Words(("cv2",)),
+        "In place of B: a fresh calibration of A's points by OpenCV.",
+    ),
+    Option(
+        "distance",
+        Several(DISTANCE),
+        "Of what is looked at, in the unit of the data; infinity by default.",
+        repeated=True,
+    ),
+    IMAGE_SIZE,
+    replace(_PX, help="A gate: the largest difference of projection."),
+    Option("max_sigma", POSITIVE, "A gate: the same in standard deviations.", metavar="N"),
+    Option(
+        "tolerance",
+        Assignments("NAME=VALUE,...", "fx=0.5,cx=0.5", values=True),
+        "A gate: the largest change of a parameter, in its own unit.",
+        {},
+        repeated=True,
+    ),
+    Option("junit", FILE, "Write the gates to FILE as JUnit XML."),
+    Option(
+        "annotations",
+        Words(("github",)),
+        "Write the gates to stderr as annotations of GitHub's workflows.",
+    ),
+    *REPORT,
+)
+
+_COMPARE_OPTIMIZERS = (
+    IMAGE_SIZE,
+    _MODEL,
+    _OF["skew"],
+    _OF["fix"],
+    Option(
+        "optimizers",
+        Text(),
+        "Which, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
+        metavar="NAME,...",
+    ),
+    Option("perturbed", Whole(0), "Starts besides the closed form's, moved at random.", 3),
+    Option(
+        "perturbation",
+        POSITIVE,
+        "How far: focal length, depth and principal point relative, rotations in rad.",
+        0.02,
+    ),
+    Option("max_seconds", POSITIVE, "Longest time of one run.", 20.0),
+    Option(
+        "rotation",
+        Words(("left", "vector", "quaternion", "euler")),
+        "Coordinates of rotations; left = perturbations on the left, as everywhere else.",
+        "left",
+    ),
+    replace(_OF["normalise"], help="Centre points and scale columns."),
+    replace(TRACE, help="Write every step of every run to FILE (CSV)."),
+    Option("plot", FILE, "Draw the convergence to FILE (needs matplotlib)."),
+    _OF["seed"],
+    *REPORT,
+)
+
+_UNDISTORT = (
+    Option("camera", FILE, "A report, or OpenCV's camera file.", short="-c", required=True),
+    replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
+    Option(
+        "keep",
+        KeptField(),
+        "The field that is kept: all pixels, the most without black, or a horizontal field of view.",
+        "all",
+    ),
+    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option(
+        "projection",
+        Words(("perspective", "equidistant")),
+        "Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
+        "perspective",
+    ),
+    Option(
+        "interpolation",
+        Words(("nearest", "linear", "cubic", "lanczos")),
+        "Between pixels.",
+        "linear",
+    ),
+    IMAGE_SIZE,
+    FORCE,
+    CONFIG,
+)
+
+_NEXT = (
+    Option(
+        "count",
+        Whole(1, 50, metavar="N"),
+        "How many pictures to suggest, each assumed to have been taken by the next.",
+        1,
+    ),
+    Option(
+        "distance",
+        DISTANCE,
+        "At which the uncertainty counts, in the unit of the data.",
+        float("inf"),
+    ),
+    Option(
+        "target_px",
+        POSITIVE,
+        "Say how many more pictures bring the worst uncertainty down to PX.",
+        metavar="PX",
+    ),
+    replace(OUTPUT, help="Draw where to hold the target (.svg, .png, .pdf)."),
+    _OF["seed"],
+    FORCE,
+    FORMAT,
+    CONFIG,
+)
+
+_IMAGES = (
+    *BOARD,
+    REFINE_CORNERS,
+    Option("save_corners", FILE, "Write the final corners too, as the table that `camcal detect` makes."),
+    *CALIBRATION,
+    *REPORT,
+)
+
+#: command, or group and sub-command -> its options
+OPTIONS: dict[str, tuple[Option, ...]] = {
+    "estimate": (POINTS3D, POINTS2D, IMAGE_SIZE, *CALIBRATION, *REPORT),
+    "checkerboard": _IMAGES,
+    "images": _IMAGES,
+    "detect": (
+        replace(OUTPUT, help="The table (CSV): file, id, X, Y, Z, u, v, sigma.", required=True),
+        *BOARD,
+        FORCE,
+        CONFIG,
+    ),
+    "evaluate": (*BOARD, IMAGE_SIZE, _OF["robust"], _OF["max_rms"], _OF["seed"], *REPORT),
+    "uncertainty": (
+        Option("at", Several(Pixel()), "A pixel; may be given several times.", repeated=True),
+        Option(
+            "distance",
+            Several(DISTANCE),
+            "From the camera, in the unit of the data; by default the boards' and infinity.",
+            repeated=True,
+        ),
+        replace(_PX, help="A gate: exit code 1 where a sigma is larger."),
+        FORMAT,
+        CONFIG,
+    ),
+    "pose": (
+        replace(
+            _OF["robust"],
+            kind=Words(("auto", "none")),
+            help="auto leaves out points that do not agree with the rest; none uses all.",
+            metavar="auto|none",
+        ),
+        _OF["crosscheck"],
+        _OF["seed"],
+        *REPORT,
+    ),
+    "triangulate": (
+        replace(OUTPUT, help="Write the points to FILE (CSV)."),
+        _OF["crosscheck"],
+        FORCE,
+        FORMAT,
+        CONFIG,
+    ),
+    "compare": _COMPARE,
+    "select": (
+        MODELS,
+        Option("folds", Whole(2), "Rounds of holding views out.", 5),
+        _OF["skew"],
+        _OF["fix"],
+        _OF["robust"],
+        _OF["seed"],
+        IMAGE_SIZE,
+        *BOARD,
+        *REPORT,
+    ),
+    "convert": (
+        Option("to_model", MODEL, "The model to convert to; `camcal list models` names them."),
+        _OF["skew"],
+        replace(
+            _PX,
+            help="The largest difference, anywhere in the image, that is still a conversion.",
+            default=0.5,
+        ),
+        IMAGE_SIZE,
+        *REPORT,
+    ),
+    "lens-fit": (
+        _MODEL,
+        _OF["skew"],
+        Option(
+            "ideal",
+            Assignments("fx=F,fy=F,cx=C,cy=C", "fx=800,cx=320,cy=240", values=True),
+            "The camera of the ideal points, px; without it they lie on the plane z = 1, or a camera is "
+            "assumed.",
+        ),
+        IMAGE_SIZE,
+        *REPORT,
+    ),
+    "undistort": _UNDISTORT,
+    "report": (
+        replace(OUTPUT, help="The page (HTML); REPORT with .html by default."),
+        PLOTS,
+        Option(
+            "plot_format",
+            Several(Words(("png", "svg", "pdf"))),
+            "Format of the charts; may be given several times.",
+            ("png",),
+            repeated=True,
+        ),
+        FORCE,
+        CONFIG,
+    ),
+    "compare-optimizers": _COMPARE_OPTIMIZERS,
+    "doctor": (_MODEL, IMAGE_SIZE, *BOARD, FORMAT, CONFIG),
+    "next": _NEXT,
+    "track": (METHOD, *TrackOptions.command_line(), *RUN, *BOARD),
+    "board": (
+        replace(OUTPUT, help="Where to write; .svg, .pdf or .png.", required=True),
+        Option(
+            "page",
+            Text(),
+            "A4, A3, letter, ... or WIDTHxHEIGHT in mm; the target's own size by default.",
+            metavar="NAME",
+        ),
+        Option("dpi", Real(10, 2400), "Pixels per inch of a PNG.", 300),
+        FORCE,
+        CONFIG,
+    ),
+    **{f"simulate {name}": options for name, options in SIMULATIONS.items()},
+    "list": (FORMAT,),
+}
+
+
+def options_of(command: str) -> Mapping[str, Option]:
+    """Return the options of a command, or of all sub-commands of a group, by name."""
+    if command in OPTIONS:
+        return {option.name: option for option in OPTIONS[command]}
+    inside = [name for name in OPTIONS if name.partition(" ")[0] == command]
+    return {option.name: option for name in inside for option in OPTIONS[name]}

@@ -1,0 +1,182 @@
+"""The configuration file: options under the names of their flags, read strictly.
+
+At the top level they hold for every command that has them; under the name of a command, for that one only:
+
+    model: opencv8
+    estimate:
+      max_rms: 0.5
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from camcal.errors import UsageError
+from camcal.registry import suggestion
+from camcal.settings.commands import OPTIONS, options_of
+from camcal.settings.kinds import shown
+from camcal.settings.option import Option
+from camcal.settings.yaml_strict import KeyPath, parse
+
+DEFAULT_FILE = "camcal.yaml"
+LARGEST = 1 << 20  #: bytes; a configuration of every option is below 10 kB
+#: options of the run that a file cannot hold
+NOT_IN_FILES = ("config",)
+
+
+@dataclass(frozen=True)
+class Config:
+    """The keys and values of a configuration file, with their lines.
+
+    Attributes
+    ----------
+    path : str
+    data : dict
+    lines : dict
+        The line of each key, by the keys that lead to it: `("estimate", "model")`.
+    """
+
+    path: str
+    data: dict[str, Any]
+    lines: dict[KeyPath, int]
+
+    def where(self, *keys: str) -> str:
+        """Return the place of a key, `camcal.yaml:7`."""
+        return f"{self.path}:{self.lines[keys]}"
+
+
+def normal(key: str) -> str:
+    """Return a key with underscores: `max-rms` and `max_rms` are the same."""
+    return key.replace("-", "_")
+
+
+def load_config(path: str | os.PathLike) -> Config:
+    """Read a configuration file; an empty one is an empty configuration.
+
+    Raises
+    ------
+    UsageError
+        With file and line, where the file cannot be read, is not YAML, is not a mapping of names, or has a
+        key twice.
+    """
+    name = os.fspath(path)
+    value, lines = parse(_read(name), name)
+    if value is None:
+        value = {}
+    if not isinstance(value, dict):
+        found = "a list" if isinstance(value, list) else shown(value)
+        raise UsageError(
+            f"{name}:1: {found} found; `key: value` lines are needed.",
+            "Write the name of an option, a colon and its value.",
+        )
+    return Config(name, value, lines)
+
+
+def _read(name: str) -> str:
+    try:
+        with Path(name).open("rb") as stream:
+            data = stream.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UsageError(
+            f"{name}: cannot be read: {reason.lower()}.", "Check the name given to --config."
+        ) from None
+    if len(data) > LARGEST:
+        raise UsageError(
+            f"{name}: more than {LARGEST} bytes; a configuration is short.", "Is it the right file?"
+        )
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise UsageError(f"{name}:{line}: not UTF-8 text.", "Save the file as UTF-8.") from None
+
+
+def values_for(command: str, config: Config) -> dict[str, Any]:
+    """Check the whole file and return the values of the options of one command, converted.
+
+    Parameters
+    ----------
+    command : str
+        As in `camcal.settings.commands.OPTIONS`: "estimate", "simulate points".
+
+    Raises
+    ------
+    UsageError
+        `camcal.yaml:7: unknown key 'modle'.` with a suggestion; `camcal.yaml:3: max_rms: 'abc' is not a number
+        above 0.`; a key given in both spellings.
+    """
+    own = _in_files(command)
+    groups = {name.partition(" ")[0] for name in OPTIONS}
+    everywhere = {name: found for other in OPTIONS for name, found in _in_files(other).items()} | own
+    top: dict[str, Any] = {}
+    nested: dict[str, Any] = {}
+    for key, value in config.data.items():
+        if key in groups and (isinstance(value, Mapping) or normal(key) not in everywhere):
+            inside = _in_files(key)
+            is_own = key == command.partition(" ")[0]
+            found = _group(config, key, inside | own if is_own else inside)
+            nested = {n: v for n, v in found.items() if n in own} if is_own else nested
+        else:
+            _one(config, (key,), value, everywhere, own, top)
+    return {name: held for name, held in top.items() if name in own} | nested
+
+
+def _in_files(command: str) -> dict[str, Option]:
+    return {name: option for name, option in options_of(command).items() if name not in NOT_IN_FILES}
+
+
+def _group(config: Config, name: str, known: Mapping[str, Option]) -> dict[str, Any]:
+    values = config.data[name]
+    if not isinstance(values, Mapping):
+        raise UsageError(
+            f"{config.where(name)}: {name}: {shown(values)} found; options of the command are needed.",
+            "Write `key: value` lines below it, indented.",
+        )
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        _one(config, (name, key), value, known, known, found)
+    return found
+
+
+def _one(
+    config: Config,
+    keys: KeyPath,
+    value: Any,
+    known: Mapping[str, Option],
+    own: Mapping[str, Option],
+    found: dict[str, Any],
+) -> None:
+    """Check one key and put its value into `found`."""
+    where, written = config.where(*keys), keys[-1]
+    name = normal(written)
+    if name not in known:
+        raise UsageError(f"{where}: unknown key '{written}'.", _hint(name, known, keys[:-1]))
+    if name in found:
+        raise UsageError(f"{where}: '{written}' is given a second time; once is needed.", "Remove one.")
+    if value is None:
+        raise UsageError(f"{where}: '{written}' has no value.", "Remove the line to use the default.")
+    # options of one name may differ between commands: any that takes the value will do for another command
+    candidates = [own[name]] if name in own else _all_of(name)
+    for left, option in enumerate(candidates[::-1]):
+        try:
+            found[name] = option.convert(value)
+            break
+        except UsageError as error:
+            if left == len(candidates) - 1:
+                raise UsageError(f"{where}: {written}: {error.message}", error.hint) from None
+
+
+def _all_of(name: str) -> list[Option]:
+    found = [_in_files(command).get(name) for command in OPTIONS]
+    return [option for option in found if option is not None]
+
+
+def _hint(name: str, known: Mapping[str, Option], inside: KeyPath) -> str:
+    """Return the nearest known key, else all known keys."""
+    where = f" under {inside[-1]}" if inside else ""
+    return suggestion(name, known) or f"Known{where}: {', '.join(sorted(known))}."

@@ -1,0 +1,40 @@
+"""What a run of a command is asked for, whatever it computes: inputs, outputs, configuration."""
+
+from __future__ import annotations
+
+from camcal.settings.kinds import FilePath, Text, Words
+from camcal.settings.kinds import Switch as _Switch
+from camcal.settings.option import Option
+from camcal.settings.sizes import ImageSize
+
+FILE = FilePath()
+SWITCH = _Switch()
+
+IMAGE_SIZE = Option("image_size", ImageSize(), "Size of the pictures in px, such as 640x480.")
+OUTPUT = Option("output", FILE, "Write the report (YAML) to FILE.", short="-o")
+FORCE = Option("force", SWITCH, "Overwrite an output that exists.", False, short="-f")
+FORMAT = Option(
+    "format",
+    Words(("table", "json", "yaml")),
+    "What stdout gets; json and yaml are exactly one document.",
+    "table",
+)
+CONFIG = Option("config", FILE, "Read options from FILE (YAML) instead of ./camcal.yaml.")
+TRACE = Option(
+    "trace",
+    FILE,
+    "Write iteration, cost, evaluations and seconds of each step of the refinement to FILE (CSV).",
+)
+PLOTS = Option("plots", FILE, "Write each chart to a file in DIR, in place of the page.", metavar="DIR")
+POINTS3D = Option("points3d", FILE, "The points alone (X Y Z), with --points2d.")
+POINTS2D = Option("points2d", FILE, "Their images alone (u v), in the same order.")
+MODELS = Option(
+    "models",
+    Text(),
+    "Specs, separated by ; or blanks (by commas where none has options); auto tries each kind once.",
+    "auto",
+    metavar="A;B;C|auto|all",
+)
+
+#: where results go and where options come from
+REPORT = (OUTPUT, FORCE, FORMAT, CONFIG)
