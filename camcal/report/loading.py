@@ -230,7 +230,7 @@ def _opencv_camera(found: Mapping[str, Any]) -> Camera:
             f"the file has {len(bend)} distortion coefficients; 0, 4, 5, 8, 12 or 14 are needed.",
             "Is it the file of another camera model?",
         )
-    lens = make(_MODELS[len(bend)], skew=matrix[0, 1] != 0)
+    lens = make(_MODELS[len(bend)], skew=bool(matrix[0, 1] != 0))
     params = lens.from_matrix(matrix)
     params[lens.size - len(bend) :] = bend
     size = (found.get("image_width"), found.get("image_height"))
