@@ -65,18 +65,29 @@ def read_pictures(
     with progress("reading pictures") as show:
 
         def tell(event: str, details: Mapping[str, Any]) -> None:
-            if event == "picture":
+            if event == "searched":
                 show(details["done"], details["count"])
+            elif event == "picture":
                 if on_picture is not None:
                     on_picture(details)
                 if details["status"] != "found":
                     note(f"{details['id']}: {details['reason']}", 1)
-            elif event == "board":
-                note("board: {columns}x{rows} inner corners, in {votes} of {of} pictures".format(**details))
+            elif event == "target":
+                note(_recognised(details))
             elif event == "cache":
                 note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
 
         return detect_images(paths, **told, on_event=tell)
+
+
+def _recognised(details: Mapping[str, Any]) -> str:
+    """One line: what the pictures show, and what to type to say so."""
+    said = "target: {words}, in {pictures} of {of} pictures".format(**details)
+    if not details["whole"]:
+        said += " (the end of the board is not seen; a part of this size is used)"
+    if details["others"]:
+        said += "; also " + ", ".join(details["others"])
+    return f"{said}. To say so: --target {details['spec']}"
 
 
 def save_detections(found: Correspondences, path: Path, force: bool) -> None:

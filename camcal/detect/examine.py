@@ -13,16 +13,17 @@ import numpy as np
 from camcal.detect import cache
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.quality import measure
+from camcal.detect.recognition.families import Marker
+from camcal.detect.recognition.look import Sight, look
 from camcal.detect.targets.base import Detection, Miss, Target
-from camcal.detect.targets.checkerboard import find_any
 from camcal.version import __version__
 
-DETECTOR = 2  #: raise it when a detector comes to find something else in the same picture
+DETECTOR = 3  #: raise it when a detector comes to find something else in the same picture
 
 
 @dataclass(frozen=True)
 class Task:
-    """What to look for in a picture; `target` None stands for a checkerboard of any size."""
+    """What to look for in a picture; `target` None stands for a target of any kind."""
 
     path: Path
     target: Target | None
@@ -45,7 +46,9 @@ class Outcome:
         `found`, `not_found` or `unreadable`.
     size : (width, height) or None
     board : (columns, rows) or None
-        Size of the grid that was found; `whole` says whether it is certain.
+        Size of the grid that was seen, where another one was asked for.
+    sight : Sight or None
+        What the picture shows, where a target of any kind was looked for.
     """
 
     path: Path
@@ -55,7 +58,7 @@ class Outcome:
     size: tuple[int, int] | None = None
     detection: Detection | None = None
     board: tuple[int, int] | None = None
-    whole: bool = False
+    sight: Sight | None = None
     code: str = ""
     quality: dict[str, Any] = field(default_factory=dict)
     cached: bool = False
@@ -86,28 +89,25 @@ def examine(task: Task) -> Outcome:
 
 def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
     size = (gray.shape[1], gray.shape[0])
-    board, whole = None, task.target is not None
-    result: Detection | Miss
-    if task.target is not None:
-        result = task.target.find(gray, task.seconds)
+    sight, result = None, None
+    if task.target is None:
+        sight, result = look(gray, task.seconds)
     else:
-        free = find_any(gray, task.seconds)
-        if isinstance(free, Miss):
-            result = free
-        else:
-            board, whole, result = free
+        result = task.target.find(gray, task.seconds)
     if isinstance(result, Miss):
         seen = result.info.get("size")
-        return Outcome(task.path, "not_found", result.message, sha256, size, board=seen, code=result.reason)
+        return Outcome(
+            task.path, "not_found", result.message, sha256, size, board=seen, sight=sight, code=result.reason
+        )
     quality = measure(gray, result)
-    return Outcome(task.path, "found", "", sha256, size, result, board, whole, quality=quality)
+    return Outcome(task.path, "found", "", sha256, size, result, sight=sight, quality=quality)
 
 
 def _into_cache(place: Path, outcome: Outcome) -> Outcome:
     values: dict[str, Any] = {
-        name: getattr(outcome, name)
-        for name in ("status", "reason", "size", "board", "whole", "code", "quality")
+        name: getattr(outcome, name) for name in ("status", "reason", "size", "board", "code", "quality")
     }
+    values["sight"] = None if outcome.sight is None else _plain_sight(outcome.sight)
     arrays = {}
     found = outcome.detection
     if found is not None:
@@ -141,13 +141,30 @@ def _from_cache(place: Path, path: Path, sha256: str) -> Outcome | None:
             _pair(values["size"]),
             detection,
             _pair(values["board"]),
-            bool(values["whole"]),
+            None if values["sight"] is None else _sight(values["sight"]),
             values["code"],
             values["quality"],
             cached=True,
         )
     except (KeyError, TypeError, ValueError, AttributeError):  # written by something else
         return None
+
+
+def _plain_sight(sight: Sight) -> dict[str, Any]:
+    markers = [[m.id, np.asarray(m.corners).tolist()] for m in sight.markers]
+    return {**sight.__dict__, "markers": markers}
+
+
+def _sight(values: dict[str, Any]) -> Sight:
+    family, discs = values["family"], values["discs"]
+    return Sight(
+        None if family is None else (str(family[0]), int(family[1])),
+        tuple(Marker(int(i), np.array(corners, float)) for i, corners in values["markers"]),
+        _pair(values["board"]),
+        bool(values["whole"]),
+        bool(values["marked"]),
+        None if discs is None else (int(discs[0]), int(discs[1]), bool(discs[2])),
+    )
 
 
 def _pair(value: Any) -> tuple[int, int] | None:

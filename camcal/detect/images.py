@@ -11,10 +11,16 @@ from typing import Any
 from camcal.data.observations import Correspondences, SkippedView, View
 from camcal.detect import cache as cache_files
 from camcal.detect import targets
+from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.recognition.decide import Answer, answers, board_size, contradiction, unread, words
+from camcal.detect.recognition.families import family_of, read_markers
+from camcal.detect.recognition.look import Sight
+from camcal.detect.recognition.measure import measured
 from camcal.detect.targets.base import DEFAULT_SECONDS, Target
 from camcal.detect.targets.checkerboard import Checkerboard
+from camcal.detect.targets.tag_board import TagBoard
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError, UsageError
 from camcal.settings.sizes import parse_grid, parse_length
@@ -22,8 +28,10 @@ from camcal.settings.sizes import parse_grid, parse_length
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 
-MOST_REASONS = 3  #: that are told where no picture shows the target
-LEAST_VOTES = 0.35  #: share of the pictures with a grid that must agree on the size of the board
+MOST_REASONS = 3  #: that are named where no picture shows the target
+FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
+ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be asked
+CONFIRMED_IN = 6  #: pictures in which the markers are compared with the target that was asked for
 
 
 def detect_images(
@@ -42,20 +50,21 @@ def detect_images(
     ----------
     paths : folders, files or patterns
     target : str or Target, optional
-        A spec such as `charuco:9x7:40mm:20mm:4X4_100`. Without it a checkerboard is looked for, and without
-        `board` its size is found from the pictures: the size of most grids whose end is seen on all sides,
-        the longer side being the columns.
+        A spec such as `charuco:9x7:40mm:20mm:4X4_100`. Without it (and without `board`) the target is
+        recognised from all pictures together; of a checkerboard the longer side is the columns.
     board : str or (columns, rows), optional
         Inner corners of a checkerboard.
     square : str or (value, unit), optional
-        Side of its squares.
+        Side of its squares; of a recognised target the length of its cell, all others in proportion.
     jobs : int, optional
         Processes; one per processor where there is enough to do.
     seconds : float
         Time that one picture may take.
     on_event : callable, optional
-        Called with `("pictures", {count})`, `("picture", {id, status, reason, done, count, cached})`,
-        `("board", {columns, rows, votes, of})` and `("cache", {reason})` where the cache cannot be written.
+        Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
+        `("target", {spec, words, pictures, of, whole, others})` where it was recognised,
+        `("picture", {id, status, reason, done, count, cached})` for each at the end, and `("cache", {reason})`
+        where the cache cannot be written.
     cache : bool
         Whether results are kept and reused.
 
@@ -68,7 +77,8 @@ def detect_images(
     Raises
     ------
     DataError
-        Where there are no pictures, or none shows the target.
+        Where there are no pictures, none shows the target, or they show a board of markers other than the one
+        asked for.
     UsageError
         Where the target is unknown or contradicts `board` or `square`.
     """
@@ -77,12 +87,13 @@ def detect_images(
     ids = dict(zip(files, view_ids(files), strict=True))
     run = _Run(files, ids, seconds, jobs, cache_files.default_folder() if cache else None, on_event)
     run.tell("pictures", count=len(files))
-    outcomes = run.examine_all(files, wanted)
-    detected = wanted is None
     if wanted is None:
-        wanted = _majority_board(outcomes, square, run)
-        outcomes = _with_known_board(outcomes, wanted, run)
-    return _correspondences(outcomes, wanted, detected, ids)
+        target, outcomes = _recognised(run, square)
+    else:
+        target, outcomes = wanted, run.examine_all(files, wanted)
+        _confirm(run, target, outcomes)
+    run.tell_pictures(outcomes)
+    return _correspondences(outcomes, target, wanted is None, ids, run)
 
 
 class _Run:
@@ -114,16 +125,21 @@ class _Run:
             if outcome.cache_error and not self.cache_told:
                 self.cache_told = True
                 self.tell("cache", reason=outcome.cache_error)
-            self.tell(
-                "picture",
-                id=self.ids[outcome.path],
-                status=outcome.status,
-                reason=outcome.reason,
-                done=done,
-                count=len(tasks),
-                cached=outcome.cached,
-            )
+            self.tell("searched", done=done, count=len(tasks))
         return [o for o in outcomes if o is not None]
+
+    def tell_pictures(self, outcomes: list[Outcome]) -> None:
+        """Say what came out of each picture."""
+        for done, o in enumerate(outcomes, 1):
+            values = {"status": o.status, "reason": o.reason, "cached": o.cached}
+            self.tell("picture", id=self.ids[o.path], done=done, count=len(outcomes), **values)
+
+    def read(self, path: Path) -> Any:
+        """A picture in grey, or None where it cannot be read."""
+        try:
+            return decode_gray(path.read_bytes())
+        except (OSError, UnreadableError):
+            return None
 
 
 def _crashed(task: Task) -> Outcome:
@@ -154,40 +170,137 @@ def _length(square: str | tuple[float, str] | None) -> tuple[float, str]:
     return float(value), unit
 
 
-def _majority_board(
-    outcomes: list[Outcome], square: str | tuple[float, str] | None, run: _Run
-) -> Checkerboard:
-    """The board that most pictures show whole."""
-    seen = [o.board for o in outcomes if o.status == "found" and o.board]
-    votes = Counter(o.board for o in outcomes if o.status == "found" and o.whole and o.board)
-    if not votes or votes.most_common(1)[0][1] < LEAST_VOTES * len(seen):
-        if seen:
-            columns, rows = Counter(seen).most_common(1)[0][0]
-            raise DataError(
-                f"{len(seen)} of {len(outcomes)} pictures show a checkerboard, but too few show its end, "
-                "or they do not agree on its size.",
-                f"Say its size in inner corners, as in --board {columns}x{rows}.",
-            )
-        raise _nothing_found("checkerboard", outcomes)
-    (columns, rows), count = votes.most_common(1)[0]
-    run.tell("board", columns=columns, rows=rows, votes=count, of=len(seen))
-    return Checkerboard(columns, rows, *_length(square))
+def _recognised(run: _Run, square: str | tuple[float, str] | None) -> tuple[Target, list[Outcome]]:
+    """The target that most pictures show, and what was found of it in each.
+
+    A few pictures are looked at first. Where these agree on markers or discs, the others are searched for that
+    target only; a checkerboard's size is decided by all of them.
+    """
+    first = spread(run.files, FIRST_LOOK)
+    outcomes = {o.path: o for o in run.examine_all(first, None)}
+    best = _best(list(outcomes.values()))
+    plain = best is None or isinstance(best.target, Checkerboard)
+    if plain or (best is not None and len(best.pictures) < ENOUGH_VOTES):
+        rest = [f for f in run.files if f not in outcomes]
+        outcomes |= {o.path: o for o in run.examine_all(rest, None)}
+    looked = [outcomes[f] for f in run.files if f in outcomes]
+    sights = [o.sight or Sight() for o in looked]
+    best = _best(looked)
+    number = unread(sights, best)
+    if number:
+        raise DataError(
+            f"{number} of {len(looked)} pictures show a board whose squares hold markers that cannot be read.",
+            "Name the board, as in --target charuco:9x7:40mm:20mm:4X4_100, or take sharper, larger pictures.",
+        )
+    if best is None:
+        raise _nothing_found("target", looked, None)
+    if isinstance(best.target, Checkerboard):
+        return _as_checkerboard(run, looked, sights, square)
+    target = _with_length(_measured(run, best, looked), square)
+    _tell_target(run, target, best, looked, True)
+    return target, run.examine_all(run.files, target)
 
 
-def _with_known_board(outcomes: list[Outcome], board: Checkerboard, run: _Run) -> list[Outcome]:
-    """Look again, with the size now known, where something else was found."""
-    size = (board.columns, board.rows)
-    again = [o.path for o in outcomes if o.status == "found" and not (o.board == size and o.whole)]
-    new = {o.path: o for o in run.examine_all(again, board)}
-    return [new.get(o.path, o) for o in outcomes]
+def _best(outcomes: list[Outcome]) -> Answer | None:
+    found = answers([o.sight or Sight() for o in outcomes])
+    return found[0] if found else None
+
+
+def _measured(run: _Run, best: Answer, looked: list[Outcome]) -> Target:
+    if not isinstance(best.target, TagBoard):
+        return best.target
+    pictures = [run.read(looked[i].path) for i in best.pictures]
+    return measured(best.target, [p for p in pictures if p is not None])
+
+
+def _as_checkerboard(
+    run: _Run, looked: list[Outcome], sights: list[Sight], square: str | tuple[float, str] | None
+) -> tuple[Target, list[Outcome]]:
+    """The size of a plain checkerboard from all pictures; those that showed something else are searched again."""
+    found = board_size(sights)
+    shown = [s.board for s in sights if s.board and not s.marked]
+    if found is None:
+        sizes = ", ".join(f"{c}x{r} ({n})" for (c, r), n in Counter(shown).most_common(MOST_REASONS))
+        (columns, rows), _ = Counter(shown).most_common(1)[0]
+        raise DataError(
+            f"{len(shown)} of {len(looked)} pictures show a checkerboard, but too few show its end, "
+            f"and they do not agree on its size: {sizes}.",
+            f"Say its size in inner corners, as in --board {columns}x{rows}.",
+        )
+    size, whole, votes = found
+    target = Checkerboard(*size, *_length(square))
+    answer = Answer(target, tuple(range(votes)))
+    _tell_target(run, target, answer, looked, whole)
+    certain = [o.sight is not None and o.sight.board == size and (o.sight.whole or not whole) for o in looked]
+    again = [
+        o.path for o, sure in zip(looked, certain, strict=True) if o.sight and o.sight.board and not sure
+    ]
+    new = {o.path: o for o in run.examine_all(again, target)} if again else {}
+    return target, [new.get(o.path, o) for o in looked]
+
+
+def _tell_target(run: _Run, target: Target, best: Answer, looked: list[Outcome], whole: bool) -> None:
+    """Say what was recognised, and what else pictures show."""
+    sights = [o.sight or Sight() for o in looked]
+    rest = [
+        a for a in answers(sights) if type(a.target) is not type(target) or not same_size(a.target, target)
+    ]
+    others = [f"{words(a.target)} ({len(a.pictures)})" for a in rest if isinstance(target, type(a.target))]
+    found = {"spec": target.spec, "words": words(target), "pictures": len(best.pictures), "of": len(looked)}
+    run.tell("target", **found, whole=whole, others=others)
+
+
+def same_size(one: Target, other: Target) -> bool:
+    """Whether two targets have the same columns and rows, and the same first marker where they have any."""
+    start = getattr(one, "start", 0) == getattr(other, "start", 0)
+    return (one.columns, one.rows) == (other.columns, other.rows) and start
+
+
+def spread(files: list[Path], count: int) -> list[Path]:
+    """At most `count` files, evenly spread over all."""
+    if len(files) <= count:
+        return list(files)
+    return [files[i * len(files) // count] for i in range(count)]
+
+
+def _with_length(target: Target, square: str | tuple[float, str] | None) -> Target:
+    return target if square is None else target.scaled(*_length(square))
+
+
+def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
+    """Refuse a board of markers that is not the one in the pictures.
+
+    Raises
+    ------
+    DataError
+        With the spec of the board that they show.
+    """
+    if not isinstance(target, TagBoard):
+        return
+    readable = [o.path for o in outcomes if o.status != "unreadable"]
+    first = family_of(target.dictionary, target.border)
+    pictures, sights = [], []
+    for path in spread(readable, CONFIRMED_IN):
+        gray = run.read(path)
+        if gray is not None:
+            family, markers = read_markers(gray, first)
+            pictures.append(gray)
+            sights.append(Sight(family, tuple(markers)))
+    other = contradiction(target, sights, pictures)
+    if other is not None:
+        raise DataError(
+            f"the pictures show {words(other)}; {words(target)} was asked for.", f"Try: --target {other.spec}"
+        )
 
 
 def _correspondences(
-    outcomes: list[Outcome], target: Target, detected: bool, ids: dict[Path, str]
+    outcomes: list[Outcome], target: Target, detected: bool, ids: dict[Path, str], run: _Run
 ) -> Correspondences:
     found = [o for o in outcomes if o.detection is not None]
     if not found:
-        raise _nothing_found(f"{target.columns}x{target.rows} {target.kind}", outcomes)
+        raise _nothing_found(
+            f"{target.columns}x{target.rows} {target.kind}", outcomes, _seen_instead(run, target)
+        )
     size = Counter(o.size for o in found).most_common(1)[0][0]
     views, skipped = [], []
     for o in outcomes:
@@ -209,13 +322,26 @@ def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -
     return f"the picture has {words[0]} pixels, most of the others {words[1]}"
 
 
-def _nothing_found(what: str, outcomes: list[Outcome]) -> DataError:
+def _seen_instead(run: _Run, target: Target) -> Answer | None:
+    """What the pictures show in place of the target that was asked for."""
+    looked = run.examine_all(spread(run.files, FIRST_LOOK), None)
+    best = _best(looked)
+    if best is None or (type(best.target) is type(target) and same_size(best.target, target)):
+        return None
+    shown = best.target.scaled(target.square, target.unit)
+    return Answer(shown, best.pictures)
+
+
+def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None) -> DataError:
     """The error for a set of pictures without the target, with the commonest reasons as its hint."""
-    other = Counter(o.board for o in outcomes if o.code == "other-size" and o.board)
     message = f"no {what} was found in {len(outcomes)} picture{'s' * (len(outcomes) != 1)}."
-    if other:
-        (columns, rows), count = other.most_common(1)[0]
-        return DataError(message, f"{count} show a {columns}x{rows} board. Try: --board {columns}x{rows}")
+    if seen is not None:
+        number = len(seen.pictures)
+        shown = f"{number} of the pictures show{'s' * (number == 1)} {words(seen.target)}."
+        option = f"--target {seen.target.spec}"
+        if isinstance(seen.target, Checkerboard):
+            option = f"--board {seen.target.columns}x{seen.target.rows}"
+        return DataError(message, f"{shown} Try: {option}")
     # reasons of one code differ in figures; those of files that cannot be read have no code
     example = {o.code or o.reason: o.reason for o in reversed(outcomes)}
     kinds = Counter(o.code or o.reason for o in outcomes).most_common(MOST_REASONS)

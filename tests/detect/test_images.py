@@ -182,7 +182,7 @@ def test_the_size_of_the_board_is_found(folder):
     assert {f["path"] for f in found.files} == {str(folder / f"img{i}.png") for i in (9, 10, 11)}
     assert all(len(f["sha256"]) == 64 for f in found.files)
     assert set(found.picture_quality) == {v.id for v in found.views}
-    assert [name for name, _ in events] == ["pictures", "picture", "picture", "picture", "board"]
+    assert [name for name, _ in events] == ["pictures", *["searched"] * 3, "target", *["picture"] * 3]
 
 
 def test_board_and_square_are_taken(folder):
@@ -218,7 +218,7 @@ def test_the_error_names_the_board_that_is_there(folder):
 
 def test_nothing_found(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((200, 240), np.uint8))
-    with pytest.raises(DataError, match="no checkerboard was found in 1 picture") as error:
+    with pytest.raises(DataError, match="no target was found in 1 picture") as error:
         detect_images([tmp_path])
     assert "dark" in error.value.hint
 
@@ -332,7 +332,11 @@ def test_three_real_pictures_of_another_size():
 
 
 @needs_data
-def test_cut_off_boards_do_not_make_a_size():
-    with pytest.raises(DataError, match="show its end") as error:
-        detect_images([DATA / "cut_off_board"], seconds=10.0)
-    assert "--board" in error.value.hint
+def test_a_part_that_all_pictures_show_is_enough():
+    """Its right side leaves all three pictures: 7x6 corners are common to them."""
+    events = {}
+    found = detect_images(
+        [DATA / "cut_off_board"], seconds=10.0, on_event=lambda name, details: events.update({name: details})
+    )
+    assert len(found.views) == 3 and (found.target["columns"], found.target["rows"]) == (7, 6)
+    assert events["target"]["whole"] is False

@@ -5,16 +5,25 @@ import numpy as np
 import pytest
 
 from camcal.detect import targets
-from camcal.detect.recognise import recognise
+from camcal.detect.images import detect_images
+from camcal.detect.recognition.decide import answers, board_size, contradiction, unread
+from camcal.detect.recognition.families import FAMILIES, Marker, read_markers
+from camcal.detect.recognition.layout import find_boards
+from camcal.detect.recognition.look import Sight, look
+from camcal.detect.recognition.measure import measured, rounded
+from camcal.detect.targets.dictionaries import detect
+from camcal.errors import DataError
 from tests.detect.scenes import make, picture, random_view
 from tests.shared_data import DATA, needs_data
 
-#: what is shown, and what must be said of it: no picture tells a length
+#: what is shown, and what must be said of it: no picture shows a length
 SHOWN = {
     "checkerboard:9x6:25mm": "checkerboard:9x6",
     "charuco:9x7:40mm:20mm:4X4_100": "charuco:9x7:1:0.5:4X4_50",  # its 31 markers are in the smaller one, too
     "charuco:6x8:30mm:24mm:5X5_250:legacy": "charuco:6x8:1:0.8:5X5_50:legacy",
+    "charuco:7x6:30mm:24mm:6X6_250": "charuco:7x6:1:0.8:6X6_50",
     "charuco:5x7:30mm:22.5mm:APRILTAG_36h11": "charuco:5x7:1:0.75:APRILTAG_36h11",
+    "charuco:6x5:30mm:22.5mm:4X4_250:start=40": "charuco:6x5:1:0.75:4X4_100:start=40",
     "aprilgrid:6x6:22mm:0.3": "aprilgrid:6x6:1:0.3",
     "aprilgrid:4x5:30mm:0.25:family=t25h9:border=1": "aprilgrid:4x5:1:0.25:family=APRILTAG_25h9:border=1",
     "circles:10x8:2.5mm": "circles:10x8",
@@ -22,41 +31,149 @@ SHOWN = {
 }
 
 
+def rendered(spec, count=3, size=(1000, 750), tilt=(5.0, 30.0)):
+    target, rng = make(spec), np.random.default_rng(1)
+    for _ in range(count):
+        seen_by, pose = random_view(target, rng, size=size, tilt=tilt)
+        yield picture(target, seen_by, pose, rng, blur=0.7, noise=1.5, gradient=0.2)
+
+
 @pytest.mark.parametrize("shown", SHOWN)
 def test_rendered(shown):
-    target, rng = make(shown), np.random.default_rng(1)
-
-    def pictures():
-        for _ in range(3):
-            seen_by, pose = random_view(target, rng, size=(1000, 750), tilt=(5.0, 30.0))
-            yield picture(target, seen_by, pose, rng, blur=0.7, noise=1.5, gradient=0.2)
-
-    said = recognise(pictures())
-    assert said == SHOWN[shown]
-    made = targets.make(said)
+    target, pictures = make(shown), list(rendered(shown))
+    sights = [look(gray, 1.0)[0] for gray in pictures]
+    best = answers(sights)[0]
+    found = best.target
+    if sights[0].family:
+        found = measured(found, pictures)
+    if found.kind == "checkerboard":
+        assert board_size(sights) == ((9, 6), True, 3)
+    assert found.spec == SHOWN[shown] and best.pictures == (0, 1, 2)
+    made = targets.make(found.spec)
     assert (made.kind, made.columns, made.rows) == (target.kind, target.columns, target.rows)
+    if target.kind in ("charuco", "aprilgrid"):
+        assert contradiction(target, sights, pictures) is None
+
+
+@pytest.mark.parametrize("family", [FAMILIES[0], FAMILIES[1], FAMILIES[3]])
+def test_markers_are_read_as_opencv_reads_them(family):
+    spec = {"4": "charuco:5x4:30mm:22mm:4X4_50", "5": "charuco:5x4:30mm:22mm:5X5_50"}.get(family[0][0])
+    gray = next(rendered(spec or "aprilgrid:3x2:30mm:0.3"))
+    found, markers = read_markers(gray)
+    assert found == family
+    theirs = dict(zip(*detect(gray, *family), strict=True))
+    assert {m.id for m in markers} == set(theirs)
+    for m in markers:
+        assert (
+            np.abs(m.corners - theirs[m.id]).max() < 1.0
+        )  # from the first corner on, not only the same square
+
+
+@pytest.mark.parametrize(
+    ("shown", "said", "right"),
+    [
+        ("charuco:9x7:40mm:20mm:4X4_100", "charuco:8x6:40mm:20mm:4X4_100", "charuco:9x7:40mm:20mm:4X4_50"),
+        ("charuco:9x7:40mm:20mm:4X4_100", "charuco:7x9:40mm:20mm:4X4_100", "charuco:9x7:40mm:20mm:4X4_50"),
+        ("charuco:9x7:40mm:20mm:4X4_100", "charuco:9x5:40mm:20mm:4X4_100", "charuco:9x7:40mm:20mm:4X4_50"),
+        ("charuco:9x7:40mm:20mm:4X4_100", "charuco:9x7:40mm:30mm:4X4_100", "charuco:9x7:40mm:20mm:4X4_50"),
+        ("charuco:9x7:40mm:20mm:4X4_100", "charuco:9x7:40mm:20mm:5X5_100", "charuco:9x7:40mm:20mm:4X4_50"),
+        ("charuco:6x8:3cm:2.4cm:5X5_50:legacy", "charuco:6x8:3cm:2.4cm:5X5_50", "charuco:6x8:3cm:2.4cm:5X5_50:legacy"),
+        ("aprilgrid:6x6:22mm:0.3", "aprilgrid:5x6:22mm:0.3", "aprilgrid:6x6:22mm:0.3"),
+    ],
+)  # fmt: skip
+def test_a_wrong_spec_is_named_with_the_right_one(tmp_path, shown, said, right):
+    for i, gray in enumerate(rendered(shown)):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), gray)
+    with pytest.raises(DataError) as error:
+        detect_images([tmp_path], target=said, cache=False)
+    assert f"--target {right}" in error.value.hint and error.value.exit_code == 3
+    assert len(detect_images([tmp_path], target=shown, cache=False).views) == 3
+
+
+def test_a_part_of_a_board_is_no_other_board():
+    """Half a board has fewer rows, but contradicts nothing; nor does a marker 10 % off."""
+    pictures = [gray[: gray.shape[0] // 2] for gray in rendered("charuco:9x7:40mm:20mm:4X4_100", 4)]
+    sights = [look(gray, 1.0)[0] for gray in pictures]
+    assert contradiction(make("charuco:9x7:40mm:20mm:4X4_100"), sights, pictures) is None
+    assert contradiction(make("charuco:9x7:40mm:22mm:4X4_250"), sights, pictures) is None
+    assert contradiction(make("charuco:9x7:40mm:25mm:4X4_250"), sights, pictures) is not None
+
+
+def test_boards_of_one_picture_are_told_apart_by_their_ids():
+    left, right = (next(rendered(f"charuco:6x5:30mm:22mm:4X4_100:start={n}", 1)) for n in (0, 15))
+    both = np.concatenate([left, right], axis=1)
+    sight, _ = look(both, 1.0)
+    found = answers([sight, sight])
+    assert {a.target.spec.partition("4X4")[2] for a in found} == {"_50", "_50:start=15"}
+    assert [a.pictures for a in found] == [(0, 1), (0, 1)]
+
+
+def test_markers_too_small_to_read_are_no_checkerboard():
+    spec = "charuco:12x9:40mm:20mm:6X6_250"
+    sights = [look(cv2.GaussianBlur(g, (0, 0), 1.8), 1.0)[0] for g in rendered(spec, 3, (400, 300))]
+    assert all(s.marked for s in sights) and not any(s.markers for s in sights)
+    assert answers(sights) == [] and unread(sights, None) == 3
+
+
+def test_a_checkerboard_with_a_tag_beside_it_is_a_checkerboard():
+    gray = next(rendered("checkerboard:9x6:25mm"))
+    corners = np.array([[0.0, 0], [20, 0], [20, 20], [0, 20]])
+    sight = Sight(FAMILIES[0], tuple(Marker(i, corners + 100 * i) for i in range(4)), (9, 6), True)
+    assert answers([sight])[0].target.kind == "checkerboard"
+    assert not look(gray, 1.0)[0].marked
+
+
+def test_a_size_that_no_picture_shows_whole():
+    part, other = Sight(board=(7, 7)), Sight(board=(6, 5))
+    assert board_size([part] * 3 + [other] * 2) == ((7, 7), False, 3)
+    assert board_size([part] * 2 + [other] * 2) is None
+    assert board_size([part]) is None
+    assert board_size([part] * 5 + [Sight(board=(8, 7), whole=True)] * 3) == ((8, 7), True, 3)
+
+
+def test_a_misread_marker_does_not_make_the_board_longer():
+    gray = next(rendered("charuco:9x7:40mm:20mm:4X4_100"))
+    family, markers = read_markers(gray)
+    markers[5] = Marker(990, markers[5].corners)
+    (found,) = find_boards([markers], family)
+    assert found.board.spec.startswith("charuco:9x7") and len(markers) - 3 < found.markers < len(markers)
+
+
+def test_rounding():
+    assert rounded(0.512, 0.05, 0.015) == 0.5 and rounded(0.52, 0.05, 0.015) == 0.52
 
 
 def test_nothing():
     rng = np.random.default_rng(0)
-    assert recognise([]) is None
-    assert recognise([rng.integers(0, 256, (200, 300), np.uint8), np.zeros((100, 100), np.uint8)]) is None
+    empty = [rng.integers(0, 256, (200, 300), np.uint8), np.zeros((100, 100), np.uint8)]
+    assert answers([look(gray, 1.0)[0] for gray in empty]) == []
+    assert answers([]) == [] and find_boards([], FAMILIES[0]) == []
 
 
 REAL = {
-    "charuco/*.jpg": "charuco:9x7:1:0.5:4X4_50",
-    "aprilgrid/*.jpg": "aprilgrid:6x6:1:0.3",
-    "circles/*.jpg": "circles:10x8",
-    "circles_asymmetric/acircles[123].png": "asymmetric-circles:7x13",
-    "opencv_left/*.jpg": "checkerboard:9x6",
-    "stereo/*": "checkerboard:6x4",
-    "no_board/*": None,
+    "charuco": ("charuco:9x7:1:0.5:4X4_50", 7),
+    "cases/charuco_photon": ("charuco:8x8:1:0.75:4X4_50", 17),
+    "cases/charuco_small": ("charuco:9x7:1:0.5:4X4_50", 8),
+    "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 8),
+    "aprilgrid": ("aprilgrid:6x6:1:0.3", 4),
+    "circles": ("circles:10x8", 6),
+    "circles_asymmetric": ("asymmetric-circles:7x13", 3),
+    "opencv_left": ("checkerboard:9x6", 13),
+    "cases/picam_border": ("checkerboard:7x7", 17),
 }
 
 
 @needs_data
 @pytest.mark.parametrize("place", REAL)
 def test_real(place):
-    paths = [p for p in sorted(DATA.glob(place)) if p.suffix in (".jpg", ".png", ".tif")]
-    assert paths
-    assert recognise(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE) for p in paths) == REAL[place]
+    said = {}
+    found = detect_images([DATA / place], on_event=lambda name, d: said.update({name: d}))
+    assert (said["target"]["spec"], len(found.views)) == REAL[place]
+    if place == "circles_asymmetric":
+        assert {"5x5", "3x9"} <= {word for o in said["target"]["others"] for word in o.split()}
+
+
+@needs_data
+def test_pictures_without_a_board():
+    with pytest.raises(DataError, match="no target was found in 3 pictures"):
+        detect_images([DATA / "no_board"])

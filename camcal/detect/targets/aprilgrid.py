@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from camcal.detect.targets.base import Pattern
+from camcal.detect.targets.base import Pattern, whole_number
 from camcal.detect.targets.dictionaries import (
     black_cells,
     dictionary,
@@ -146,8 +146,17 @@ class AprilGrid(TagBoard):
                 f"Try: {EXAMPLE}, or aprilgrid:FILE.yaml",
             )
         family = find_name(named.get("family", "t36h11"))
-        border, start = (int(_number(named.get(k, d), k)) for k, d in (("border", "2"), ("start", "0")))
+        border, start = (whole_number(named.get(k, d), k) for k, d in (("border", "2"), ("start", "0")))
         return cls(columns, rows, square, spacing, unit, family, border, start)
+
+    def _arguments(self) -> list[str]:
+        plain = [self._length(self.square), f"{self.spacing:.4g}"]
+        named = [
+            ("family", self.dictionary, "APRILTAG_36h11"),
+            ("border", self.border, 2),
+            ("start", self.start, 0),
+        ]
+        return plain + [f"{name}={value}" for name, value, usual in named if value != usual]
 
     def describe(self) -> dict[str, Any]:
         """What the report says under `target`."""

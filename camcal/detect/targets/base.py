@@ -11,6 +11,8 @@ A new target is one file with a subclass of `Target` and one line in the table o
 
 from __future__ import annotations
 
+import copy
+import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -19,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from camcal.errors import UsageError
 from camcal.settings.detection import DEFAULT_SECONDS
+from camcal.settings.sizes import UNITS
 
 Array = np.ndarray
 
@@ -144,6 +148,26 @@ class Target(ABC):
             Where an argument is missing, unknown or out of range.
         """
 
+    @property
+    def spec(self) -> str:
+        """What `targets.make` makes this target of, as text."""
+        arguments = [self.kind, f"{self.columns}x{self.rows}", *self._arguments()]
+        return ":".join(arguments)
+
+    def _arguments(self) -> list[str]:
+        """What follows the size in the spec."""
+        return [] if self.unit == "square" else [self._length(self.square)]
+
+    def _length(self, value: float) -> str:
+        """A length with the target's unit, as `parse_length` reads it."""
+        return f"{value:.6g}" + (self.unit if self.unit in UNITS else "")
+
+    def scaled(self, square: float, unit: str) -> Target:
+        """The same target with another length of its cell, all other lengths in proportion."""
+        made = copy.copy(self)
+        made.square, made.unit = float(square), unit
+        return made
+
     def describe(self) -> dict[str, Any]:
         """What the report says under `target`."""
         return {
@@ -162,3 +186,16 @@ class Target(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.__dict__.items())})"
+
+
+def whole_number(text: str, name: str) -> int:
+    """Read the value of an argument such as `start=31`.
+
+    Raises
+    ------
+    UsageError
+        Where it is not a whole number of at least 0.
+    """
+    if not re.fullmatch(r"\d{1,6}", text.strip()):
+        raise UsageError(f"{name}={text} is not a whole number.", f"Write {name}=0, for example.")
+    return int(text)

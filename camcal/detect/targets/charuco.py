@@ -1,7 +1,8 @@
 """ChArUco boards: a checkerboard whose white squares hold markers, so that every corner is identified.
 
 `charuco:9x7:40mm:20mm:4X4_100` has 9x7 squares of 40 mm with markers of 20 mm; `legacy` as a further argument
-is the layout of OpenCV before 4.6, which differs for an even number of rows. The frame is OpenCV's: origin at
+is the layout of OpenCV before 4.6, which differs for an even number of rows, and `start=31` the id of the first
+marker (one of several boards in a picture). The frame is OpenCV's: origin at
 the outer corner of the upper left square; point ids are OpenCV's, row by row from 0 over the inner corners.
 """
 
@@ -21,6 +22,7 @@ from camcal.detect.targets.base import (
     Miss,
     Pattern,
     clock,
+    whole_number,
 )
 from camcal.detect.targets.dictionaries import (
     black_cells,
@@ -53,10 +55,12 @@ class Charuco(TagBoard):
         dictionary: str = "4X4_50",
         unit: str = "square",
         legacy: bool = False,
+        start: int = 0,
     ):
         super().__init__(columns, rows, square, unit)
         self.marker, self.dictionary, self.legacy = float(marker), dictionary, legacy
-        needed, held = columns * rows // 2, marker_count(dictionary)
+        self.start = int(start)
+        needed, held = self.start + columns * rows // 2, marker_count(dictionary)
         if not 0 < self.marker < self.square:
             raise UsageError(
                 f"a marker of {marker:g} does not fit in a square of {square:g}.",
@@ -64,7 +68,7 @@ class Charuco(TagBoard):
             )
         if needed > held:
             raise UsageError(
-                f"a board of {columns}x{rows} needs {needed} markers; {dictionary} holds {held}.",
+                f"a board of {columns}x{rows} needs markers up to {needed - 1}; {dictionary} holds {held}.",
                 "Take a larger dictionary, such as " + dictionary.split("_")[0] + "_1000.",
             )
 
@@ -84,7 +88,7 @@ class Charuco(TagBoard):
     @property
     def tag_ids(self) -> Array:
         """Ids of the markers (K,)."""
-        return np.asarray(self._board().getIds(), int).ravel()
+        return self.start + np.asarray(self._board().getIds(), int).ravel()
 
     @property
     def tag_corners(self) -> Array:
@@ -159,8 +163,10 @@ class Charuco(TagBoard):
         UsageError
             Where an argument is missing, unknown or does not fit the others.
         """
-        if named:
-            raise UsageError(f"charuco has no argument '{next(iter(named))}'.", "Try: " + EXAMPLE)
+        unknown = set(named) - {"start"}
+        if unknown:
+            raise UsageError(f"charuco has no argument '{min(unknown)}'.", "Known: start. Try: " + EXAMPLE)
+        start = whole_number(named.get("start", "0"), "start")
         plain = [a for a in arguments if a.lower() != "legacy"]
         if len(plain) != 4:
             raise UsageError(
@@ -171,9 +177,24 @@ class Charuco(TagBoard):
         (square, unit), (marker, other) = parse_length(plain[1]), parse_length(plain[2])
         if unit != other:
             raise UsageError(f"the square is in {unit} and the marker in {other}.", "Give both in one unit.")
-        return cls(columns, rows, square, marker, name, unit, legacy=len(plain) < len(arguments))
+        return cls(columns, rows, square, marker, name, unit, len(plain) < len(arguments), start)
+
+    def _arguments(self) -> list[str]:
+        lengths = [self._length(self.square), self._length(self.marker), self.dictionary]
+        return lengths + ["legacy"] * self.legacy + [f"start={self.start}"] * (self.start > 0)
+
+    def scaled(self, square: float, unit: str) -> Charuco:
+        """The same board with another side of a square; see `Target.scaled`."""
+        marker = self.marker * square / self.square
+        size = (self.columns, self.rows)
+        return Charuco(*size, square, marker, self.dictionary, unit, self.legacy, self.start)
 
     def describe(self) -> dict[str, Any]:
         """What the report says under `target`."""
-        own = {"marker": self.marker, "dictionary": self.dictionary, "legacy": self.legacy}
+        own = {
+            "marker": self.marker,
+            "dictionary": self.dictionary,
+            "legacy": self.legacy,
+            "start": self.start,
+        }
         return super().describe() | own

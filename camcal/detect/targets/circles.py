@@ -185,6 +185,14 @@ class Circles(Target):
                 )
         return cls(columns, rows, square, unit, diameter)
 
+    def _arguments(self) -> list[str]:
+        return super()._arguments() + ([self._length(self.diameter)] if self.diameter else [])
+
+    def scaled(self, square: float, unit: str) -> Circles:
+        """The same grid with another distance; see `Target.scaled`."""
+        diameter = None if self.diameter is None else self.diameter * square / self.square
+        return type(self)(self.columns, self.rows, square, unit, diameter)
+
     def describe(self) -> dict[str, Any]:
         """What the report says under `target`."""
         return super().describe() | {"diameter": self.diameter}

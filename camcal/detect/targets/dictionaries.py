@@ -43,6 +43,7 @@ def find_name(text: str) -> str:
     return known[plain]
 
 
+@cache
 def dictionary(name: str) -> Any:
     """cv2's dictionary of a name from `names()`."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
@@ -103,25 +104,6 @@ def detector(name: str, border: int, longest: int) -> Any:
     options.adaptiveThreshWinSizeStep = 20
     options.minMarkerPerimeterRate = max(0.015, LEAST_PERIMETER / longest)
     return cv2.aruco.ArucoDetector(dictionary(name), options)
-
-
-def like_markers(gray: Array) -> int:
-    """How many dark quadrilaterals with a dark rim and something bright inside a picture shows."""
-    found, _, others = detector("4X4_50", 1, max(gray.shape)).detectMarkers(gray)
-    quads = np.asarray([*found, *others], np.float32).reshape(-1, 4, 2)
-    if not len(quads):
-        return 0
-    at = (np.arange(10) + 0.5) / 10
-    x, y = np.meshgrid(at, at)
-    corner = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], -1).reshape(-1, 4)
-    places = (corner @ quads).astype(np.float32)
-    value = cv2.remap(gray, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    cells = value.reshape(-1, 10, 10).astype(float)
-    low, high = cells.min((1, 2)), cells.max((1, 2))
-    bright = cells > (0.5 * (low + high))[:, None, None]
-    rim = np.concatenate([bright[:, 0], bright[:, -1], bright[:, :, 0], bright[:, :, -1]], 1).mean(1)
-    inner = bright[:, 2:-2, 2:-2].mean((1, 2))
-    return int(((high - low > 30) & (rim < 0.15) & (inner > 0.1) & (inner < 0.9)).sum())
 
 
 def detect(gray: Array, name: str, border: int = 1) -> tuple[Array, Array]:

@@ -1,0 +1,161 @@
+"""One answer of what all pictures show: the target, how many show it, and what else was seen."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.detect.recognition.families import LEAST_MARKERS, Family, family_of
+from camcal.detect.recognition.layout import LEAST_AGREEING, Found, explains, find_boards
+from camcal.detect.recognition.look import Sight
+from camcal.detect.recognition.measure import measured
+from camcal.detect.targets.aprilgrid import AprilGrid
+from camcal.detect.targets.base import Target
+from camcal.detect.targets.charuco import Charuco
+from camcal.detect.targets.checkerboard import Checkerboard
+from camcal.detect.targets.circles import AsymmetricCircles, Circles
+from camcal.detect.targets.tag_board import TagBoard
+
+Array = np.ndarray
+
+ROUGHLY = 0.04  #: share by which a proportion by the outlines of markers may be off for no closer look
+CLOSELY = 0.1  #: share by which a measured one may be: calipers on a print are off by less
+#: share of the pictures with a checkerboard that must show its whole size for the votes to count
+LEAST_VOTES = 0.35
+AGREEING = 0.6  #: share of them that must show a part of the same size, where none shows the end of the board
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A target that pictures show.
+
+    Attributes
+    ----------
+    target : Target
+        Its lengths in squares, tags or distances. A checkerboard's size is a guess until `board_size` is asked.
+    pictures : tuple of int
+        Indices of the pictures that show it.
+    """
+
+    target: Target
+    pictures: tuple[int, ...]
+
+
+def answers(sights: Sequence[Sight]) -> list[Answer]:
+    """The targets that pictures show, the one that most of them show first.
+
+    A picture whose squares hold markers, or on which a board of markers was found, does not count as one of a
+    checkerboard.
+    """
+    found = [Answer(f.board, f.pictures) for f in _boards(sights)]
+    with_markers = {i for a in found for i in a.pictures}
+    discs = Counter(s.discs for s in sights if s.discs)
+    for (columns, rows, staggered), _ in discs.items():
+        kind = AsymmetricCircles if staggered else Circles
+        shown = tuple(i for i, s in enumerate(sights) if s.discs == (columns, rows, staggered))
+        found.append(Answer(kind(columns, rows), shown))
+    plain = tuple(i for i, s in enumerate(sights) if s.board and not s.marked and i not in with_markers)
+    if plain:
+        columns, rows = Counter(sights[i].board for i in plain).most_common(1)[0][0] or (0, 0)
+        found.append(Answer(Checkerboard(columns, rows), plain))
+    return sorted(found, key=lambda a: (-len(a.pictures), -len(a.target.points)))
+
+
+def _boards(sights: Sequence[Sight]) -> list[Found]:
+    """Boards of markers, of every family that was read."""
+    found = []
+    families: Counter[Family] = Counter(s.family for s in sights if s.family)
+    for family in families:
+        numbers = [i for i, s in enumerate(sights) if s.family == family]
+        for board in find_boards([sights[i].markers for i in numbers], family):
+            found.append(Found(board.board, tuple(numbers[i] for i in board.pictures), board.markers))
+    return found
+
+
+def unread(sights: Sequence[Sight], best: Answer | None) -> int:
+    """How many pictures show squares with markers that cannot be read, where these are most; else 0."""
+    marked = sum(s.marked and len(s.markers) < LEAST_MARKERS for s in sights)
+    return marked if best is None or marked > len(best.pictures) else 0
+
+
+def board_size(sights: Sequence[Sight]) -> tuple[tuple[int, int], bool, int] | None:
+    """The size of a plain checkerboard from all pictures.
+
+    Returns
+    -------
+    size : (columns, rows), the longer side first
+    whole : bool
+        Whether pictures show the board's end; otherwise it is the part of it that most of them show.
+    votes : int
+        How many pictures show that size.
+
+    None is returned where they do not agree.
+    """
+    seen = [s for s in sights if s.board and not s.marked]
+    ends = Counter(s.board for s in seen if s.whole)
+    if ends and ends.most_common(1)[0][1] >= LEAST_VOTES * len(seen):
+        size, votes = ends.most_common(1)[0]
+        return (size, True, votes) if size else None
+    parts = Counter(s.board for s in seen)
+    size, votes = parts.most_common(1)[0] if parts else (None, 0)
+    if size is None or votes < max(2, AGREEING * len(seen)):
+        return None
+    return size, False, votes
+
+
+def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Array]) -> Target | None:
+    """The board that the markers of pictures show, where it is not the one that was asked for.
+
+    Only boards of markers are judged; a board of which a part is seen is no other board. The lengths of the
+    answer are in the unit of `target`.
+
+    Parameters
+    ----------
+    target : Target
+    sights : sequence of Sight
+    pictures : sequence of (height, width) arrays
+        Of each sight.
+    """
+    if not isinstance(target, TagBoard):
+        return None
+    best = next((a for a in answers(sights) if isinstance(a.target, TagBoard)), None)
+    if best is None:
+        return None
+    board = best.target
+    assert isinstance(board, TagBoard)
+    views = [sights[i].markers for i in best.pictures]
+    own = family_of(target.dictionary, target.border)
+    same = type(board) is type(target) and sights[best.pictures[0]].family == own
+    if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, ROUGHLY)):
+        board = measured(board, [pictures[i] for i in best.pictures])
+        if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, CLOSELY)):
+            return board.scaled(target.square, target.unit)
+    return None
+
+
+def _alike(target: Target, other: Target, within: float) -> bool:
+    """Whether markers have the size, and tags the gap, that was said."""
+    if isinstance(target, Charuco) and isinstance(other, Charuco):
+        said, seen = target.marker / target.square, other.marker / other.square
+    elif isinstance(target, AprilGrid) and isinstance(other, AprilGrid):
+        said, seen = 1 + target.spacing, 1 + other.spacing
+    else:
+        return False
+    return abs(seen / said - 1) < within
+
+
+def words(target: Target) -> str:
+    """A target in words: `a ChArUco board of 9x7 squares, markers 0.5 of a square, dictionary 4X4_50`."""
+    size = f"{target.columns}x{target.rows}"
+    if isinstance(target, Charuco):
+        legacy = ", OpenCV's layout before 4.6" * target.legacy
+        ratio = f"markers {target.marker / target.square:.3g} of a square"
+        return f"a ChArUco board of {size} squares, {ratio}, dictionary {target.dictionary}{legacy}"
+    if isinstance(target, AprilGrid):
+        return f"an AprilTag grid of {size} tags, {target.dictionary}, gaps {target.spacing:.3g} of a tag"
+    if isinstance(target, Circles):
+        return f"a grid of {size} discs" + " in staggered rows" * target.staggered
+    return f"a checkerboard of {size} inner corners"

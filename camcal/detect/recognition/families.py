@@ -1,0 +1,98 @@
+"""Markers of an unknown dictionary: which family they are of, their ids and their corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.detect.pyramid import reduced, reductions, to_8_bits
+from camcal.detect.recognition.quads import decode, marker_like
+from camcal.detect.targets.dictionaries import marker_count, names
+
+Array = np.ndarray
+
+#: name of a dictionary and width of the black border in cells
+Family = tuple[str, int]
+
+#: The largest dictionary of each family holds the smaller ones as its beginning. Tags come with a border of
+#: one cell or, as Kalibr prints them, of two. The commonest first.
+FAMILIES: tuple[Family, ...] = (
+    ("4X4_1000", 1),
+    ("5X5_1000", 1),
+    ("6X6_1000", 1),
+    ("APRILTAG_36h11", 2),
+    ("APRILTAG_36h11", 1),
+    ("7X7_1000", 1),
+    ("APRILTAG_25h9", 2),
+    ("APRILTAG_25h9", 1),
+    ("APRILTAG_16h5", 2),
+    ("APRILTAG_16h5", 1),
+    ("APRILTAG_36h10", 1),
+    ("ARUCO_MIP_36h12", 1),
+    ("ARUCO_ORIGINAL", 1),
+)
+LEAST_MARKERS = 4  #: a smaller number is read in clutter now and then, and does not give a layout
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A marker in a picture: its id and its corners (4, 2), px, clockwise from its own upper left."""
+
+    id: int
+    corners: Array
+
+
+def read_markers(
+    gray: Array, first: Family | None = None, closely: bool = False
+) -> tuple[Family | None, list[Marker]]:
+    """Read the markers of a picture, of the family of which most can be read.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    first : (dictionary, border), optional
+        The family that is tried before the others.
+    closely : bool
+        Look at full size, and at a small picture enlarged, even where the reduced picture shows nothing like
+        a marker.
+
+    Returns
+    -------
+    family : (dictionary, border) or None
+        None where fewer than `LEAST_MARKERS` were read of every family.
+    markers : list of Marker
+        In px of the picture.
+    """
+    picture = to_8_bits(gray)
+    factors = reductions(picture.shape, enlarge=True)
+    best: tuple[Family | None, list[Marker]] = (None, [])
+    for factor in factors if closely else factors[:1]:
+        small = reduced(picture, factor)
+        quads = marker_like(small)
+        if len(quads) < LEAST_MARKERS:
+            continue
+        for family in sorted(FAMILIES, key=lambda f: f != first):
+            ids, corners = decode(small, quads, *family)
+            if len(ids) > len(best[1]):
+                corners = (corners + 0.5) * factor - 0.5
+                best = family, [Marker(int(i), c) for i, c in zip(ids, corners, strict=True)]
+    return best if len(best[1]) >= LEAST_MARKERS else (None, [])
+
+
+def stem(name: str) -> str:
+    """What the dictionaries of one family have in common: `4X4` of `4X4_100`, else the name itself."""
+    return name.rpartition("_")[0] if name[0].isdigit() else name
+
+
+def smallest(name: str, needed: int) -> str:
+    """The smallest dictionary of a family that holds so many markers; its first ones are the same."""
+    kin = [n for n in names() if name[0].isdigit() and stem(n) == stem(name) and marker_count(n) >= needed]
+    return min(kin, key=marker_count) if kin else name
+
+
+def family_of(dictionary: str, border: int) -> Family:
+    """The entry of `FAMILIES` that holds the markers of a dictionary."""
+    return next(
+        (f for f in FAMILIES if stem(f[0]) == stem(dictionary) and f[1] == border), (dictionary, border)
+    )

@@ -1,0 +1,304 @@
+"""The layout of a board of markers from where its markers are seen and what their ids are.
+
+Each marker spans a small frame of its own, in which its neighbours stand at whole multiples of one step:
+along the diagonals on a ChArUco board, along the rows in a grid of tags. So every marker gets a column and
+a row, and the ids, which count up row by row, say how long a row is.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from heapq import heappop, heappush
+
+import numpy as np
+
+from camcal.detect.recognition.families import Family, Marker, smallest
+from camcal.detect.targets.aprilgrid import AprilGrid
+from camcal.detect.targets.charuco import Charuco
+from camcal.detect.targets.dictionaries import marker_count
+from camcal.detect.targets.tag_board import TagBoard, consistent
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5  #: a marker's corners in its own frame
+NEAREST = 8  #: markers around one among which its neighbours are looked for
+EVEN = 0.3  #: of a step; how far a neighbour may be from a whole multiple
+LONGEST_ROW = 40  #: squares or tags in a row that are thought of; the largest dictionary holds 1000 markers
+LEAST_AGREEING = 0.8  #: share of the markers that a layout must explain; the rest are misread
+LEAST_PLACED = 3  #: markers that neighbours link; fewer say nothing of a layout
+LEAST_EXPLAINED = 6  #: markers that a layout must explain over all pictures: four can be chance
+
+Place = tuple[int, int]  #: column and row
+Cell = Callable[[int], Place]  #: where a layout puts the marker of an id
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Markers of one picture that neighbours link: places by id, from any origin."""
+
+    picture: int
+    places: dict[int, Place]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A board of markers that pictures show.
+
+    Attributes
+    ----------
+    board : TagBoard
+        Its lengths in squares, or in sides of a tag.
+    pictures : tuple of int
+        Indices of the pictures that show it.
+    markers : int
+        How many markers it explains in them.
+    """
+
+    board: TagBoard
+    pictures: tuple[int, ...]
+    markers: int
+
+
+def find_boards(views: Sequence[Sequence[Marker]], family: Family) -> list[Found]:
+    """The boards on which the markers of some pictures stand, the one with most markers first.
+
+    Markers that are linked in some picture are on one board; so several boards in one picture are told
+    apart by their ids.
+
+    Parameters
+    ----------
+    views : sequences of markers
+        Of each picture, all of one family.
+    family : (dictionary, border)
+    """
+    for layout, diagonal in ((_charuco, True), (_aprilgrid, False)):
+        if layout is _charuco and family[1] != 1:
+            continue
+        patches, step = _patches(views, diagonal)
+        groups = list(_boards_apart(patches))
+        found = [f for f in (layout(group, step, family) for group in groups) if f]
+        if len(groups) > 1:
+            whole = layout(patches, step, family)
+            if whole is not None and (len(found) < 2 or _on_one_plane(whole.board, views)):
+                found = [whole]
+        if found:
+            return sorted(found, key=lambda f: -f.markers)
+    return []
+
+
+def explains(board: TagBoard, views: Sequence[Sequence[Marker]]) -> float:
+    """Share of the markers of some pictures that stand on a board where it says they do.
+
+    Markers of other ids count against it only where their neighbours are on the board.
+    """
+    places = _places(board)
+    patches, _ = _patches(views, isinstance(board, Charuco))
+    patches = [p for p in patches if places.keys() & p.places.keys()]
+    known = [Patch(p.picture, {m: q for m, q in p.places.items() if m in places}) for p in patches]
+    total = sum(len(p.places) for p in patches)
+    return _agreeing(known, lambda marker: places[marker]) / total if total else 0.0
+
+
+def _places(board: TagBoard) -> dict[int, Place]:
+    """Column and row of each marker, by id, in the markers' own frame."""
+    corners = board.tag_corners
+    side = corners[0, [1, 3]] - corners[0, 0]
+    along = (corners[:, 0] - corners[0, 0]) @ (side / np.linalg.norm(side, axis=1, keepdims=True)).T
+    step = board.square if isinstance(board, Charuco) else board.pitch
+    return {int(m): (int(x), int(y)) for m, (x, y) in zip(board.tag_ids, np.rint(along / step), strict=True)}
+
+
+def _charuco(patches: Sequence[Patch], step: float, family: Family) -> Found | None:
+    """The ChArUco board, its square 1, that explains the places of markers."""
+    ids = _ids(patches)
+    if not ids:
+        return None
+    cells = [
+        partial(_charuco_cell, columns=columns, start=start, first=origin)
+        for columns in range(3, LONGEST_ROW)
+        for start in (1, 0)  # the first square is black, or holds a marker
+        for origin in dict.fromkeys((0, min(ids)))
+    ]
+    cell = max(cells, key=lambda c: _agreeing(patches, c))  # of equals the first
+    count, (columns, start, origin) = _agreeing(patches, cell), cell.keywords.values()
+    rows = cell(_last(patches, cell))[1] + 1
+    legacy = start == 0
+    rows += (
+        legacy and rows % 2
+    )  # the first square of an odd number of rows is always black: a row is not seen
+    needed = origin + columns * rows // 2
+    if not _enough(count, len(ids)) or rows < 3 or needed > marker_count(family[0]):
+        return None
+    marker = float(np.clip(1 / step, 0.1, 0.95))
+    name = smallest(family[0], needed)
+    return Found(Charuco(columns, rows, 1.0, marker, name, "unit", legacy, origin), _pictures(patches), count)
+
+
+def _aprilgrid(patches: Sequence[Patch], step: float, family: Family) -> Found | None:
+    """The grid of tags, their side 1, that explains the places of markers.
+
+    The spacing is only rough: small squares at the tags' corners spoil the outlines of these.
+    """
+    name, border = family
+    ids = _ids(patches)
+    if not ids or not name.startswith("APRILTAG"):
+        return None
+    cells = [
+        partial(_kalibr_cell, columns=columns, first=origin)
+        for columns in range(2, LONGEST_ROW)
+        for origin in dict.fromkeys((0, min(ids)))
+    ]
+    cell = max(cells, key=lambda c: _agreeing(patches, c))
+    count, (columns, origin) = _agreeing(patches, cell), cell.keywords.values()
+    rows = cell(_last(patches, cell))[1] + 1
+    if not _enough(count, len(ids)) or rows < 2 or origin + columns * rows > marker_count(name):
+        return None
+    spacing = float(np.clip(step - 1, 0.05, 0.9))
+    board = AprilGrid(columns, rows, 1.0, spacing, "unit", name, border, origin)
+    return Found(board, _pictures(patches), count)
+
+
+def _enough(count: int, total: int) -> bool:
+    return count >= max(LEAST_EXPLAINED, LEAST_AGREEING * total)
+
+
+def _ids(patches: Sequence[Patch]) -> list[int]:
+    return [marker for patch in patches for marker in patch.places]
+
+
+def _last(patches: Sequence[Patch], cell: Cell) -> int:
+    """The largest id of the markers that a layout explains: a misread one must not make the board longer."""
+    return max(m for patch in patches for m in _explained(patch, cell))
+
+
+def _pictures(patches: Sequence[Patch]) -> tuple[int, ...]:
+    return tuple(sorted({p.picture for p in patches}))
+
+
+def _kalibr_cell(marker: int, columns: int, first: int = 0) -> Place:
+    """Column and row of a tag in cv2's frame of it, which is turned by half a turn against Kalibr's.
+
+    Kalibr's ids go to the right and up, so in that frame to the left and down.
+    """
+    marker -= first
+    return -(marker % columns), marker // columns
+
+
+def _charuco_cell(marker: int, columns: int, start: int, first: int = 0) -> Place:
+    """Column and row of the square that holds a marker; `start` is the column of marker 0."""
+    here, other = len(range(start, columns, 2)), len(range(1 - start, columns, 2))
+    pairs, rest = divmod(marker - first, here + other)
+    if rest < here:
+        return start + 2 * rest, 2 * pairs
+    return 1 - start + 2 * (rest - here), 2 * pairs + 1
+
+
+def _agreeing(patches: Sequence[Patch], cell: Cell) -> int:
+    """Number of the markers whose places differ by what the layout says they should."""
+    return sum(len(_explained(patch, cell)) for patch in patches)
+
+
+def _explained(patch: Patch, cell: Cell) -> list[int]:
+    """The ids of a patch that stand where a layout has them, once its origin is chosen best."""
+    offset = {m: (x - cell(m)[0], y - cell(m)[1]) for m, (x, y) in patch.places.items()}
+    best = Counter(offset.values()).most_common(1)[0][0]
+    return [m for m, o in offset.items() if o == best]
+
+
+def _boards_apart(patches: Sequence[Patch]) -> Iterator[list[Patch]]:
+    """Groups of patches that share ids, directly or through others."""
+    left = list(patches)
+    while left:
+        group, ids = [left.pop()], set()
+        ids |= set(group[0].places)
+        while more := [p for p in left if ids & set(p.places)]:
+            group += more
+            left = [p for p in left if not any(p is q for q in more)]
+            ids = ids.union(*(p.places for p in more))
+        yield group
+
+
+def _on_one_plane(board: TagBoard, views: Sequence[Sequence[Marker]]) -> bool:
+    """Whether markers that no neighbour links stand where one board would have them."""
+    own = {int(tag): k for k, tag in enumerate(board.tag_ids)}
+    right = total = 0
+    for view in views:
+        seen = [m for m in view if m.id in own]
+        tags = np.array([own[m.id] for m in seen], int)
+        corners = np.array([m.corners for m in seen]).reshape(-1, 4, 2)
+        right += len(consistent(board.tag_corners[tags], corners))
+        total += len(seen)
+    return right >= LEAST_AGREEING * total
+
+
+def _patches(views: Sequence[Sequence[Marker]], diagonal: bool) -> tuple[list[Patch], float]:
+    """The linked markers of each picture, and the step in sides of a marker."""
+    frames = [_frames(view) for view in views]
+    steps = np.concatenate([_steps(offset, diagonal) for _, offset in frames] or [np.zeros(0)])
+    if len(steps) < 3:
+        return [], 0.0
+    step = float(np.median(steps))
+    patches = [
+        Patch(number, {view[k].id: place for k, place in places.items()})
+        for number, (view, (near, offset)) in enumerate(zip(views, frames, strict=True))
+        for places in _walk(near, offset / step, diagonal)
+    ]
+    return [p for p in patches if len(p.places) >= LEAST_PLACED], step
+
+
+def _frames(view: Sequence[Marker]) -> tuple[Array, Array]:
+    """The nearest markers (K, n) of each, and their centres (K, n, 2) in its own frame."""
+    corners = np.array([m.corners for m in view]).reshape(-1, 4, 2)
+    h = homography.homographies(corners, np.broadcast_to(UNIT, corners.shape), steps=0)
+    centre = corners.mean(1)
+    distance = np.linalg.norm(centre[:, None] - centre, axis=-1)
+    near = np.argsort(distance, axis=1)[:, 1 : NEAREST + 1]
+    return near, homography.transfer(h, centre[near])
+
+
+def _steps(offset: Array, diagonal: bool) -> Array:
+    """How far the nearest neighbours stand, along both axes or along one, in sides of a marker."""
+    a = np.abs(offset).reshape(-1, 2)
+    large, small = a.max(1), a.min(1)
+    if diagonal:
+        good = (small > 0.7 * large) & (large < 3.5)
+        return _nearest(a[good].mean(1))
+    return _nearest(large[(small < 0.25 * large) & (large < 3.0)])
+
+
+def _nearest(lengths: Array) -> Array:
+    """The lengths of single steps: those that are not far from the shortest."""
+    return lengths[lengths < 1.4 * np.percentile(lengths, 10)] if len(lengths) else lengths
+
+
+def _walk(near: Array, offset: Array, diagonal: bool) -> Iterator[dict[int, Place]]:
+    """Places of each set of markers that neighbours link by whole steps, the surest link first.
+
+    A short step is surer than a long one: the frame of a small marker does not reach far.
+    """
+    whole = np.rint(offset).astype(int)
+    miss, length = np.abs(offset - whole).max(-1), np.abs(whole).max(-1)
+    fits = (miss < EVEN) & (length > 0) & (length <= 2)
+    if diagonal:  # a marker's square and its neighbours' have one colour
+        fits &= whole.sum(-1) % 2 == 0
+    left = set(range(len(near)))
+    while left:
+        places: dict[int, Place] = {}
+        queue = [(0.0, min(left), (0, 0))]
+        while queue:
+            _, here, place = heappop(queue)
+            if here in places:
+                continue
+            places[here] = place
+            for k in np.flatnonzero(fits[here]):
+                there = int(near[here, k])
+                if there in left and there not in places:
+                    step = int(whole[here, k, 0]), int(whole[here, k, 1])
+                    sure = float(length[here, k] + miss[here, k])
+                    heappush(queue, (sure, there, (place[0] + step[0], place[1] + step[1])))
+        left -= set(places)
+        yield places

@@ -1,0 +1,81 @@
+"""What one picture shows, when nothing is said of the target: markers, a checkerboard, discs, or nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.detect.recognition.families import Family, Marker, read_markers
+from camcal.detect.recognition.layout import find_boards
+from camcal.detect.recognition.marks import squares_hold_marks
+from camcal.detect.targets import circles
+from camcal.detect.targets.base import Detection, Miss
+from camcal.detect.targets.checkerboard import find_any
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a picture shows.
+
+    Attributes
+    ----------
+    family : (dictionary, border) or None
+        Of the markers that could be read.
+    markers : tuple of Marker
+    board : (columns, rows) or None
+        Inner corners of a checkerboard.
+    whole : bool
+        Whether the picture shows the end of that board on all sides, so that its size is certain.
+    marked : bool
+        Whether the board's squares hold markers (read or not): it is no plain checkerboard.
+    discs : (columns, rows, staggered) or None
+        A grid of discs.
+    """
+
+    family: Family | None = None
+    markers: tuple[Marker, ...] = ()
+    board: tuple[int, int] | None = None
+    whole: bool = False
+    marked: bool = False
+    discs: tuple[int, int, bool] | None = None
+
+
+def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
+    """Look for every kind of target in a picture.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    seconds : float
+        Processor time that each search may take.
+
+    Returns
+    -------
+    sight : Sight
+    found : Detection or Miss
+        The corners of a plain checkerboard, or why there are none.
+    """
+    family, markers = read_markers(gray)
+    if family is not None and find_boards([markers], family):
+        return Sight(family, tuple(markers)), Miss("other-target", "the picture shows markers")
+    free = find_any(gray, seconds)
+    if isinstance(free, Miss):
+        return _other_kinds(gray, seconds, free)
+    size, whole, found = free
+    if not squares_hold_marks(gray, found, size):
+        return Sight(family, tuple(markers), size, whole), found
+    family, markers = read_markers(gray, family, closely=True)
+    sight = Sight(family, tuple(markers), size, whole, marked=True)
+    return sight, Miss("other-target", "the squares of the board hold markers")
+
+
+def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
+    grid, _ = circles.search(gray, seconds, None, None)
+    if grid is not None:
+        sight = Sight(discs=(grid.columns, grid.rows, grid.staggered))
+        return sight, Miss("other-target", "the picture shows discs")
+    family, markers = read_markers(gray, closely=True)
+    return Sight(family, tuple(markers)), miss

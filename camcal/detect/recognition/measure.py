@@ -1,0 +1,136 @@
+"""Proportions of a board of markers, measured in pictures with its fitted corners.
+
+The outlines of small markers are off by a px or so, so that a layout knows the size of the markers and the gap
+between tags only roughly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from camcal.detect.marked_grid import sample_squares
+from camcal.detect.targets.aprilgrid import AprilGrid
+from camcal.detect.targets.base import Detection
+from camcal.detect.targets.charuco import Charuco
+from camcal.detect.targets.dictionaries import black_cells
+from camcal.detect.targets.tag_board import TagBoard
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+MOST_PICTURES = 3  #: that are measured; the figures agree to a per cent from one picture on
+AROUND = 0.2  #: share by which a marker's size by its outline may be wrong
+GROSS = (
+    10.0  #: times the median misfit from which on a block of tags holds a wrong corner, and does not decide
+)
+
+
+def measured(board: TagBoard, pictures: Sequence[Array]) -> TagBoard:
+    """The same board with its proportions measured in (a few of) the pictures that show it."""
+    if isinstance(board, Charuco):
+        return _measured_marker(board, pictures[:MOST_PICTURES])
+    if isinstance(board, AprilGrid):
+        return _measured_spacing(board, pictures[:MOST_PICTURES])
+    return board
+
+
+def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
+    """The board with the size of markers that correlates best with the pictures."""
+    seen = [(gray, uv) for gray in pictures if (uv := _grid(board, gray)) is not None]
+    if seen:
+        ratio = board.marker
+        bounds = (max(0.1, (1 - AROUND) * ratio), min(0.98, (1 + AROUND) * ratio))
+        cost = partial(_decorrelation, seen=seen, codes=_codes(board), squares=_squares(board))
+        ratio = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
+        board = board_with_marker(board, ratio)
+    return board_with_marker(board, rounded(board.marker, 0.05, 0.015))
+
+
+def board_with_marker(board: Charuco, marker: float) -> Charuco:
+    """The same board with markers of another size."""
+    lengths = (board.square, marker)
+    return Charuco(
+        board.columns, board.rows, *lengths, board.dictionary, board.unit, board.legacy, board.start
+    )
+
+
+def _grid(board: Charuco, gray: Array) -> Array | None:
+    """The corners (rows, columns, 2) that a picture shows, NaN where it shows none."""
+    found = board.find(gray)
+    if not isinstance(found, Detection):
+        return None
+    uv = np.full((len(board.points), 2), np.nan)
+    uv[found.point_ids] = found.uv
+    return uv.reshape(board.rows - 1, board.columns - 1, 2)
+
+
+def _squares(board: Charuco) -> Array:
+    """Column and row (K, 2) of each marker's square, counted from the first inner corner."""
+    return np.floor(board.tag_corners[:, 0] / board.square).astype(int) - 1
+
+
+def _codes(board: Charuco) -> Array:
+    """The cells of each marker (K, n, n), of mean 0 and norm 1."""
+    codes = np.array([~black_cells(board.dictionary, int(m)) for m in board.tag_ids], float)
+    codes -= codes.mean((1, 2), keepdims=True)
+    return codes / np.linalg.norm(codes, axis=(1, 2), keepdims=True)
+
+
+def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Array, squares: Array) -> float:
+    """Minus the mean correlation of the markers with the squares that hold them, at some size."""
+    values = []
+    for gray, uv in seen:
+        cells = sample_squares(gray, uv, ratio, codes.shape[-1])
+        inside = ((squares >= 0) & (squares < (cells.shape[1], cells.shape[0]))).all(1)
+        column, row = squares[inside].T
+        values.append((cells[row, column] * codes[inside]).sum((1, 2)))
+    return -float(np.nanmean(np.concatenate(values)))
+
+
+def _measured_spacing(grid: AprilGrid, pictures: Sequence[Array]) -> AprilGrid:
+    """The grid with the spacing for which four tags at a time are most nearly a plane's picture."""
+    for _ in range(2):  # the second time with corners that the first guess did not lead to
+        found = [d for d in map(grid.find, pictures) if isinstance(d, Detection)]
+        blocks = [_blocks(grid, d) for d in found]
+        ids = np.concatenate([b for b, _ in blocks] or [np.zeros((0, 16), int)])
+        if not len(ids):
+            break
+        uv = np.concatenate([u for _, u in blocks])
+        misfit = partial(_misfit, grid=grid, ids=ids, uv=uv)
+        best = minimize_scalar(misfit, bounds=(0.05, 0.95), method="bounded", options={"xatol": 1e-4})
+        grid = grid_with_spacing(grid, float(best.x))
+    return grid_with_spacing(grid, rounded(grid.spacing, 0.01, 0.004))
+
+
+def _misfit(spacing: float, grid: AprilGrid, ids: Array, uv: Array) -> float:
+    """Sum of the misfits of a homography to each block of points (B, 16), each block alike, px²."""
+    cost = homography.solve(grid_with_spacing(grid, spacing).points[ids, :2], uv)[2]
+    return float(np.minimum(cost, GROSS * np.median(cost)).sum())
+
+
+def _blocks(grid: AprilGrid, found: Detection) -> tuple[Array, Array]:
+    """Points (B, 16) of two by two tags of which every corner was found, and their images (B, 16, 2)."""
+    tag = np.arange(grid.columns * grid.rows).reshape(grid.rows, grid.columns)
+    four = np.stack([tag[:-1, :-1], tag[:-1, 1:], tag[1:, :-1], tag[1:, 1:]], -1).reshape(-1, 4)
+    ids = (4 * four[:, :, None] + np.arange(4)).reshape(-1, 16)
+    where = np.full(4 * tag.size, -1)
+    where[found.point_ids] = np.arange(len(found))
+    rows = where[ids]
+    whole = (rows >= 0).all(1)
+    return ids[whole], found.uv[rows[whole]]
+
+
+def grid_with_spacing(grid: AprilGrid, spacing: float) -> AprilGrid:
+    """The same grid with another spacing."""
+    size = (grid.columns, grid.rows)
+    return AprilGrid(*size, grid.square, spacing, grid.unit, grid.dictionary, grid.border, grid.start)
+
+
+def rounded(value: float, step: float, near: float) -> float:
+    """The nearest multiple of a step, as people choose such figures, where it is near; else three digits."""
+    whole = round(round(value / step) * step, 6)
+    return whole if abs(whole - value) < near else round(value, 3)
