@@ -18,7 +18,7 @@ from camcal.detect.recognition.look import Sight, look
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
-DETECTOR = 3  #: raise it when a detector comes to find something else in the same picture
+DETECTOR = 4  #: raise it when a detector comes to find something else in the same picture
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def test_boards_of_one_picture_are_told_apart_by_their_ids():
 
 def test_markers_too_small_to_read_are_no_checkerboard():
     spec = "charuco:12x9:40mm:20mm:6X6_250"
-    sights = [look(cv2.GaussianBlur(g, (0, 0), 1.8), 1.0)[0] for g in rendered(spec, 3, (400, 300))]
+    sights = [look(cv2.GaussianBlur(g, (0, 0), 1.0), 1.0)[0] for g in rendered(spec, 3, (400, 300))]
     assert all(s.marked for s in sights) and not any(s.markers for s in sights)
     assert answers(sights) == [] and unread(sights, None) == 3
 
@@ -154,7 +154,7 @@ REAL = {
     "charuco": ("charuco:9x7:1:0.5:4X4_50", 7),
     "cases/charuco_photon": ("charuco:8x8:1:0.75:4X4_50", 17),
     "cases/charuco_small": ("charuco:9x7:1:0.5:4X4_50", 8),
-    "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 8),
+    "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 7),  # of one view four corners are seen, three in a row,
     "aprilgrid": ("aprilgrid:6x6:1:0.3", 4),
     "circles": ("circles:10x8", 6),
     "circles_asymmetric": ("asymmetric-circles:7x13", 3),

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from camcal.detect import saddle
-from camcal.detect.board_points import Known, board_from_pixel, locate
+from camcal.detect.board_points import LEAST_GAP, Known, board_from_pixel, locate
 from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
@@ -142,6 +142,10 @@ class TagBoard(Target):
             return Miss(
                 "none", f"a board was found, but only {len(known.rows)} of its corners could be fitted"
             )
+        _, gap, _ = homography.solve(points[known.rows][None], known.uv[known.rows][None], steps=0)
+        if gap[0] < LEAST_GAP:
+            said = f"the {len(known.rows)} corners of the board that are seen stand in a row"
+            return Miss("cut-off", said + " (all or all but one): they do not determine its pose")
         found, span = known.corners, grey_span(gray)
         info = info | {
             "rejected": {i: r for i, r in sorted(known.reasons.items()) if not known.good[i]},
