@@ -154,7 +154,7 @@ REAL = {
     "charuco": ("charuco:9x7:1:0.5:4X4_50", 7),
     "cases/charuco_photon": ("charuco:8x8:1:0.75:4X4_50", 17),
     "cases/charuco_small": ("charuco:9x7:1:0.5:4X4_50", 8),
-    "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 7),  # of one view four corners are seen, three in a row,
+    "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 7),  # one shows three of its four corners in a row
     "aprilgrid": ("aprilgrid:6x6:1:0.3", 4),
     "circles": ("circles:10x8", 6),
     "circles_asymmetric": ("asymmetric-circles:7x13", 3),
