@@ -25,10 +25,11 @@ import numpy as np
 
 from camcal.model.lenses import direct
 from camcal.model.lenses.base import Lens, Reading, Values, example_list
-from camcal.model.lenses.curve import Inverse, cached, first_root
+from camcal.model.lenses.curve import cached, first_root
+from camcal.model.lenses.opencv import PlaneLens
 from camcal.model.lenses.options import choice, count_option, no_options
 from camcal.model.lenses.parameters import Parameter
-from camcal.model.lenses.radial import ALMOST_PI, InverseRadialLens, RadialLens
+from camcal.model.lenses.radial import ALMOST_PI, InverseRadialLens
 
 Array = np.ndarray
 
@@ -192,13 +193,13 @@ class Scaramuzza(PolynomialDepth):
         )
 
 
-class ReciprocalDivision(RadialLens):
-    """`division:n,direction=distort`: equation (2)."""
+class ReciprocalDivision(PlaneLens):
+    """`division:n,direction=distort`: equation (2), the denominator of a rational radial distortion of the plane."""
 
     def __init__(self, count: int, skew: bool = False):
         self.count = count
-        names = [Parameter(f"k{i + 1}", "distortion") for i in range(count)]
-        super().__init__(f"division:{count},direction=distort", names, skew)
+        names, terms = [f"k{i + 1}" for i in range(count)], [f"d{i + 1}" for i in range(count)]
+        super().__init__(f"division:{count},direction=distort", names, terms, skew)
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
@@ -208,10 +209,6 @@ class ReciprocalDivision(RadialLens):
     def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""
         return tuple(f"division:{n},direction=distort" for n in range(self.count - 1, 0, -1))
-
-    def terms(self) -> dict[str, str]:
-        """The denominators of a rational radial series (`plane`)."""
-        return {f"d{i + 1}": n for i, n in enumerate(self.names[self._own :])}
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From a pinhole camera to strong barrel distortion."""
@@ -226,58 +223,3 @@ class ReciprocalDivision(RadialLens):
             ([533.0, 534.0, 341.0, 234.0, *skew, *[*barrel, *fill][: self.count]], (640, 480)),
             ([1336.0, 1340.0, 632.0, 519.0, *skew, *[*cushion, *fill][: self.count]], (1280, 1024)),
         )
-
-    def _series(self, k: Array, s: Array) -> tuple[Array, Array]:
-        """The denominator D of (2) and D - a dD/da."""
-        d, fold, power = np.ones_like(s), np.ones_like(s), np.ones_like(s)
-        for i, c in enumerate(k.tolist(), 1):
-            power *= s
-            d += c * power
-            fold -= ((2 * i - 1) * c) * power
-        return d, fold
-
-    def curve(self, k: Array, r: Array, z: Array) -> Array:
-        """Equation (2)."""
-        a = r / z
-        return a / self._series(k, a * a)[0]
-
-    def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
-        """dR/da = (D - a dD/da) / D²."""
-        a = r / z
-        s = a * a
-        d, fold = self._series(k, s)
-        radius = a / d
-        row = -radius / d
-        for i in range(self.count):
-            row = np.multiply(row, s, out=d_k[:, i])
-        by_r = fold / (d * d * z)
-        return radius, by_r, -by_r * a
-
-    @cached
-    def limit(self, k: Array) -> float:
-        """Where D or dR/da is 0."""
-        fold = [1.0, *(-(2 * i - 1) * c for i, c in enumerate(k.tolist(), 1))]
-        s = first_root(np.array(fold), first_root(np.array([1.0, *k])))
-        return float(np.arctan(np.sqrt(s)))
-
-    def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """Newton on (2), in the angle."""
-        if not self.count:
-            return radius, np.ones_like(radius), np.isfinite(radius)
-        theta, solved = self._inverse(k)(radius)
-        return np.tan(theta, out=theta), np.ones_like(theta), solved
-
-    @cached
-    def _inverse(self, k: Array) -> Inverse:
-        def in_angle(theta: Array) -> tuple[Array, Array]:
-            a = np.tan(theta)
-            s = a * a
-            d, fold = self._series(k, s)
-            s += 1.0
-            s *= fold
-            s /= d
-            s /= d
-            a /= d
-            return a, s
-
-        return Inverse(in_angle, self.limit(k) * (1 - 1e-9))

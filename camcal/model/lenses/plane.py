@@ -48,7 +48,7 @@ class PlaneDistortion:
     ----------
     terms : tuple of str
         In the order of the coefficients: `n1`..., `d1`..., `p1`, `p2`, ..., `x1`, `x2`, `y1`, `y2`. Without a gap in
-        each kind; a denominator only beside `n1`; p1 and p2 together.
+        each kind; p1 and p2 together.
     """
 
     terms: tuple[str, ...]
@@ -122,17 +122,17 @@ class PlaneDistortion:
         """d(fx xd, fy yd) / dc."""
         (a, b), (f, inverse), (fx, fy) = ab, radial, focal
         at, s_ = self._at, s[:, None]
-        for before, i in zip([None, *at["n"]], at["n"], strict=False):
-            if before is not None:
-                np.multiply(rows[:, before], s_, out=rows[:, i])
-                continue
-            np.multiply(a, fx * s, out=rows[:, i, 0])
-            np.multiply(b, fy * s, out=rows[:, i, 1])
+        if first := (at["n"] or at["d"])[:1]:
+            np.multiply(a, fx * s, out=rows[:, first[0], 0])
+            np.multiply(b, fy * s, out=rows[:, first[0], 1])
             if inverse is not None:
-                rows[:, i] *= inverse[:, None]
-        for before, i in zip([None, *at["d"]], at["d"], strict=False):
-            factor, source = (-f[:, None], at["n"][0]) if before is None else (s_, before)
-            np.multiply(rows[:, source], factor, out=rows[:, i])
+                rows[:, first[0]] *= inverse[:, None]
+        for before, i in pairwise(at["n"]):
+            np.multiply(rows[:, before], s_, out=rows[:, i])
+        if at["d"]:
+            np.multiply(rows[:, first[0]], -f[:, None], out=rows[:, at["d"][0]])
+        for before, i in pairwise(at["d"]):
+            np.multiply(rows[:, before], s_, out=rows[:, i])
         if at["p"]:
             i, j, *more = at["p"]
             ab2 = (2.0 * a) * b
