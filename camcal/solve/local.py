@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from camcal.model.lenses.base import Lens, LocalRows
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.forms import LocalRows
 
 Array = np.ndarray
 

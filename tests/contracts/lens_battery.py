@@ -10,7 +10,8 @@ import numpy as np
 
 from camcal.model import lenses
 from camcal.model.lenses import containment
-from camcal.model.lenses.base import Lens, OpenCVForm
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.forms import OpenCVForm
 from camcal.model.lenses.radial import InverseRadialLens
 
 Array = np.ndarray

@@ -5,17 +5,14 @@ import pytest
 
 from camcal.model import lenses
 from camcal.model.lenses.containment import contained, contains, embed
-from camcal.registry import load
 from tests.contracts import lens_battery as battery
+from tests.contracts.lens_specs import SPECS
 
 MORE = (
     "brown:radial=3,decentering=2", "brown:radial=3,decentering=1,prism=1", "kb:1", "scaramuzza:2", "division:2",
     "spline:7x5", "radial-profile:8,centre=free", "radial-profile:12",
 )  # fmt: skip
-TABLE = {
-    lens.name: lens
-    for lens in map(lenses.make, (*(s for n, p in lenses.LENSES.items() for s in load(p).variants(n)), *MORE))
-}
+TABLE = {lens.name: lens for lens in map(lenses.make, (*SPECS, *MORE))}
 #: cameras without distortion under other names
 PLAIN = {"pinhole", "brown:radial=0,decentering=0", "division:0"}
 #: models that hold every perspective camera

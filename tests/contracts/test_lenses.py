@@ -7,10 +7,9 @@ from camcal.errors import UsageError
 from camcal.model import lenses
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.opencv import OpenCV
-from camcal.registry import load
 from tests.contracts import lens_battery as battery
+from tests.contracts.lens_specs import SPECS
 
-SPECS = [spec for name, path in lenses.LENSES.items() for spec in load(path).variants(name)]
 LENSES = [lenses.make(spec, skew) for spec in SPECS for skew in (False, True)]
 CAMERAS = [
     pytest.param(lens, *camera, id=f"{lens.name}{'+skew' if lens.has_skew else ''}-{i}")

@@ -18,70 +18,19 @@ tables) is kept by `curve.cached`, outside it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from camcal.model.lenses.forms import LocalRows, OpenCVForm, Reading, Values
 from camcal.model.lenses.parameters import MATRIX, Parameters
 
 Array = np.ndarray
-Values = dict[str, float]
 
 #: points worked on at a time: a few dozen temporary arrays of 64 kB stay in a cache of 1 to 2 MB, and the cost
 #: of calling numpy (1 µs) is small beside 8192 points (8 µs an operation)
 BLOCK = 8192
-
-
-@dataclass(frozen=True)
-class OpenCVForm:
-    """The same camera for cv2: which function takes it and the coefficients in cv2's order.
-
-    `function` is the calibration function (`calibrateCamera`, `fisheye.calibrate`, `omnidir.calibrate`);
-    `flags` are the names of its flags, `free` the names of the coefficients it would estimate with them.
-    """
-
-    function: str
-    distortion: Array
-    flags: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
-    xi: float | None = None
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A camera in terms that models share, so that one model can tell whether it holds another's camera.
-
-    Attributes
-    ----------
-    terms : mapping of str -> float
-        Values by the terms of `Lens.terms`, and fx, fy, cx, cy, skew. A term that is left out has no effect.
-    curve : str
-        What is left with no term: `perspective` (R = tan θ) or `equidistant` (R = θ).
-    """
-
-    terms: Mapping[str, float]
-    curve: str = "perspective"
-
-
-@dataclass(frozen=True)
-class LocalRows:
-    """Derivatives by the `local` last coefficients, of which each point feels K in each of two halves.
-
-    With h = `local` / 2, d(u, v) / d(coefficient c of half i) at point n is factors[i, :, n] · basis[n, m] where
-    c = columns[n, m], and 0 for the others.
-
-    Attributes
-    ----------
-    columns : (N, K) int array, 0 to h - 1
-    basis : (N, K) array
-    factors : (2, 2, N) array, px: half, (u, v), point
-    """
-
-    columns: Array
-    basis: Array
-    factors: Array
 
 
 class Lens(Parameters, ABC):
@@ -157,10 +106,6 @@ class Lens(Parameters, ABC):
         """Which points lie in the domain: in view, before the first fold or pole."""
 
     # ------------------------------------------------------------------ what a model may say
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """Specs of `name` with the options that the contract tests should run besides the defaults."""
-        return (name,)
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """Realistic cameras (params, image_size) that every contract test runs on."""

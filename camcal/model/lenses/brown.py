@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import OpenCVForm, example_list
+from camcal.model.lenses.base import example_list
+from camcal.model.lenses.forms import OpenCVForm
 from camcal.model.lenses.opencv import PlaneLens
 from camcal.model.lenses.options import choice, no_options, whole_number
 
@@ -42,18 +43,6 @@ class Brown(PlaneLens):
             bool(whole_number(name, named, "prism", 0, 1)),
             centre == "free",
             skew,
-        )
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """Every kind of term, alone and together."""
-        return (
-            brown_spec(3, 1),
-            brown_spec(2, 0),
-            brown_spec(0, 0),
-            brown_spec(4, 3, True),
-            brown_spec(3, 2, True, True),
-            brown_spec(2, 0, False, True),
         )
 
     def smaller(self) -> tuple[str, ...]:

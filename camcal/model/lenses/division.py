@@ -24,8 +24,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Lens, Reading, Values, example_list
+from camcal.model.lenses.base import Lens, example_list
 from camcal.model.lenses.curve import cached, first_root
+from camcal.model.lenses.forms import Reading, Values
 from camcal.model.lenses.opencv import PlaneLens
 from camcal.model.lenses.options import choice, count_option, no_options
 from camcal.model.lenses.parameters import Parameter
@@ -132,17 +133,6 @@ class Division(PolynomialDepth):
         names = [f"l{i + 1}" for i in range(terms)]
         return cls(f"division:{terms}", tuple(range(2, 2 * terms + 1, 2)), names, skew)
 
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """Both directions."""
-        return (
-            "division:1",
-            "division:3",
-            "division:0",
-            "division:1,direction=distort",
-            "division:3,direction=distort",
-        )
-
     def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""
         return tuple(f"division:{n}" for n in range(len(self.exponents) - 1, 0, -1))
@@ -170,11 +160,6 @@ class Scaramuzza(PolynomialDepth):
         degree = count_option(name, plain, 4, 2, MOST_DEGREE)
         spec = name if not plain else f"{name}:{degree}"
         return cls(spec, tuple(range(2, degree + 1)), [f"c{i}" for i in range(2, degree + 1)], skew)
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """The toolbox's degree, and another."""
-        return ("scaramuzza", "scaramuzza:6")
 
     def smaller(self) -> tuple[str, ...]:
         """Lower degrees, and the division model with the even ones."""

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Values, example_list
+from camcal.model.lenses.base import example_list
+from camcal.model.lenses.forms import Values
 from camcal.model.lenses.options import no_options
 from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from camcal.model.lenses.base import OpenCVForm, Reading, Values, example_list
+from camcal.model.lenses.base import example_list
 from camcal.model.lenses.curve import Inverse, cached, first_root
+from camcal.model.lenses.forms import OpenCVForm, Reading, Values
 from camcal.model.lenses.options import count_option, no_options
 from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import ALMOST_PI, RadialLens
@@ -45,11 +46,6 @@ class KannalaBrandt(RadialLens):
         no_options(name, plain[1:], named)
         terms = count_option(name, plain, 4, 0, MOST)
         return cls(f"kb:{terms}", terms, skew)
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """`kb4`, and other numbers of terms."""
-        return (name,) if name == "kb4" else ("kb:0", "kb:2", "kb:4", "kb:6")
 
     def smaller(self) -> tuple[str, ...]:
         """The models with fewer terms."""

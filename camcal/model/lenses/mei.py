@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Lens, OpenCVForm, Values, example_list
+from camcal.model.lenses.base import Lens, example_list
 from camcal.model.lenses.curve import cached
+from camcal.model.lenses.forms import OpenCVForm, Values
 from camcal.model.lenses.options import no_options
 from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.plane import PlaneDistortion

@@ -15,7 +15,8 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Values, example_list
+from camcal.model.lenses.base import example_list
+from camcal.model.lenses.forms import Values
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.options import count_option, no_options
 from camcal.model.lenses.parameters import Parameter
@@ -46,11 +47,6 @@ class Polynomial(InverseLens):
         no_options(name, plain[1:], named)
         order = count_option(name, plain, 3, 1, MOST)
         return cls(f"polynomial:{order}", order, skew)
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """`bicubic`, and other orders."""
-        return (name,) if name == "bicubic" else ("polynomial:2", "polynomial:3", "polynomial:5")
 
     def smaller(self) -> tuple[str, ...]:
         """Lower orders; of the high ones every other."""

@@ -17,9 +17,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.model.lenses.base import Lens, Values, example_list
+from camcal.model.lenses.base import Lens, example_list
 from camcal.model.lenses.bspline import locate, refined, slopes, weights
 from camcal.model.lenses.curve import cached
+from camcal.model.lenses.forms import Values
 from camcal.model.lenses.options import choice, count_option, no_options
 from camcal.model.lenses.parameters import Parameter
 from camcal.model.lenses.radial import InverseRadialLens
@@ -57,11 +58,6 @@ class RadialProfile(InverseRadialLens):
         spec = f"{name}:{intervals}" if plain or centre == "free" else name
         spec += ",centre=free" * (centre == "free")
         return cls(spec, intervals, centre == "free", skew)
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """Few and more intervals, both kinds of centre."""
-        return (name, f"{name}:4", f"{name}:6,centre=free")
 
     def smaller(self) -> tuple[str, ...]:
         """About the principal point; with as many intervals as divide these, the most first."""

@@ -21,7 +21,8 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.model.lenses import direct
-from camcal.model.lenses.base import Values, example_list
+from camcal.model.lenses.base import example_list
+from camcal.model.lenses.forms import Values
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.options import no_options
 from camcal.model.lenses.parameters import Parameter

@@ -27,8 +27,9 @@ import re
 import numpy as np
 
 from camcal.errors import UsageError
-from camcal.model.lenses.base import Lens, LocalRows, Values, example_list
+from camcal.model.lenses.base import Lens, example_list
 from camcal.model.lenses.bspline import locate, refined, slopes, weights
+from camcal.model.lenses.forms import LocalRows, Values
 from camcal.model.lenses.inverse import InverseLens
 from camcal.model.lenses.options import no_options
 from camcal.model.lenses.parameters import Parameter
@@ -77,11 +78,6 @@ class Spline(InverseLens):
         if not 0 <= smooth < np.inf:
             raise UsageError(f"model '{name}': smooth={named['smooth']} is not a number of at least 0.")
         return cls(counts[0], counts[1], smooth, skew)
-
-    @classmethod
-    def variants(cls, name: str) -> tuple[str, ...]:
-        """Few control points, which keeps the tests fast."""
-        return (f"{name}:5x4", f"{name}:4x4,smooth=0.1")
 
     def smaller(self) -> tuple[str, ...]:
         """As many intervals in each direction as divide these, the most first."""
