@@ -17,7 +17,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),
     "compare": ("camcal.cli.compare:command", "Compare two cameras by what they project, with tolerances."),
     "select": ("camcal.cli.select:command", "Find the lens model that the data call for."),
-    "convert": ("camcal.cli.convert:command", "Find the closest camera of another model."),
+    "convert": ("camcal.cli.convert:command", "Convert a camera to another format or lens model."),
     "lens-fit": ("camcal.cli.lens_fit:command", "Fit a lens to pairs of ideal and distorted points."),
     "undistort": ("camcal.cli.undistort:command", "Take the distortion out of pictures."),
     "report": ("camcal.cli.report:command", "Show a report as one self-contained HTML page."),

@@ -22,7 +22,8 @@ FILE = click.Path(path_type=Path)
 def command(a: Path, b: Path | None, **options: Any) -> int:
     """Compare two cameras by what they project, over the image.
 
-    A and B are camcal reports or camera files of OpenCV. The exit code is 1 where a gate falls. The
+    A and B are camera files of any format; `camcal list formats` names them. The exit code is 1 where a gate
+    falls. The
     difference is taken after the rotation (at a finite distance also the shift) that fits best, because a
     calibration ties a camera's frame to nothing.
     """

@@ -1,10 +1,10 @@
-"""`camcal convert`: the same camera as another model."""
+"""`camcal convert`: the same camera in another program's format, or as another model."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,43 +12,110 @@ from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.errors import EstimationError, UsageError
 
+if TYPE_CHECKING:
+    from camcal.data.formats.base import CameraFile
+
 FILE = click.Path(path_type=Path)
 #: models that can stand for most others, for the message where one cannot
 RICHER = ("kb4", "opencv8", "spline:12x9")
 
 
 @click.command("convert")
-@click.argument("camera", type=FILE, metavar="CAMERA")
+@click.argument("source", type=FILE, metavar="SRC")
+@click.argument("target", type=FILE, metavar="DST", required=False)
 @options("convert")
 @verbosity_options
 @click.pass_context
-def command(ctx: click.Context, camera: Path, **options: Any) -> int:
-    """Find the closest camera of another model, over the whole image.
+def command(ctx: click.Context, source: Path, target: Path | None, **options: Any) -> int:
+    """Convert a camera to another program's format, or to another lens model.
 
-    CAMERA is a report of camcal or a camera file of OpenCV. Where the other model cannot stand for it
-    within --max-px, nothing is written and the exit code is 4.
+    SRC and DST are camera files of any format; `camcal list formats` names them. Terms that DST has no place
+    for are an error that names them, unless --to-model refits: then the largest difference over the image is
+    printed, and nothing is written where it exceeds --max-px (exit code 4). With {camera} in its name, DST is
+    one file for each camera.
     """
-    from camcal.cli.job import command_line, output_is_free
+    target = _target(target, options)
+    cameras = _source(source, options)
+    figures: dict[str, Any] = {"from": str(source)}
+    if options["to_model"] is not None:
+        cameras, more = _refitted(cameras, options)
+        figures |= more
+    document = _document(ctx, cameras, figures)
+    if target is not None:
+        document["conversion"]["written"] = _write(document, cameras, target, options)
     from camcal.cli.output import emit
-    from camcal.report.camera import camera_document
-    from camcal.report.document import load_camera, save
 
-    if options["to_model"] is None:
-        raise UsageError("no model is given to convert to.", "Try: --to-model opencv5")
-    output_is_free(options)
-    source = load_camera(camera)
-    if options["image_size"] is not None:
-        source = replace(source, image_size=options["image_size"])
-    made, figures = _converted(source, options)
-    found = camera_document(made, command_line(ctx), conversion={"from": str(camera), **figures})
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-        note(f"Camera written to {options['output']}.")
-    emit(found, options["format"], lambda: _table(found))
+    emit(document, options["format"], lambda: _table(document))
     return 0
 
 
-def _converted(source: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+def _target(target: Path | None, options: dict[str, Any]) -> Path | None:
+    """DST, or --output in its place; checked before any work is done."""
+    if target is not None and options["output"] is not None:
+        raise UsageError("DST and --output are both given.", "Give one of them.")
+    target = target or options["output"]
+    if target is None:
+        if options["to_model"] is None:
+            raise UsageError(
+                "neither a file to write nor a model to convert to is given.",
+                "Try: camcal convert SRC cam.yml, or --to-model opencv5",
+            )
+        return None
+    from camcal.data.writing import check_writable
+
+    if "{camera}" not in str(target):
+        check_writable(target, options["force"])
+    if _format_name(target, options) != "camcal":
+        from camcal.data.formats.files import target_format
+
+        target_format(target, options["to"])
+    return target
+
+
+def _format_name(target: Path, options: dict[str, Any]) -> str | None:
+    from camcal.data.formats import format_of
+
+    return options["to"] or format_of(target)
+
+
+def _source(source: Path, options: dict[str, Any]) -> CameraFile:
+    """The cameras to convert, with the size of the image where the command line says it."""
+    from camcal.data.formats import files
+
+    found = files.read(source, options["source_format"])
+    if options["camera"] is not None:
+        found = files.select(found, options["camera"], str(source))
+    for text in found.notes:
+        note(f"{source}: {text}")
+    size = options["image_size"]
+    if size is None:
+        return found
+    for named in found.cameras:
+        known = named.camera.image_size
+        if known is not None and tuple(known) != tuple(size):
+            raise UsageError(
+                f"--image-size {size[0]}x{size[1]}, but '{source}' says {known[0]}x{known[1]}.",
+                "Leave --image-size out.",
+            )
+    sized = tuple(replace(c, camera=replace(c.camera, image_size=size)) for c in found.cameras)
+    return replace(found, cameras=sized)
+
+
+def _refitted(cameras: CameraFile, options: dict[str, Any]) -> tuple[CameraFile, dict[str, Any]]:
+    """Every camera as the closest one of --to-model; the figures are those of the worst."""
+    made = [_closest(named.camera, options) for named in cameras.cameras]
+    refitted = tuple(replace(c, camera=found.camera) for c, found in zip(cameras.cameras, made, strict=True))
+    worst = max(made, key=lambda found: found.max_px)
+    figures = {
+        "model": cameras.cameras[0].camera.lens.name,
+        "max_px": worst.max_px,
+        "rms_px": max(found.rms_px for found in made),
+        "part_without_ray": max(found.without_ray for found in made),
+    }
+    return replace(cameras, cameras=refitted), figures
+
+
+def _closest(source: Any, options: dict[str, Any]) -> Any:
     from camcal.model import lenses
     from camcal.model.lenses.conversion import convert
 
@@ -62,8 +129,40 @@ def _converted(source: Any, options: dict[str, Any]) -> tuple[Any, dict[str, Any
             f"Choose a model that can do more ({', '.join(m for m in RICHER if m != lens.name)}), "
             "or give a larger --max-px.",
         )
-    figures = {"model": source.lens.name, "max_px": found.max_px, "rms_px": found.rms_px}
-    return found.camera, {**figures, "part_without_ray": found.without_ray}
+    return found
+
+
+def _document(ctx: click.Context, cameras: CameraFile, figures: dict[str, Any]) -> dict[str, Any]:
+    from camcal.cli.job import command_line
+    from camcal.data.formats.files import exact
+    from camcal.report.camera import cameras_document
+
+    for named in cameras.cameras:
+        exact(named.camera)
+    return cameras_document(cameras, command_line(ctx), conversion=figures)
+
+
+def _write(
+    document: dict[str, Any], cameras: CameraFile, target: Path, options: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """Write DST; what was written, with the difference of what reads back."""
+    name = _format_name(target, options)
+    if name == "camcal":
+        from camcal.report.document import save
+
+        save(document, target, options["force"])
+        note(f"Camera written to {target}.")
+        return [{"path": str(target), "format": "camcal", "max_px": 0.0}]
+    from camcal.data.formats import files
+
+    form = files.target_format(target, name)
+    if cameras.has_poses and len(cameras.cameras) > 1 and not (form.poses and "{camera}" not in str(target)):
+        note(f"The poses between the cameras are not written: {form.title} has no place for them.")
+    made = []
+    for path, gap in files.write(target, cameras, name, options["force"]).items():
+        note(f"Camera written to {path} ({form.name}): it reads back within {gap.max_px:.1g} px.")
+        made.append({"path": path, "format": form.name, "max_px": gap.max_px})
+    return made
 
 
 def _table(found: dict[str, Any]) -> Any:
@@ -73,11 +172,18 @@ def _table(found: dict[str, Any]) -> Any:
     from camcal.cli.output import number, table
 
     made = found["conversion"]
-    said = (
-        f"{made['model']} -> {found['camera']['model']}: {number(made['rms_px'], 3)} px rms, "
-        f"{number(made['max_px'], 3)} px at worst"
-    )
-    if made["part_without_ray"]:
-        said += f"; {made['part_without_ray']:.1%} of the image has no ray in either"
-    rows = [[name, p["value"]] for name, p in found["camera"]["parameters"].items()]
-    return Group(Text(said), table(["parameter", "value"], rows))
+    cameras = found.get("cameras") or {"camera": found["camera"]}
+    parts = []
+    if "max_px" in made:
+        said = (
+            f"{made['model']} -> {next(iter(cameras.values()))['model']}: {number(made['rms_px'], 3)} px rms, "
+            f"{number(made['max_px'], 3)} px at worst"
+        )
+        if made["part_without_ray"]:
+            said += f"; {made['part_without_ray']:.1%} of the image has no ray in either"
+        parts.append(Text(said))
+    for name, entry in cameras.items():
+        rows = [[n, p["value"]] for n, p in entry["parameters"].items()]
+        title = f"{name} ({entry['model']})" if len(cameras) > 1 else None
+        parts.append(table(["parameter", "value"], rows, title))
+    return Group(*parts)

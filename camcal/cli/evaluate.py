@@ -20,7 +20,7 @@ from camcal.cli.verbosity import verbosity_options
 def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:
     """Judge a camera on data that it was not calibrated with.
 
-    CAMERA is a report of camcal, or a camera in OpenCV's YAML. Its intrinsics stay as they are, the pose of
+    CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
     each view is fitted anew, and what remains is reported as after a calibration.
     """
     from camcal.cli.job import deliver_solution, output_is_free, read_data

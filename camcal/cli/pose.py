@@ -22,7 +22,7 @@ FILE = click.Path(path_type=Path)
 def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> int:
     """Find the pose of a known camera from three or more points and their images.
 
-    CAMERA is a report of camcal or a camera file, POINTS a table as `camcal estimate` reads it. Where the
+    CAMERA is a camera file of any format, POINTS a table as `camcal estimate` reads it. Where the
     points allow several poses (three points, a plane seen from afar), all are reported, the best first.
     """
     from camcal.cli.job import GATE_FELL, command_line, output_is_free

@@ -46,6 +46,11 @@ def read_dlt(path: str | os.PathLike) -> Array:
         raise DataError(
             f"cannot read '{source}': it is not a text file that is there.", "Check the path."
         ) from error
+    return matrices(text, source)
+
+
+def matrices(text: str, source: Path) -> Array:
+    """The projection matrices (C, 3, 4) of the text of a file; see `read_dlt`."""
     if not looks_like_dlt(text):
         rows = _rows(text)
         raise DataError(

@@ -1,10 +1,12 @@
-"""A camera by itself as a document: what `camcal evaluate`, `compare`, `convert` and `undistort` take."""
+"""Cameras by themselves as a document: what every command that asks for a camera takes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+from camcal.data.formats.base import CameraFile
+from camcal.data.formats.camcal import rig_entry
 from camcal.model.camera import Camera
 from camcal.report.document import tool
 from camcal.report.plain import plain
@@ -16,20 +18,30 @@ def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) ->
 
     The `camera` entry is that of a report, its parameters without standard deviations.
     """
-    made: Mapping[str, Any] = {
-        "schema": SCHEMA,
-        "tool": tool(),
-        "command": list(command),
-        "camera": {
-            "model": camera.lens.name,
-            "image_size": camera.image_size,
-            "pixel_center": "integer",
-            "matrix": camera.matrix,
-            "parameters": {
-                name: {"value": value, "sigma": None, "start": value, "fixed": False}
-                for name, value in camera.values.items()
-            },
+    return cameras_document(CameraFile.one(camera), command, **more)
+
+
+def cameras_document(cameras: CameraFile, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
+    """The document of the cameras of a file: `camera`, or `cameras` and, where there are poses, `rig`."""
+    made: dict[str, Any] = {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+    if len(cameras.cameras) == 1:
+        made["camera"] = _entry(cameras.cameras[0].camera)
+    else:
+        made["cameras"] = {c.name: _entry(c.camera) for c in cameras.cameras}
+        rig = rig_entry(cameras)
+        if rig is not None:
+            made["rig"] = rig
+    return plain(made | more)
+
+
+def _entry(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.lens.name,
+        "image_size": camera.image_size,
+        "pixel_center": "integer",
+        "matrix": camera.matrix,
+        "parameters": {
+            name: {"value": value, "sigma": None, "start": value, "fixed": False}
+            for name, value in camera.values.items()
         },
-        **more,
     }
-    return plain(made)

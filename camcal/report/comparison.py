@@ -9,6 +9,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from camcal.assess.comparison import Side
+from camcal.data.formats.files import recognised
+from camcal.data.formats.source import Source
 from camcal.report.loading import from_document, load_camera
 from camcal.report.yaml import read_document
 
@@ -23,9 +25,9 @@ def load_side(path: str | os.PathLike) -> Side:
     DataError
         Where the file holds no camera.
     """
-    found = read_document(path)
-    if "data" in found and "schema" in found:
-        return Side.of(str(path), from_document(found, str(path)))
+    file = Path(path)
+    if file.is_file() and recognised(source := Source(file)).name == "camcal" and "data" in source.mapping:
+        return Side.of(str(path), from_document(read_document(path), str(path)))
     return Side(str(path), load_camera(path))
 
 

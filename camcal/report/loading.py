@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.formats.camcal import camera_of_entry
+from camcal.data.formats.files import read, single
 from camcal.data.observations import Correspondences, SkippedView
 from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
-from camcal.model.lenses import make
 from camcal.model.pose import Poses
 from camcal.report import schema
 from camcal.report.embedded import Observations, decode
@@ -22,12 +23,8 @@ from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_b
 from camcal.solve.problem import Problem
 from camcal.solve.solution import CalibrationWarning, Fit, NormalBlocks, Solution, Stage
 from camcal.solve.solve import BoardResult, on_board, residuals
-from camcal.study.cameras import TRUTH_SCHEMA
 
 Array = np.ndarray
-
-#: the coefficients of OpenCV's files by their number
-_MODELS = {0: "pinhole", 4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
 
 
 def load(path: str | os.PathLike) -> Solution:
@@ -54,7 +51,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
         )
     with _damage(source):
-        camera = camera_of(found["camera"])
+        camera = camera_of_entry(found["camera"])
         start, free = _start_and_free(found["camera"], camera)
         entries = found["views"]
         seen = decode(found["data"], [e["id"] for e in entries])
@@ -83,27 +80,14 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
 
 
 def load_camera(path: str | os.PathLike) -> Camera:
-    """Read a camera: of a camcal report, of the truth beside simulated data, or of OpenCV's own YAML.
+    """Read one camera from a camera file of any format; `FILE#NAME` is the camera NAME of a file with several.
 
     Raises
     ------
     DataError
-        Where the file holds neither.
+        Where the file holds no camera, several, or one that camcal has no lens model for.
     """
-    found = read_document(path)
-    source = str(path)
-    if "schema" in found:
-        if found["schema"] != TRUTH_SCHEMA:
-            schema.check(found, source)
-        with _damage(source):
-            return camera_of(found["camera"])
-    if "camera_matrix" in found:
-        with _damage(source):
-            return _opencv_camera(found)
-    raise DataError(
-        f"'{source}' holds no camera: neither 'schema: {schema.SCHEMA}' nor 'camera_matrix'.",
-        "Give a camcal report or a file that cv2.FileStorage wrote.",
-    )
+    return single(read(path), os.fspath(path))
 
 
 @contextmanager
@@ -116,15 +100,6 @@ def _damage(source: str) -> Any:
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         what = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
         raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
-
-
-def camera_of(entry: Mapping[str, Any]) -> Camera:
-    """The camera of a report's entry `camera`."""
-    given = entry["parameters"]
-    lens = make(entry["model"], skew="skew" in given)
-    params = np.array([given[name]["value"] for name in lens.names], float)
-    size = entry["image_size"]
-    return Camera(lens, params, None if size is None else (int(size[0]), int(size[1])))
 
 
 def _start_and_free(entry: Mapping[str, Any], camera: Camera) -> tuple[Camera, Array]:
@@ -220,22 +195,3 @@ def _stage(entry: Mapping[str, Any]) -> Stage:
         array(entry.get("projection_matrix")),
         info=entry.get("info", {}),
     )
-
-
-def _opencv_camera(found: Mapping[str, Any]) -> Camera:
-    matrix = _opencv_array(found["camera_matrix"]).reshape(3, 3)
-    bend = _opencv_array(found.get("distortion_coefficients", [])).ravel()
-    if len(bend) not in _MODELS:
-        raise DataError(
-            f"the file has {len(bend)} distortion coefficients; 0, 4, 5, 8, 12 or 14 are needed.",
-            "Is it the file of another camera model?",
-        )
-    lens = make(_MODELS[len(bend)], skew=bool(matrix[0, 1] != 0))
-    params = lens.from_matrix(matrix)
-    params[lens.size - len(bend) :] = bend
-    size = (found.get("image_width"), found.get("image_height"))
-    return Camera(lens, params, None if None in size else (int(size[0]), int(size[1])))  # type: ignore[arg-type]
-
-
-def _opencv_array(entry: Any) -> Array:
-    return np.array(entry["data"] if isinstance(entry, Mapping) else entry, float)

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from camcal.data.dlt_table import looks_like_dlt, read_dlt
+from camcal.data.formats import files
+from camcal.data.formats.camcal import camera_of_entry as camera_of
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
-from camcal.report.loading import camera_of
 from camcal.report.yaml import read_document
 from camcal.routes.placed import PlacedCamera
 
 
 def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
-    """Cameras of a file of DLT coefficients, of a rig, of a report with one view, or of `camcal pose`.
+    """Cameras of a file of DLT coefficients, of a rig in any format, of a report with one view, or of `camcal pose`.
 
     Cameras of a DLT file are named 1, 2, ... as they stand in it; those of a report without a name `camera`.
 
@@ -31,11 +32,10 @@ def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
     source = Path(path)
     if _is_dlt(source):
         return tuple(PlacedCamera.of_matrix(str(i + 1), m) for i, m in enumerate(read_dlt(source)))
+    rig = _rig(source)
+    if rig:
+        return rig
     found = read_document(source)
-    if "cameras" in found and "rig" in found:
-        poses = {found["rig"].get("reference"): Pose.identity()}
-        poses |= {name: _pose(p) for name, p in found["rig"]["cam_from_rig"].items()}
-        return tuple(PlacedCamera(n, camera_of(e), poses[n]) for n, e in found["cameras"].items())
     if "camera" in found:
         pose = _single_pose(found)
         if pose is not None:
@@ -43,6 +43,16 @@ def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
     raise DataError(
         f"'{source}' holds no camera with a pose.",
         "Give DLT coefficients (11 rows), a rig, the report of one view, or what `camcal pose` wrote.",
+    )
+
+
+def _rig(source: Path) -> tuple[PlacedCamera, ...]:
+    """The cameras of a file of any format that holds the poses of several; none of any other."""
+    known = files.read(source)
+    if not known.has_poses or len(known.cameras) < 2:
+        return ()
+    return tuple(
+        PlacedCamera(c.name, files.exact(c.camera), c.pose) for c in known.cameras if c.pose is not None
     )
 
 

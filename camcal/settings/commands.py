@@ -10,6 +10,7 @@ from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.kinds import (
     POSITIVE,
     Assignments,
+    Name,
     Real,
     Several,
     Text,
@@ -107,7 +108,7 @@ _COMPARE_OPTIMIZERS = (
 )
 
 _UNDISTORT = (
-    Option("camera", FILE, "A report, or OpenCV's camera file.", short="-c", required=True),
+    Option("camera", FILE, "A camera file of any format.", short="-c", required=True),
     replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
     Option(
         "keep",
@@ -222,11 +223,23 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "convert": (
-        Option("to_model", MODEL, "The model to convert to; `camcal list models` names them."),
+        Option(
+            "to",
+            Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
+            "The format of DST; `camcal list formats` names them; by default from the ending of its name.",
+        ),
+        Option(
+            "source_format",
+            Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
+            "The format of SRC; found out from its content by default.",
+            flag="--from",
+        ),
+        Option("camera", Text(), "The one camera of SRC to convert, where it has several.", metavar="NAME"),
+        Option("to_model", MODEL, "Refit to this model; `camcal list models` names them."),
         _OF["skew"],
         replace(
             _PX,
-            help="The largest difference, anywhere in the image, that is still a conversion.",
+            help="The largest difference, anywhere in the image, that a refit may have.",
             default=0.5,
         ),
         IMAGE_SIZE,

@@ -40,7 +40,6 @@ def test_convert(camcal, kb4):
     [
         (["--to-model", "opencv5"], 4, "no camera of model 'opencv5' is within 0.5 px"),
         (["--to-model", "opencv6"], 2, "Did you mean"),
-        ([], 2, "--to-model"),
         (["--to-model", "ds", "--max-px", "0.001"], 4, "0.001 px"),
     ],
 )

@@ -1,0 +1,66 @@
+"""The eleven numbers of the DLT, a column for each camera: DLTdv, Argus, easyWand, StereoMorph.
+
+u = (L1 X + L2 Y + L3 Z + L4) / (L9 X + L10 Y + L11 Z + 1), v with L5 to L8 (Abdel-Aziz & Karara 1971). Each
+camera is a pinhole with a skew, and its pose in the frame of the points: exactly the 11 numbers.
+"""
+
+from __future__ import annotations
+
+from camcal.data.dlt_table import dlt_text, looks_like_dlt, matrices
+from camcal.data.formats.base import Array, CameraFile, Format, NamedCamera
+from camcal.data.formats.source import Source
+from camcal.data.formats.terms import choose, polynomial
+from camcal.errors import UsageError
+from camcal.geometry.projective import decompose
+from camcal.model.pose import Pose
+
+#: characters of a table of a thousand cameras
+LONGEST = 1_000_000
+MODELS = ("pinhole+skew",)
+
+
+def _sniff(source: Source) -> bool:
+    return source.kind == "text" and looks_like_dlt((source.text or "")[:LONGEST])
+
+
+def _read(source: Source) -> CameraFile:
+    return CameraFile(tuple(_camera(i, m) for i, m in enumerate(matrices(source.text or "", source.path), 1)))
+
+
+def _camera(index: int, projection: Array) -> NamedCamera:
+    k, rotation, translation, _ = decompose(projection)
+    matrix = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1])
+    return NamedCamera(str(index), polynomial(matrix, None), Pose(rotation, translation))
+
+
+def _write(cameras: CameraFile, suffix: str) -> str:
+    projections = []
+    for named in cameras.cameras:
+        _, terms = choose(named.camera, MODELS, "a table of DLT coefficients")
+        if named.pose is None:
+            raise UsageError(
+                "the DLT's numbers need the pose of the camera in the frame of the points.", "Convert a rig."
+            )
+        projections.append(terms.matrix @ named.pose.matrix[:3])
+    return dlt_text(projections)
+
+
+FORMAT = Format(
+    "dlt",
+    "a table of DLT coefficients",
+    (".csv", ".txt"),
+    _sniff,
+    _read,
+    _write,
+    MODELS,
+    several=True,
+    poses=True,
+    size=False,
+    centre="as the user's pixels",
+    order="L1 to L11, a column for each camera",
+    traps=(
+        "The pixels are those of the program that digitised: DLTdv counts v from the bottom.",
+        "The file says neither the size of the image nor a distortion.",
+    ),
+    source="DLTdv, Argus, easyWand, StereoMorph; Abdel-Aziz & Karara (1971)",
+)

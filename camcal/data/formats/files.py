@@ -1,0 +1,352 @@
+"""Camera files of any format: found out, read and checked; written, read again and compared."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.data.formats import FORMATS, format_of
+from camcal.data.formats.base import CameraFile, ForeignCamera, Format, NamedCamera, Written
+from camcal.data.formats.source import Source
+from camcal.errors import CamcalError, DataError, UsageError
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.registry import load, look_up
+
+Array = np.ndarray
+
+#: px; two cameras that a file should hold exactly may differ by the rounding of its numbers: 1e-12 of 1e4 px
+EXACT = 1e-6
+#: how far a matrix of a file may be from a rotation: files with four digits are read
+ROTATION = 1e-3
+#: columns and rows of the pixels over which two cameras are compared, the outermost ones on the border
+GRID = (41, 31)
+#: px; the largest image that any camera takes is far below
+WIDEST = 10**6
+
+
+def formats() -> Iterator[Format]:
+    """All formats, in the order in which a file is tried."""
+    return (load(path) for path in FORMATS.values())
+
+
+def named_format(name: str) -> Format:
+    """A format by its name; UsageError with the closest one for an unknown name."""
+    return look_up(FORMATS, name, "format")
+
+
+def read(path: str | os.PathLike, name: str | None = None) -> CameraFile:
+    """Read the cameras of a file.
+
+    Parameters
+    ----------
+    path : path
+        `FILE#NAME` stands for the camera NAME of FILE, where no file has that name.
+    name : str, optional
+        The format; found out from the content otherwise.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, damaged, of no known format, or names a model that is not known.
+    """
+    file, chosen = _split(path)
+    source = Source(file)
+    form = named_format(name) if name else recognised(source)
+    found = parsed(form, source)
+    return found if chosen is None else select(found, chosen, str(file))
+
+
+def _split(path: str | os.PathLike) -> tuple[Path, str | None]:
+    text = os.fspath(path)
+    name, mark, camera = text.rpartition("#")
+    if mark and camera and not Path(text).exists():
+        return Path(name), camera
+    return Path(text), None
+
+
+def recognised(source: Source) -> Format:
+    """The format of a file, from its content.
+
+    Raises
+    ------
+    DataError
+        Where no format is recognised.
+    """
+    for form in formats():
+        with _damage(source, form.title):
+            if form.sniff(source):
+                return form
+    raise DataError(
+        f"'{source.path}' holds no camera that camcal knows: no entry that belongs to one of its formats.",
+        "`camcal list formats` names them; a camcal report has 'schema: camcal-report/1'.",
+    )
+
+
+def parsed(form: Format, source: Source) -> CameraFile:
+    """The checked cameras of a file of a known format."""
+    with _damage(source, form.title):
+        found = form.read(source)
+        if not found.cameras:
+            raise DataError("no camera in it.", "Is it the right file?")
+        named = _distinct(found.cameras)
+        return replace(found, cameras=tuple(_checked(c) for c in named))
+
+
+@contextmanager
+def _damage(source: Source, title: str) -> Iterator[None]:
+    """Say of any error of a reader which file it is about, and of missing entries that it is damaged."""
+    try:
+        yield
+    except CamcalError as error:
+        where = "" if str(source.path) in error.message else f"{source.path}: "
+        raise type(error)(where + error.message, error.hint) from None
+    except (KeyError, StopIteration) as error:
+        what = repr(error.args[0]) if error.args else "an entry"
+        raise DataError(f"{source.path}: {what} is missing ({title}).", "Is the file complete?") from None
+    except (
+        ValueError,
+        TypeError,
+        struct.error,
+        IndexError,
+        AttributeError,
+        ArithmeticError,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        text = str(error).partition("\n")[0].rstrip(".") or type(error).__name__
+        raise DataError(
+            f"{source.path}: not readable as {title}: {text[:200]}.", "Is the file damaged?"
+        ) from None
+
+
+def _distinct(cameras: tuple[NamedCamera, ...]) -> list[NamedCamera]:
+    """The cameras under names of their own: the second `left` is `left-2`."""
+    seen: dict[str, int] = {}
+    found = []
+    for camera in cameras:
+        name = str(camera.name).strip() or "camera"
+        seen[name] = seen.get(name, 0) + 1
+        found.append(replace(camera, name=name if seen[name] == 1 else f"{name}-{seen[name]}"))
+    return found
+
+
+def _checked(named: NamedCamera) -> NamedCamera:
+    """A camera whose numbers can be: finite, focal lengths above 0, within the bounds of its lens."""
+    camera, pose = named.camera, named.pose
+    size = camera.image_size
+    if size is not None and not all(0 < n < WIDEST for n in size):
+        raise DataError(f"camera '{named.name}': an image of {size[0]}x{size[1]} px.", "Is the file damaged?")
+    if isinstance(camera, Camera):
+        if not np.isfinite(camera.params).all():
+            raise DataError(f"camera '{named.name}': a parameter is not finite.", "Is the file damaged?")
+        for parameter, value in zip(camera.lens.parameters, camera.params.tolist(), strict=True):
+            least = np.nextafter(0, 1) if parameter.group == "focal" else parameter.lower
+            if not least <= value <= parameter.upper:
+                raise DataError(
+                    f"camera '{named.name}': {parameter.name} = {value:g} is outside of what the model "
+                    f"'{camera.lens.name}' allows.",
+                    "Is the file damaged?",
+                )
+    return named if pose is None else replace(named, pose=rigid(pose, named.name))
+
+
+def rigid(pose: Pose, name: str) -> Pose:
+    """A pose whose rotation is one to the last digit; DataError where the matrix is no rotation."""
+    r, t = np.asarray(pose.rotation, float).reshape(3, 3), np.asarray(pose.translation, float).reshape(3)
+    if not (np.isfinite(r).all() and np.isfinite(t).all()):
+        raise DataError(f"camera '{name}': a pose that is not finite.", "Is the file damaged?")
+    away = float(np.abs(r @ r.T - np.eye(3)).max())
+    if away > ROTATION or np.linalg.det(r) < 0:
+        raise DataError(
+            f"camera '{name}': its rotation matrix is no rotation.", "Is it transposed or mirrored?"
+        )
+    if away > 1e-15:
+        u, _, vt = np.linalg.svd(r)
+        r = u @ vt
+    return Pose(r, t)
+
+
+def select(found: CameraFile, name: str, source: str) -> CameraFile:
+    """The file with one camera alone; DataError for a name that it does not have."""
+    chosen = tuple(c for c in found.cameras if c.name == name)
+    if not chosen:
+        raise DataError(f"'{source}' has no camera '{name}'.", f"It has: {', '.join(found.names[:20])}.")
+    return replace(found, cameras=chosen)
+
+
+def single(found: CameraFile, source: str) -> Camera:
+    """The one camera of a file, or the one that all entries of the file share.
+
+    Raises
+    ------
+    DataError
+        Where there are several, or where camcal has no exact counterpart of the lens.
+    """
+    cameras = [c.camera for c in found.cameras]
+    first = exact(cameras[0])
+    for other in cameras[1:]:
+        if isinstance(other, ForeignCamera) or not _same(first, other):
+            names = ", ".join(found.names[:8]) + (", ..." if len(cameras) > 8 else "")
+            raise DataError(
+                f"'{source}' holds {len(cameras)} cameras ({names}); one is needed.",
+                f"Name it: '{source}#{found.names[0]}', or --camera {found.names[0]} with `camcal convert`.",
+            )
+    return first
+
+
+def _same(a: Camera, b: Camera) -> bool:
+    return a.lens == b.lens and a.image_size == b.image_size and np.array_equal(a.params, b.params)
+
+
+def exact(camera: Any) -> Camera:
+    """The camera, unless camcal has no exact counterpart of its lens: a DataError that names what is missing."""
+    if isinstance(camera, ForeignCamera):
+        lens = camera.lens
+        raise DataError(
+            f"{lens.name}: {lens.reason}.",
+            "Refit it, with the error printed: camcal convert FILE OUT --to-model NAME.",
+        )
+    return camera
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far cameras are apart: the largest distance over the image, px, and of the poses.
+
+    `shift` is relative to the largest distance between cameras.
+    """
+
+    max_px: float
+    rotation: float = 0.0
+    shift: float = 0.0
+
+
+def difference(a: Any, b: Any) -> float:
+    """The largest distance, px, between where two cameras see the rays of pixels of the first; inf without any."""
+    width, height = a.image_size or (2 * a.params[2] + 1, 2 * a.params[3] + 1)
+    u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
+    pixels = np.c_[u.ravel(), v.ravel()]
+    rays, seen = a.lens.unproject(a.params, pixels)
+    if not seen.any():
+        return float("inf")
+    again, valid = b.lens.project(b.params, rays[seen])
+    return float(np.abs(again - pixels[seen]).max()) if valid.all() else float("inf")
+
+
+def gap(a: CameraFile, b: CameraFile) -> Gap:
+    """The largest differences between the cameras of two files, in their order."""
+    px = max(difference(x.camera, y.camera) for x, y in zip(a.cameras, b.cameras, strict=True))
+    if not (a.has_poses and b.has_poses) or len(a.cameras) < 2:
+        return Gap(px)
+    ours, theirs = relative(a.cameras), relative(b.cameras)
+    size = max(float(np.linalg.norm(p.translation)) for p in ours) or 1.0
+    turn = max(float(np.abs(p.rotation - q.rotation).max()) for p, q in zip(ours, theirs, strict=True))
+    shift = max(
+        float(np.linalg.norm(p.translation - q.translation)) for p, q in zip(ours, theirs, strict=True)
+    )
+    return Gap(px, turn, shift / size)
+
+
+def relative(cameras: tuple[NamedCamera, ...]) -> list[Pose]:
+    """The pose of each camera from the frame of the first one."""
+    poses = [c.pose for c in cameras if c.pose is not None]
+    first = poses[0].inverse()
+    return [pose @ first for pose in poses]
+
+
+def target_format(path: str | os.PathLike, name: str | None) -> Format:
+    """The format to write a file in, by its name or from the ending of the file's name.
+
+    Raises
+    ------
+    UsageError
+        Where neither says it, or the format can only be read.
+    """
+    known = name or format_of(path)
+    if known is None:
+        suffix = Path(path).suffix or "no ending"
+        raise UsageError(
+            f"the ending of '{path}' ({suffix}) does not say which format is wanted.",
+            "Give --to FORMAT; `camcal list formats` names them.",
+        )
+    form = named_format(known)
+    if form.write is None:
+        raise UsageError(f"{form.title} can be read, not written.", "`camcal list formats` says which can.")
+    return form
+
+
+def write(
+    path: str | os.PathLike, cameras: CameraFile, name: str | None = None, force: bool = False
+) -> dict[str, Gap]:
+    """Write cameras and read them back; the difference by the path of each file.
+
+    Parameters
+    ----------
+    path : path
+        With `{camera}` in its name, a file for each camera.
+    name : str, optional
+        The format; from the ending of the file's name otherwise.
+
+    Raises
+    ------
+    UsageError
+        Where the format has no room for a term, for several cameras or for poses, or the file exists.
+    """
+    from camcal.data.writing import atomic_write, check_writable
+
+    form = target_format(path, name)
+    text = os.fspath(path)
+    parts = {text: cameras}
+    if "{camera}" in text:
+        parts = {text.replace("{camera}", c.name): replace(cameras, cameras=(c,)) for c in cameras.cameras}
+    made: dict[str, str | bytes] = {}
+    gaps = {}
+    for target, part in parts.items():
+        content = rendered(form, part, Path(target))
+        gaps[target] = _read_back(form, part, Path(target), content)
+        made[target] = content.content
+        made |= {str(Path(target).with_name(n)): c for n, c in content.beside.items()}
+    for target in made:
+        check_writable(target, force)
+    for target, data in made.items():
+        atomic_write(target, data, force)
+    return gaps
+
+
+def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:
+    """What is to be written, for a format that has room for all of it."""
+    assert form.write is not None
+    if len(cameras.cameras) > 1 and not form.several:
+        raise UsageError(
+            f"{form.title} holds one camera in a file; these are {len(cameras.cameras)}.",
+            f"Choose one (--camera {cameras.names[0]}), or write one file each: {path.stem}-{{camera}}{path.suffix}",
+        )
+    for named in cameras.cameras:
+        camera = exact(named.camera)
+        if form.size and camera.image_size is None:
+            raise UsageError(
+                f"{form.title} needs the size of the image; the file of camera '{named.name}' does not say it.",
+                "Give --image-size WxH.",
+            )
+    found = form.write(cameras, path.suffix.lower())
+    return found if isinstance(found, Written) else Written(found)
+
+
+def _read_back(form: Format, cameras: CameraFile, path: Path, content: Written) -> Gap:
+    """What the reader makes of what the writer wrote; a difference is a bug, and nothing is written."""
+    data = content.content
+    source = Source(path, data.encode() if isinstance(data, str) else data)
+    source.beside = content.beside
+    again = parsed(form, source)
+    found = gap(cameras, again)
+    if not (found.max_px <= EXACT and found.rotation <= EXACT and found.shift <= EXACT):
+        raise RuntimeError(f"{form.title}: what was written reads back {found} apart")
+    return found

@@ -1,0 +1,124 @@
+"""The page docs/formats.md: `python -m camcal.data.formats.page > docs/formats.md`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from camcal.data.formats import SUFFIXES, SUMMARIES, files
+from camcal.data.formats.base import CameraFile, Format, NamedCamera
+from camcal.data.formats.source import Source
+from camcal.data.formats.terms import room
+from camcal.errors import CamcalError
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+
+INTRODUCTION = """\
+# Camera files
+
+This page is generated from the table of formats: `python -m camcal.data.formats.page > docs/formats.md`.
+
+Every command that takes a camera takes any of these files; the format is found out from the content. A model is
+read from its name in the file; an unknown name is refused. `camcal convert SRC DST` writes them: the ending of DST
+says the format where it is clear, `--to FORMAT` otherwise. The main jobs write them too: `--save-camera FILE` along
+with the report, or `-o cam.yml` in its place.
+
+    camcal convert report.yaml cam.yml                       # OpenCV
+    camcal convert camera_info.yaml cameras.txt --to colmap
+    camcal convert camchain.yaml left.yml --camera cam0
+    camcal convert camchain.yaml '{camera}.yaml' --to ros    # one file for each camera
+    camcal compare camera_info.yaml report.yaml --max-px 0.5
+    camcal undistort -c 'camchain.yaml#cam1' pictures/ -o out/
+
+What is written is read back before it is saved, and the largest difference over the image is printed. A term that a
+format has no place for (k3 in Kalibr, a skew in ROS) is an error that names it, and nothing is written.
+`--to-model NAME` finds the closest camera of a model that the format has; the largest difference over the image is
+printed, and nothing is written where it exceeds `--max-px` (0.5 px unless given). A model of another program that
+camcal has no lens for is refused by name, and read with `--to-model`.
+
+Nothing in a file is run: MATLAB scripts are read line by line, mrcal's literals as data, YAML by the safe loader
+without nested aliases, XML without entities of its own.
+"""
+
+
+def page() -> str:
+    """The text of the page."""
+    forms = list(files.formats())
+    parts = [INTRODUCTION, _overview(forms)]
+    parts += [_section(form) for form in forms]
+    return "\n".join(parts)
+
+
+def _overview(forms: list[Format]) -> str:
+    lines = [
+        "## All formats\n",
+        "*error*: the largest difference over the image, px, between a camera and what reads back after it was",
+        "written, over all lens models that the format holds, rounded up to a power of ten. *cameras*: whether a",
+        "file holds several, and their poses. An ending in bold",
+        "says the format of what is written.\n",
+        "| `--to` | what | endings | writes | cameras | first pixel | error, px |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for form in forms:
+        endings = " ".join(f"**`{e}`**" if SUFFIXES.get(e) == form.name else f"`{e}`" for e in form.endings)
+        cameras = ("many" if form.several else "one") + (", poses" if form.poses else "")
+        writes = "yes" if form.write is not None or form.name == "camcal" else "no"
+        error = "0" if form.name == "camcal" else f"{_error(form):.0e}"
+        cells = [f"`{form.name}`", SUMMARIES[form.name], endings, writes, cameras, form.centre, error]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _error(form: Format) -> float:
+    """The largest difference of a round trip over the example cameras of the format's models, px."""
+    worst = 0.0
+    for text in form.models:
+        place = room(text)
+        lens = lenses.make(place.spec, place.skew)
+        for params, size in lens.examples():
+            values = np.array(params, float)
+            if place.square:
+                values[1] = values[0]
+            worst = max(worst, _round_trip(form, Camera(lens, values, size)))
+    # rounding differs between machines: only the order of magnitude is shown
+    return 10.0 ** np.ceil(np.log10(max(worst, 1e-13)))
+
+
+def _round_trip(form: Format, camera: Camera) -> float:
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 10.0]))  # the DLT is nothing without one
+    cameras = CameraFile((NamedCamera("camera", camera, pose),))
+    try:
+        written = files.rendered(form, cameras, Path(f"camera{form.endings[0]}"))
+    except CamcalError:
+        return 0.0
+    data = written.content.encode() if isinstance(written.content, str) else written.content
+    source = Source(Path(f"camera{form.endings[0]}"), data)
+    return files.gap(cameras, files.parsed(form, source)).max_px
+
+
+def _section(form: Format) -> str:
+    summary = SUMMARIES[form.name]
+    lines = [
+        f"## {form.name}\n",
+        f"{summary[0].upper()}{summary[1:]}. Source: {form.source}.\n",
+    ]
+    if form.models:
+        shown = [_model(text) for text in form.models]
+        lines.append(f"- Lens models: {', '.join(shown)}.")
+    lines.append(f"- Order: {form.order}.")
+    lines += [f"- {trap}" for trap in form.traps]
+    if not form.size:
+        lines.append("- Give `--image-size` when reading it: the file does not say it.")
+    return "\n".join(lines) + "\n"
+
+
+def _model(text: str) -> str:
+    spec, *more = text.split("+")
+    words = {"skew": "with skew", "square": "fx = fy"}
+    return f"`{spec}`" + (f" ({', '.join(words[m] for m in more)})" if more else "")
+
+
+if __name__ == "__main__":
+    print(page(), end="")
