@@ -115,7 +115,9 @@ def _model(spec: str, terms: Terms) -> tuple[str, list[float]]:
 def _write(cameras: CameraFile, suffix: str) -> str:
     named = cameras.cameras[0]
     ini = suffix == ".ini"
-    spec, terms = choose(named.camera, MODELS[:2] if ini else MODELS, "ROS's ini file" if ini else "ROS camera_info")
+    spec, terms = choose(
+        named.camera, MODELS[:2] if ini else MODELS, "ROS's ini file" if ini else "ROS camera_info"
+    )
     model, d = _model(spec, terms)
     k = terms.matrix.ravel().tolist()
     p = np.c_[terms.matrix, np.zeros(3)].ravel().tolist()
