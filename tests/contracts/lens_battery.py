@@ -380,3 +380,19 @@ def cv2_project(lens: Lens, params: Array, form: OpenCVForm, xyz: Array) -> Arra
         out = out.reshape(-1, 2)
         out = np.c_[out[:, 0] + k[0, 1] * (out[:, 1] - k[1, 2]) / k[1, 1], out[:, 1]]
     return out.reshape(-1, 2)
+
+
+def check_everything(lens: Lens) -> None:
+    """The whole battery on one model and its examples, the end of its domain included."""
+    check_parameters(lens)
+    check_neutral(lens)
+    for params, size in lens.examples():
+        for check in (
+            check_shapes, check_euler, check_linearise, check_round_trip, check_whole_sphere,
+            check_outside, check_opencv,
+        ):  # fmt: skip
+            check(lens, params, size)
+        check_jacobians(lens, params, directions(lens, params, size, 40))
+        check_centre(lens, params)
+        check_prior(lens, params)
+        check_limit(lens, params)
