@@ -10,6 +10,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
     "images": ("camcal.cli.checkerboard:images", "The same for pictures of any target."),
+    "batch": ("camcal.cli.batch:command", "Calibrate many cameras, with a summary of all."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "pose": ("camcal.cli.pose:command", "Find where a known camera stood, with all solutions."),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from camcal.settings.batch import BATCH
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.kinds import (
@@ -173,6 +174,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "estimate": (POINTS3D, POINTS2D, IMAGE_SIZE, *CALIBRATION, *REPORT),
     "checkerboard": _IMAGES,
     "images": _IMAGES,
+    "batch": (*BATCH, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "detect": (
         replace(OUTPUT, help="The table (CSV): file, id, X, Y, Z, u, v, sigma.", required=True),
         *BOARD,

@@ -1,0 +1,154 @@
+"""Where jobs run: processes of this machine, or a running Dask cluster; both are `concurrent.futures` executors."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from typing import Any
+
+from camcal.errors import UsageError
+
+#: read by linear algebra libraries once, when they are loaded
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+#: s; how often a worker looks whether its parent is still there, where the system does not tell it
+LOOK = 1.0
+#: s; a cluster that does not answer within this time is not there
+CONNECT = 10
+#: how often Dask gives a job to another worker after its worker was lost
+RETRIES = 3
+
+
+class Local:
+    """Worker processes with one thread each.
+
+    Parameters
+    ----------
+    count : int
+    """
+
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
+
+    def __init__(self, count: int):
+        self.count = count
+        self.executor: Executor = self._start()
+
+    def _start(self) -> Executor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.count, context, _start_worker, (os.getpid(),))
+
+    def restart(self) -> None:
+        """Begin again with new processes, after one was lost and the pool with it."""
+        self.close(done=False)
+        self.executor = self._start()
+
+    def close(self, done: bool) -> None:
+        """End the processes; at once where the work is not `done`."""
+        processes = list((getattr(self.executor, "_processes", None) or {}).values())
+        self.executor.shutdown(wait=done, cancel_futures=True)
+        if not done:
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.join(5)
+                if process.is_alive():
+                    process.kill()
+
+
+class Cluster:
+    """A running Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Such as tcp://host:8786.
+
+    Raises
+    ------
+    UsageError
+        Where dask.distributed is not installed or no scheduler answers at the address.
+    """
+
+    def __init__(self, address: str):
+        try:
+            from distributed import Client
+            from distributed.scheduler import KilledWorker
+        except ImportError:
+            raise UsageError(
+                "--scheduler needs dask.distributed, which is not installed.",
+                "Try: pip install 'camcal[cluster]'",
+            ) from None
+        try:
+            self.client = Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise UsageError(
+                f"no Dask scheduler answers at '{address}' ({type(error).__name__}).",
+                "Start one with: dask scheduler",
+            ) from None
+        self.lost: tuple[type[BaseException], ...] = (BrokenExecutor, KilledWorker)
+        self.executor: Executor = self.client.get_executor(pure=False, retries=RETRIES)
+
+    @property
+    def count(self) -> int:
+        """Workers now; they may come and go."""
+        return max(1, sum(self.client.nthreads().values()))
+
+    def restart(self) -> None:
+        """The cluster goes on by itself."""
+
+    def close(self, done: bool) -> None:
+        """Leave the cluster; what was submitted and is not done is cancelled."""
+        with contextlib.suppress(Exception):
+            self.executor.shutdown(wait=done)
+        self.client.close(timeout=CONNECT)
+
+
+@contextlib.contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Processes that start meanwhile use one thread for linear algebra."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def open_pool(scheduler: str | None, count: int) -> Local | Cluster:
+    """Processes of this machine, or the cluster at an address."""
+    return Local(count) if scheduler is None else Cluster(scheduler)
+
+
+def _start_worker(parent: int) -> None:
+    """Leave ^C to the parent, use one thread, and end with the parent however that ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with(parent)
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def _end_with(parent: int) -> None:
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            death_signal = 1  # PR_SET_PDEATHSIG, <sys/prctl.h>
+            libc: Any = ctypes.CDLL(None)
+            libc.prctl(death_signal, signal.SIGKILL)
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK)
+        os._exit(1)
+
+    threading.Thread(target=look, daemon=True).start()

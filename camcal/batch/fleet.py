@@ -1,0 +1,168 @@
+"""The cameras of a batch against each other: control charts of each type, outlier cameras, ranking.
+
+The scatter of a quantity over a fleet has two parts: how cameras differ (τ) and how well each is known (its own σ).
+A camera is compared with the median of its type by
+
+    z = (x - median) / sqrt(τ² + σ²)                                                                       (1)
+
+with τ² = max(0, S² - median σ²) and S the scaled median absolute deviation (1.4826 MAD, Rousseeuw & Croux 1993), so
+that outliers do not hide themselves. The limit is the quantile at which a fleet without outliers raises FALSE_ALARMS
+false alarms in all on average (Bonferroni), and never below Shewhart's three standard deviations. It is one of
+Student's t, for the median and the MAD of few cameras are themselves uncertain: their variances are 1.57 and 1.36
+times S² / n of the mean and S² / (2 n) of the standard deviation (Huber & Ronchetti, Robust Statistics 2009).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from camcal.batch.work import DONE, Row
+
+Array = np.ndarray
+
+#: quantity -> (column of its own standard deviation or None, title with unit, whether only large values are bad)
+QUANTITIES: dict[str, tuple[str | None, str, bool]] = {
+    "focal": ("sigma_focal", "focal length, px", False),
+    "cx": ("sigma_cx", "principal point cx, px", False),
+    "cy": ("sigma_cy", "principal point cy, px", False),
+    "distortion": (None, "distortion at half the height, px", False),
+    "rms_point": (None, "rms of the residuals, px", True),
+    "holdout": (None, "rms on held-out views, px", True),
+}
+#: cameras of one type, fewer of which say nothing on how cameras differ: the MAD of eight has a relative standard
+#: deviation of 40 %
+LEAST = 8
+#: expected number of false alarms in a fleet without outliers
+FALSE_ALARMS = 0.05
+SHEWHART = 3.0
+MAD_EFFICIENCY = 0.37  #: 1 / (2 x 1.36): of the MAD against the standard deviation
+MEDIAN_VARIANCE = 1.57  #: π / 2: of the median against the mean
+MAD = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation
+#: the scatter is not taken to be less than this part of the quantity itself, so that equal values are no outliers
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Control:
+    """The control chart of one quantity of one type.
+
+    Attributes
+    ----------
+    type, quantity : str
+    names : tuple of str
+        In the order of the jobs.
+    values, z : (N,) arrays
+    centre, spread, limit : float
+        Median, scatter between cameras (τ), and the largest |z| that is no outlier.
+    """
+
+    type: str
+    quantity: str
+    names: tuple[str, ...]
+    values: Array
+    z: Array
+    centre: float
+    spread: float
+    limit: float
+
+    @property
+    def outliers(self) -> dict[str, float]:
+        """z of the cameras beyond the limit, by name."""
+        one_sided = QUANTITIES[self.quantity][2]
+        bad = self.z > self.limit if one_sided else np.abs(self.z) > self.limit
+        return {self.names[i]: float(self.z[i]) for i in np.flatnonzero(bad)}
+
+
+def type_of(row: Row) -> str:
+    """The type of a camera: as its job says, else its model and the size of its pictures."""
+    return row["type"] or f"{row['model']} {row['image_size']}".strip()
+
+
+def controls(rows: Sequence[Row]) -> list[Control]:
+    """The control charts of all types with enough cameras."""
+    done = [row for row in rows if row["status"] == DONE]
+    groups: dict[str, list[Row]] = {}
+    for row in done:
+        groups.setdefault(type_of(row), []).append(row)
+    groups = {name: group for name, group in groups.items() if len(group) >= LEAST}
+    tests = len(QUANTITIES) * sum(map(len, groups.values()))
+    made = [_control(name, q, group, tests) for name, group in groups.items() for q in QUANTITIES]
+    return [chart for chart in made if chart is not None]
+
+
+def limit_for(tests: int, cameras: int) -> float:
+    """The largest |z| that is no outlier, of `cameras` of a type, where so many values are tested."""
+    from scipy.special import stdtrit
+
+    freedom = MAD_EFFICIENCY * (cameras - 1)
+    quantile = -float(stdtrit(freedom, 0.5 * FALSE_ALARMS / tests))
+    return max(SHEWHART, quantile * math.sqrt(1 + MEDIAN_VARIANCE / cameras))
+
+
+def _control(name: str, quantity: str, rows: list[Row], tests: int) -> Control | None:
+    own = QUANTITIES[quantity][0]
+    rows = [row for row in rows if row.get(quantity) is not None]
+    if len(rows) < LEAST:
+        return None
+    values = np.array([row[quantity] for row in rows], float)
+    sigma = np.array([row[own] or 0.0 for row in rows], float) if own else np.zeros(len(rows))
+    centre = float(np.median(values))
+    scatter = MAD * float(np.median(np.abs(values - centre)))
+    floor = ROUNDING * max(abs(centre), 1.0)
+    between = math.sqrt(max(scatter**2 - float(np.median(sigma**2)), floor**2))
+    z = (values - centre) / np.hypot(between, sigma)
+    names = tuple(row["name"] for row in rows)
+    return Control(name, quantity, names, values, z, centre, between, limit_for(tests, len(rows)))
+
+
+def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> list[Row]:
+    """The rows with `outlier` (what is unusual, with its z) and `rank` (1 is the camera that is known best).
+
+    Ranked by the error on held-out views where that is known, else by the residuals; cameras that failed have none.
+    """
+    found: dict[str, list[str]] = {}
+    for chart in charts:
+        for name, z in chart.outliers.items():
+            found.setdefault(name, []).append(f"{chart.quantity} {z:+.1f}")
+    done = [row for row in rows if row["status"] == DONE]
+    order = sorted(done, key=lambda row: (row["holdout"] or row["rms_point"], row["name"]))
+    ranks = {row["name"]: rank for rank, row in enumerate(order, 1)}
+    return [
+        {**row, "outlier": "; ".join(found.get(row["name"], ())), "rank": ranks.get(row["name"])}
+        for row in rows
+    ]
+
+
+#: the columns of summary.csv
+COLUMNS = (
+    "name", "status", "reason", "rms_point", "verdict", "grade", "warnings", "outlier", "rank", "type", "model",
+    "image_size", "views", "points", "focal", "sigma_focal", "cx", "sigma_cx", "cy", "sigma_cy", "distortion",
+    "holdout", "seconds",
+)  # fmt: skip
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """summary.csv: a line per job, in the order of the jobs."""
+    import csv
+    import io
+
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([_cell(row.get(column)) for column in COLUMNS] for row in rows)
+    return out.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, str):
+        value = " ".join(value.split())
+        # a spreadsheet would take it for a formula
+        return "'" + value if value[:1] in ("=", "+", "-", "@") else value
+    return "" if value is None else value

@@ -1,0 +1,214 @@
+"""What a batch is to do: a folder with a sub-folder per camera, or a file that lists the jobs.
+
+    jobs:
+      - {name: left, images: pictures/left, board: 9x6}
+      - {name: zhang, points: points.csv, model: opencv4, fix: "p1,p2", max_rms: 0.5}
+
+A job has a name, `images` or `points` (a path, a pattern or a list of them; relative to the file), and options of
+`camcal checkerboard` or `camcal estimate` under their names in camcal.yaml. `type` groups cameras that are
+compared with each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from camcal.batch.storage import is_remote
+from camcal.errors import DataError, UsageError
+from camcal.registry import suggestion
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
+from camcal.settings.option import Option, readable
+from camcal.settings.run import IMAGE_SIZE
+
+POINTS, IMAGES = "points", "images"
+TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
+LONGEST_NAME = 200  #: a file's name has at most 255 bytes, and OUT/NAME.yaml and a temporary name must fit
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One calibration.
+
+    Attributes
+    ----------
+    name : str
+        Of the camera; the report is OUT/NAME.yaml.
+    kind : {"points", "images"}
+    sources : tuple of str
+        Absolute paths, patterns or addresses.
+    options : mapping
+        Values of options as the program works with them; those left out have the defaults of the command line.
+    type : str
+        Cameras of one type are compared with each other.
+    """
+
+    name: str
+    kind: str
+    sources: tuple[str, ...]
+    options: Mapping[str, Any]
+    type: str = ""
+
+    @property
+    def digest(self) -> str:
+        """Identifies what is to be done: the same digest means the same inputs and options."""
+        said = [self.kind, self.sources, sorted((n, readable(v)) for n, v in self.options.items())]
+        return hashlib.sha256(json.dumps(said, default=str).encode()).hexdigest()[:16]
+
+
+@cache
+def options_of(kind: str) -> Mapping[str, Option]:
+    """The options that a job of a kind may have, by name."""
+    own = dict(CalibrationOptions.options())
+    if kind == POINTS:
+        return {**own, IMAGE_SIZE.name: IMAGE_SIZE}
+    found = {name: option for name, option in DetectionOptions.options().items() if name != "jobs"}
+    return {**found, REFINE_CORNERS.name: REFINE_CORNERS, **own}
+
+
+def read_jobs(source: str, common: Mapping[str, Any] | None = None) -> list[Job]:
+    """Read and check all jobs of a folder or a file.
+
+    Parameters
+    ----------
+    source : str
+        FOLDER or JOBS.yaml (or .json).
+    common : mapping, optional
+        Options for all jobs; those of a job win. An option that does not concern a job is left out.
+
+    Raises
+    ------
+    UsageError, DataError
+        Where anything is wrong with any job: nothing is done then.
+    """
+    path = Path(source)
+    if path.is_dir():
+        entries = list(_in_folder(path))
+        base = path.absolute()
+    elif not path.exists():
+        raise DataError(f"there is no file or folder '{source}'.", "Check the path.")
+    else:
+        entries, base = _in_file(path), path.absolute().parent
+    jobs: dict[str, Job] = {}
+    for number, entry in enumerate(entries, 1):
+        job = _job(entry, number, base, common or {}, source)
+        if job.name in jobs:
+            raise UsageError(f"{source}: two jobs are named '{job.name}'.", "Each needs a name of its own.")
+        jobs[job.name] = job
+    _check_models(jobs.values())
+    return list(jobs.values())
+
+
+def _in_folder(folder: Path) -> Iterator[dict[str, Any]]:
+    """A job per sub-folder (pictures) and per table (points), in the order of their names."""
+    found = False
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if path.is_dir():
+            found = True
+            yield {"name": path.name, IMAGES: str(path.absolute())}
+        elif path.suffix.lower() in TABLES:
+            found = True
+            yield {"name": path.stem, POINTS: str(path.absolute())}
+    if not found:
+        raise DataError(
+            f"'{folder}' holds neither sub-folders nor tables of points.",
+            "A batch needs a sub-folder of pictures, or a table, per camera.",
+        )
+
+
+def _in_file(path: Path) -> list[Any]:
+    from camcal.report.yaml import read_document
+
+    document = read_document(path)
+    jobs = document.get("jobs")
+    if not isinstance(jobs, list) or not jobs:
+        raise UsageError(f"'{path}' lists no jobs.", "It needs a key 'jobs' with a list of them.")
+    unknown = next((key for key in document if key != "jobs"), None)
+    if unknown is not None:
+        raise UsageError(f"'{path}': unknown key '{unknown}'.", "Known: jobs.")
+    return jobs
+
+
+def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source: str) -> Job:
+    where = f"{source}: job {number}"
+    if not isinstance(entry, Mapping):
+        raise UsageError(f"{where} is not a mapping.", "Each job is {name: ..., images or points: ...}.")
+    given = {str(key).replace("-", "_"): value for key, value in entry.items()}
+    name = _name(given.pop("name", None), where)
+    where = f"{source}: job '{name}'"
+    kinds = [kind for kind in (POINTS, IMAGES) if kind in given]
+    if len(kinds) != 1:
+        found = "both points and images" if kinds else "neither points nor images"
+        raise UsageError(f"{where} has {found}.", "One of the two is needed.")
+    kind = kinds[0]
+    sources = _sources(given.pop(kind), base, where)
+    group = str(given.pop("type", ""))
+    known = options_of(kind)
+    options = {n: v for n, v in common.items() if n in known}
+    for key, value in given.items():
+        if key not in known:
+            raise UsageError(f"{where}: unknown option '{key}'.", suggestion(key, known) or _usual(kind))
+        try:
+            options[key] = known[key].convert(value)
+        except UsageError as error:
+            raise UsageError(f"{where}: {key}: {error.message}", error.hint) from None
+    return Job(name, kind, sources, options, group)
+
+
+def _usual(kind: str) -> str:
+    return f"Options of `camcal {'estimate' if kind == POINTS else 'checkerboard'}` are known."
+
+
+def _name(name: Any, where: str) -> str:
+    if isinstance(name, int) and not isinstance(name, bool):
+        name = str(name)
+    if not isinstance(name, str) or not name:
+        raise UsageError(f"{where} has no name.", "Each job needs a name: its report is OUT/NAME.yaml.")
+    # = + - @ begin a formula where a spreadsheet opens the summary; / and \ would leave the folder
+    bad = (
+        not name.isprintable()
+        or any(c in name for c in '/\\:*?"<>|')
+        or name[0] in ".=+-@ "
+        or name[-1] in " ."
+    )
+    if bad or len(name.encode()) > LONGEST_NAME:
+        raise UsageError(
+            f"{where}: the name {name[:60]!r} cannot be the name of a file.",
+            "Use letters, digits, '_', '-' and '.', beginning with a letter or digit.",
+        )
+    return name
+
+
+def _sources(value: Any, base: Path, where: str) -> tuple[str, ...]:
+    paths = [value] if isinstance(value, str) else value
+    if not isinstance(paths, Sequence) or not paths or not all(isinstance(p, str) and p for p in paths):
+        raise UsageError(f"{where}: its input is not a path or a list of paths.", "Try: points: points.csv")
+    return tuple(p if is_remote(p) else str(base / p) for p in paths)
+
+
+def _check_models(jobs: Any) -> None:
+    """Refuse a model, or a held parameter, that does not exist, before any job is run."""
+    from camcal.model import lenses
+    from camcal.solve.parameters import apply_fixed
+
+    tried: set[tuple[str, bool, str]] = set()
+    defaults = CalibrationOptions.options()
+    for job in jobs:
+        model, skew, fix = (job.options.get(n, defaults[n].default) for n in ("model", "skew", "fix"))
+        key = (model, skew, repr(fix))
+        if model == "auto" or key in tried:
+            continue
+        tried.add(key)
+        try:
+            lens = lenses.make(model, skew)
+            apply_fixed(lens, lens.neutral, fix)
+        except UsageError as error:
+            raise UsageError(f"job '{job.name}': {error.message}", error.hint) from None

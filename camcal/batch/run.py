@@ -1,0 +1,219 @@
+"""Distribute jobs, keep what is done, go on after a kill; a job that fails stops no other.
+
+What is done stands in OUT/batch-state: files of rows (JSON lines), each written in one piece, so that neither a
+kill nor an object store without appending does harm. Reports that a killed run had not noted yet are read.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any
+
+from camcal.batch.executors import Cluster, Local, one_thread_each, open_pool
+from camcal.batch.jobs import Job
+from camcal.batch.storage import Storage
+from camcal.batch.work import DONE, FAILED, JOB, Row, distortion_px, run_jobs, summary_row
+from camcal.errors import CamcalError, UsageError
+
+STATE = "batch-state"
+#: s; rows are noted at least so often: what a kill can make the next run read again from the reports
+NOTED = 5.0
+#: rows in a file of the state, at most
+ROWS = 1000
+#: tasks in flight for each worker: one at work and the next at hand
+AHEAD = 2
+#: s; short jobs are handed out in groups of about this length, so that handing out (some ms) costs no percent
+GROUP = 0.5
+#: jobs in a group at most: what a lost worker makes others do again
+MOST_IN_GROUP = 50
+
+OnRow = Callable[[Row, int, int], Any]
+
+
+class State:
+    """The rows of finished jobs, in memory and in OUT/batch-state."""
+
+    def __init__(self, storage: Storage):
+        self.storage = storage
+        self.rows: dict[str, Row] = {}
+        self._new: list[Row] = []
+        self._files = 0
+        self._written = time.monotonic()
+
+    def load(self, jobs: Sequence[Job]) -> None:
+        """Take the rows of jobs that are finished as they are asked for now; failed ones are done again."""
+        digests = {job.name: job.digest for job in jobs}
+        for name in sorted(self.storage.names(STATE)):
+            text = self.storage.read(f"{STATE}/{name}") or ""
+            self._files = max(self._files, int(name.partition(".")[0]) if name[:1].isdigit() else 0)
+            for row in map(json.loads, text.splitlines()):
+                self._take(row, digests)
+        there = {name.removesuffix(".yaml") for name in self.storage.names() if name.endswith(".yaml")}
+        for name in [name for name in self.rows if name not in there]:
+            del self.rows[name]
+        for name in sorted(there & set(digests) - set(self.rows)):
+            row = self._from_report(name)
+            if row is not None:
+                self._take(row, digests)
+
+    def _take(self, row: Row, digests: dict[str, str]) -> None:
+        if row["status"] == DONE and digests.get(row["name"]) == row["digest"]:
+            self.rows[row["name"]] = row
+
+    def _from_report(self, name: str) -> Row | None:
+        """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
+        import yaml
+
+        from camcal.report.loading import camera_of
+
+        try:
+            report = yaml.load(
+                self.storage.read(f"{name}.yaml") or "", getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+            )
+            digest = report["options"][JOB]["value"]
+            row = summary_row(report, distortion_px(camera_of(report["camera"])))
+        except (CamcalError, yaml.YAMLError, KeyError, TypeError, ValueError):
+            return None
+        return {"name": name, "type": "", "digest": digest, "seconds": None, **row}
+
+    def add(self, row: Row) -> None:
+        """Take a new row; it is noted with others, soon."""
+        self.rows[row["name"]] = row
+        self._new.append(row)
+        if len(self._new) >= ROWS or time.monotonic() - self._written > NOTED:
+            self.save()
+
+    def save(self) -> None:
+        """Note what is new."""
+        if self._new:
+            self._files += 1
+            text = "".join(json.dumps(row) + "\n" for row in self._new)
+            self.storage.write(f"{STATE}/{self._files:06d}.jsonl", text)
+        self._new, self._written = [], time.monotonic()
+
+
+def run(
+    jobs: Sequence[Job],
+    out: str,
+    workers: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
+    force: bool = False,
+    on_row: OnRow = lambda row, done, total: None,
+) -> list[Row]:
+    """Do all jobs; their rows in the order of the jobs.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    out : str
+        A folder or an address; it gets NAME.yaml for each job.
+    workers : int
+        Processes.
+    scheduler : str, optional
+        Address of a Dask cluster, in place of processes.
+    resume, force : bool
+        What is done with reports that are there: those of finished jobs are kept, or all are replaced.
+    on_row : callable
+        Called with each row as it comes, and how many of how many jobs are done.
+
+    Raises
+    ------
+    UsageError
+        Where there are reports of these jobs and neither `resume` nor `force`; where `out` cannot be written;
+        where there is no cluster.
+    """
+    storage = Storage(out)
+    _check_free(storage, jobs, resume or force)
+    storage.make(STATE)
+    state = State(storage)
+    if resume:
+        state.load(jobs)
+    todo = [job for job in jobs if job.name not in state.rows]
+    for job in todo:
+        storage.sweep(f"{job.name}.yaml")
+    try:
+        if todo:
+            with one_thread_each():
+                pool = open_pool(scheduler, min(workers, len(todo)))
+                for row in _rows(todo, storage.root, pool):
+                    state.add(row)
+                    on_row(row, len(state.rows), len(jobs))
+    finally:
+        state.save()
+    return [{**state.rows[job.name], "type": job.type} for job in jobs]
+
+
+def _check_free(storage: Storage, jobs: Sequence[Job], allowed: bool) -> None:
+    there = storage.names()
+    taken = [job.name for job in jobs if f"{job.name}.yaml" in there]
+    if taken and not allowed:
+        raise UsageError(
+            f"{storage.root} holds {len(taken)} report{'s' * (len(taken) > 1)} of these jobs already, "
+            f"'{taken[0]}.yaml' among them.",
+            "Go on with --resume, replace them with --force, or choose another folder.",
+        )
+
+
+def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]:
+    """The rows of jobs as they are done, in any order; a bounded number is in flight."""
+    waiting, alone = deque(jobs), deque[Job]()
+    flying: dict[Future, list[Job]] = {}
+    spent, count, finished = 0.0, 0, False
+    try:
+        while waiting or alone or flying:
+            # after a loss, the jobs that were in flight go one by one: the one that ends its process is found
+            room = 1 if alone else AHEAD * pool.count
+            while (waiting or alone) and len(flying) < room:
+                group = [alone.popleft()] if alone else _group(waiting, spent / max(count, 1), pool.count)
+                try:
+                    flying[pool.executor.submit(run_jobs, group, out)] = group
+                except pool.lost:
+                    alone.extendleft(reversed(group))
+                    pool.restart()
+                if len(group) == 1 and room == 1:
+                    break
+            done, _ = wait(flying, return_when=FIRST_COMPLETED)
+            lost: list[Job] = []
+            for future in done:
+                group = flying.pop(future)
+                try:
+                    rows = future.result()
+                except pool.lost:
+                    lost += group
+                    continue
+                spent, count = spent + sum(row["seconds"] for row in rows), count + len(rows)
+                yield from rows
+            if lost:
+                lost += [job for group in flying.values() for job in group] if isinstance(pool, Local) else []
+                flying = {} if isinstance(pool, Local) else flying
+                pool.restart()
+                if len(lost) == 1 and room == 1:
+                    yield _lost_row(lost[0])
+                else:
+                    alone.extend(lost)
+        finished = True
+    finally:
+        pool.close(finished)
+
+
+def _group(waiting: deque[Job], seconds: float, workers: int) -> list[Job]:
+    """The next jobs: about GROUP seconds of work, one where that is not known yet; fewer towards the end."""
+    wanted = min(MOST_IN_GROUP, int(GROUP / seconds)) if seconds > 0 else 1
+    fair = len(waiting) // (AHEAD * workers)
+    return [waiting.popleft() for _ in range(max(1, min(wanted, fair)))]
+
+
+def _lost_row(job: Job) -> Row:
+    return {
+        "name": job.name,
+        "type": job.type,
+        "digest": job.digest,
+        "status": FAILED,
+        "reason": "its process was ended by the system (out of memory?), twice.",
+        "seconds": None,
+    }

@@ -1,0 +1,158 @@
+"""One job, in whatever process: read, calibrate, write the report, and say in a row how it went."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from camcal.batch.jobs import IMAGES, Job, options_of
+from camcal.batch.storage import Storage, local_copies
+from camcal.errors import CamcalError
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.detection import DetectionOptions
+from camcal.settings.kinds import is_report
+from camcal.settings.option import readable
+
+if TYPE_CHECKING:
+    from camcal.model.camera import Camera
+    from camcal.solve.solution import Solution
+
+DONE, FAILED = "done", "failed"
+JOB = "job"  #: the entry among the options of a report that holds the digest of its job
+
+Row = dict[str, Any]
+
+
+def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
+    """Do some jobs, one after the other."""
+    storage = Storage(out)
+    return [run_job(job, storage) for job in jobs]
+
+
+def run_job(job: Job, storage: Storage) -> Row:
+    """Do one job: its report is written, and a row returned; an error is a row, too."""
+    began = time.perf_counter()
+    row: Row = {"name": job.name, "type": job.type, "digest": job.digest}
+    try:
+        report, distortion = _report(job)
+        from camcal.report.yaml import dump_yaml
+
+        storage.write(f"{job.name}.yaml", dump_yaml(report))
+        row |= summary_row(report, distortion)
+    except CamcalError as error:
+        row |= {"status": FAILED, "reason": f"{error.message} {error.hint or ''}".strip()}
+    except MemoryError:
+        row |= {"status": FAILED, "reason": "there is not enough memory for this job."}
+    except OSError as error:
+        row |= {"status": FAILED, "reason": f"{error.filename or job.name}: {error.strerror or error}."}
+    except Exception as error:  # noqa: BLE001 - a job that fails must not stop the others
+        row |= {"status": FAILED, "reason": f"a bug of camcal: {type(error).__name__}: {error}"}
+    row["seconds"] = round(time.perf_counter() - began, 4)
+    return row
+
+
+def _report(job: Job) -> tuple[dict[str, Any], float]:
+    from camcal.report.document import document
+    from camcal.report.plain import plain
+
+    values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
+    told = {name: values[name] for name in CalibrationOptions.options()}
+    with local_copies(job.sources) as paths:
+        solution, selection = _calibrate(job, paths, values, told)
+    described = {
+        name: {"value": readable(value), "from": "job" if name in job.options else "default"}
+        for name, value in values.items()
+    }
+    described[JOB] = {"value": job.digest, "from": "batch"}
+    solution = replace(solution, options=described)
+    report = document(solution, command=["batch", job.name])
+    if selection is not None:
+        report["selection"] = plain(selection)
+    return report, distortion_px(solution.camera)
+
+
+def _calibrate(
+    job: Job, paths: list[str], values: dict[str, Any], told: dict[str, Any]
+) -> tuple[Solution, dict[str, Any] | None]:
+    """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
+    from camcal.plan.pictures import calibrate_pictures
+    from camcal.plan.pipeline import calibrate
+
+    if job.kind == IMAGES:
+        from camcal.detect.images import detect_images
+
+        search = {name: values[name] for name in DetectionOptions.options() if name != "jobs"}
+        data = detect_images(paths, **search, jobs=1)
+    else:
+        from camcal.data.points import read_points
+
+        data = read_points(*paths, image_size=values["image_size"])
+    if is_report(told["board_shape"]):
+        from camcal.report.board import on_known_board
+
+        data = on_known_board(data, told["board_shape"])
+        told["board_shape"] = "flat"
+    selection = None
+    if told["model"] == "auto":
+        from camcal.plan.selection import described, select
+
+        selection = described(
+            select(data, **{name: told[name] for name in ("skew", "fix", "robust", "seed")})
+        )
+        told["model"] = selection["chosen"]
+    if job.kind == IMAGES:
+        return calibrate_pictures(data, values["refine_corners"], **told)[0], selection
+    return calibrate(data, **told), selection
+
+
+def distortion_px(camera: Camera) -> float:
+    """The mean radial displacement by the lens at half the picture's height from the principal point, px.
+
+    Of the projections of eight rays that a camera without distortion would see there: one figure for any lens
+    model. NaN where the size of the picture is not known or the lens does not see so far.
+    """
+    if camera.image_size is None:
+        return float("nan")
+    angle = np.arange(8) * np.pi / 4
+    k = camera.matrix
+    offset = 0.5 * camera.image_size[1] * np.c_[np.cos(angle), np.sin(angle)]
+    rays = np.c_[offset, np.zeros(8)] @ np.linalg.inv(k).T + [0.0, 0.0, 1.0]
+    moved = camera.project(rays) - k[:2, 2]
+    radius = np.linalg.norm(moved, axis=1) - 0.5 * camera.image_size[1]
+    return float(radius.mean()) if np.isfinite(radius).all() else float("nan")
+
+
+def summary_row(report: dict[str, Any], distortion: float = float("nan")) -> Row:
+    """What the summary says of a finished job, from its report."""
+    camera, fit = report["camera"], report["fit"]
+    row: Row = {
+        "status": DONE,
+        "reason": " ".join(report["failures"]),
+        "rms_point": fit["rms_point"],
+        "verdict": report["verdict"],
+        "grade": report.get("grade") or _grade(report),
+        "warnings": ",".join(w["code"] for w in report["warnings"]),
+        "model": camera["model"],
+        "image_size": "x".join(map(str, camera["image_size"] or ())),
+        "views": sum(v["status"] == "used" for v in report["views"]),
+        "points": fit["points_used"],
+        "holdout": (report["holdout"] or {}).get("rms_point"),
+        "distortion": distortion if np.isfinite(distortion) else None,
+    }
+    values = {name: entry["value"] for name, entry in camera["parameters"].items()}
+    sigmas = {name: entry["sigma"] or 0.0 for name, entry in camera["parameters"].items()}
+    row["focal"] = 0.5 * (values["fx"] + values["fy"])
+    # fx and fy are strongly correlated: the sigma of their mean is taken as the mean of their sigmas
+    row["sigma_focal"] = 0.5 * (sigmas["fx"] + sigmas["fy"])
+    for name in ("cx", "cy"):
+        row[name], row[f"sigma_{name}"] = values[name], sigmas[name]
+    return row
+
+
+def _grade(report: dict[str, Any]) -> str:
+    severities = {w.get("severity") for w in report["warnings"]}
+    return next((grade for grade in ("wrong", "doubtful") if grade in severities), "good")

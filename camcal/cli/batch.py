@@ -1,0 +1,103 @@
+"""`camcal batch`: many calibrations in one run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from camcal.cli.options import options as options_of
+from camcal.cli.options import origin_of
+from camcal.cli.verbosity import note, verbosity_options
+
+#: failed jobs that are named on the terminal; summary.csv has all
+NAMED = 20
+#: off a terminal, one line for each of so many parts of the jobs
+LINES = 10
+
+
+@click.command("batch")
+@click.argument("source", metavar="FOLDER|JOBS.yaml")
+@options_of("batch")
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, source: str, output: str, **options: Any) -> int:
+    """Calibrate many cameras: one report each, a summary of all, control charts of each type.
+
+    FOLDER has a sub-folder of pictures, or a table of points, per camera; JOBS.yaml lists jobs with options of
+    their own. Options given here hold for every job that does not have its own. A job that fails stops no
+    other. The exit code is 1 where a job failed or one of its gates fell.
+    """
+    from camcal.batch.fleet import controls, csv_text, with_fleet
+    from camcal.batch.jobs import read_jobs
+    from camcal.batch.page import counts, page
+    from camcal.batch.run import run
+    from camcal.batch.storage import Storage
+    from camcal.detect.workers import usable_processors
+
+    jobs = read_jobs(source, _given(ctx, options))
+    rows = run(
+        jobs,
+        output,
+        options["jobs"] or usable_processors(),
+        options["scheduler"],
+        options["resume"],
+        options["force"],
+        Progress(),
+    )
+    charts = controls(rows)
+    rows = with_fleet(rows, charts)
+    storage = Storage(output)
+    storage.write("summary.csv", csv_text(rows))
+    storage.write("summary.html", page(rows, charts))
+    numbers = counts(rows)
+    note(", ".join(f"{count} {what}" for what, count in numbers.items()) + ".")
+    _name_bad(rows)
+    note(f"Reports, summary.csv and summary.html: {output}")
+    fallen = numbers["failed"] or numbers["gates fallen"]
+    return 1 if fallen or (options["fail_on_outlier"] and numbers["outliers"]) else 0
+
+
+def _given(ctx: click.Context, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that were given for all jobs, by flag, environment or configuration."""
+    return {name: value for name, value in options.items() if origin_of(ctx, name) != "default"}
+
+
+def _name_bad(rows: list[dict[str, Any]]) -> None:
+    bad = [row for row in rows if row["reason"] or row["outlier"]]
+    for row in bad[:NAMED]:
+        said = [row["reason"], f"unlike its type: {row['outlier']}" if row["outlier"] else ""]
+        note(f"  {row['name']}: {'; '.join(filter(None, said))}")
+    if len(bad) > NAMED:
+        note(f"  and {len(bad) - NAMED} more in summary.csv")
+
+
+class Progress:
+    """Says how far the jobs are: a bar on a terminal, else a few lines; with the time that is left."""
+
+    def __init__(self) -> None:
+        self.began = time.monotonic()
+        self.first: int | None = None
+        self.said = 0
+
+    def __call__(self, row: Mapping[str, Any], done: int, total: int) -> None:
+        """Take a row; `done` of `total` jobs are done."""
+        if self.first is None:
+            self.first = done - 1  # those of an earlier run took no time
+        note(f"{row['name']}: {row.get('reason') or row['status']}", 1)
+        part = done * LINES // total
+        if part > self.said and total >= LINES:
+            self.said = part
+            passed = time.monotonic() - self.began
+            left = passed / (done - self.first) * (total - done)
+            note(f"{done} of {total} jobs, {_duration(left)} left.")
+
+
+def _duration(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return (
+        f"{hours} h {minutes} min" if hours else f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    )

@@ -1,0 +1,46 @@
+"""What `camcal batch` and `camcal watch` are asked for besides the options of a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from camcal.settings.kinds import POSITIVE, Switch, Text, Whole
+from camcal.settings.option import Option
+from camcal.settings.run import OUTPUT
+
+_SWITCH = Switch()
+
+#: of `camcal batch`
+BATCH = (
+    Option(
+        "output",
+        Text(),
+        "Folder for the reports and the summary; also s3://..., gs://..., ssh://...",
+        short="-o",
+        required=True,
+        metavar="OUT",
+    ),
+    Option(
+        "resume", _SWITCH, "Go on: finished jobs are kept, failed and changed ones are done again.", False
+    ),
+    Option(
+        "scheduler",
+        Text(),
+        "A running Dask cluster, tcp://HOST:PORT, in place of processes.",
+        metavar="ADDRESS",
+    ),
+    Option("fail_on_outlier", _SWITCH, "Exit code 1 also where a camera is unlike its type.", False),
+)
+#: of `camcal watch`
+WATCH = (
+    replace(OUTPUT, required=True),
+    Option(
+        "target_px", POSITIVE, "End when the worst uncertainty over the picture is at most PX.", metavar="PX"
+    ),
+    Option("once", _SWITCH, "Calibrate from what is there, and end.", False),
+    Option(
+        "serve",
+        Whole(0, 65535, metavar="PORT"),
+        "Show a page that reloads itself at http://127.0.0.1:PORT; 0 takes a free port.",
+    ),
+)

@@ -1,0 +1,126 @@
+"""What a batch is told: folders, lists, and each way to get one wrong."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from camcal.batch.jobs import Job, read_jobs
+from camcal.errors import DataError, UsageError
+
+
+def listed(tmp_path, *jobs, **common):
+    path = tmp_path / "jobs.yaml"
+    path.write_text(yaml.safe_dump({"jobs": list(jobs)}))
+    return read_jobs(str(path), common)
+
+
+def test_a_folder_of_folders_and_tables(tmp_path):
+    for name in ("b", "a", ".git"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "c.csv").write_text("")
+    (tmp_path / "notes.md").write_text("")
+    jobs = read_jobs(str(tmp_path))
+    assert [(j.name, j.kind) for j in jobs] == [("a", "images"), ("b", "images"), ("c", "points")]
+    assert jobs[0].sources == (str(tmp_path / "a"),)
+
+
+def test_a_list_of_jobs(tmp_path):
+    jobs = listed(
+        tmp_path,
+        {"name": "one", "points": "p.csv", "model": "opencv4", "fix": "p1,k1=0.1", "max-rms": 0.5},
+        {"name": 2, "images": ["a", "/abs/b", "s3://bucket/c"], "board": "9x6", "type": "wide"},
+        seed=7,
+        image_size=(640, 480),
+    )
+    first, second = jobs
+    assert first.sources == (str(tmp_path / "p.csv"),)
+    wanted = {
+        "model": "opencv4",
+        "fix": {"p1": None, "k1": 0.1},
+        "max_rms": 0.5,
+        "seed": 7,
+        "image_size": (640, 480),
+    }
+    assert first.options == wanted
+    assert second.name == "2" and second.type == "wide"
+    assert second.sources == (str(tmp_path / "a"), "/abs/b", "s3://bucket/c")
+    assert second.options == {"board": (9, 6), "seed": 7}  # pictures say their size themselves
+
+
+def test_the_digest_is_that_of_what_is_done():
+    job = Job("a", "points", ("/p.csv",), {"model": "opencv4", "seed": 1})
+    assert job.digest == Job("b", "points", ("/p.csv",), {"seed": 1, "model": "opencv4"}, "type").digest
+    for other in (
+        Job("a", "points", ("/q.csv",), job.options),
+        Job("a", "images", ("/p.csv",), job.options),
+        Job("a", "points", ("/p.csv",), {**job.options, "seed": 2}),
+    ):
+        assert other.digest != job.digest
+
+
+GOOD = {"name": "good", "points": "p.csv"}
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        ({"name": "x", "points": "p", "model": "opencv99"}, "job 'x': model: unknown model 'opencv99'"),
+        ({"name": "x", "points": "p", "model": "brown:radial=no"}, "job 'x'"),
+        ({"name": "x", "points": "p", "fix": "k9"}, "job 'x'"),
+        ({"name": "x", "points": "p", "modle": "opencv4"}, "unknown option 'modle'"),
+        ({"name": "x", "points": "p", "board": "9x6"}, "unknown option 'board'"),
+        ({"name": "x", "images": "p", "image_size": "640x480"}, "unknown option 'image_size'"),
+        ({"name": "x", "images": "p", "jobs": 4}, "unknown option 'jobs'"),
+        ({"name": "x", "points": "p", "max_rms": -1}, "max_rms: -1 is not"),
+        ({"name": "x"}, "neither points nor images"),
+        ({"name": "x", "points": "p", "images": "q"}, "both points and images"),
+        ({"name": "x", "points": []}, "not a path"),
+        ({"name": "x", "points": [1]}, "not a path"),
+        ({"points": "p"}, "job 2 has no name"),
+        ("x", "job 2 is not a mapping"),
+        (GOOD, "two jobs are named 'good'"),
+        *(
+            ({"name": name, "points": "p"}, "cannot be the name of a file")
+            for name in (
+                "../x",
+                "a/b",
+                "a\\b",
+                ".x",
+                "..",
+                "=1+1",
+                "-x",
+                "@x",
+                "a\nb",
+                "a\x1b[1m",
+                "x" * 201,
+                "x ",
+                "x.",
+            )
+        ),
+    ],
+)
+def test_what_is_refused(tmp_path, bad, said):
+    with pytest.raises(UsageError) as caught:
+        listed(tmp_path, GOOD, bad)
+    assert said in caught.value.message
+
+
+def test_a_name_of_200_bytes_is_the_longest(tmp_path):
+    assert listed(tmp_path, {"name": "ä" * 100, "points": "p"})[0].name == "ä" * 100
+
+
+@pytest.mark.parametrize(
+    "text", ["{}", "jobs: []", "jobs: 3", "jobs: [{name: a, points: b}]\nmodel: opencv4"]
+)
+def test_a_file_without_jobs(tmp_path, text):
+    (tmp_path / "jobs.yaml").write_text(text)
+    with pytest.raises(UsageError):
+        read_jobs(str(tmp_path / "jobs.yaml"))
+
+
+def test_nothing_to_do(tmp_path):
+    with pytest.raises(DataError, match="neither sub-folders nor tables"):
+        read_jobs(str(tmp_path))
+    with pytest.raises(DataError, match="no file or folder"):
+        read_jobs(str(Path(tmp_path) / "absent"))

@@ -1,0 +1,199 @@
+"""Jobs over processes: failures, lost workers, what is kept, and what a second run does."""
+
+import os
+import sys
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+import yaml
+
+from camcal.batch import run as running
+from camcal.batch.executors import Local
+from camcal.batch.jobs import Job, read_jobs
+from camcal.batch.run import run
+from camcal.batch.work import run_jobs
+from camcal.errors import UsageError
+
+from .cameras import write_camera
+
+QUICK = {"checks": False, "crosscheck": False, "robust": "none", "model": "pinhole"}
+
+
+def jobs_of(tmp_path, count=3, **more):
+    for number in range(count):
+        write_camera(tmp_path / f"c{number}.csv", number)
+    entries = [
+        {"name": f"c{n}", "points": f"c{n}.csv", "image_size": "640x480", **QUICK, **more}
+        for n in range(count)
+    ]
+    (tmp_path / "jobs.yaml").write_text(yaml.safe_dump({"jobs": entries}))
+    return read_jobs(str(tmp_path / "jobs.yaml"))
+
+
+class Here:
+    """A pool that works in this process; `deadly` jobs lose their worker, `gone` ones only the first time."""
+
+    lost = (BrokenProcessPool,)
+    count = 2
+
+    def __init__(self, deadly=(), gone=()):
+        self.executor, self.deadly, self.gone = self, set(deadly), set(gone)
+        self.groups, self.restarts, self.closed = [], 0, None
+
+    def submit(self, function, jobs, out):
+        self.groups.append([job.name for job in jobs])
+        future = Future()
+        names = {job.name for job in jobs}
+        if names & (self.deadly | self.gone):
+            self.gone -= names
+            future.set_exception(BrokenProcessPool())
+        else:
+            future.set_result([{"name": job.name, "status": "done", "seconds": 0.001} for job in jobs])
+        return future
+
+    def restart(self):
+        self.restarts += 1
+
+    def close(self, done):
+        self.closed = done
+
+
+def named(count):
+    return [Job(f"j{n}", "points", ("p",), {}) for n in range(count)]
+
+
+def test_a_job_that_ends_its_process_fails_alone():
+    pool = Here(deadly=["j3"], gone=["j5"])
+    rows = {row["name"]: row for row in running._rows(named(40), "out", pool)}
+    assert len(rows) == 40
+    assert [n for n, row in rows.items() if row["status"] == "failed"] == ["j3"]
+    assert "process was ended" in rows["j3"]["reason"] and pool.closed is True
+
+
+def test_short_jobs_go_in_groups_that_shrink_to_the_end():
+    pool = Here()
+    assert len(list(running._rows(named(2000), "out", pool))) == 2000
+    sizes = [len(group) for group in pool.groups]
+    assert sizes[0] == 1 and max(sizes) == running.MOST_IN_GROUP and sizes[-1] == 1
+
+
+def test_what_is_in_flight_is_bounded():
+    taken = []
+
+    def jobs():
+        for job in named(1000):
+            taken.append(job.name)
+            yield job
+
+    class Slow(Here):
+        def submit(self, function, jobs, out):
+            assert len(self.groups) - self.finished <= running.AHEAD * self.count
+            return super().submit(function, jobs, out)
+
+        @property
+        def finished(self):
+            return len(self.groups) - running.AHEAD * self.count if len(self.groups) > 4 else 0
+
+    assert len(list(running._rows(jobs(), "out", Slow()))) == 1000
+
+
+def test_a_stopped_run_ends_its_pool():
+    pool = Here()
+    rows = running._rows(named(5), "out", pool)
+    next(rows)
+    rows.close()
+    assert pool.closed is False
+
+
+def test_reports_rows_and_a_second_run(tmp_path):
+    jobs = jobs_of(tmp_path)
+    out = str(tmp_path / "out")
+    seen = []
+    rows = run(jobs, out, workers=2, on_row=lambda row, done, total: seen.append((done, total)))
+    assert [row["name"] for row in rows] == ["c0", "c1", "c2"] and {row["status"] for row in rows} == {"done"}
+    assert sorted(seen) == [(1, 3), (2, 3), (3, 3)]
+    assert all(abs(row["focal"] - 800) < 5 * row["sigma_focal"] for row in rows)
+    assert abs(rows[0]["distortion"]) < 1e-6  # a pinhole
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.yaml")}
+    with pytest.raises(UsageError, match="3 reports of these jobs"):
+        run(jobs, out)
+    assert run(jobs, out, resume=True, on_row=lambda *_: pytest.fail("done again")) == rows
+    assert before == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.yaml")}
+    again = run(jobs, out, force=True)
+    assert [row["focal"] for row in again] == [row["focal"] for row in rows]
+
+
+def test_what_is_not_noted_is_read_from_the_reports(tmp_path):
+    jobs = jobs_of(tmp_path)
+    out = tmp_path / "out"
+    rows = run(jobs, str(out))
+    for path in (out / running.STATE).iterdir():
+        path.unlink()
+    (out / "c1.yaml").write_text("half a rep")
+    done = []
+    again = run(jobs, str(out), resume=True, on_row=lambda row, *_: done.append(row["name"]))
+    assert done == ["c1"]
+    without = [{k: v for k, v in row.items() if k != "seconds"} for row in rows]
+    assert [{k: v for k, v in row.items() if k != "seconds"} for row in again] == without
+
+
+def test_changed_and_failed_jobs_are_done_again(tmp_path):
+    jobs = jobs_of(tmp_path)
+    out = str(tmp_path / "out")
+    (tmp_path / "c2.csv").rename(tmp_path / "away.csv")
+    rows = run(jobs, out)
+    assert [row["status"] for row in rows] == ["done", "done", "failed"] and "no such file" in rows[2][
+        "reason"
+    ]
+    (tmp_path / "away.csv").rename(tmp_path / "c2.csv")
+    changed = jobs_of(tmp_path)
+    changed[0] = Job("c0", "points", changed[0].sources, {**changed[0].options, "model": "opencv4"})
+    done = []
+    rows = run(changed, out, resume=True, on_row=lambda row, *_: done.append(row["name"]))
+    assert sorted(done) == ["c0", "c2"] and rows[0]["model"] == "opencv4"
+    assert {row["status"] for row in rows} == {"done"}
+
+
+def test_every_kind_of_error_is_a_row(tmp_path, monkeypatch):
+    (job,) = jobs_of(tmp_path, 1)
+    for error in (RuntimeError("boom"), MemoryError(), OSError(28, "No space left on device", "x")):
+
+        def fail(*args, error=error, **kwargs):
+            raise error
+
+        monkeypatch.setattr("camcal.plan.pipeline.calibrate", fail)
+        (tmp_path / "out").mkdir(exist_ok=True)
+        (row,) = run_jobs([job], str(tmp_path / "out"))
+        assert row["status"] == "failed" and row["reason"]
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_the_same_over_fsspec(tmp_path):
+    pytest.importorskip("fsspec")
+    jobs = jobs_of(tmp_path, 2)
+    remote = [Job(j.name, j.kind, tuple(f"file://{s}" for s in j.sources), j.options) for j in jobs]
+    local = run(jobs, str(tmp_path / "local"))
+    rows = run(remote, f"file://{tmp_path}/remote")
+    assert [row["focal"] for row in rows] == [row["focal"] for row in local]
+    assert sorted(p.name for p in (tmp_path / "remote").iterdir()) == sorted(
+        p.name for p in (tmp_path / "local").iterdir()
+    )
+    run(remote, f"file://{tmp_path}/remote", resume=True, on_row=lambda *_: pytest.fail("done again"))
+    missing = Job("x", "points", (f"file://{tmp_path}/absent.csv",), jobs[0].options)
+    (row,) = run([missing], f"file://{tmp_path}/remote2")
+    assert row["status"] == "failed" and "cannot be read" in row["reason"]
+
+
+def deadly(jobs, out):
+    """Stand for `run_jobs` in a worker: some jobs take their process with them."""
+    if any(job.name == "j1" for job in jobs):
+        os._exit(9)
+    return [{"name": job.name, "status": "done", "seconds": 0.01} for job in jobs]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes end otherwise there")
+def test_a_real_process_that_ends(monkeypatch):
+    monkeypatch.setattr(running, "run_jobs", deadly)
+    rows = {row["name"]: row["status"] for row in running._rows(named(6), "out", Local(2))}
+    assert rows == {f"j{n}": "failed" if n == 1 else "done" for n in range(6)}
