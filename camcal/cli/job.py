@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from camcal.cli import camera_files
 from camcal.cli.options import resolved_options
 from camcal.cli.output import console, emit, progress
 from camcal.cli.verbosity import note, verbosity
@@ -39,6 +40,7 @@ def output_is_free(options: dict[str, Any]) -> None:
     for path in (options["output"], options.get("trace")):
         if path is not None:
             check_writable(path, options["force"])
+    camera_files.check(options)
 
 
 def read_data(
@@ -175,9 +177,10 @@ def deliver_solution(
         from camcal.report.plain import plain
 
         report["selection"] = plain(selection)
-    output = options["output"]
+    output = options["output"] if camera_files.is_report(options["output"], options) else None
     if output is not None:
         save(report, output, options["force"])
+    camera_files.save(solution.camera, options, command_line(ctx))
     if options.get("trace") is not None:
         write_trace(solution, options["trace"], options["force"])
     emit(report, options["format"], lambda: tables(report))

@@ -31,6 +31,7 @@ from camcal.settings.run import (
     POINTS2D,
     POINTS3D,
     REPORT,
+    RESULT,
     TRACE,
 )
 from camcal.settings.simulation import SIMULATIONS
@@ -166,12 +167,12 @@ _IMAGES = (
     REFINE_CORNERS,
     Option("save_corners", FILE, "Write the final corners too, as the table that `camcal detect` makes."),
     *CALIBRATION,
-    *REPORT,
+    *RESULT,
 )
 
 #: command, or group and sub-command -> its options
 OPTIONS: dict[str, tuple[Option, ...]] = {
-    "estimate": (POINTS3D, POINTS2D, IMAGE_SIZE, *CALIBRATION, *REPORT),
+    "estimate": (POINTS3D, POINTS2D, IMAGE_SIZE, *CALIBRATION, *RESULT),
     "checkerboard": _IMAGES,
     "images": _IMAGES,
     "batch": (*BATCH, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from camcal.settings.kinds import FilePath, Text, Words
+from dataclasses import replace
+
+from camcal.settings.kinds import FilePath, Several, Text, Words
 from camcal.settings.kinds import Switch as _Switch
 from camcal.settings.option import Option
 from camcal.settings.sizes import ImageSize
@@ -12,6 +14,17 @@ SWITCH = _Switch()
 
 IMAGE_SIZE = Option("image_size", ImageSize(), "Size of the pictures in px, such as 640x480.")
 OUTPUT = Option("output", FILE, "Write the report (YAML) to FILE.", short="-o")
+#: of the main jobs
+OUTPUT_OR_CAMERA = replace(
+    OUTPUT,
+    help="Write the report (YAML) to FILE; with another ending (.yml, .xml, .json, ...) the camera alone.",
+)
+SAVE_CAMERA = Option(
+    "save_camera",
+    Several(FILE),
+    "Write the camera too, in the format of FILE's ending; may be given several times; `camcal list formats`.",
+    repeated=True,
+)
 FORCE = Option("force", SWITCH, "Overwrite an output that exists.", False, short="-f")
 FORMAT = Option(
     "format",
@@ -38,3 +51,5 @@ MODELS = Option(
 
 #: where results go and where options come from
 REPORT = (OUTPUT, FORCE, FORMAT, CONFIG)
+#: the same of the main jobs
+RESULT = (OUTPUT_OR_CAMERA, SAVE_CAMERA, FORCE, FORMAT, CONFIG)

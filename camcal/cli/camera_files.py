@@ -1,0 +1,61 @@
+"""Camera files of other programs written along with a report: `--save-camera`, and `-o cam.yml`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from camcal.cli.verbosity import note
+
+if TYPE_CHECKING:
+    from camcal.model.camera import Camera
+
+
+def is_report(path: Path | None, options: Mapping[str, Any]) -> bool:
+    """Whether `--output` is a report: with other endings than .yaml the main jobs write the camera alone."""
+    from camcal.data.formats import format_of
+
+    return path is None or "save_camera" not in options or format_of(path) in (None, "camcal")
+
+
+def targets(options: Mapping[str, Any]) -> list[Path]:
+    """The camera files to write: of `--save-camera`, and `--output` where it is one."""
+    output = options["output"]
+    own = [] if is_report(output, options) else [output]
+    return [*own, *(options.get("save_camera") or ())]
+
+
+def check(options: Mapping[str, Any]) -> None:
+    """Raise a UsageError where a camera file cannot be written, before any work is done."""
+    from camcal.data.formats import format_of
+    from camcal.data.writing import check_writable
+
+    for path in targets(options):
+        check_writable(path, options["force"])
+        if format_of(path) != "camcal":
+            from camcal.data.formats.files import target_format
+
+            target_format(path, None)
+
+
+def save(camera: Camera, options: Mapping[str, Any], command: list[str]) -> None:
+    """Write the camera to each target, in the format of its ending.
+
+    Raises
+    ------
+    UsageError
+        Where a format has no room for a term of the camera, which it names.
+    """
+    from camcal.data.formats import files, format_of
+    from camcal.data.formats.base import CameraFile
+
+    for path in targets(options):
+        if format_of(path) == "camcal":
+            from camcal.report.camera import camera_document
+            from camcal.report.document import save as save_document
+
+            save_document(camera_document(camera, command), path, options["force"])
+        else:
+            files.write(path, CameraFile.one(camera), None, options["force"])
+        note(f"Camera written to {path}.")
