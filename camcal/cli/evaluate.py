@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import verbosity_options
+from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("evaluate")
@@ -21,7 +21,8 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     """Judge a camera on data that it was not calibrated with.
 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
-    each view is fitted anew, and what remains is reported as after a calibration.
+    each view is fitted anew, and what remains is reported as after a calibration. Of a rig, the table names the
+    camera of each point in a column `camera`, and each view has one pose for all cameras.
     """
     from camcal.cli.job import deliver_solution, output_is_free, read_data
 
@@ -29,8 +30,28 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.assess.known_camera import evaluate
     from camcal.plan.start import leave_out_unusable
     from camcal.report.document import load_camera
+    from camcal.report.rig_views import is_rig
 
+    if len(data) == 1 and is_rig(camera):
+        return _rig(ctx, camera, Path(data[0]), options)
     known = load_camera(camera)
     found = leave_out_unusable(read_data(data, options))
     solution = evaluate(known, found, options["robust"], options["seed"])
     return deliver_solution(ctx, solution, options)
+
+
+def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any]) -> int:
+    """Judge a rig; robust estimation and pictures are for single cameras."""
+    from camcal.cli.job import GATE_FELL, command_line
+    from camcal.cli.output import emit
+    from camcal.report.document import save
+    from camcal.report.rig_views import evaluation, tables
+
+    if options["robust"] != "none":
+        note("outliers are not looked for in the points of a rig: --robust none")
+    found = evaluation(camera, table, options["max_rms"], command_line(ctx))
+    if options["output"] is not None:
+        save(found, options["output"], options["force"])
+        note(f"Report written to {options['output']}.")
+    emit(found, options["format"], lambda: tables(found))
+    return GATE_FELL if found["verdict"] == "fail" else 0

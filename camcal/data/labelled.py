@@ -130,7 +130,10 @@ def _columns(
     header: Sequence[str], needed: Sequence[str], known: Sequence[str], where: str
 ) -> dict[str, int]:
     """Where each known column stands."""
-    by_name = {alias: c for c in known for alias in (c, *ALIASES.get(c, "").split())}
+    by_name = {alias: c for c in known for alias in ALIASES.get(c, "").split()}
+    by_name |= {
+        plain(c): c for c in known
+    }  # a column's own name wins: X is not another name of u beside X, Y, Z
     found: dict[str, int] = {}
     for index, name in enumerate(header):
         column = by_name.get(plain(name))

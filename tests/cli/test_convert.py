@@ -52,7 +52,17 @@ def test_terms_without_a_place_are_named_and_refitted(camcal, opencv5):
     code, _, err = camcal("convert", opencv5, "k.yaml", "--to", "kalibr")
     assert code == 2 and "k3" in err and "--to-model" in err
     code, out, err = camcal(
-        "convert", opencv5, "k.yaml", "--to", "kalibr", "--to-model", "opencv4", "--format", "json", "--max-px", "1"
+        "convert",
+        opencv5,
+        "k.yaml",
+        "--to",
+        "kalibr",
+        "--to-model",
+        "opencv4",
+        "--format",
+        "json",
+        "--max-px",
+        "1",
     )
     assert code == 0, err
     figures = json.loads(out)["conversion"]
