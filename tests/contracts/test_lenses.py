@@ -253,3 +253,31 @@ def test_differences_are_sharper_than_the_tolerance():
     exact = np.exp(0.3) * 500
     got = battery.difference(lambda t: 500 * np.exp(0.3 + t), 1e-3)
     assert abs(got - exact) / exact < battery.DERIVATIVE / 50
+
+
+@pytest.mark.parametrize(
+    "most, beyond",
+    [
+        ("kb:12", "kb:13"),
+        ("brown:radial=10,decentering=6", "brown:radial=11"),
+        ("brown:radial=0,decentering=6", "brown:decentering=7"),
+        ("division:8", "division:9"),
+        ("scaramuzza:12", "scaramuzza:13"),
+        ("scaramuzza:2", "scaramuzza:1"),
+        ("radial-profile:40", "radial-profile:41"),
+        ("radial-profile:2", "radial-profile:1"),
+        ("polynomial:15", "polynomial:16"),
+        ("polynomial:1", "polynomial:0"),
+        ("spline:40x4", "spline:41x4"),
+        ("spline:4x4", "spline:4x3"),
+        ("spline:4x4,smooth=0", "spline:4x4,smooth=-1"),
+        ("brown:prism=1", "brown:prism=2"),
+        ("brown:centre=free", "brown:centre=here"),
+        ("division:1,direction=distort", "division:1,direction=back"),
+        ("kb:0", "kb:x"),
+    ],
+)
+def test_options_up_to_their_limits(most, beyond):
+    battery.check_parameters(lenses.make(most))
+    with pytest.raises(UsageError):
+        lenses.make(beyond)

@@ -15,6 +15,7 @@ from camcal.model.lenses.options import choice, no_options, whole_number
 Array = np.ndarray
 
 OPTIONS = ("radial", "decentering", "prism", "centre")
+#: more than published calibrations use; the columns of higher powers are nearly collinear
 MOST_RADIAL, MOST_DECENTERING = 10, 6
 
 

@@ -13,7 +13,8 @@ from camcal.model.lenses.regress import Regression, regress
 
 Array = np.ndarray
 
-#: columns and rows of pixels over which cameras are matched, the outermost ones on the image's border
+#: columns and rows of pixels over which cameras are matched, the outermost ones on the image's border: 1271, twice
+#: what a model of 600 coefficients needs
 GRID = (41, 31)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
+from math import comb, isfinite
+from operator import mul
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,15 +13,26 @@ import numpy as np
 Array = np.ndarray
 T = TypeVar("T")
 
-#: A root counts as real where its imaginary part is below this part of its size: a double root, which is
-#: where a fold appears, is only known to the root of the rounding, 1e-8.
+#: A root counts as real where its imaginary part is below this part of its size: a double root, where a fold
+#: appears, is known to the square root of the rounding only, 1e-8, and ten times that is allowed.
 REAL = 1e-7
-#: error of f, relative above 1, up to which its inverse counts as found
+#: A leading coefficient smaller than this part of the largest has its root at 1e150, which no r² reaches.
+NEGLIGIBLE = 1e-150
+#: error of f, relative above 1, up to which its inverse counts as found: some thousand roundings, 1e-9 px in a picture
+#: with a focal length of 1000 px
 SOLVED = 1e-12
-#: cells of the table of an inverse; what stands for infinity in it
-CELLS, HUGE = 256, 1e12
-#: Newton ends with a step that is no longer than this, as the next would be its square; so many are tried
-LAST_STEP, QUICK = 1e-9, 4
+#: cells of the table of an inverse: cubics over 1/256 err by about (1/256)⁴ = 2e-10, so that one step of Newton is
+#: left; the table takes 8 kB
+CELLS = 256
+#: what stands for infinity in the table: the tangent of 90 degrees less 1e-12 rad
+HUGE = 1e12
+#: Newton ends with a step that is no longer than this, as the next would be its square, below the rounding
+LAST_STEP = 1e-9
+#: steps of Newton for all values at once; where four, which square 1e-2 to 1e-32, have not been enough, the curve is
+#: next to a fold, and the bracketed steps are the faster ones
+QUICK = 4
+#: bracketed steps: bisection alone gets from 1 to the rounding in 53
+BRACKETED = 60
 #: results that `cached` keeps of each method: a few cameras at once, of a dozen kB each
 KEPT = 64
 
@@ -27,14 +40,16 @@ KEPT = 64
 def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float:
     """The smallest positive real root of a polynomial, coefficients in ascending order; `top` without one.
 
-    A root where the polynomial touches 0 without a change of sign counts, too. The eigenvalues of the
-    companion matrix (Horn & Johnson 1985, section 3.3), without what numpy.roots does around them.
+    A root where the polynomial touches 0 without a change of sign counts, too. 0 where a coefficient is not finite.
+    By the eigenvalues of the companion matrix (Horn & Johnson 1985, section 3.3), without what numpy.roots adds.
     """
     c = [float(v) for v in ascending]
+    if not all(map(isfinite, c)):
+        return 0.0
     largest = max((abs(v) for v in c), default=0.0)
-    while c and abs(c[-1]) <= 1e-150 * largest:  # its root lies beyond all numbers
+    while c and abs(c[-1]) <= NEGLIGIBLE * largest:
         c.pop()
-    if len(c) < 2 or not np.isfinite(largest):
+    if len(c) < 2:
         return top
     companion = np.eye(len(c) - 1, k=-1)
     companion[:, -1] = np.array(c[:-1]) / -c[-1]
@@ -44,6 +59,24 @@ def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float
         if root.real > 0 and abs(root.imag) <= REAL * abs(root):
             found = min(found, root.real)
     return found
+
+
+def bernstein(ascending: Sequence[float], top: float) -> list[float]:
+    """The Bernstein coefficients of a polynomial over [0, top]: it lies between the least and the largest of them.
+
+    In Python, because the refinement asks for those of three or seven coefficients at every step.
+    """
+    scaled, power = [], 1.0
+    for a in ascending:
+        scaled.append(a * power)
+        power *= top
+    return [sum(map(mul, row, scaled)) for row in _to_bernstein(len(scaled))]
+
+
+@lru_cache(maxsize=32)
+def _to_bernstein(count: int) -> list[list[float]]:
+    """b_j = Σ C(j, i) / C(n, i) a_i (G. Farin, Curves and surfaces for CAGD, 2002, section 6.1), n = count - 1."""
+    return [[comb(j, i) / comb(count - 1, i) for i in range(j + 1)] for j in range(count)]
 
 
 class Inverse:
@@ -117,7 +150,7 @@ class Inverse:
         """Newton with bisection where it would leave its bracket."""
         low, high = np.zeros_like(target), np.full_like(target, self.top)
         t = 0.5 * high
-        for _ in range(60):
+        for _ in range(BRACKETED):
             f, slope = self.function(t)
             f = f - target
             low, high = np.where(f < 0, t, low), np.where(f > 0, t, high)

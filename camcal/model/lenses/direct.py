@@ -14,10 +14,12 @@ from camcal.model.lenses.start import rough_pinhole
 
 Array = np.ndarray
 
-#: rad; rays farther from the axis say little about a map onto the plane z = 1
+#: rad; farther from the axis a ray's place on the plane z = 1 moves by more than tan² = 90 times its angle
 WIDEST = np.deg2rad(84)
-#: rounds in which the distortion centre of a division model settles
+#: rounds in which origins (quadratically) and distortion centres (linearly, eight to 1e-8 px) settle
 ROUNDS = 12
+#: relative: an origin that moves no more has settled, to some hundred roundings
+SETTLED = 1e-13
 
 
 def monomials(p: Array, q: Array, powers: Sequence[tuple[int, int]]) -> Array:
@@ -56,13 +58,13 @@ def polynomial(rays: Array, uv: Array, order: int) -> tuple[Array, float, Array]
     weight = 1 / (1 + (target**2).sum(1, keepdims=True))
     matrix, turn = np.array([[f, 0, centre[0]], [0, f, centre[1]], [0, 0, 1.0]]), 0.0
     coefficients = np.zeros((len(powers), 2))
-    for _ in range(8):  # the same polynomials, written about their own zero: exact after a few
+    for _ in range(ROUNDS):  # the same polynomials, written about their own zero
         p, q = _taken_off(matrix, uv[front])
         coefficients = np.linalg.lstsq(monomials(p, q, powers) * weight, target * weight, rcond=None)[0]
         moved = _recentred(matrix, coefficients[0], coefficients[[1, 2]].T)
         if moved is None:
             return None
-        done = np.allclose(moved[0], matrix, rtol=1e-13)
+        done = np.allclose(moved[0], matrix, rtol=SETTLED)
         matrix, turn = moved
         if done:
             break
@@ -101,7 +103,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
     powers = [(2, 0), (1, 1), (0, 2), (1, 0), (0, 1), (0, 0)]
     across = _across(rays)
     a = np.zeros((3, 6))
-    for _ in range(12):
+    for _ in range(ROUNDS):
         chi = monomials(*_taken_off(matrix, uv), powers)
         lines = np.einsum("knc,nm->kncm", across, chi).reshape(-1, 18)
         a = np.linalg.svd(lines, full_matrices=False)[2][-1].reshape(3, 6)
@@ -111,7 +113,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
         moved = _recentred(matrix, a[:2, 5], linear)
         if moved is None:
             return None
-        done = np.allclose(moved[0], matrix, rtol=1e-13)
+        done = np.allclose(moved[0], matrix, rtol=SETTLED)
         matrix = moved[0]
         if done:
             break
@@ -120,6 +122,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
 
 def _across(rays: Array) -> Array:
     """Two unit vectors (2, N, 3) normal to each ray and to each other."""
+    # the x axis for rays that are far from it: of a unit vector's components one at least is below 0.58
     helper = np.where(np.abs(rays[:, [0]]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(rays, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -153,7 +156,7 @@ def radial_depth(rays: Array, uv: Array, exponents: Sequence[int]) -> tuple[floa
         found = np.linalg.lstsq(lines * weight[:, None], known * weight, rcond=1e-14)[0]
         if not np.isfinite(found).all() or found[0] <= 0:
             return None
-        settled = np.abs(found[-2:] - centre).max() < 1e-9 * scale
+        settled = np.abs(found[-2:] - centre).max() < 1e-9 * scale  # a millionth of a px
         f, centre = float(found[0]), found[-2:]
         if settled:
             break

@@ -34,6 +34,7 @@ from camcal.model.lenses.radial import ALMOST_PI, InverseRadialLens
 
 Array = np.ndarray
 
+#: more than published calibrations use; the columns of higher powers are nearly collinear
 MOST_TERMS, MOST_DEGREE = 8, 12
 
 

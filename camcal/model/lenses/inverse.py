@@ -20,13 +20,17 @@ from camcal.model.lenses.curve import cached
 
 Array = np.ndarray
 
-#: directions about the axis in which the extent of the domain is looked for, and radii along each
+#: directions about the axis in which the extent of the domain is looked for, every 15 degrees, and radii along each,
+#: even in angle: the domain ends up to a step, under a degree, before its fold
 SPOKES, STEPS = 24, 100
-#: cells of the table of radii over 180 degrees
+#: cells of the table of radii over 180 degrees, a third of a degree each: less than what the asymmetry leaves
 CELLS = 512
-#: Newton stops after a step this small in units of the focal length (the next would be its square): the pixel
-#: is found; tried so often with all points, and with those that have not arrived
-LAST_STEP, QUICK, ITERATIONS = 1e-9, 5, 20
+#: Newton stops after a step this small in units of the focal length: the next would be its square, below the rounding
+LAST_STEP = 1e-9
+#: steps with all points, and with those that have not arrived, whose steps are shortened (`LONG`)
+QUICK, ITERATIONS = 5, 20
+#: in focal lengths: steps beyond this come from a poor start, and are shortened to half of the radius (and 0.2)
+LONG, SPAN = 0.1, 0.2
 
 
 class InverseLens(Lens):
@@ -42,7 +46,7 @@ class InverseLens(Lens):
         """Write normal · dX/dk into rows (V, Q, N), for normal (3, V, N)."""
 
     def farthest(self, k: Array) -> float:
-        """How far out, in units of the focal length, the domain is followed."""
+        """How far out, in units of the focal length, the domain is followed: 87 degrees of a perspective lens."""
         return 20.0
 
     # ------------------------------------------------------------------ projection
@@ -91,10 +95,9 @@ class InverseLens(Lens):
         """Newton on p, q in place: which have arrived, and which with D > 0."""
         for _ in range(most):
             dp, dq, ahead = _newton_step(self.ray(k, p, q), target)
-            # a step that is large beside the radius comes from a poor start
             size = np.abs(dp) + np.abs(dq)
-            if size.max(initial=0.0) > 0.1:
-                short = np.minimum(1.0, 0.5 * (0.2 + np.hypot(p, q)) / np.maximum(size, 1e-300))
+            if size.max(initial=0.0) > LONG:
+                short = np.minimum(1.0, 0.5 * (SPAN + np.hypot(p, q)) / np.maximum(size, 1e-300))
                 dp, dq = short * dp, short * dq
             p += dp
             q += dq

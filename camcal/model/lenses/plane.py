@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.model.lenses import newton
-from camcal.model.lenses.curve import cached, first_root
+from camcal.model.lenses.curve import bernstein, cached, first_root
 
 Array = np.ndarray
 
@@ -157,22 +157,15 @@ class PlaneDistortion:
     @cached
     def fold(self, c: Array) -> float:
         """The radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf where it does neither."""
-        k = self._split(c)
-        n, d = np.array([1.0, *k.n]), np.array([1.0, *k.d])
-        i, j = np.arange(len(n)), np.arange(len(d))
-        # d(r f)/dr, times the squared denominator: n d + 2 s (n' d - n d'), with s n' = (0, n1, 2 n2, ...)
-        slope = np.convolve(n, d) + 2 * (np.convolve(i * n, d) - np.convolve(n, j * d))
-        return float(np.sqrt(min(first_root(slope), first_root(d))))
+        return float(np.sqrt(min(first_root(p) for p in _must_be_positive(self._split(c)))))
 
     def _grows(self, c: Array, k: _Coefficients, s: float) -> bool:
         """Whether r f(r²) grows without a pole all the way to r² = s; False for NaN.
 
-        Where the negative coefficients together cannot stop it, the roots need not be found.
+        Mostly the Bernstein coefficients over [0, s], which bound a polynomial from below, settle it without its roots.
         """
-        if not k.d:
-            falling = [min((2 * i + 3) * n, 0.0) for i, n in enumerate(k.n)]
-            if 1.0 + sum(n * s ** (i + 1) for i, n in enumerate(falling)) > 0:
-                return True
+        if all(b > 0 for p in _must_be_positive(k) for b in bernstein(p, s)):
+            return True
         return s < self.fold(c) ** 2
 
     def invert(self, c: Array, xd: Array, yd: Array) -> tuple[Array, Array, Array]:
@@ -184,6 +177,19 @@ class PlaneDistortion:
     @cached
     def _start(self, c: Array) -> newton.RadialStart:
         return newton.RadialStart(lambda s: _radial(self._split(c), s)[:2], self.fold(c))
+
+
+def _must_be_positive(k: _Coefficients) -> list[list[float]]:
+    """Polynomials in s, ascending, that are positive where r f(r²) grows: its slope times the squared denominator, and
+    the denominator.
+    """
+    if not k.d:
+        return [[1.0, *((2 * i + 3) * n for i, n in enumerate(k.n))]]
+    slope = [0.0] * (len(k.n) + len(k.d) + 1)
+    for i, n in enumerate([1.0, *k.n]):  # n d + 2 s (n' d - n d'), with s n' = (0, n1, 2 n2, ...)
+        for j, d in enumerate([1.0, *k.d]):
+            slope[i + j] += (1 + 2 * (i - j)) * n * d
+    return [slope, [1.0, *k.d]]
 
 
 def _radial(k: _Coefficients, s: Array) -> tuple[Array, Array, Array | None]:

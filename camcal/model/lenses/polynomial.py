@@ -23,7 +23,7 @@ from camcal.model.lenses.parameters import Parameter
 
 Array = np.ndarray
 
-MOST = 15
+MOST = 15  #: order: Grompone von Gioi et al. use 11; 15 has 270 coefficients
 
 
 class Polynomial(InverseLens):

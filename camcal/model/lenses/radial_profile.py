@@ -28,12 +28,14 @@ from camcal.model.lenses.start import image_radii
 
 Array = np.ndarray
 
+#: intervals by default, which leave 0.2771 px where kb4 leaves 0.2770 on its own lens (docs/lenses.md), and at most: a
+#: board seldom has more than 40 rows of points along a radius
 INTERVALS, MOST = 8, 40
 #: the curve reaches this much farther than the data, so that the rim does not move over its end in a fit
 MARGIN = 1.1
 #: weight of a third difference of 1 px: one of 100 px counts like a residual of 1 px
 SMOOTH = 0.01
-#: points per interval at which the curve is looked at for a fold
+#: places per interval at which the curve is looked at for a fold: the domain ends up to one of them before it
 SAMPLES = 16
 
 

@@ -38,7 +38,9 @@ from camcal.model.lenses.start import rough_pinhole
 Array = np.ndarray
 
 SMOOTH = 0.01  #: weight of a third difference of 1 px: one of 100 px counts like a residual of 1 px
-MARGIN = 0.05  #: the rectangle is larger than the image by this part on each side
+#: the rectangle is larger than the image by this part on each side, so that points at the rim feel complete cells
+MARGIN = 0.05
+#: control points in a direction: a cubic needs 4; 40 x 40 are 3200 coefficients
 LEAST, MOST = 4, 40
 RECTANGLE = ("left", "top", "right", "bottom")
 _NEUTRAL = (-1.5, -1.2, 1.5, 1.2)

@@ -6,8 +6,12 @@ import numpy as np
 
 Array = np.ndarray
 
-#: part of the rays, the innermost, that tell the focal length: there every lens is nearly a pinhole camera
+#: part of the rays, the innermost, that give the focal length: there every lens is nearly a pinhole camera
 INNERMOST = 0.1
+#: as many rays at least: three unknowns from two equations each, with some to average over
+LEAST_RAYS = 8
+#: rad: where even the innermost rays lie farther from the axis (69 degrees), all are used, as of an equidistant lens
+FAR = 1.2
 
 
 def rough_pinhole(rays: Array, uv: Array) -> tuple[float, Array]:
@@ -19,8 +23,8 @@ def rough_pinhole(rays: Array, uv: Array) -> tuple[float, Array]:
     uv : (N, 2) array, px
     """
     angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    inner = angle <= max(np.quantile(angle, INNERMOST), np.sort(angle)[min(7, len(angle) - 1)])
-    if np.quantile(angle[inner], 0.5) > 1.2:  # no rays near the axis: what there is, taken for equidistant
+    inner = angle <= max(np.quantile(angle, INNERMOST), np.sort(angle)[min(LEAST_RAYS, len(angle)) - 1])
+    if np.median(angle[inner]) > FAR:
         inner = np.ones(len(angle), bool)
     radial = np.hypot(rays[inner, 0], rays[inner, 1])
     m = rays[inner, :2] * (angle[inner] / np.where(radial > 0, radial, 1.0))[:, None]

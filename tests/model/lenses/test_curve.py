@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camcal.model.lenses import newton
-from camcal.model.lenses.curve import Inverse, cached, first_root
+from camcal.model.lenses.curve import Inverse, bernstein, cached, first_root
 
 
 def cubic(c):
@@ -42,6 +42,15 @@ def test_the_table_alone_is_good_to_nine_digits():
     inverse = Inverse(cubic(0.2), 2.0)
     t = np.linspace(0.01, 1.9, 500)
     np.testing.assert_allclose(inverse.start(cubic(0.2)(t)[0]), t, rtol=1e-8)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=1, max_size=8), st.floats(0.01, 3))
+def test_bernstein_coefficients_bound_a_polynomial(ascending, top):
+    values = np.polynomial.polynomial.polyval(np.linspace(0, top, 50), ascending)
+    found = np.array(bernstein(ascending, top))
+    rounding = 1e-12 * max(top, 1) ** len(ascending)
+    assert (values >= found.min() - rounding).all() and (values <= found.max() + rounding).all()
+    np.testing.assert_allclose(found[[0, -1]], values[[0, -1]], rtol=0, atol=rounding)
 
 
 class Owner:
