@@ -1,0 +1,187 @@
+"""`fit`, `uncertainty`, `holdout`, `bias` and `coverage`: what is known of the accuracy."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from camcal.report.schema.kinds import Count, Figure, Section, key
+
+
+class Fit(Section):
+    """The error figures, and how the refinement ended."""
+
+    optimizer: Annotated[str, key("as for `--optimizer`")]
+    loss: Annotated[str, key("`linear`, or the robust loss")]
+    iterations: Annotated[Count, key("steps that were kept")]
+    evaluations: Annotated[Count, key("evaluations of the residuals")]
+    converged: Annotated[bool, key("whether the refinement met its criterion")]
+    stop_reason: Annotated[str, key("why it ended")]
+    cost: Annotated[Figure, key("half the weighted sum of squares")]
+    seconds: Annotated[Figure, key("time of the refinement")]
+    rms_point: Annotated[Figure, key("√(Σ‖r‖²/N), as in [conventions.md](conventions.md)")]
+    rms_coord: Annotated[Figure, key("√(Σ‖r‖²/2N)")]
+    sigma_hat: Annotated[Figure, key("√(Σ‖r‖²/(2N − p))")]
+    sigma_0: Annotated[
+        Figure,
+        key(
+            "√(Σ w‖r‖² / (2N − p)) with w = 1/sigma² of each point; `sigma_hat` where no sigmas were given. A pure "
+            "number with them: by how much they are too small"
+        ),
+    ]
+    median: Annotated[Figure, key("of the lengths of the residuals")]
+    p95: Annotated[Figure, key("95th percentile of the lengths of the residuals")]
+    max: Annotated[Figure, key("the longest residual")]
+    points_used: Annotated[Count, key("points that the solution rests on")]
+    points_rejected: Annotated[Count, key("points of used views that it does not rest on")]
+    free_parameters: Annotated[Count, key("estimated parameters, poses and the board's shape included")]
+    condition: Annotated[
+        Figure, key("condition number of the scaled normal matrix of the camera, poses eliminated")
+    ]
+    info: Annotated[dict[str, Any] | None, key("what the optimiser has to say besides")]
+
+
+class Place(Section):
+    """The place of the largest uncertainty."""
+
+    u: Annotated[Figure, key("px")]
+    v: Annotated[Figure, key("px")]
+    sigma_px: Annotated[Figure, key("standard deviation in the worst direction")]
+
+
+class Point(Place):
+    """The uncertainty at one pixel."""
+
+    distance: Annotated[Figure, key("from the camera")]
+    covariance: Annotated[list[list[Figure]], key("[[uu, uv], [uv, vv]], px²")]
+
+
+class UncertaintyMap(Section):
+    """The uncertainty over the image at one distance."""
+
+    distance: Annotated[Figure, key("from the camera")]
+    median: Annotated[Figure, key("over the image")]
+    worst: Annotated[Place, key("the place `u`, `v` and its `sigma_px`")]
+    centre: Annotated[Point, key("the middle of the image, with `distance` and the `covariance`, px²")]
+    u: Annotated[list[Figure], key("columns of the grid, px")]
+    v: Annotated[list[Figure], key("rows of the grid, px")]
+    sigma_px: Annotated[list[list[Figure]], key("of the grid, a list per row")]
+
+
+class Uncertainty(Section):
+    """How far noise moves projections."""
+
+    method: Annotated[
+        str, key("`mean-pcam`: the frame of reference is the mean over the boards, as in mrcal")
+    ]
+    board_distance: Annotated[Figure, key("median distance of the boards from the camera")]
+    maps: Annotated[list[UncertaintyMap], key("one at the board distance and one at infinity")]
+
+
+class DifferenceMap(Section):
+    """The difference of the folds' cameras over the image."""
+
+    u: Annotated[list[Figure], key("columns of the grid, px")]
+    v: Annotated[list[Figure], key("rows of the grid, px")]
+    found_px: Annotated[list[list[Figure]], key("root mean square over the folds; null where no points are")]
+    predicted_px: Annotated[list[list[Figure]], key("what noise explains")]
+
+
+class Difference(Section):
+    """How much the folds' cameras differ from that of all views, at infinity, where points are."""
+
+    median_px: Annotated[Figure, key("median over the image")]
+    max_px: Annotated[Figure, key("maximum over the image")]
+    predicted_px: Annotated[Figure, key("the median of what noise explains")]
+    ratio: Annotated[
+        Figure, key("quadratic mean of the differences in units of what noise explains: 1 where the model holds")
+    ]
+    map: Annotated[DifferenceMap, key("the same on a grid: `u`, `v`, `found_px`, `predicted_px`")]
+
+
+class Holdout(Section):
+    """Figures on views that took no part."""
+
+    views: Annotated[Count, key("how many views were held out in turn")]
+    folds: Annotated[Count, key("in how many rounds")]
+    points: Annotated[Count, key("their used points")]
+    rms_point: Annotated[
+        Figure, key("over these points, by the cameras that did not see them, poses refitted")
+    ]
+    p95: Annotated[Figure, key("95th percentile of the same")]
+    difference: Annotated[Difference | None, key("between the folds' cameras and that of all views")]
+
+
+class ResidualTest(Section):
+    """One test of the residuals."""
+
+    name: Annotated[str, key("for programs")]
+    question: Annotated[str, key("what it asks")]
+    statistic: Annotated[Figure, key("the test statistic")]
+    p_value: Annotated[Figure, key("probability under noise alone")]
+    p_corrected: Annotated[Figure, key("the same, corrected for all tests together (Holm)")]
+    effect: Annotated[Figure, key("the size of the effect")]
+    unit: Annotated[str, key("of `effect`")]
+
+
+class BiasRatio(Section):
+    """How much of the mean square residual is not noise."""
+
+    ratio: Annotated[Figure, key("the share that is not noise")]
+    detector_sigma: Annotated[
+        Figure,
+        key("noise of a coordinate by pieces of the target with poses of their own, px (or in given sigmas)"),
+    ]
+    p_value: Annotated[Figure, key("probability under noise alone")]
+    pieces: Annotated[Count, key("number of pieces")]
+
+
+class SigmaRatios(Section):
+    """Sigmas by resampling views, in units of the reported ones."""
+
+    replicates: Annotated[Count, key("of the bootstrap")]
+    jackknife: Annotated[dict[str, Figure], key("by leaving out views, by parameter")]
+    bootstrap: Annotated[dict[str, Figure], key("by drawing views with replacement, by parameter")]
+
+
+class Influence(Section):
+    """What one view does to the camera."""
+
+    view: Annotated[str, key("id of the view")]
+    cook: Annotated[
+        Figure, key("Cook's distance; 1: leaving the view out moves the camera by one standard deviation")
+    ]
+    p_value: Annotated[Figure, key("how likely noise alone lets it disagree as much with the others")]
+    information: Annotated[Figure, key("its share of the information; the shares add up to 1")]
+
+
+class Bias(Section):
+    """Whether the residuals look like noise, and what each view does to the camera."""
+
+    tests: Annotated[list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) has what they ask")]
+    ratio: Annotated[BiasRatio | None, key("the bias ratio")]
+    sigma_ratios: Annotated[SigmaRatios | None, key("`replicates`, `jackknife`, `bootstrap`")]
+    influence: Annotated[list[Influence] | None, key("per `view`: `cook`, `p_value`, `information`")]
+
+
+class Spread(Section):
+    """The range of a quantity over the views."""
+
+    least: Annotated[Figure, key("the least")]
+    median: Annotated[Figure, key("the median")]
+    most: Annotated[Figure, key("the most")]
+
+
+class Coverage(Section):
+    """What the views cover."""
+
+    image: Annotated[
+        Figure, key("share of the picture inside the hull of the used points; null where its size is not known")
+    ]
+    tilt_degrees: Annotated[
+        Spread | None, key("angle between a board's normal and the optical axis; null for points in space")
+    ]
+    normals_spread_degrees: Annotated[
+        Figure, key("how far the boards' normals lie from their common axis, root mean square")
+    ]
+    distance: Annotated[Spread, key("distance of a view's points from the camera")]
+    different_views: Annotated[Count, key("views, those that repeat another within 1 px counted once")]

@@ -1,0 +1,37 @@
+"""The types that the sections of a report are made of."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+__all__ = ["UNSET", "Section", "UnsetType", "key"]
+
+
+class Section(msgspec.Struct):
+    """A group of keys. Keys that it does not know are ignored when it is read."""
+
+
+def key(text: str, **limits: Any) -> Meta:
+    """Return the annotation of a key: what docs/report.md says of it, and limits of its value."""
+    return Meta(description=text, **limits)
+
+
+#: a number that is neither infinite nor NaN
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+#: a length above 0
+Length = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
+#: a figure; null or NaN where there is none
+Figure = float | None
+#: a standard deviation: null where nothing was estimated, infinite where it is not determined
+Sigma = Annotated[float, Meta(ge=0)] | None
+Count = Annotated[int, Meta(ge=0)]
+Positive = Annotated[int, Meta(ge=1)]
+Size = tuple[Positive, Positive]
+Vector = tuple[Finite, Finite, Finite]
+Matrix = tuple[Vector, Vector, Vector]
+Row = tuple[Finite, Finite, Finite, Finite]
+Projection = tuple[Row, Row, Row]

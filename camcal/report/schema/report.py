@@ -1,0 +1,157 @@
+"""The report of a calibration: its top level, `stages`, `crosscheck`, `warnings`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from camcal.report.schema.camera import Camera, Rig
+from camcal.report.schema.figures import Bias, Coverage, Fit, Holdout, Uncertainty
+from camcal.report.schema.kinds import (
+    UNSET,
+    Figure,
+    Finite,
+    Matrix,
+    Projection,
+    Section,
+    UnsetType,
+    key,
+)
+from camcal.report.schema.version import SCHEMA
+from camcal.report.schema.views import Data, Inputs, Target, View
+
+
+class Tool(Section):
+    """Versions of what made the report."""
+
+    camcal: Annotated[str, key("version of camcal")]
+    opencv: Annotated[str, key("version of OpenCV")]
+    numpy: Annotated[str, key("version of numpy")]
+    python: Annotated[str, key("version of Python")]
+
+
+class Stage(Section):
+    """One estimate on the way to the result."""
+
+    name: Annotated[str, key("`dlt`, `central`, `zhang`, ..., `refine`")]
+    rms_point: Annotated[Figure, key("over the used points")]
+    seconds: Annotated[Figure, key("time that it took")]
+    matrix: Annotated[Matrix | None, key("3x3")]
+    parameters: Annotated[
+        dict[str, Finite] | UnsetType, key("by name, where the stage has a camera with a lens")
+    ] = UNSET
+    projection_matrix: Annotated[
+        Projection | UnsetType, key("with one view, scaled as at the top level")
+    ] = UNSET
+    info: Annotated[
+        dict[str, Any] | UnsetType,
+        key("what the stage has to say besides: why it was chosen, what it assumed, condition numbers"),
+    ] = UNSET
+
+
+class Crosscheck(Section):
+    """One stage beside OpenCV."""
+
+    stage: Annotated[str, key("which of the `stages`")]
+    against: Annotated[str, key("the function of cv2")]
+    status: Annotated[
+        Literal["pass", "fail", "not_applicable"],
+        key("`pass`, `fail`, or `not_applicable` where cv2 has no counterpart"),
+    ]
+    why: Annotated[str | None, key("the reason, and from where cv2 began")]
+    opencv: Annotated[
+        dict[str, Any] | None,
+        key(
+            "cv2's `rms_point`, `matrix`, `distortion`; the rms is recomputed in float64 from the parameters and "
+            "poses that cv2 returned"
+        ),
+    ]
+    difference: Annotated[
+        dict[str, Any] | None,
+        key(
+            "camcal's figure less cv2's: `rms_point`, and `parameters` by name; `projection_max_px` and "
+            "`projection_rms_px`, the difference of projection over the image after the best-fitting rotation; "
+            "`pixels_outside`, pixels of that comparison which a camera does not see; `sigmas`, by how many "
+            "standard deviations all free parameters together differ; of rotations `matrix_max` and `angle_max` "
+            "(rad)"
+        ),
+    ]
+
+
+class Warning_(Section, kw_only=True):
+    """Something that makes the result less good than it seems."""
+
+    code: Annotated[str, key("for programs")]
+    severity: Annotated[Literal["wrong", "doubtful", "note"] | UnsetType, key("how bad it is")] = UNSET
+    message: Annotated[str, key("in words")]
+    hint: Annotated[str, key("one thing to try")]
+
+
+class Head(Section, kw_only=True):
+    """The keys that every document of camcal begins with."""
+
+    schema: Annotated[Literal["camcal-report/1"], key(f"`{SCHEMA}`")] = "camcal-report/1"
+    tool: Annotated[Tool, key("versions: `camcal`, `opencv`, `numpy`, `python`")]
+    command: Annotated[list[str], key("the words after `camcal`, as they were typed")]
+
+
+class CameraFile(Section, kw_only=True):
+    """What a document needs to be read as a camera."""
+
+    camera: Annotated[Camera | None, key("the camera")] = None
+
+
+class Report(Head, kw_only=True):
+    """A calibration."""
+
+    inputs: Annotated[
+        Inputs, key("`image_size`, `views`, `points`, `files`: what was read")
+    ]
+    options: Annotated[
+        dict[str, Any],
+        key(
+            "every option: `{value, from}`, from `flag`, `env`, `file`, `keyword` (of a call in Python) or `default`"
+        ),
+    ]
+    target: Annotated[Target | None, key("the calibration object; null for plain points")]
+    stages: Annotated[list[Stage], key("every estimate on the way")]
+    camera: Annotated[Camera | UnsetType, key("the result")] = UNSET
+    cameras: Annotated[dict[str, Camera] | UnsetType, key("of a rig, in place of `camera`: by name")] = UNSET
+    rig: Annotated[Rig | UnsetType, key("of a rig: the places of its cameras")] = UNSET
+    projection_matrix: Annotated[
+        Projection | UnsetType,
+        key("only with one view: K [R | t], scaled to m34 = 1 where that is possible; without the distortion"),
+    ] = UNSET
+    views: Annotated[list[View], key("every view in the order of the input")]
+    fit: Annotated[Fit, key("the error figures and how the refinement ended")]
+    uncertainty: Annotated[
+        Uncertainty | None,
+        key("how far noise moves projections; null where nothing of the camera was estimated"),
+    ] = None
+    holdout: Annotated[
+        Holdout | None,
+        key(
+            "figures on views that took no part; null where it was not asked for (`--holdout`) and the problem is "
+            "large"
+        ),
+    ] = None
+    bias: Annotated[
+        Bias | None,
+        key(
+            "whether the residuals look like noise, and what each view does to the camera; null of more than "
+            "10,000 points"
+        ),
+    ] = None
+    coverage: Annotated[
+        Coverage | None,
+        key("how much of the picture, of the directions and of the distances the views cover; null without views"),
+    ] = None
+    crosscheck: Annotated[list[Crosscheck], key("every stage against OpenCV")]
+    warnings: Annotated[
+        list[Warning_], key("what makes the result less good than it seems: `code`, `message`, `hint`")
+    ]
+    verdict: Annotated[Literal["pass", "fail"], key("`pass` or `fail`; `fail` is exit code 1")]
+    grade: Annotated[
+        Literal["good", "doubtful", "wrong"] | UnsetType, key("the worst severity among the warnings")
+    ] = UNSET
+    failures: Annotated[list[str], key("the gates that fell, each as a sentence")] = []
+    data: Annotated[Data, key("the observations")]

@@ -1,0 +1,136 @@
+"""Read a plain document as the sections of the schema; name the path to a value that does not fit."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta, UnsetType
+
+from camcal.errors import DataError
+
+T = TypeVar("T")
+
+#: what stands for a type in a message
+_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+def structure(kind: type[T], value: Any, source: str, path: str = "") -> T:
+    """Return a plain value as a section of the schema.
+
+    Parameters
+    ----------
+    kind : type
+        A `Section`, or any type that msgspec reads.
+    value : object
+        Of plain Python types, as YAML and JSON give them.
+    source : str
+        The file's name, for messages.
+    path : str
+        The path of `value` in the document, for messages.
+
+    Raises
+    ------
+    DataError
+        `'r.yaml' is damaged: cameras.left.parameters.fx.value is 'abc'; a finite number is needed.`
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message = _located(kind, value, path) or str(error)
+        raise DataError(f"'{source}' is damaged: {message}.", "Make the report again.") from None
+
+
+def _fits(kind: Any, value: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _located(kind: Any, value: Any, path: str) -> str | None:
+    """Say which part of a value does not fit, by descending to it; None where all parts do."""
+    kind, metas = _bare(kind, value)
+    for name, inner, part in _parts(kind, value):
+        if part is msgspec.NODEFAULT:
+            return f"'{_join(path, name)}' is missing"
+        if not _fits(inner, part):
+            return _located(inner, part, _join(path, name))
+    return f"{path or 'it'} is {_shown(value)}; {_needed(kind, metas)} is needed"
+
+
+def _join(path: str, name: str | int) -> str:
+    if isinstance(name, int):
+        return f"{path}[{name}]"
+    return f"{path}.{name}" if path else name
+
+
+def _bare(kind: Any, value: Any) -> tuple[Any, tuple[Meta, ...]]:
+    """Take annotations off a type, and of a union the member that is meant: not null, not left out."""
+    metas: tuple[Meta, ...] = ()
+    while True:
+        if get_origin(kind) is Annotated:
+            kind, *more = get_args(kind)
+            metas += tuple(m for m in more if isinstance(m, Meta))
+        elif get_origin(kind) in (Union, types.UnionType):
+            members = [k for k in get_args(kind) if k not in (types.NoneType, UnsetType)]
+            kind = members[0] if members else Any
+        else:
+            return kind, metas
+
+
+def _parts(kind: Any, value: Any) -> list[tuple[str | int, Any, Any]]:
+    """The parts of a value as (name, type, part); a required part that is missing is `NODEFAULT`."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and isinstance(value, Mapping):
+        hints = hints_of(kind)
+        required = {f.name for f in msgspec.structs.fields(kind) if f.required}
+        return [
+            (name, hint, value.get(name, msgspec.NODEFAULT))
+            for name, hint in hints.items()
+            if name in required or name in value
+        ]
+    arguments = get_args(kind)
+    if get_origin(kind) is dict and isinstance(value, Mapping):
+        return [(name, arguments[1], part) for name, part in value.items() if isinstance(name, str)]
+    if get_origin(kind) is list and isinstance(value, (list, tuple)):
+        return [(i, arguments[0], part) for i, part in enumerate(value)]
+    if get_origin(kind) is tuple and isinstance(value, (list, tuple)) and len(value) == len(arguments):
+        return [(i, inner, part) for i, (inner, part) in enumerate(zip(arguments, value, strict=True))]
+    return []
+
+
+@cache
+def hints_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """The types of a section's keys, annotations included, in their order."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in msgspec.structs.fields(kind)}
+
+
+def _needed(kind: Any, metas: tuple[Meta, ...]) -> str:
+    """What a type takes, in words."""
+    if get_origin(kind) is Literal:
+        return " or ".join(f"'{word}'" for word in get_args(kind))
+    if get_origin(kind) is tuple:
+        return f"a list of {len(get_args(kind))}"
+    if get_origin(kind) is list:
+        return "a list"
+    if kind not in _NAMES:
+        return "a group of keys"
+    low = max((m.ge for m in metas if m.ge is not None), default=None)
+    if kind is float and low is not None and low < -1:
+        return "a finite number"
+    return _NAMES[kind] + ("" if low is None else f" from {low:g} up")
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, (Mapping, list, tuple)):
+        return "a group of keys" if isinstance(value, Mapping) else f"a list of {len(value)}"
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = text if len(text) <= 40 else text[:37] + "..."
+    return f"'{text}'" if isinstance(value, str) else text
