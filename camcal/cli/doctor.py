@@ -44,8 +44,8 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 def _of_report(path: Path) -> dict[str, Any]:
     from camcal.report.doctor.calibration import diagnose
     from camcal.report.loading import from_document
-    from camcal.report.schema import check
     from camcal.report.yaml import read_document
+    from camcal.schema import check
 
     report = read_document(path)
     check(report, str(path))

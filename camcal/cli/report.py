@@ -30,8 +30,8 @@ def command(report: Path, output: Path | None, plots: Path | None, **options: An
     if page is not None:
         check_writable(page, options["force"])
     from camcal.report.loading import from_document
-    from camcal.report.schema import check
     from camcal.report.yaml import read_document
+    from camcal.schema import check
 
     found = read_document(report)
     check(found, str(report))

@@ -62,7 +62,7 @@ def _write_report(
     from camcal.cli.options import resolved_options
     from camcal.report.document import save, tool
     from camcal.report.plain import plain
-    from camcal.report.schema import SCHEMA
+    from camcal.schema import SCHEMA
     from camcal.track.summary import document
 
     made = {

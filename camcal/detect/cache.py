@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 
 DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError)
 
 
 def default_folder() -> Path:
-    """`$XDG_CACHE_HOME/camcal`, or `~/.cache/camcal` (XDG Base Directory Specification)."""
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    root = Path(base) if Path(base).is_absolute() else Path.home() / ".cache"
-    return root / "camcal" / "detections"
+    """The platform's cache folder: `$XDG_CACHE_HOME/camcal` or `~/.cache/camcal` on Linux."""
+    return platformdirs.user_cache_path("camcal", appauthor=False) / "detections"
 
 
 def entry(folder: Path, picture_sha256: str, detector: str) -> Path:

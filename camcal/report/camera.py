@@ -10,7 +10,7 @@ from camcal.data.formats.camcal import rig_entry
 from camcal.model.camera import Camera
 from camcal.report.document import tool
 from camcal.report.plain import plain
-from camcal.report.schema import SCHEMA
+from camcal.schema import SCHEMA
 
 
 def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:

@@ -20,9 +20,9 @@ from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
-from camcal.report.schema import SCHEMA
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
+from camcal.schema import SCHEMA, Report, unknown_key
 from camcal.solve.solution import CalibrationWarning, Solution, Stage
 from camcal.start.base import scaled
 from camcal.version import __version__
@@ -87,7 +87,15 @@ def document(
         "failures": fallen,
         "data": encode(data.views, solution.inliers, places, solution.weights),
     }
-    return plain(made)
+    return _checked(plain(made))
+
+
+def _checked(made: dict[str, Any]) -> dict[str, Any]:
+    """Refuse to write a key that the schema does not know: docs/report.md would not explain it."""
+    unknown = unknown_key(Report, made)
+    if unknown is not None:
+        raise TypeError(f"the schema of the report has no key '{unknown}'")
+    return made
 
 
 def tool() -> dict[str, str]:

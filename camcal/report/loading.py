@@ -16,9 +16,9 @@ from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
-from camcal.report import schema
 from camcal.report.embedded import Observations, decode
 from camcal.report.yaml import read_document
+from camcal.schema import Report, check, structure
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.solve.problem import Problem
 from camcal.solve.solution import CalibrationWarning, Fit, NormalBlocks, Solution, Stage
@@ -39,7 +39,7 @@ def load(path: str | os.PathLike) -> Solution:
         Where the file is missing, no camcal report, of a newer schema, or damaged.
     """
     found = read_document(path)
-    schema.check(found, str(path))
+    check(found, str(path))
     return from_document(found, str(path))
 
 
@@ -50,6 +50,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             f"'{source}' is a report of `camcal track`: it holds a camera, but no views that could be judged.",
             "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
         )
+    structure(Report, found, source)
     with _damage(source):
         camera = camera_of_entry(found["camera"])
         start, free = _start_and_free(found["camera"], camera)

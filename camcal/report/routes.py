@@ -12,8 +12,8 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.report.document import tool
 from camcal.report.plain import plain
-from camcal.report.schema import SCHEMA
 from camcal.routes.pose import Found, Solution
+from camcal.schema import SCHEMA
 
 Array = np.ndarray
 

@@ -12,6 +12,7 @@ import contextlib
 import json
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,10 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 #: a mapping or list that is this short, as text, stands on one line
 LINE = 96
+#: bytes of a document that is read: a report of ten million points, 9 columns of 8 bytes, as text
+LARGEST = 1 << 30
+#: `&name` where YAML could mean an anchor
+_ANCHOR = re.compile(r"(?:^|[\s\[{,:-])&\w", re.MULTILINE)
 
 
 class ReportDumper(_Dumper):
@@ -114,10 +119,16 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
     Raises
     ------
     DataError
-        Where the file is missing, unreadable, not YAML, or no mapping.
+        Where the file is missing, unreadable, too large, not YAML, or no mapping, or has aliases (`*name`):
+        a few lines of them can stand for more than fits in memory.
     """
     source = Path(path)
     try:
+        size = source.stat().st_size
+        if size > LARGEST:
+            raise DataError(
+                f"'{source}' has {size} bytes; at most {LARGEST} are read.", "A camcal report is a YAML file."
+            )
         text = source.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise DataError(f"there is no file '{source}'.", "Check the path.") from None
@@ -133,10 +144,13 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
 def _parse(text: str, source: Path) -> Any:
     if text.lstrip().startswith("{"):
         # JSON first: YAML 1.1 would take its 1e999 for a word
-        with contextlib.suppress(json.JSONDecodeError):
+        with contextlib.suppress(json.JSONDecodeError, RecursionError):
             return json.loads(text)
     try:
-        return yaml.load(_as_yaml(text), Loader=_Loader)
+        text = _as_yaml(text)
+        if _ANCHOR.search(text) and any(isinstance(e, yaml.AliasEvent) for e in yaml.parse(text, _Loader)):
+            raise DataError(f"'{source}' has YAML aliases, which are not read.", "Write the values out.")
+        return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""

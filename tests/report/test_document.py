@@ -1,5 +1,6 @@
 """The report: its keys, its exactness, reading back."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -202,6 +203,70 @@ class TestBadFiles:
     def test_missing(self, tmp_path):
         with pytest.raises(DataError, match="no file"):
             load(tmp_path / "absent.yaml")
+
+    def test_aliases_are_refused(self, tmp_path):
+        """Nine lists of nine aliases each, nested nine deep, would be a document of 9^9 values."""
+        path = tmp_path / "r.yaml"
+        rows = [f"l{i}: &l{i} [{', '.join(['*l' + str(i - 1)] * 9)}]" for i in range(1, 10)]
+        path.write_text("\n".join(["l0: &l0 [x]", *rows]))
+        with pytest.raises(DataError, match="aliases"):
+            load(path)
+
+    def test_an_ampersand_is_no_alias(self, tmp_path):
+        path = tmp_path / "r.yaml"
+        path.write_text("a: 'Q & A'\nb: x &y\n")
+        with pytest.raises(DataError, match="not a camcal report"):
+            load(path)
+
+    @pytest.mark.parametrize("text", ["{" + '"a":{' * 100_000, "a: " + "[" * 100_000, "- " * 100_000])
+    def test_nested_too_deep(self, tmp_path, text):
+        path = tmp_path / "r.yaml"
+        path.write_text(text)
+        with pytest.raises(DataError, match=r"not a YAML file|cannot be read"):
+            load(path)
+
+    def test_too_large(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("camcal.report.yaml.LARGEST", 9)
+        path = tmp_path / "r.yaml"
+        path.write_text("a: 1\nb: 22")
+        with pytest.raises(DataError, match="10 bytes; at most 9 are read"):
+            load(path)
+        path.write_text("a: 1\nb: 2")
+        with pytest.raises(DataError, match="not a camcal report"):
+            load(path)
+
+    @pytest.mark.parametrize(
+        ("keys", "value", "message"),
+        [
+            (("camera", "parameters", "fx", "value"), "abc", "camera.parameters.fx.value is 'abc'; a finite"),
+            (("camera", "parameters", "fx", "value"), float("nan"), "parameters.fx.value is nan; a finite"),
+            (("camera", "image_size"), [640, 0], "camera.image_size[1] is 0; a whole number from 1 up"),
+            (("camera", "image_size"), [640.5, 480], "camera.image_size[0] is 640.5; a whole number"),
+            (("camera", "matrix", 1), [0.0, 1.0], "camera.matrix[1] is a list of 2; a list of 3 is needed"),
+            (("views", 2, "status"), "lost", "views[2].status is 'lost'; 'used' or 'rejected'"),
+            (
+                ("views", 1, "cam_from_board", "translation", 2),
+                float("inf"),
+                "translation[2] is inf; a finite",
+            ),
+            (("fit", "converged"), 1, "fit.converged is 1; true or false is needed"),
+            (("data", "rows"), -1, "data.rows is -1; a whole number from 0 up"),
+            (("verdict",), None, "verdict is null; 'pass' or 'fail' is needed"),
+        ],
+    )
+    def test_a_bad_value_is_named_with_its_path(self, tmp_path, solution, keys, value, message):
+        made = copy.deepcopy(document(solution))
+        inside = made
+        for key in keys[:-1]:
+            inside = inside[key]
+        inside[keys[-1]] = value
+        save(made, tmp_path / "r.yaml")
+        with pytest.raises(DataError) as caught:
+            load(tmp_path / "r.yaml")
+        assert message in caught.value.message
+        if keys[0] == "camera":
+            with pytest.raises(DataError, match="is damaged: camera"):
+                load_camera(tmp_path / "r.yaml")
 
     @pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2\n", "\x00\x01", "{", "a: b: c"])
     def test_not_a_report(self, tmp_path, text):

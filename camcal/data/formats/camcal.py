@@ -14,8 +14,10 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Pose
+from camcal.schema import check, structure
+from camcal.schema.camera import Camera as Section
+from camcal.schema.camera import Rig, RigPose
 
-NAME, VERSION = "camcal-report", 1
 TRUTH = "camcal-truth/1"
 
 
@@ -24,50 +26,58 @@ def _sniff(source: Source) -> bool:
 
 
 def _read(source: Source) -> CameraFile:
-    found = source.mapping
-    name, _, version = str(found["schema"]).partition("/")
+    found, name = source.mapping, str(source.path)
     if found["schema"] != TRUTH:
-        if name != NAME:
-            raise DataError(
-                f"'{source.path}' is not a camcal report: it has no 'schema: {NAME}/{VERSION}'.",
-                "A report is what `camcal estimate -o report.yaml` writes.",
-            )
-        if not version.isdigit() or int(version) > VERSION:
-            raise DataError(
-                f"'{source.path}' has schema {found['schema']}; this camcal reads {NAME}/{VERSION}.",
-                "A newer camcal made it: upgrade.",
-            )
+        check(found, name)
     if "cameras" not in found:
-        return CameraFile.one(camera_of_entry(found["camera"]))
-    poses = _poses(found.get("rig"), list(found["cameras"]))
+        if found.get("camera") is None:
+            raise DataError(f"'{name}' is damaged: 'camera' is missing.", "Make the report again.")
+        return CameraFile.one(camera_of_entry(found["camera"], name))
+    entries = structure(dict[str, Section], found["cameras"], name, "cameras")
+    rig = structure(Rig, found["rig"], name, "rig") if "rig" in found else None
+    poses = _poses(rig, list(entries))
     return CameraFile(
-        tuple(NamedCamera(n, camera_of_entry(e), poses.get(n)) for n, e in found["cameras"].items())
+        tuple(NamedCamera(n, _camera(e, name, f"cameras.{n}"), poses.get(n)) for n, e in entries.items())
     )
 
 
-def camera_of_entry(entry: Mapping[str, Any]) -> Camera:
-    """The camera of the entry `camera` of a report."""
-    given = entry["parameters"]
-    lens = make(entry["model"], skew="skew" in given)
-    params = np.array([given[name]["value"] for name in lens.names], float)
-    size = entry["image_size"]
-    return Camera(lens, params, None if not size else (int(size[0]), int(size[1])))
+def camera_of_entry(entry: Mapping[str, Any], source: str = "report", path: str = "camera") -> Camera:
+    """Return the camera of an entry `camera` of a report.
+
+    Raises
+    ------
+    DataError
+        With the path to a value that does not fit.
+    """
+    return _camera(structure(Section, entry, source, path), source, path)
 
 
-def pose_of_entry(entry: Mapping[str, Any]) -> Pose:
+def _camera(section: Section, source: str, path: str) -> Camera:
+    given = section.parameters
+    lens = make(section.model, skew="skew" in given)
+    missing = [name for name in lens.names if name not in given]
+    if missing:
+        raise DataError(
+            f"'{source}' is damaged: '{path}.parameters.{missing[0]}' is missing.", "Make the report again."
+        )
+    params = np.array([given[name].value for name in lens.names], float)
+    return Camera(lens, params, section.image_size)
+
+
+def pose_of_entry(entry: Mapping[str, Any] | RigPose) -> Pose:
     """The pose of an entry with rotation_vector and translation."""
-    vector = np.array(entry["rotation_vector"], float).reshape(3)
-    return Pose(rotations.exp(vector), np.array(entry["translation"], float).reshape(3))
+    section = entry if isinstance(entry, RigPose) else structure(RigPose, entry, "report", "pose")
+    return Pose(rotations.exp(np.array(section.rotation_vector)), np.array(section.translation))
 
 
-def _poses(rig: Mapping[str, Any] | None, names: list[str]) -> dict[str, Pose]:
+def _poses(rig: Rig | None, names: list[str]) -> dict[str, Pose]:
     """cam_from_world of each camera: of its pose from the rig and, where the file says it, the rig's from the world."""
     if rig is None:
         return {}
-    found = {n: pose_of_entry(p) for n, p in rig["cam_from_rig"].items()}
-    found.setdefault(str(rig["reference"]), Pose.identity())
-    if "rig_from_world" in rig:
-        world = pose_of_entry(rig["rig_from_world"])
+    found = {n: pose_of_entry(p) for n, p in rig.cam_from_rig.items()}
+    found.setdefault(rig.reference, Pose.identity())
+    if isinstance(rig.rig_from_world, RigPose):
+        world = pose_of_entry(rig.rig_from_world)
         found = {n: p @ world for n, p in found.items()}
     return {n: p for n, p in found.items() if n in names}
 

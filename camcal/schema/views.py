@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from camcal.report.schema.kinds import (
+from camcal.schema.kinds import (
     UNSET,
     Count,
     Figure,
@@ -52,16 +52,16 @@ class TriedShape(Section):
     error_px: Annotated[Figure | UnsetType, key("the same with this board, less what both share")] = UNSET
 
 
-class Shape(Section):
+class Shape(Section, rename={"from_": "from"}):
     """The shape of a board, where it was estimated or given; lengths in squares (or the unit of the points)."""
 
     kind: Annotated[str, key("`flat`, `bowl`, `print`, `free`; `known` where it was given")]
     p_value: Annotated[Figure | UnsetType, key("how likely a flat board would look like it")] = UNSET
-    aspect: Annotated[
-        Figure | UnsetType, key("how many times longer the print is in y against x")
-    ] = UNSET
+    aspect: Annotated[Figure | UnsetType, key("how many times longer the print is in y against x")] = UNSET
     angle: Annotated[Figure | UnsetType, key("angle at which its sides meet, degrees")] = UNSET
-    rms_offset: Annotated[Figure | UnsetType, key("root mean square distance of `points` from `ideal`")] = UNSET
+    rms_offset: Annotated[Figure | UnsetType, key("root mean square distance of `points` from `ideal`")] = (
+        UNSET
+    )
     max_offset: Annotated[Figure | UnsetType, key("largest distance of `points` from `ideal`")] = UNSET
     words: Annotated[str | UnsetType, key("the same in a sentence")] = UNSET
     points: Annotated[
@@ -73,18 +73,18 @@ class Shape(Section):
     ] = UNSET
     ideal: Annotated[list[Vector] | UnsetType, key("where they should be")] = UNSET
     tried: Annotated[list[TriedShape] | UnsetType, key("with `--board-shape auto`, each kind")] = UNSET
-    from_: Annotated[Any, key("the report that a `known` shape came from")] = UNSET
+    from_: Annotated[str | UnsetType, key("the report that a `known` shape came from")] = UNSET
 
 
 class Target(Section):
     """The calibration object; a target may have more keys of its own."""
 
+    open: ClassVar[bool] = True
+
     kind: Annotated[str, key("`checkerboard`, `charuco`, ..., as `camcal list targets` names them")]
     columns: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a row")] = UNSET
     rows: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a column")] = UNSET
-    square: Annotated[
-        Length | UnsetType, key("side of a square, or the distance of neighbours")
-    ] = UNSET
+    square: Annotated[Length | UnsetType, key("side of a square, or the distance of neighbours")] = UNSET
     unit: Annotated[str | UnsetType, key("of `square`; `square` where no length is known")] = UNSET
     detected: Annotated[bool | UnsetType, key("whether the size was found in the pictures")] = UNSET
     shape: Annotated[Shape | UnsetType, key("where the board's shape was estimated or given")] = UNSET
@@ -93,9 +93,7 @@ class Target(Section):
 class PoseSigma(Section):
     """Standard deviations of a pose; `.inf` where not determined."""
 
-    rotation: Annotated[
-        tuple[Sigma, Sigma, Sigma], key("of the rotation about the camera's x, y and z, rad")
-    ]
+    rotation: Annotated[tuple[Sigma, Sigma, Sigma], key("of the rotation about the camera's x, y and z, rad")]
     centroid: Annotated[
         tuple[Sigma, Sigma, Sigma],
         key(
@@ -146,7 +144,8 @@ class View(Section, kw_only=True):
         BoardPose | None, key("`rotation_vector`, `translation`, `sigma`; null of a view that was not used")
     ]
     rejected: Annotated[
-        list[RejectedPoint] | UnsetType, key("the rejected points of a used view: `row`, `id`, `u`, `v`, `residual`")
+        list[RejectedPoint] | UnsetType,
+        key("the rejected points of a used view: `row`, `id`, `u`, `v`, `residual`"),
     ] = UNSET
     quality: Annotated[
         dict[str, Any] | UnsetType,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from camcal.report.schema.camera import Camera, Rig
-from camcal.report.schema.figures import Bias, Coverage, Fit, Holdout, Uncertainty
-from camcal.report.schema.kinds import (
+from camcal.schema.camera import Camera, Rig
+from camcal.schema.figures import Bias, Coverage, Fit, Holdout, Uncertainty
+from camcal.schema.kinds import (
     UNSET,
     Figure,
     Finite,
@@ -16,8 +16,8 @@ from camcal.report.schema.kinds import (
     UnsetType,
     key,
 )
-from camcal.report.schema.version import SCHEMA
-from camcal.report.schema.views import Data, Inputs, Target, View
+from camcal.schema.version import SCHEMA
+from camcal.schema.views import Data, Inputs, Target, View
 
 
 class Tool(Section):
@@ -39,9 +39,9 @@ class Stage(Section):
     parameters: Annotated[
         dict[str, Finite] | UnsetType, key("by name, where the stage has a camera with a lens")
     ] = UNSET
-    projection_matrix: Annotated[
-        Projection | UnsetType, key("with one view, scaled as at the top level")
-    ] = UNSET
+    projection_matrix: Annotated[Projection | UnsetType, key("with one view, scaled as at the top level")] = (
+        UNSET
+    )
     info: Annotated[
         dict[str, Any] | UnsetType,
         key("what the stage has to say besides: why it was chosen, what it assumed, condition numbers"),
@@ -81,7 +81,9 @@ class Warning_(Section, kw_only=True):
     """Something that makes the result less good than it seems."""
 
     code: Annotated[str, key("for programs")]
-    severity: Annotated[Literal["wrong", "doubtful", "note"] | UnsetType, key("how bad it is")] = UNSET
+    severity: Annotated[Literal["wrong", "doubtful", "note"] | UnsetType, key("reserved: how bad it is")] = (
+        UNSET
+    )
     message: Annotated[str, key("in words")]
     hint: Annotated[str, key("one thing to try")]
 
@@ -94,18 +96,10 @@ class Head(Section, kw_only=True):
     command: Annotated[list[str], key("the words after `camcal`, as they were typed")]
 
 
-class CameraFile(Section, kw_only=True):
-    """What a document needs to be read as a camera."""
-
-    camera: Annotated[Camera | None, key("the camera")] = None
-
-
 class Report(Head, kw_only=True):
     """A calibration."""
 
-    inputs: Annotated[
-        Inputs, key("`image_size`, `views`, `points`, `files`: what was read")
-    ]
+    inputs: Annotated[Inputs, key("`image_size`, `views`, `points`, `files`: what was read")]
     options: Annotated[
         dict[str, Any],
         key(
@@ -117,9 +111,15 @@ class Report(Head, kw_only=True):
     camera: Annotated[Camera | UnsetType, key("the result")] = UNSET
     cameras: Annotated[dict[str, Camera] | UnsetType, key("of a rig, in place of `camera`: by name")] = UNSET
     rig: Annotated[Rig | UnsetType, key("of a rig: the places of its cameras")] = UNSET
+    selection: Annotated[
+        dict[str, Any] | UnsetType,
+        key("only with `--model auto`: how the model was chosen, as `camcal select` says"),
+    ] = UNSET
     projection_matrix: Annotated[
         Projection | UnsetType,
-        key("only with one view: K [R | t], scaled to m34 = 1 where that is possible; without the distortion"),
+        key(
+            "only with one view: K [R | t], scaled to m34 = 1 where that is possible; without the distortion"
+        ),
     ] = UNSET
     views: Annotated[list[View], key("every view in the order of the input")]
     fit: Annotated[Fit, key("the error figures and how the refinement ended")]
@@ -143,7 +143,9 @@ class Report(Head, kw_only=True):
     ] = None
     coverage: Annotated[
         Coverage | None,
-        key("how much of the picture, of the directions and of the distances the views cover; null without views"),
+        key(
+            "how much of the picture, of the directions and of the distances the views cover; null without views"
+        ),
     ] = None
     crosscheck: Annotated[list[Crosscheck], key("every stage against OpenCV")]
     warnings: Annotated[
@@ -151,7 +153,8 @@ class Report(Head, kw_only=True):
     ]
     verdict: Annotated[Literal["pass", "fail"], key("`pass` or `fail`; `fail` is exit code 1")]
     grade: Annotated[
-        Literal["good", "doubtful", "wrong"] | UnsetType, key("the worst severity among the warnings")
+        Literal["good", "doubtful", "wrong"] | UnsetType,
+        key("reserved: the worst severity among the warnings"),
     ] = UNSET
-    failures: Annotated[list[str], key("the gates that fell, each as a sentence")] = []
+    failures: Annotated[list[str], key("the gates that fell, each as a sentence")]
     data: Annotated[Data, key("the observations")]

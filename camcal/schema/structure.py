@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta, UnsetType
 
 from camcal.errors import DataError
+from camcal.schema.kinds import Section
 
 T = TypeVar("T")
 
@@ -87,7 +88,7 @@ def _parts(kind: Any, value: Any) -> list[tuple[str | int, Any, Any]]:
     """The parts of a value as (name, type, part); a required part that is missing is `NODEFAULT`."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and isinstance(value, Mapping):
         hints = hints_of(kind)
-        required = {f.name for f in msgspec.structs.fields(kind) if f.required}
+        required = {f.encode_name for f in msgspec.structs.fields(kind) if f.required}
         return [
             (name, hint, value.get(name, msgspec.NODEFAULT))
             for name, hint in hints.items()
@@ -107,7 +108,22 @@ def _parts(kind: Any, value: Any) -> list[tuple[str | int, Any, Any]]:
 def hints_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """The types of a section's keys, annotations included, in their order."""
     hints = get_type_hints(kind, include_extras=True)
-    return {field.name: hints[field.name] for field in msgspec.structs.fields(kind)}
+    return {field.encode_name: hints[field.name] for field in msgspec.structs.fields(kind)}
+
+
+def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
+    """Return the path to the first key of a plain document that the schema does not have, or None."""
+    kind, _ = _bare(kind, value)
+    section = isinstance(kind, type) and issubclass(kind, Section)
+    if section and isinstance(value, Mapping) and not kind.open:
+        for name in value:
+            if name not in hints_of(kind):
+                return _join(path, name)
+    for name, inner, part in _parts(kind, value):
+        found = None if part is msgspec.NODEFAULT else unknown_key(inner, part, _join(path, name))
+        if found is not None:
+            return found
+    return None
 
 
 def _needed(kind: Any, metas: tuple[Meta, ...]) -> str:
@@ -119,7 +135,9 @@ def _needed(kind: Any, metas: tuple[Meta, ...]) -> str:
     if get_origin(kind) is list:
         return "a list"
     if kind not in _NAMES:
-        return "a group of keys"
+        return "a group of keys" + (" with entries" if any(m.min_length for m in metas) else "")
+    if any(m.min_length for m in metas):
+        return f"{_NAMES[kind]} that is not empty"
     low = max((m.ge for m in metas if m.ge is not None), default=None)
     if kind is float and low is not None and low < -1:
         return "a finite number"

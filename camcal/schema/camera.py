@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from camcal.report.schema.kinds import (
+from camcal.schema.kinds import (
     UNSET,
     Figure,
     Finite,
@@ -43,7 +43,9 @@ class Camera(Section, kw_only=True):
         Literal["integer"], key("`integer`: (0, 0) is the centre of the top-left pixel")
     ] = "integer"
     matrix: Annotated[Matrix, key("[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")]
-    parameters: Annotated[dict[str, Parameter], key("by name: `value`, `sigma`, `start`, `fixed`", min_length=1)]
+    parameters: Annotated[
+        dict[str, Parameter], key("by name: `value`, `sigma`, `start`, `fixed`", min_length=1)
+    ]
     free_directions: Annotated[
         list[list[Finite]] | UnsetType,
         key(
@@ -61,8 +63,8 @@ class RigPose(Section, kw_only=True):
 
     rotation_vector: Annotated[Vector, key("rad")]
     translation: Annotated[Vector, key("in the unit of the target")]
-    sigma_rotation_deg: Annotated[Any, key("standard deviations of the rotation, degrees")] = None
-    sigma_translation: Annotated[Any, key("standard deviations of the translation")] = None
+    sigma_rotation_deg: Annotated[Any, key("standard deviations of the rotation, degrees")] = UNSET
+    sigma_translation: Annotated[Any, key("standard deviations of the translation")] = UNSET
 
 
 class Baseline(Section):
@@ -72,9 +74,12 @@ class Baseline(Section):
     sigma: Annotated[Sigma, key("one standard deviation")] = None
 
 
-class Rig(Section):
+class Rig(Section, kw_only=True):
     """The places of several cameras relative to one of them."""
 
     reference: Annotated[str, key("the camera whose frame is that of the rig")]
     cam_from_rig: Annotated[dict[str, RigPose], key("by name: x_cam = R x_rig + t")]
+    rig_from_world: Annotated[
+        RigPose | UnsetType, key("where the file says it: the pose of the rig in the frame of the world")
+    ] = UNSET
     baselines: Annotated[dict[str, Baseline] | UnsetType, key("distances, by `left-right`")] = UNSET

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -12,7 +12,9 @@ __all__ = ["UNSET", "Section", "UnsetType", "key"]
 
 
 class Section(msgspec.Struct):
-    """A group of keys. Keys that it does not know are ignored when it is read."""
+    """A group of keys. Keys that it does not know are ignored when it is read, and refused when it is written."""
+
+    open: ClassVar[bool] = False  #: whether other keys may be written too
 
 
 def key(text: str, **limits: Any) -> Meta:

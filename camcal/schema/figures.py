@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from camcal.report.schema.kinds import Count, Figure, Section, key
+from camcal.schema.kinds import Count, Figure, Section, key
 
 
 class Fit(Section):
@@ -20,11 +20,11 @@ class Fit(Section):
     seconds: Annotated[Figure, key("time of the refinement")]
     rms_point: Annotated[Figure, key("√(Σ‖r‖²/N), as in [conventions.md](conventions.md)")]
     rms_coord: Annotated[Figure, key("√(Σ‖r‖²/2N)")]
-    sigma_hat: Annotated[Figure, key("√(Σ‖r‖²/(2N − p))")]
+    sigma_hat: Annotated[Figure, key("√(Σ‖r‖²/(2N - p))")]
     sigma_0: Annotated[
         Figure,
         key(
-            "√(Σ w‖r‖² / (2N − p)) with w = 1/sigma² of each point; `sigma_hat` where no sigmas were given. A pure "
+            "√(Σ w‖r‖² / (2N - p)) with w = 1/sigma² of each point; `sigma_hat` where no sigmas were given. A pure "
             "number with them: by how much they are too small"
         ),
     ]
@@ -93,7 +93,8 @@ class Difference(Section):
     max_px: Annotated[Figure, key("maximum over the image")]
     predicted_px: Annotated[Figure, key("the median of what noise explains")]
     ratio: Annotated[
-        Figure, key("quadratic mean of the differences in units of what noise explains: 1 where the model holds")
+        Figure,
+        key("quadratic mean of the differences in units of what noise explains: 1 where the model holds"),
     ]
     map: Annotated[DifferenceMap, key("the same on a grid: `u`, `v`, `found_px`, `predicted_px`")]
 
@@ -157,7 +158,9 @@ class Influence(Section):
 class Bias(Section):
     """Whether the residuals look like noise, and what each view does to the camera."""
 
-    tests: Annotated[list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) has what they ask")]
+    tests: Annotated[
+        list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) has what they ask")
+    ]
     ratio: Annotated[BiasRatio | None, key("the bias ratio")]
     sigma_ratios: Annotated[SigmaRatios | None, key("`replicates`, `jackknife`, `bootstrap`")]
     influence: Annotated[list[Influence] | None, key("per `view`: `cook`, `p_value`, `information`")]
@@ -175,7 +178,8 @@ class Coverage(Section):
     """What the views cover."""
 
     image: Annotated[
-        Figure, key("share of the picture inside the hull of the used points; null where its size is not known")
+        Figure,
+        key("share of the picture inside the hull of the used points; null where its size is not known"),
     ]
     tilt_degrees: Annotated[
         Spread | None, key("angle between a board's normal and the optical axis; null for points in space")
