@@ -81,7 +81,9 @@ class Target(Section):
 
     open: ClassVar[bool] = True
 
-    kind: Annotated[str, key("`checkerboard`, `charuco`, ..., as `camcal list targets` names them")]
+    kind: Annotated[
+        str | UnsetType, key("`checkerboard`, `charuco`, ..., as `camcal list targets` names them")
+    ] = UNSET
     columns: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a row")] = UNSET
     rows: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a column")] = UNSET
     square: Annotated[Length | UnsetType, key("side of a square, or the distance of neighbours")] = UNSET
