@@ -1,10 +1,10 @@
 """The board's shape on the command line: found, said in words, drawn, and used for the next calibration."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from camcal.data.writing import write_points
 from tests.solved import camera_of, grid, observe, tilted_poses
@@ -22,12 +22,12 @@ def estimate(camcal, tmp_path):
     def run(name, shape, seed=1, board=BOARD, code=0):
         rng = np.random.default_rng(seed)
         data = observe(CAMERA, tilted_poses(BOARD, 8, rng, shift=0.5), TRUE, 0.05, rng)
-        path, report = tmp_path / f"{name}.csv", tmp_path / f"{name}.json"
+        path, report = tmp_path / f"{name}.csv", tmp_path / f"{name}.yaml"
         write_points(path, replace(data, views=tuple(replace(v, xyz=board) for v in data.views)))
         args = ["--model", "opencv4", "--image-size", "640x480", "--board-shape", shape, "-o", report]
         found, out, err = camcal("estimate", path, *args)
         assert found == code, err
-        return (json.loads(report.read_text()) if report.exists() else None), report, out + err
+        return (yaml.safe_load(report.read_text()) if report.exists() else None), report, out + err
 
     return run
 
