@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from camcal.errors import EstimationError
+from camcal.geometry import least_squares
 from camcal.solve.problem import Blocks, Problem, State
 from camcal.solve.schur import Reduced
 
@@ -22,25 +23,17 @@ OnStep = Callable[[int, float], None]
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(least_squares.Options):
     """When to stop, and which variant of a method.
 
     Attributes
     ----------
-    tolerance : float
-        Converged where the decrease that the quadratic model predicts is below this part of the cost. 1e-14
-        leaves the parameters within 1e-5 of their standard deviations at 1e4 points.
-    max_iterations : int, optional
-        Accepted and rejected steps; without it the method's own limit.
-    max_seconds : float, optional
     variant : str
         One of the method's `VARIANTS`, as after the colon of `lbfgs:varpro`; empty = its first.
     """
 
     tolerance: float = 1e-14
-    max_iterations: int | None = None
     variant: str = ""
-    max_seconds: float | None = None
 
 
 class Sample(NamedTuple):

@@ -1,10 +1,15 @@
-"""Levenberg-Marquardt on the Schur complement (Marquardt 1963; Moré 1978 for the scaling by the diagonal)."""
+"""Levenberg-Marquardt: the least-squares loop (camcal.geometry.least_squares) on the Schur complement."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
+import numpy as np
+
+from camcal.geometry import least_squares
+from camcal.geometry.least_squares import EDGE, Trial
 from camcal.solve.linear import FORMS as VARIANTS
 from camcal.solve.linear import Linear
 from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, Sample, begin
@@ -14,48 +19,14 @@ from camcal.solve.schur import Reduced
 
 __all__ = ["VARIANTS", "minimise"]
 
-#: damping at the start, relative to the diagonal: nearly Gauss-Newton, as the closed forms start close by
-START = 1e-4
-#: below this a damping changes no digit of a step that matters
-SMALLEST = 1e-14
-#: above this a step no longer moves anything
-LARGEST = 1e12
-#: predicted decreases below this part of the cost are lost in the rounding of its sum
-_NOISE = 1e-12
-_MOST_ITERATIONS = 200
+Array = np.ndarray
+
 #: easy problems have converged by then, so they do not pay for what follows
 _LEARN_FROM = 8
-EDGE = "the lens's domain ends here"
 #: of the distortion, where a run is begun again
 _FACTORS = (-1.0, -0.5)
 #: a converged run is preferred to one that was stopped even if its cost is larger by this part
 _NEARLY = 1e-3
-
-
-@dataclass
-class _Damping:
-    """Marquardt's λ: it falls quickly, but cautiously for a while after a step that failed.
-
-    In the curved, narrow valleys of the larger models a λ that always falls quickly is too small every other
-    step, and half of the work is thrown away.
-    """
-
-    value: float = START
-    since_failure: int = 99
-    growth: float = 10.0
-
-    def succeeded(self, gain: float) -> None:
-        """`gain` is the decrease against the predicted one."""
-        self.since_failure += 1
-        self.growth = 10.0 if self.since_failure > 3 else 4.0
-        factor = 1.0 if gain < 0.75 else (0.01 if self.since_failure > 3 else 0.3)
-        self.value = max(self.value * (3.0 if gain < 0.25 else factor), SMALLEST)
-
-    def failed(self) -> None:
-        """A rejected step: more damping, faster each time."""
-        self.value = max(self.value, 1e-12) * self.growth
-        self.growth = 4.0 if self.since_failure else min(self.growth * 2.0, 1e3)
-        self.since_failure = 0
 
 
 def minimise(
@@ -63,10 +34,8 @@ def minimise(
 ) -> Result:
     """Minimise the problem's cost from a state.
 
-    Every trial is linearised at once, as nearly all are accepted; a rejected one costs its derivatives.
-    Stops where the decrease that the *undamped* model predicts is below `options.tolerance` of the cost (or
-    below rounding): a damped step may promise little in the middle of a valley. Where it runs against the end
-    of the lens's domain, it begins again with the distortion the other way round (see `_elsewhere`).
+    Where it runs against the end of the lens's domain, it begins again with the distortion the other way round
+    (see `_elsewhere`).
 
     Raises
     ------
@@ -74,123 +43,103 @@ def minimise(
         Where the start itself cannot be projected.
     """
     options = options or Options()
-    run = _Run(problem, state, options, on_step)
-    run.descend()
-    if run.reason != EDGE:
-        return run.result()
-    found = run.result()
+    found = _descend(problem, state, options, on_step)
+    if found.stop_reason != EDGE:
+        return found
     for start in _elsewhere(problem, found.state):
-        other = _Run(problem, start, options, None)
-        other.descend()
-        found = _joined(found, other.result())
+        found = _joined(found, _descend(problem, start, options, None))
         if found.converged:
             break
     return found
 
 
-class _Run:
+def _descend(problem: Problem, state: State, options: Options, on_step: OnStep | None) -> Result:
     """One descent from a start."""
+    whole = _Whole(problem, state, options, on_step)
+    found = least_squares.minimise(whole, state, options)
+    stats = found.stats
+    return Result(
+        found.state,
+        found.equations.blocks,
+        bool(stats.converged[0]),
+        str(stats.reasons[0]),
+        int(stats.iterations[0]),
+        int(stats.evaluations[0]) + whole.linear.passes,
+        tuple(whole.recorder.samples),
+        whole.linear.info(),
+    )
+
+
+class _Linearised(NamedTuple):
+    """What `Problem.linearise` gives; infinitely dear without blocks."""
+
+    cost: Array
+    blocks: Blocks | None
+
+    @classmethod
+    def of(cls, blocks: Blocks | None) -> _Linearised:
+        return cls(np.array([np.inf if blocks is None else blocks.cost]), blocks)
+
+
+class _Whole:
+    """A calibration as the one member of a batch; it learns curvature from the steps that were taken."""
+
+    count = 1
 
     def __init__(self, problem: Problem, state: State, options: Options, on_step: OnStep | None):
-        self.problem, self.state, self.options = problem, state, options
+        self.problem, self.retract, self.rounding = problem, problem.retract, problem.rounding
         self.linear = Linear(problem, options.variant)
-        self.blocks, self.evaluations = begin(problem, state), 1
-        self.recorder = Recorder(self.blocks.cost, 1, on_step, options)
-        self.damping = _Damping()
-        self.curvature = Curvature(len(self.blocks.gradient))
+        first = begin(problem, state)
+        self.first: _Linearised | None = _Linearised.of(first)
+        self.recorder = Recorder(first.cost, 1, on_step, options)
+        self.curvature = Curvature(len(first.gradient))
+        self.used_curvature = False
         self.undamped: Reduced | None = None  # at the state, where the curvature is learnt
-        self.iteration, self.converged, self.reason = 0, False, "iterations"
 
-    def result(self) -> Result:
-        """Where the run stands."""
-        return Result(
-            self.state,
-            self.blocks,
-            self.converged,
-            self.reason,
-            self.iteration,
-            self.evaluations + self.linear.passes,
-            tuple(self.recorder.samples),
-            self.linear.info(),
-        )
+    def linearise(self, state: State, members: Array) -> _Linearised:
+        """The normal equations by blocks."""
+        if self.first is not None:
+            first, self.first = self.first, None
+            return first
+        return _Linearised.of(self.problem.linearise(state))
 
-    def end(self, converged: bool, reason: str) -> None:
-        self.converged, self.reason = converged, reason
+    def solve(self, state: State, equations: _Linearised, damping: Array) -> tuple[Step | None, Array]:
+        """With the learnt curvature where that is trusted, save for the undamped model, which says what remains."""
+        blocks, value = equations.blocks, float(damping[0])
+        assert blocks is not None
+        solved, self.used_curvature = None, self.curvature.trusted and value > 0
+        if self.used_curvature:
+            solved = self.linear.step(state, blocks, value, self.curvature.matrix)
+        if solved is None:
+            self.used_curvature = False
+            solved = self.linear.step(state, blocks, value)
+        return (None, np.array([np.nan])) if solved is None else (solved[0], np.array([solved[1]]))
 
-    def descend(self) -> None:
-        """Iterate to the end."""
-        limit = self.options.max_iterations or _MOST_ITERATIONS
-        while self.iteration < limit:
-            if self.recorder.late():
-                return self.end(False, "time")
-            self.iteration += 1
-            solved, more = self.step()
-            if solved is None:
-                self.damping.failed()
-                if self.damping.value > LARGEST:
-                    return self.end(False, "singular")
-                continue
-            step, predicted = solved
-            enough = self.options.tolerance * self.blocks.cost + self.problem.rounding
-            if predicted <= enough:
-                if self.remaining(predicted) <= 10 * enough:
-                    return self.end(True, "predicted decrease")
-                if self.damping.since_failure == 0:
-                    return self.end(False, EDGE)
-            trial = self.problem.retract(self.state, step)
-            blocks = self.problem.linearise(trial)
-            self.evaluations += 1
-            gain = (self.blocks.cost - blocks.cost) / predicted if blocks is not None else -1.0
-            if blocks is not None and gain > 1e-4:
-                self.accept(trial, blocks, step, predicted, gain, more)
-            elif self.is_rounding(predicted):
-                return self.end(True, "rounding")
-            else:
-                self.damping.failed()
-                self.curvature.trusted = False
-                if self.damping.value > LARGEST:
-                    return self.end(False, "no step decreases the cost")
-        return None
+    def tried(self, trial: Trial) -> None:
+        """Record and learn."""
+        if not trial.accepted:
+            self.curvature.trusted = False
+            return
+        if trial.iteration >= _LEARN_FROM:
+            self.learn(trial)
+        cost = float(trial.after.cost[0])
+        self.recorder.add(trial.iteration, cost, trial.evaluations + self.linear.passes)
 
-    def step(self) -> tuple[tuple[Step, float] | None, bool]:
-        """The step with its predicted decrease, and whether it rests on the learnt curvature."""
-        if self.curvature.trusted:
-            solved = self.linear.step(self.state, self.blocks, self.damping.value, self.curvature.matrix)
-            if solved is not None:
-                return solved, True
-        return self.linear.step(self.state, self.blocks, self.damping.value), False
-
-    def remaining(self, damped: float) -> float:
-        """The decrease that the model predicts without damping; the damped one where that is unsolvable."""
-        found = self.linear.step(self.state, self.blocks, 0.0)
-        return damped if found is None else found[1]
-
-    def is_rounding(self, predicted: float) -> bool:
-        """Whether a rejected step says no more than that costs are sums of rounded numbers."""
-        noise = _NOISE * self.blocks.cost
-        return predicted <= noise and self.remaining(predicted) <= 100 * noise
-
-    def accept(
-        self, state: State, blocks: Blocks, step: Step, predicted: float, gain: float, more: bool
-    ) -> None:
-        """Take a step that lowered the cost."""
-        if self.iteration >= _LEARN_FROM:
-            self.learn(blocks, step, predicted, gain * predicted, more)
-        self.state, self.blocks = state, blocks
-        self.damping.succeeded(gain)
-        self.recorder.add(self.iteration, blocks.cost, self.evaluations + self.linear.passes)
-
-    def learn(self, blocks: Blocks, step: Step, predicted: float, actual: float, more: bool) -> None:
+    def learn(self, trial: Trial) -> None:
         """Update the curvature, and use it where it would have foretold this decrease better."""
-        before = self.undamped or Reduced(self.blocks, 0.0, self.problem.normalise)
-        after = Reduced(blocks, 0.0, self.problem.normalise)
+        scaled, own = self.problem.normalise, trial.step.intrinsics
+        before = self.undamped or Reduced(trial.before.blocks, 0.0, scaled)
+        after = Reduced(trial.after.blocks, 0.0, scaled)
         self.undamped = None
         if not (before.solvable and after.solvable):
             self.curvature.trusted = False
             return
-        extra = self.curvature.along(step.intrinsics)
-        without, with_ = (predicted + extra, predicted) if more else (predicted, predicted - extra)
-        self.curvature.learn(step.intrinsics, before, after)
+        predicted, actual = trial.predicted, trial.gain * trial.predicted
+        extra = self.curvature.along(own)
+        without, with_ = (
+            (predicted + extra, predicted) if self.used_curvature else (predicted, predicted - extra)
+        )
+        self.curvature.learn(own, before, after)
         self.curvature.trusted = abs(actual - with_) <= abs(actual - without)
         self.undamped = after
 
