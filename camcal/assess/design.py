@@ -107,10 +107,9 @@ class Design:
         """The rows of each view, in groups of the problem's making."""
         lens, f = self.problem.lens, self.transform
         for group in self.problem.groups:
-            filled = self.problem.fill(group, self.state)
-            if filled is None:
+            block = self.problem.fill(group, self.state)
+            if block is None:
                 raise ValueError("a used point lies outside the lens's domain")
-            block = filled.copy()  # the problem's own rows are overwritten by the next who asks for some
             for place, member in enumerate(group.members):
                 own = block[place][:, :, : len(self.views[member])]
                 yield Rows(

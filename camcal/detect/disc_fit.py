@@ -18,13 +18,14 @@ from scipy.special import erf
 
 from camcal.detect.discs import Discs
 from camcal.detect.saddle import white_level
+from camcal.geometry.least_squares import Normal, Options, Small, minimise, negligible
 
 Array = np.ndarray
 
 CX, CY, L11, L12, L22, OFFSET, GX, GY, STEP, BLUR = range(10)
 COUNT = 10
-ITERATIONS = 20
-SETTLED = 5e-4  #: px
+ITERATIONS = 20  #: usual fits take 4 to 8
+SETTLED = 0.1  #: standard deviations of its parameters within which a fit stops; see `fit.SETTLED`
 BAND = 3.0  #: blurs to each side of the outline that take part
 MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is taken
 LEAST_BLUR, MOST_BLUR = 0.2, 10.0  #: px
@@ -196,47 +197,38 @@ def _evaluate(band: _Band, params: Array) -> tuple[Array, Array]:
 
 
 def _minimise(band: _Band, params: Array) -> Array:
-    """Levenberg-Marquardt on each disc for itself."""
-    params = params.copy()
-    active, damping = np.arange(len(params)), np.full(len(params), 1e-3)
-    residual, jacobian = _evaluate(band, params)
-    cost = np.einsum("kp,kp->k", residual, residual)
-    for _ in range(ITERATIONS):
-        if not len(active):
-            break
-        step = _step(jacobian, residual, damping[active])
-        trial = params[active] + step
-        trial[:, BLUR] = np.clip(trial[:, BLUR], LEAST_BLUR, MOST_BLUR)
-        part = band.take(active)
-        new_residual, new_jacobian = _evaluate(part, trial)
-        new_cost = np.einsum("kp,kp->k", new_residual, new_residual)
-        better = new_cost <= cost[active]
-        took = active[better]
-        params[took], cost[took] = trial[better], new_cost[better]
-        residual, jacobian = residual.copy(), jacobian.copy()
-        residual[better], jacobian[better] = new_residual[better], new_jacobian[better]
-        damping[active] = np.where(better, np.maximum(0.1 * damping[active], 1e-9), 10 * damping[active])
-        done = (np.abs(step[:, :2]).max(1) < SETTLED) | (damping[active] > 1e6)
-        active, residual, jacobian = active[~done], residual[~done], jacobian[~done]
-    return params
+    """Each disc's parameters of least squares."""
+    options = Options(negligible(SETTLED, band.counts.sum(1), COUNT), ITERATIONS)
+    return np.asarray(minimise(_DiscFits(band), params, options).state)
 
 
-def _step(jacobian: Array, residual: Array, damping: Array) -> Array:
-    normal = jacobian @ jacobian.transpose(0, 2, 1)
-    gradient = (jacobian @ residual[..., None])[..., 0]
-    scale = 1 / np.sqrt(np.maximum(np.einsum("kii->ki", normal), 1e-12))
-    scaled = normal * scale[:, :, None] * scale[:, None, :]
-    i = np.arange(COUNT)
-    scaled[:, i, i] = 1 + damping[:, None] + 1e-9
-    return -np.linalg.solve(scaled, (gradient * scale)[..., None])[..., 0] * scale
+class _DiscFits(Small):
+    """The discs of a picture as one batch."""
+
+    def __init__(self, band: _Band):
+        self.band, self.count = band, len(band.x)
+        self.left = np.arange(self.count), band
+
+    def linearise(self, state: Array, members: Array) -> Normal:
+        """Residuals in grey levels."""
+        if len(members) != len(self.left[0]):
+            self.left = members, self.band.take(members)
+        residual, jacobian = _evaluate(self.left[1], state)
+        return Normal.of(residual, jacobian)
+
+    def retract(self, state: Array, step: Array) -> Array:
+        """Keep the blur within its limits."""
+        moved = state + step
+        moved[:, BLUR] = np.clip(moved[:, BLUR], LEAST_BLUR, MOST_BLUR)
+        return moved
 
 
 def _judged(band: _Band, discs: Discs, params: Array, scale: float) -> FittedDiscs:
     residual, jacobian = _evaluate(band, params)
     pixels = band.counts.sum(1)
-    noise = np.sqrt(np.einsum("kp,kp->k", residual, residual) / np.maximum(pixels - COUNT, 1))
-    normal = jacobian @ jacobian.transpose(0, 2, 1)
-    covariance = np.linalg.pinv(normal, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
+    normal = Normal.of(residual, jacobian)
+    noise = np.sqrt(2 * normal.cost / np.maximum(pixels - COUNT, 1))
+    covariance = np.linalg.pinv(normal.matrix, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
     contrast, radius = params[:, STEP], _radius(discs)
     with np.errstate(all="ignore"):
         shape = np.linalg.inv(_matrix(params))

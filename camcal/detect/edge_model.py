@@ -23,6 +23,7 @@ DX, DY, ANGLE1, ANGLE2, OFFSET, CONTRAST, BLUR = range(COUNT)
 
 # erf(z) = 1 - (c1 t + c2 t^2 + c3 t^3) exp(-z^2), t = 1 / (1 + p z); |error| < 2.5e-5, a hundredth of a grey
 # level. Abramowitz & Stegun (1964), 7.1.25. It shares the exponential with the derivative.
+ERF_ERROR = 2.5e-5
 _P = np.float32(0.47047)
 _C = tuple(np.float32(c) for c in (0.3480242, -0.0958798, 0.7478556))
 OBLIQUE = 0.2  #: |n1·n2| from which on the third term of the expansion is more than a tenth of a grey level

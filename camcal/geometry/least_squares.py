@@ -107,6 +107,13 @@ class Normal(NamedTuple):
     matrix: Array
     gradient: Array
 
+    @classmethod
+    def of(cls, residuals: Array, jacobian: Array) -> Normal:
+        """Of residuals (K, N) and their derivatives (K, n, N)."""
+        gradient = np.matmul(jacobian, residuals[..., None])[..., 0]
+        cost = 0.5 * np.matmul(residuals[:, None], residuals[..., None])[:, 0, 0]
+        return cls(cost, np.matmul(jacobian, jacobian.transpose(0, 2, 1)), gradient)
+
 
 class Problem(Protocol):
     """What `minimise` takes: `count` independent problems of one kind.
@@ -207,16 +214,18 @@ def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array,
     predicted : (K,) array
         Decreases of the cost, ½ (λ δᵀ D δ − gᵀ δ); NaN where the equations are not finite.
     """
-    n = matrix.shape[1]
-    diagonal = np.einsum("kii->ki", matrix)
+    count, n = gradient.shape
+    diagonal = matrix.reshape(count, n * n)[:, :: n + 1]
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # a parameter that moves nothing stays
-    scaled = matrix * scale[:, :, None] * scale[:, None, :]
+    scaled = matrix * scale[:, :, None]
+    scaled *= scale[:, None, :]
     # the rounding of the products: a matrix that is singular but for it stays solvable
-    scaled[:, range(n), range(n)] = 1.0 + n * np.finfo(float).eps + damping[:, None]
+    scaled.reshape(count, n * n)[:, :: n + 1] = (1.0 + n * np.finfo(float).eps + damping)[:, None]
     right = gradient * scale
-    unit = -np.linalg.solve(scaled, right[..., None])[..., 0]
-    predicted = 0.5 * (damping * (unit * unit).sum(1) - (right * unit).sum(1))
-    return unit * scale, predicted
+    unit = np.linalg.solve(scaled, right[..., None])[..., 0]
+    predicted = 0.5 * (unit * (damping[:, None] * unit + right)).sum(1)
+    unit *= -scale
+    return unit, predicted
 
 
 class _Damping:

@@ -228,11 +228,11 @@ class BoardProblem(Problem):
 
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations of camera, shape and poses; None where a point leaves the lens's domain."""
-        sums = _PointSums(self)
+        sums, scratch = _PointSums(self), self.scratch()
         normal = np.empty((len(self.views), self.rows, self.rows))
         with np.errstate(all="ignore"):
             for group in self.groups:
-                block = self.fill(group, state)
+                block = self.fill(group, state, scratch)
                 if block is None:
                     return None
                 normal[group.members] = products(block)

@@ -9,7 +9,8 @@ batched product of that array with its own transpose gives every normal matrix, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -144,11 +145,11 @@ class Problem:
             self.offsets[:] = 0.0
         self.rows = lens.size + 7
         self.groups = self._make_groups()
-        largest = max((g.uv.shape[0] * g.uv.shape[2] for g in self.groups), default=0)
-        self._buffer = np.empty(largest * 2 * self.rows)
+        self._largest = max((g.uv.size for g in self.groups), default=0) * self.rows
         scale = max((float(np.abs(g.uv).max()) for g in self.groups), default=1.0)
-        #: a cost that rounding alone produces: a few units in the last place of each coordinate
-        self.rounding = sum(len(v) for v in self.views) * (4 * np.finfo(float).eps * scale) ** 2
+        #: a cost that rounding alone produces: a few units in the last place of each coordinate; of each view
+        self.view_rounding = np.array([len(v) for v in self.views]) * (4 * np.finfo(float).eps * scale) ** 2
+        self.rounding = float(self.view_rounding.sum())
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
         """The same problem with other weights."""
@@ -203,37 +204,64 @@ class Problem:
         xyz = [v.xyz - offset for v, offset in zip(self.views, self.offsets, strict=True)]
         return local.Points.of(xyz, [v.uv for v in self.views], self.weights)
 
-    def view_normals(self, state: State, partly: bool = False) -> Array | None:
+    def view_normals(self, state: State) -> Array | None:
         """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
 
-        None where a point leaves the lens's domain; with `partly`, NaN for its view.
+        None where a point leaves the lens's domain.
         """
         normal = np.empty((len(self.views), self.rows, self.rows))
+        scratch = self.scratch()
         with np.errstate(all="ignore"):
             for group in self.groups:
-                block = self.fill(group, state)
-                if block is not None:
-                    normal[group.members] = products(block)
-                elif not partly:
+                block = self.fill(group, state, scratch)
+                if block is None:
                     return None
-                else:
-                    for index in range(len(group.members)):
-                        self._products(group.alone(index), state, normal)
+                normal[group.members] = products(block)
         return normal
 
-    def _products(self, group: Group, state: State, normal: Array) -> None:
-        """Fill in the products of a single view, NaN where a point leaves the lens's domain."""
-        block = self.fill(group, state)
-        normal[group.members] = np.nan if block is None else products(block)
+    def pose_normals(self, state: State, members: Array) -> Array:
+        """Products of the rows (rotation, translation, residual) of some views (M,), (M, 7, 7).
+
+        NaN for a view where a point leaves the lens's domain.
+        """
+        normal = np.full((len(self.views), 7, 7), np.nan)
+        wanted = np.zeros(len(self.views), bool)
+        wanted[members] = True
+        scratch = self.scratch()
+        with np.errstate(all="ignore"):
+            for group in self.groups:
+                if wanted[group.members].any():
+                    for part, block in self._inside(group, state, scratch):
+                        normal[part.members] = products(block[:, self.lens.size :])
+        return normal[members]
+
+    def _inside(self, group: Group, state: State, scratch: Array) -> Iterator[tuple[Group, Array]]:
+        """The rows of a group; where a point leaves the lens's domain, those of each view that stays inside."""
+        block = self.fill(group, state, scratch)
+        if block is not None:
+            yield group, block
+            return
+        for alone in map(group.alone, range(len(group.members))):
+            block = self.fill(alone, state, scratch)
+            if block is not None:
+                yield alone, block
 
     def points(self, group: Group, state: State) -> Array:
         """Points (G, 3, N) of a group relative to their views' centroids."""
         return group.xyz
 
-    def fill(self, group: Group, state: State) -> Array | None:
-        """The rows (G, P + 6 + 1, 2, N) of a group: parameters, rotation, translation, residual."""
+    def scratch(self) -> Array:
+        """Memory for the rows of any one group, to be written by `fill`: one piece for a whole pass."""
+        return np.empty(self._largest)
+
+    def fill(self, group: Group, state: State, scratch: Array | None = None) -> Array | None:
+        """The rows (G, P + 6 + 1, 2, N) of a group: parameters, rotation, translation, residual.
+
+        None where a point leaves the lens's domain. The rows lie in `scratch` where that is given.
+        """
         size, p = group.uv.shape, self.lens.size
-        block = self._buffer[: size[0] * self.rows * 2 * size[2]].reshape(size[0], self.rows, 2, size[2])
+        shape = size[0], self.rows, 2, size[2]
+        block = np.empty(shape) if scratch is None else scratch[: math.prod(shape)].reshape(shape)
         turned = state.rotations[group.members] @ self.points(group, state)
         cam = turned + state.centres[group.members][:, :, None]
         x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))

@@ -18,10 +18,7 @@ Array = np.ndarray
 
 
 def by_group(problem: Problem, state: State) -> Iterator[tuple[Group, Array | None]]:
-    """Rows (G, F + 6 + 1, 2 N) of each group of views: free parameters, pose, residual; None as in `fill`.
-
-    Each array is overwritten by the next.
-    """
+    """Rows (G, F + 6 + 1, 2 N) of each group of views: free parameters, pose, residual; None as in `fill`."""
     with np.errstate(all="ignore"):
         for group in problem.groups:
             yield group, problem.free_rows(group, state)
@@ -49,8 +46,7 @@ def residuals(problem: Problem, state: State) -> Array | None:
     for _, rows in by_group(problem, state):
         if rows is None or not np.isfinite(rows[:, -1]).all():
             return None
-        parts += [r.copy() for r in rows[:, -1]]
-
+        parts += list(rows[:, -1])
     own = prior(problem, state)
     return np.concatenate(parts if own is None else [*parts, own[0]])
 

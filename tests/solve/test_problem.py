@@ -142,7 +142,8 @@ def test_a_point_behind_the_camera_has_no_cost():
     problem, state = problem_of()
     behind = replace(state, centres=state.centres * [1, 1, -1])
     assert problem.linearise(behind) is None
-    assert np.isnan(problem.view_normals(behind, partly=True)).any()
+    assert problem.view_normals(behind) is None
+    assert np.isnan(problem.pose_normals(behind, np.arange(len(problem.views)))).any()
 
 
 def test_coordinates_far_from_the_origin_keep_the_digits():
