@@ -231,12 +231,15 @@ def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array,
 class _Damping:
     """λ of each member: it falls quickly, but cautiously for a while after a step that failed.
 
-    The gain ratio steers it as in H. B. Nielsen, Damping parameter in Marquardt's method (1999), eq. 2.5, with
-    1/100 in place of 1/3 as the fastest fall: these problems start close by. In the curved, narrow valleys of the
-    larger lens models λ would then be too small every other step, so that the fall is 1/3 after a failure.
+    The gain ratio ρ steers it as in H. B. Nielsen, Damping parameter in Marquardt's method (1999), eq. 2.5, times
+    1 − (2ρ − 1)³, but from `GOOD` on it falls by `FALL`, as these problems start close by. In the curved, narrow valleys
+    of the larger lens models λ would then be too small every other step, so it falls by `CAUTIOUS` until `CALM` steps
+    have been taken since one failed. Of some dozen choices for the four on 150 refinements (simulated and real, opencv5
+    to opencv14, kb4, ds), these took the fewest linearisations among those by which the most converged; others took
+    up to a third more.
     """
 
-    FALL, CAUTIOUS, CALM, GROWTH = 0.01, 0.5, 3, 4.0
+    GOOD, FALL, CAUTIOUS, CALM, GROWTH = 0.75, 0.01, 0.5, 3, 10.0
 
     def __init__(self, start: Array):
         self.value = start
@@ -245,12 +248,17 @@ class _Damping:
 
     def update(self, accepted: Array, gain: Array) -> None:
         """After a trial of all members."""
-        since = np.where(accepted, self.since_failure + 1, 0)
-        fastest = np.where(since > self.CALM, self.FALL, self.CAUTIOUS)
-        factor = np.maximum(1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3, fastest)
+        fall = np.where(self.since_failure >= self.CALM, self.FALL, self.CAUTIOUS)
+        good = gain > self.GOOD
+        if good.all():  # as nearly always
+            self.value = np.maximum(self.value * fall, SMALLEST)
+            self.growth.fill(self.GROWTH)
+            self.since_failure += 1
+            return
+        factor = np.where(good, fall, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
         self.value = np.maximum(self.value, SMALLEST) * np.where(accepted, factor, self.growth)
         self.growth = np.where(accepted, self.GROWTH, 2.0 * self.growth)
-        self.since_failure = since
+        self.since_failure = np.where(accepted, self.since_failure + 1, 0)
 
     def keep(self, rows: Array) -> None:
         self.value, self.growth, self.since_failure = (
@@ -309,7 +317,8 @@ class _Run:
         else:
             accepted, gain = solved, predicted
         self.damping.update(accepted, gain)
-        self.failed(~accepted, predicted)
+        if not accepted.all():
+            self.failed(~accepted, predicted)
 
     def arrived(self, predicted: Array) -> Array | None:
         """Let members go whose step promises too little, or that never had any; the mask of those."""
@@ -345,19 +354,24 @@ class _Run:
         with np.errstate(invalid="ignore", divide="ignore"):
             gain = (cost - after.cost) / predicted
         accepted = gain > LEAST_GAIN
-        self.invalid += ~(after.cost < np.inf)
-        self.state = merged(accepted, trial, self.state)
-        self.equations = merged(accepted, after, self.equations)
+        if accepted.all():
+            self.state, self.equations = trial, after
+        else:
+            self.invalid += ~(after.cost < np.inf)
+            self.state, self.equations = (
+                merged(accepted, trial, self.state),
+                merged(accepted, after, before),
+            )
         if self.problem.count == 1:
             self.problem.tried(
-                Trial(self.iteration, self.evaluated, before, after, step, *predicted, *gain, bool(accepted[0]))
+                Trial(
+                    self.iteration, self.evaluated, before, after, step, *predicted, *gain, bool(accepted[0])
+                )
             )
         return accepted, gain
 
     def failed(self, rejected: Array, predicted: Array) -> None:
         """Let members go whose rejected step was the last."""
-        if not rejected.any():
-            return
         cost = self.equations.cost
         tiny = rejected & (predicted <= NOISE * cost)
         rounding = tiny & (self.remaining(tiny, predicted) <= LOST * cost) if tiny.any() else tiny
@@ -395,9 +409,7 @@ def rows_of(batch: Any, mask: Array) -> Any:
 
 
 def merged(mask: Array, new: Any, old: Any) -> Any:
-    """Members of `new` where the mask says so, else of `old`."""
-    if mask.all():
-        return new
+    """Members of `new` where the mask, which does not say so of all, says so, else of `old`."""
     if not mask.any():
         return old
     if isinstance(new, np.ndarray):

@@ -1,4 +1,4 @@
-"""Poses of views whose rays are known: linear starts and a few Gauss-Newton steps, all views at once.
+"""Poses of views whose rays are known: linear starts and a few steps of the least-squares loop, all views at once.
 
 Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any lens can be taken off before.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from camcal.data.observations import Correspondences, View
 from camcal.errors import DataError
 from camcal.geometry import dlt as resection
 from camcal.geometry import homography, rotations
+from camcal.geometry.least_squares import Normal, Options, Small, minimise
 from camcal.model.pose import Poses
 from camcal.start import shape
 
@@ -28,8 +30,10 @@ SHALLOW = 0.2
 RIVAL = 9.0
 
 
-#: A view has settled when a step changes its error by less than this part: enough to begin a refinement.
+#: Part of its error to which a view's is brought near its minimum: enough to begin a refinement.
 SETTLED = 1e-6
+#: Half the square of a residual in normalised coordinates that rounding makes, about 1e-13.
+ROUNDING = 0.5e-26
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ def initial_poses(
 
     Points on a plane start from a homography (Zhang 2000, section 3.1) and from its second solution, the
     plane's normal mirrored at the line of sight (Schweighofer & Pinz, Robust pose estimation from a planar
-    target, 2006); points in space from a DLT. Each start takes up to `steps` damped Gauss-Newton steps, the
+    target, 2006); points in space from a DLT. Each start takes up to `steps` Levenberg-Marquardt steps, the
     lowest error wins.
 
     Parameters
@@ -225,7 +229,7 @@ def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
 
 
 def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polished:
-    """Lower the reprojection error of each view by damped Gauss-Newton steps (Levenberg-Marquardt).
+    """Lower the reprojection error of each view.
 
     Parameters
     ----------
@@ -240,64 +244,64 @@ def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polishe
     Polished
         Its cost is inf where a point is behind the camera.
     """
-    count = len(poses)
-    out_r, out_t, out_cost = poses.rotations.copy(), poses.translations.copy(), np.empty(count)
-    at = np.arange(count)  # which views are still under way
-    r, t = poses.rotations, poses.translations
-    points, observed = np.swapaxes(xyz, 1, 2), np.swapaxes(ab, 1, 2)
-    state = _project(r, t, points, observed, w)
-    damping = np.full(count, 1e-4)
-    rounding = 1e-26 * w.sum(1)
-    for _ in range(steps):
-        step = _step(state, w, damping)
-        trial_r, trial_t = rotations.exp(step[:, :3]) @ r, t + step[:, 3:]
-        trial = _project(trial_r, trial_t, points, observed, w)
-        better = trial[-1] < state[-1]
-        with np.errstate(invalid="ignore"):  # both may be infinite: points behind the camera
-            settled = (np.abs(state[-1] - trial[-1]) <= SETTLED * state[-1]) | (state[-1] < rounding)
-        r, t = np.where(better[:, None, None], trial_r, r), np.where(better[:, None], trial_t, t)
-        state = tuple(
-            np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-            for new, old in zip(trial, state, strict=True)
-        )
-        damping = np.where(better, damping / 10, damping * 100)
-        if settled.any():
-            done, go = at[settled], ~settled
-            out_r[done], out_t[done], out_cost[done] = r[settled], t[settled], state[-1][settled]
-            at, r, t, points, observed, w = (a[go] for a in (at, r, t, points, observed, w))
-            damping, rounding, state = damping[go], rounding[go], tuple(a[go] for a in state)
-        if not len(at):
-            break
-    out_r[at], out_t[at], out_cost[at] = r, t, state[-1]
-    return Polished(Poses(out_r, out_t), out_cost)
+    problem = _Views(xyz, ab, w)
+    found = minimise(problem, _Placed(poses.rotations, poses.translations), Options(SETTLED, steps))
+    return Polished(Poses(*found.state), 2 * found.equations.cost)
 
 
-def _project(r: Array, t: Array, points: Array, observed: Array, w: Array) -> tuple[Array, ...]:
-    """Turned points (V, 3, N), inverse depths (V, N), predictions and residuals (V, 2, N), costs (V,)."""
-    turned = r @ points
-    depth = turned[:, 2] + t[:, 2, None]
-    inverse = 1 / np.where(depth == 0, 1.0, depth)
-    predicted = (turned[:, :2] + t[:, :2, None]) * inverse[:, None]
-    residual = predicted - observed
-    cost = np.einsum("vn,vkn,vkn->v", w, residual, residual)
-    return turned, inverse, predicted, residual, np.where((depth > 0).all(1), cost, np.inf)
+class _Placed(NamedTuple):
+    """Rotations (V, 3, 3) and translations (V, 3)."""
+
+    rotations: Array
+    translations: Array
 
 
-def _step(state: tuple[Array, ...], w: Array, damping: Array) -> Array:
-    """The damped step (V, 6): rotation on the left, translation."""
-    turned, inverse, predicted, residual, _ = state
-    x, y, z = turned[:, 0] * inverse, turned[:, 1] * inverse, turned[:, 2] * inverse
+class _Views(Small):
+    """Views of equally many points, each with its pose; residuals in normalised coordinates."""
+
+    def __init__(self, xyz: Array, ab: Array, w: Array):
+        self.count = len(xyz)
+        self.rounding = ROUNDING * w.sum(1)
+        by_axis = (np.ascontiguousarray(np.swapaxes(a, 1, 2)) for a in (xyz, ab))
+        self.left = np.arange(self.count), *by_axis, None if (w == 1.0).all() else np.sqrt(w)
+
+    def linearise(self, state: _Placed, members: Array) -> Normal:
+        """The cost is inf behind the camera, where the equations are those of the same formulas."""
+        if len(members) != len(self.left[0]):
+            some = np.searchsorted(self.left[0], members)
+            self.left = members, *(None if a is None else a[some] for a in self.left[1:])
+        _, points, observed, root = self.left
+        turned = state.rotations @ points
+        depth = turned[:, 2] + state.translations[:, 2, None]
+        inverse = 1 / np.where(depth == 0, 1.0, depth)
+        predicted = turned[:, :2] + state.translations[:, :2, None]
+        predicted *= inverse[:, None]
+        turned *= inverse[:, None]
+        normal = Normal.of(*_rows(turned, predicted, predicted - observed, inverse, root))
+        return normal._replace(cost=np.where((depth > 0).all(1), normal.cost, np.inf))
+
+    def retract(self, state: _Placed, step: Array) -> _Placed:
+        """exp(δ) R, t + δ."""
+        return _Placed(rotations.exp(step[:, :3]) @ state.rotations, state.translations + step[:, 3:])
+
+
+def _rows(
+    turned: Array, predicted: Array, residual: Array, inverse: Array, root: Array | None
+) -> tuple[Array, Array]:
+    """Residuals (V, 2 N) and their derivatives (V, 6, 2 N), times the roots of the weights (V, N), None = 1.
+
+    From R x over the depth (V, 3, N), predictions and residuals (V, 2, N), and inverse depths (V, N).
+    """
+    x, y, z = (turned[:, i] for i in range(3))
     u, v = predicted[:, 0], predicted[:, 1]
-    j = np.zeros((len(w), 6, 2, w.shape[1]))
+    j = np.empty((len(inverse), 6, 2, inverse.shape[1]))
     j[:, 0, 0], j[:, 0, 1] = -u * y, -z - v * y
     j[:, 1, 0], j[:, 1, 1] = z + u * x, v * x
     j[:, 2, 0], j[:, 2, 1] = -y, x
+    j[:, 3:5] = 0.0
     j[:, 3, 0] = j[:, 4, 1] = inverse
-    j[:, 5, 0], j[:, 5, 1] = -u * inverse, -v * inverse
-    weighted = (j * w[:, None, None]).reshape(len(w), 6, -1)
-    n = weighted @ np.swapaxes(j.reshape(len(w), 6, -1), 1, 2)
-    g = weighted @ residual.reshape(len(w), -1, 1)
-    # damping in each parameter's own unit; the floor keeps a parameter without influence solvable
-    diagonal = np.einsum("vii->vi", n)
-    n = n + np.eye(6) * (damping[:, None] * diagonal + np.finfo(float).tiny)[:, None]
-    return -np.linalg.solve(n, g)[..., 0]
+    np.multiply(predicted, -inverse[:, None], out=j[:, 5])
+    if root is not None:
+        j *= root[:, None, None]
+        residual = residual * root[:, None]
+    return residual.reshape(len(j), -1), j.reshape(len(j), 6, -1)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.geometry.least_squares import Normal, Options, Small, minimise
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
@@ -20,9 +21,11 @@ Array = np.ndarray
 CONES = (0.4, 0.7, 0.9, 1.0)
 #: Levenberg-Marquardt steps for all rays, and for those of a cone on the way
 LAST_STEPS, STEPS = 50, 12
+#: part of the cost to which a fit approaches its minimum
+SETTLED = 1e-9
 #: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
 EXACT = 1e-6
-#: results whose parameters agree to this part are the same minimum: a fit stops where the cost falls by 1e-9 of it
+#: results whose parameters agree to this part are the same minimum: see `SETTLED`
 SAME = 1e-3
 #: pairs that a fit needs at most: a model has few parameters, a spline some hundred
 ENOUGH = 700
@@ -72,7 +75,7 @@ def regress(
 ) -> Regression:
     """Find the parameters with which a lens projects given rays to given pixels.
 
-    Least squares in px by Levenberg-Marquardt. Without a start, from the shapes that the model suggests, each
+    Least squares in px. Without a start, from the shapes that the model suggests, each
     with its camera matrix found linearly, and from the models that it nests.
 
     Parameters
@@ -203,42 +206,45 @@ def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Reg
 
 
 def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int) -> Array:
-    """Levenberg-Marquardt from a start at which all rays are in the domain; they stay there."""
-    lower = np.array([p.lower for p in lens.parameters])
-    upper = np.array([p.upper for p in lens.parameters])
-    cost, normal, gradient = _normal(lens, params, rays, uv, free)
-    damping = 1e-4
-    for _ in range(steps):
-        diagonal = np.diag(normal) + 1e-12 * np.trace(normal) / len(normal) + 1e-300
-        step = -np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
-        trial = params.copy()
-        trial[free] += step
-        trial = np.clip(trial, lower, upper)
-        trial_cost, *rest = _normal(lens, trial, rays, uv, free)
-        if trial_cost < cost:
-            small = cost - trial_cost <= 1e-9 * cost
-            params, cost, (normal, gradient) = trial, trial_cost, rest
-            damping = max(damping * 0.1, 1e-12)
-            if small:
-                break
-        else:
-            damping *= 10
-            if damping > 1e8:
-                break
-    return params
+    """Least squares from a start at which all rays are in the domain; they stay there."""
+    problem = _Pairs(lens, params, rays, uv, free)
+    found = minimise(problem, params[None, free], Options(SETTLED, steps)).state[0]
+    return problem.whole(found)
 
 
-def _normal(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> tuple[float, Array, Array]:
-    """Half the sum of squares (inf where a ray leaves the domain), JᵀJ and Jᵀr of the free parameters."""
-    count, n = int(free.sum()), len(rays)
-    out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, lens.size, 2, n))
-    x, y, z = (np.ascontiguousarray(c)[None] for c in rays.T)
-    with np.errstate(all="ignore"):
-        inside = lens.linearise(params, x, y, z, out, d_xyz, rows)
-    if not inside:
-        return np.inf, np.zeros((count, count)), np.zeros(count)
-    r, j = (out[0] - uv.T).ravel(), rows[0][free].reshape(count, -1).T
-    prior = lens.prior(params)
-    if prior is not None:
-        r, j = np.r_[r, prior[0]], np.concatenate([j, prior[1][:, free]])
-    return 0.5 * float(r @ r), j.T @ j, j.T @ r
+class _Pairs(Small):
+    """Rays and pixels as a batch of one; its state (1, F) holds the free parameters, which stay in their ranges."""
+
+    count = 1
+
+    def __init__(self, lens: Lens, params: Array, rays: Array, uv: Array, free: Array):
+        self.lens, self.params, self.uv, self.free = lens, params, uv, free
+        self.xyz = [np.ascontiguousarray(c)[None] for c in rays.T]
+        # a few units in the last place of each coordinate
+        self.rounding = len(uv) * (4 * np.finfo(float).eps * float(np.abs(uv).max(initial=0.0))) ** 2
+        self.lower = np.array([p.lower for p in lens.parameters])[free]
+        self.upper = np.array([p.upper for p in lens.parameters])[free]
+
+    def whole(self, own: Array) -> Array:
+        """All parameters (P,) from the free ones."""
+        params = self.params.copy()
+        params[self.free] = own
+        return params
+
+    def linearise(self, state: Array, members: Array) -> Normal:
+        """Residuals in px, and the lens's prior."""
+        n, count, params = len(self.uv), state.shape[1], self.whole(state[0])
+        out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, self.lens.size, 2, n))
+        with np.errstate(all="ignore"):
+            inside = self.lens.linearise(params, *self.xyz, out, d_xyz, rows)
+        if not inside:
+            return Normal(np.array([np.inf]), np.zeros((1, count, count)), np.zeros((1, count)))
+        r, j = (out[0] - self.uv.T).ravel(), rows[0][self.free].reshape(count, -1)
+        prior = self.lens.prior(params)
+        if prior is not None:
+            r, j = np.r_[r, prior[0]], np.concatenate([j, prior[1][:, self.free].T], 1)
+        return Normal.of(r[None], j[None])
+
+    def retract(self, state: Array, step: Array) -> Array:
+        """Within the parameters' ranges."""
+        return np.clip(state + step, self.lower, self.upper)
