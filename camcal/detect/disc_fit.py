@@ -18,7 +18,7 @@ from scipy.special import erf
 
 from camcal.detect.discs import Discs
 from camcal.detect.saddle import white_level
-from camcal.geometry.least_squares import Normal, Options, Small, minimise, negligible
+from camcal.least_squares import Normal, Options, Small, minimise, negligible
 
 Array = np.ndarray
 

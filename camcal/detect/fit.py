@@ -8,7 +8,7 @@ import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.windows import Windows
-from camcal.geometry.least_squares import Normal, Options, Small, damped_steps, minimise, negligible
+from camcal.least_squares import Normal, Options, Small, damped_steps, minimise, negligible
 
 Array = np.ndarray
 

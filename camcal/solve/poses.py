@@ -9,7 +9,7 @@ import numpy as np
 
 from camcal.data.observations import View
 from camcal.geometry import rotations
-from camcal.geometry.least_squares import Normal, Options, Small, minimise
+from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.solve.problem import Problem, State

@@ -15,7 +15,7 @@ from camcal.data.observations import Correspondences, View
 from camcal.errors import DataError
 from camcal.geometry import dlt as resection
 from camcal.geometry import homography, rotations
-from camcal.geometry.least_squares import Normal, Options, Small, minimise
+from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.pose import Poses
 from camcal.start import shape
 
@@ -263,14 +263,15 @@ class _Views(Small):
         self.count = len(xyz)
         self.rounding = ROUNDING * w.sum(1)
         by_axis = (np.ascontiguousarray(np.swapaxes(a, 1, 2)) for a in (xyz, ab))
-        self.left = np.arange(self.count), *by_axis, None if (w == 1.0).all() else np.sqrt(w)
+        self.data = *by_axis, None if (w == 1.0).all() else np.sqrt(w)
+        self.left, self.some = np.arange(self.count), self.data
 
     def linearise(self, state: _Placed, members: Array) -> Normal:
         """The cost is inf behind the camera, where the equations are those of the same formulas."""
-        if len(members) != len(self.left[0]):
-            some = np.searchsorted(self.left[0], members)
-            self.left = members, *(None if a is None else a[some] for a in self.left[1:])
-        _, points, observed, root = self.left
+        if len(members) != len(self.left):
+            self.left = members
+            self.some = tuple(None if a is None else a[members] for a in self.data)
+        points, observed, root = self.some
         turned = state.rotations @ points
         depth = turned[:, 2] + state.translations[:, 2, None]
         inverse = 1 / np.where(depth == 0, 1.0, depth)

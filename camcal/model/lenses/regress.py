@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camcal.geometry.least_squares import Normal, Options, Small, minimise
+from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
@@ -219,7 +219,7 @@ class _Pairs(Small):
 
     def __init__(self, lens: Lens, params: Array, rays: Array, uv: Array, free: Array):
         self.lens, self.params, self.uv, self.free = lens, params, uv, free
-        self.xyz = [np.ascontiguousarray(c)[None] for c in rays.T]
+        self.x, self.y, self.z = (np.ascontiguousarray(c)[None] for c in rays.T)
         # a few units in the last place of each coordinate
         self.rounding = len(uv) * (4 * np.finfo(float).eps * float(np.abs(uv).max(initial=0.0))) ** 2
         self.lower = np.array([p.lower for p in lens.parameters])[free]
@@ -236,7 +236,7 @@ class _Pairs(Small):
         n, count, params = len(self.uv), state.shape[1], self.whole(state[0])
         out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, self.lens.size, 2, n))
         with np.errstate(all="ignore"):
-            inside = self.lens.linearise(params, *self.xyz, out, d_xyz, rows)
+            inside = self.lens.linearise(params, self.x, self.y, self.z, out, d_xyz, rows)
         if not inside:
             return Normal(np.array([np.inf]), np.zeros((1, count, count)), np.zeros((1, count)))
         r, j = (out[0] - self.uv.T).ravel(), rows[0][self.free].reshape(count, -1)

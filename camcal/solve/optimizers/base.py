@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from camcal import least_squares
 from camcal.errors import EstimationError
-from camcal.geometry import least_squares
 from camcal.solve.problem import Blocks, Problem, State
 from camcal.solve.schur import Reduced
 

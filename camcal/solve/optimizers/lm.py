@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: the least-squares loop (camcal.geometry.least_squares) on the Schur complement."""
+"""Levenberg-Marquardt: the least-squares loop (camcal.least_squares) on the Schur complement."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camcal.geometry import least_squares
-from camcal.geometry.least_squares import EDGE, Trial
+from camcal import least_squares
+from camcal.least_squares import EDGE, Trial
 from camcal.solve.linear import FORMS as VARIANTS
 from camcal.solve.linear import Linear
 from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, Sample, begin
