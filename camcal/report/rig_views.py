@@ -22,9 +22,7 @@ Array = np.ndarray
 
 
 def is_rig(path: str | os.PathLike) -> bool:
-    """Whether a file holds several cameras with poses; False also where it cannot be read."""
-    if not Path(os.fspath(path).rpartition("#")[0] or path).is_file() and not Path(path).is_file():
-        return False
+    """Whether a file holds several cameras with poses."""
     found = files.read(path)
     return len(found.cameras) > 1 and found.has_poses and not _one_camera(found)
 
@@ -60,11 +58,8 @@ def evaluation(path: Path, table: Path, max_rms: float | None, command: Sequence
     placed = [place(cameras, view) for view in views]
     residuals = np.concatenate([p.residuals for p in placed])
     fit = _figures(residuals)
-    failures = (
-        []
-        if max_rms is None or fit["rms_point"] <= max_rms
-        else [f"rms_point {fit['rms_point']:.4g} > {max_rms:g}"]
-    )
+    failed = max_rms is not None and fit["rms_point"] > max_rms
+    failures = [f"rms_point {fit['rms_point']:.4g} exceeds {max_rms:g}"] if failed else []
     sections: dict[str, Any] = {
         "cameras": {c.name: camera_entry(c.camera, fixed=list(c.camera.lens.names)) for c in cameras},
         "rig": rig_entry(rig),

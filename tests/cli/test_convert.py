@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from camcal.data.formats import read
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.report.camera import camera_document
@@ -119,3 +120,38 @@ def test_the_main_jobs_write_camera_files(camcal):
         assert camcal("compare", "r.yaml", other, "--max-px", "1e-9")[0] == 0
     code, _, err = camcal(*options, "-o", "s.yaml", "--save-camera", "cam.dat")
     assert code == 2 and ".dat" in err
+
+
+def test_evaluate_a_rig(camcal, tmp_path):
+    (tmp_path / "chain.yaml").write_text(RIG)
+    rig = read(tmp_path / "chain.yaml")
+    x, y = np.meshgrid(np.arange(5) * 0.1, np.arange(4) * 0.1)
+    xyz = np.c_[x.ravel() - 0.2, y.ravel() - 0.2, 0.05 * np.sin(9 * x.ravel())]
+    rows = ["camera,view,X,Y,Z,u,v"]
+    for view, t in (("a", [0.0, 0.0, 2.0]), ("b", [0.1, 0.05, 1.5])):
+        for named in rig.cameras:
+            for p, q in zip(xyz, named.camera.project(named.pose.apply(xyz + t)), strict=True):
+                rows.append(",".join([named.name, view, *(repr(float(v)) for v in (*p, *q))]))
+    Path("p.csv").write_text("\n".join(rows) + "\n")
+    code, out, err = camcal(
+        "evaluate", tmp_path / "chain.yaml", "p.csv", "--format", "json", "--robust", "none"
+    )
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["fit"]["max"] < 1e-8 and found["fit"]["points_used"] == 80
+    assert np.allclose(found["views"][1]["rig_from_board"]["translation"], [0.1, 0.05, 1.5])
+    # half a pixel in one camera alone: no pose of the rig takes it up
+    moved = [line if "cam1" not in line else _shifted(line, 0.5) for line in rows]
+    Path("q.csv").write_text("\n".join(moved) + "\n")
+    code, out, _ = camcal(
+        "evaluate", tmp_path / "chain.yaml", "q.csv", "--format", "json", "--max-rms", "0.01"
+    )
+    assert code == 1 and 0.01 < json.loads(out)["fit"]["rms_point"] < 0.5
+    Path("r.csv").write_text("\n".join(rows).replace("cam1", "cam7") + "\n")
+    code, _, err = camcal("evaluate", tmp_path / "chain.yaml", "r.csv")
+    assert code == 3 and "no camera 'cam7'" in err
+
+
+def _shifted(line, by):
+    *head, u, v = line.split(",")
+    return ",".join([*head, repr(float(u) + by), v])

@@ -160,7 +160,12 @@ class Format:
 def unknown(kind: str, name: object, known: Any) -> DataError:
     """The error for a name in a file that stands for nothing known."""
     hint = suggestion(str(name), list(known)) or f"Known: {', '.join(known)}."
-    return DataError(f"unknown {kind} '{name}'.", hint)
+    return DataError(f"unknown {kind} '{one_line(str(name))[:80]}'.", hint)
+
+
+def one_line(text: str) -> str:
+    """Text of a file for messages and names: on one line, without control characters for terminals."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def image_size(width: Any, height: Any) -> tuple[int, int]:

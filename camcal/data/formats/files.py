@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from camcal.data.formats import FORMATS, format_of
-from camcal.data.formats.base import CameraFile, ForeignCamera, Format, NamedCamera, Written
+from camcal.data.formats.base import CameraFile, ForeignCamera, Format, NamedCamera, Written, one_line
 from camcal.data.formats.source import Source
 from camcal.errors import CamcalError, DataError, UsageError
 from camcal.model.camera import Camera
@@ -107,7 +107,7 @@ def _damage(source: Source, title: str) -> Iterator[None]:
         yield
     except CamcalError as error:
         where = "" if str(source.path) in error.message else f"{source.path}: "
-        raise type(error)(where + error.message, error.hint) from None
+        raise type(error)(one_line(where + error.message), error.hint) from None
     except (KeyError, StopIteration) as error:
         what = repr(error.args[0]) if error.args else "an entry"
         raise DataError(f"{source.path}: {what} is missing ({title}).", "Is the file complete?") from None
@@ -121,7 +121,7 @@ def _damage(source: Source, title: str) -> Iterator[None]:
         RecursionError,
         MemoryError,
     ) as error:
-        text = str(error).partition("\n")[0].rstrip(".") or type(error).__name__
+        text = one_line(str(error)).rstrip(".") or type(error).__name__
         raise DataError(
             f"{source.path}: not readable as {title}: {text[:200]}.", "Is the file damaged?"
         ) from None
@@ -132,7 +132,7 @@ def _distinct(cameras: tuple[NamedCamera, ...]) -> list[NamedCamera]:
     seen: dict[str, int] = {}
     found = []
     for camera in cameras:
-        name = str(camera.name).strip() or "camera"
+        name = one_line(str(camera.name)).strip() or "camera"
         seen[name] = seen.get(name, 0) + 1
         found.append(replace(camera, name=name if seen[name] == 1 else f"{name}-{seen[name]}"))
     return found

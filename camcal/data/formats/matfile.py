@@ -1,15 +1,17 @@
-"""Variables of MATLAB files: version 5 by scipy, version 7.3 (HDF5) by h5py where it is installed."""
+"""Variables of MATLAB files: version 5, version 7.3 (HDF5) by h5py where it is installed."""
 
 from __future__ import annotations
 
 import io
-import warnings
+import struct
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from camcal.data.formats import mat5
 from camcal.errors import DataError
 
 V7 = "In MATLAB: save('camera.mat', '-v7', ...)"
@@ -20,17 +22,10 @@ def variables(data: bytes, path: Path, kind: str) -> dict[str, Any]:
     """Variables by name: arrays, text, structs as objects with their fields as attributes, None for objects."""
     if kind == "hdf5":
         return _of_hdf5(data, path)
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatlabFunction, MatlabOpaque
-
     try:
-        with warnings.catch_warnings():  # scipy warns of duplicate and unreadable variables
-            warnings.simplefilter("ignore")
-            found = loadmat(io.BytesIO(data), squeeze_me=True, struct_as_record=False)
-    except Exception as error:  # noqa: BLE001  # scipy raises almost anything on a damaged file
+        return mat5.read(data)
+    except (ValueError, struct.error, zlib.error, OverflowError, MemoryError) as error:
         raise DataError(f"'{path}' is not readable as a MATLAB file: {_line(error)}.", V7) from None
-    opaque = (MatlabOpaque, MatlabFunction)
-    return {k: None if isinstance(v, opaque) else v for k, v in found.items() if not k.startswith("__")}
 
 
 def _line(error: Exception) -> str:
@@ -48,7 +43,7 @@ def _of_hdf5(data: bytes, path: Path) -> dict[str, Any]:
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
             return {name: _hdf5_value(file[name]) for name in file if not name.startswith("#")}
-    except Exception as error:  # noqa: BLE001  # as scipy above
+    except Exception as error:  # noqa: BLE001  # HDF5 raises almost anything on a damaged file
         raise DataError(f"'{path}' is not readable as a MATLAB file: {_line(error)}.", V7) from None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -49,7 +50,9 @@ def _sniff(source: Source) -> bool:
 
 def _literal(text: str) -> Mapping[str, Any]:
     try:
-        found = ast.literal_eval(re.sub(r"^\s*#.*$", "", text, flags=re.M).strip())
+        with warnings.catch_warnings():  # of Python's own parser on damaged numbers
+            warnings.simplefilter("ignore")
+            found = ast.literal_eval(re.sub(r"^\s*#.*$", "", text, flags=re.M).strip())
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError) as error:
         raise DataError(
             f"no Python literal: {str(error).partition(chr(10))[0][:120]}.", "Is it damaged?"
