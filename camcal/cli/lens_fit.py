@@ -20,7 +20,8 @@ def command(ctx: click.Context, pairs: Path, **options: Any) -> int:
     """Fit a lens to pairs of ideal and distorted image points.
 
     PAIRS is a table with the columns x, y (ideal) and u, v (distorted, px). Models with a linear solution
-    (rational-function, bicubic, polynomial, division, spline) begin from it; all end at least squares in px.
+    (rational-function, bicubic, polynomial, division, spline) start from it; every model is then refined by least
+    squares in px.
     """
     from camcal.cli.job import command_line, output_is_free
     from camcal.cli.output import emit
@@ -75,7 +76,7 @@ def _matrix(values: dict[str, float]) -> Any:
 
 
 def _figures(found: Any) -> dict[str, Any]:
-    """Errors over the pairs that the lens holds, px."""
+    """Errors in px over the pairs that lie in the domain of the lens."""
     inside = found.errors[found.covered]
     return {
         "rms_point": found.rms,
@@ -100,7 +101,7 @@ def _table(found: dict[str, Any]) -> Any:
     if made["ideal_matrix_assumed"]:
         (f, _, cx), (_, _, cy), _ = made["ideal_matrix"]
         parts.append(
-            Text(f"\nideal points taken for pixels of a camera with f = {f:g}, centre ({cx:g}, {cy:g})")
+            Text(f"\nideal points are taken as pixels of a camera with f = {f:g}, centre ({cx:g}, {cy:g})")
         )
     rows = [[name, p["value"]] for name, p in found["camera"]["parameters"].items()]
     return Group(*parts, Text(""), table(["parameter", "value"], rows, found["camera"]["model"]))

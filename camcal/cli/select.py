@@ -1,4 +1,4 @@
-"""`camcal select`: which lens model the data call for."""
+"""`camcal select`: which lens model suits the data."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from camcal.cli.verbosity import note, verbosity_options
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """Fit several lens models and rank them by their error on views held out, poses refitted.
 
-    A model that contains another also begins from that one's optimum. Out of the choice are models with a
-    fold or a pole inside the image, and those with parameters that the data do not determine. With -o, the
-    selection is written as YAML.
+    A model that contains another is also started from the optimum of that one. Models with a fold or a pole inside
+    the image, or with parameters that the data do not determine, are not chosen. With -o, the selection is written as
+    YAML.
     """
     from camcal.cli.job import output_is_free, read_data
     from camcal.cli.output import emit, progress
@@ -34,11 +34,11 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     points = read_data(data, options)
     with progress("fitting models") as show:
 
-        def tell(_: str, details: Mapping[str, Any]) -> None:
+        def show_event(_: str, details: Mapping[str, Any]) -> None:
             show(details["done"], details["count"])
 
-        told = {name: options[name] for name in ("skew", "fix", "robust", "folds", "seed")}
-        found = plain(described(select(points, models, on_event=tell, **told)))
+        given = {name: options[name] for name in ("skew", "fix", "robust", "folds", "seed")}
+        found = plain(described(select(points, models, on_event=show_event, **given)))
     if options["output"] is not None:
         save(found, options["output"], options["force"])
         note(f"Selection written to {options['output']}.")
@@ -48,7 +48,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 
 
 def named_models(text: str) -> tuple[str, ...]:
-    """The specs that the text names; commas separate them only where none of them has options."""
+    """The model specs in the text, separated by spaces or semicolons, or by commas where none has options."""
     from camcal.errors import UsageError
     from camcal.model.lenses import make
     from camcal.plan.selection import AUTO, all_models
@@ -89,5 +89,5 @@ def _table(found: dict[str, Any]) -> Any:
     title = f"{found['points']} points of {found['views']} views"
     parts = [table(columns, rows, title)]
     if out:
-        parts.append(Text("\nout of the choice:\n  " + "\n  ".join(out)))
+        parts.append(Text("\nnot chosen because:\n  " + "\n  ".join(out)))
     return Group(*parts)

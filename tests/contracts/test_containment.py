@@ -1,5 +1,7 @@
 """Which model contains which: the whole relation, and its embeddings on random cameras."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -124,3 +126,24 @@ def test_alpha_of_one_is_the_limit_of_mei():
 )
 def test_smaller_models_the_closest_first(spec, wanted):
     assert contained(lenses.make(spec)) == wanted
+
+
+def table_of_the_docs():
+    """The rows of the table in docs/lenses.md, as they have to be."""
+    specs = dict.fromkeys(
+        lenses.make(n).name for n in (*lenses.LENSES, "kb:0", "division:1,direction=distort")
+    )
+    rows = []
+    for outer in specs:
+        inner = [
+            n for n in specs if n not in (outer, "pinhole") and contains(lenses.make(outer), lenses.make(n))
+        ]
+        if inner:
+            rows.append(f"| {outer} | {', '.join(inner)} |")
+    return rows
+
+
+def test_the_table_in_the_docs():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "lenses.md").read_text(encoding="utf-8")
+    table = page.split("<!-- containment -->")[1].split("<!-- /containment -->")[0].strip().splitlines()
+    assert table[2:] == table_of_the_docs()

@@ -13,6 +13,9 @@ from camcal.model.lenses.regress import Regression, regress
 
 Array = np.ndarray
 
+#: pixels with a ray that a conversion needs: as many as determine a camera matrix with five coefficients, with some to
+#: spare
+LEAST_PIXELS = 12
 #: columns and rows of pixels over which cameras are matched, the outermost ones on the image's border: 1271, twice
 #: what a model of 600 coefficients needs
 GRID = (41, 31)
@@ -71,8 +74,12 @@ def convert(camera: Camera, lens: Lens) -> Conversion:
     u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
     pixels = np.c_[u.ravel(), v.ravel()]
     rays, valid = camera.lens.unproject(camera.params, pixels)
-    if valid.sum() < 12:
-        raise EstimationError("hardly any pixel of the camera's image has a ray.", "Check the camera's file.")
+    if valid.sum() < LEAST_PIXELS:
+        raise EstimationError(
+            f"only {valid.sum()} of {len(pixels)} pixels of the camera's image have a ray; at least {LEAST_PIXELS} are "
+            "needed.",
+            "Check the camera's file: its parameters and its image size.",
+        )
     hold = [n for n in lens.default_fixed if n not in lens.turns]
     found: Regression = regress(lens, rays[valid], pixels[valid], camera.image_size, hold)
     return Conversion(

@@ -18,9 +18,10 @@ from camcal.model.lenses.regress import Regression, measure, regress
 
 Array = np.ndarray
 
-#: ideal coordinates that spread farther than this are pixels: on the plane z = 1 it would be 168 degrees
+#: ideal coordinates that spread farther than this are pixels: on the plane z = 1 it would be a field of 168 degrees,
+#: and no picture is only 20 px wide
 PLANE = 20.0
-#: of the picture's extent; pixels of one ideal point that lie farther from their mean are no repeated measurement
+#: part of the picture's extent: repeated measurements of one point scatter by a px or less, 1/10 of this in VGA
 SCATTER = 0.01
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from camcal.errors import DataError, UsageError
+from camcal.errors import DataError, EstimationError, UsageError
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.lenses.conversion import convert
-from camcal.model.lenses.pairs import fit_pairs
+from camcal.model.lenses.pairs import PLANE, SCATTER, fit_pairs
 
 
 def pairs(noise=0.1):
@@ -75,3 +75,31 @@ def test_views_of_a_board_are_no_pairs():
     seen = np.concatenate([100 * board + 50, 80 * board + 90])
     with pytest.raises(DataError, match="is given 2 times"):
         fit_pairs(lenses.make("opencv5"), np.concatenate([board, board]), seen)
+
+
+@pytest.mark.parametrize("part, extent", [(0.99, "plane"), (1.01, "pixels")])
+def test_ideal_points_that_spread_far_are_pixels(part, extent):
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 9), np.linspace(-0.4, 0.4, 7))
+    ideal = PLANE * part * np.c_[x.ravel(), y.ravel()]
+    found = fit_pairs(lenses.make("pinhole"), ideal, 30 * ideal + 300)
+    assert found.assumed == (extent == "pixels")
+
+
+@pytest.mark.parametrize("part, repeated", [(0.9, True), (1.1, False)])
+def test_how_far_repeated_measurements_may_scatter(part, repeated):
+    ideal, uv = pairs()
+    again = uv[100] + [2 * part * SCATTER * np.ptp(uv[:, 0]), 0.0]  # either is half of that from their mean
+    ideal, uv = np.r_[ideal, ideal[[100]]], np.r_[uv, [again]]
+    if repeated:
+        assert fit_pairs(lenses.make("opencv5"), ideal, uv).refined.covered.all()
+    else:
+        with pytest.raises(DataError, match="given 2 times"):
+            fit_pairs(lenses.make("opencv5"), ideal, uv)
+
+
+def test_a_camera_with_hardly_a_ray_is_not_converted():
+    """A fold next to the centre: the part of the image with a ray shrinks with k1."""
+    lens = lenses.make("opencv4")
+    params, size = lens.examples()[0]
+    with pytest.raises(EstimationError, match="pixels of the camera's image have a ray; at least 12"):
+        convert(Camera(lens, params * [1, 1, 1, 1, 1e5, 0, 0, 0], size), lenses.make("pinhole"))
