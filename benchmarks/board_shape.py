@@ -25,6 +25,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from camcal.plan.pictures import calibrate_pictures
 from tables import markdown, update
 
 import camcal
@@ -35,9 +36,8 @@ from camcal.detect.images import detect_images
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.model.pose import Array, Poses
-from camcal.plan.pictures import calibrate_pictures
-from camcal.solve.solution import Solution
-from camcal.solve.solve import on_board, refine
+from camcal.plan.solution import Solution
+from camcal.solve.refine import on_board, refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 
@@ -89,7 +89,7 @@ def observed(camera: Camera, board: Array, views: int, rng: np.random.Generator)
     """What the camera sees of the true board, said to be the ideal one."""
     poses = simulate_poses(GRID, camera, rng, views)
     data = simulate_points(camera, board, poses, rng, NOISE, clip=False)
-    return replace(data, views=tuple(replace(v, xyz=GRID[v.point_ids]) for v in data.views))
+    return data.with_views(tuple(replace(v, xyz=GRID[v.point_ids]) for v in data.views))
 
 
 # ---------------------------------------------------------------------- simulated
@@ -204,7 +204,7 @@ def real() -> tuple[str, list[Solution]]:
     def row(folder: str, said: str, found: Correspondences, kind: str) -> Solution:
         solution, _ = calibrate_pictures(found, robust="auto", board_shape=kind, holdout=4)
         held = solution.holdout["rms_point"] if solution.holdout else float("nan")
-        taken = ((solution.correspondences.target or {}).get("shape") or {}).get("kind", "flat")
+        taken = ((solution.observations.target or {}).get("shape") or {}).get("kind", "flat")
         camera = [f"{v:.2f}" for v in solution.camera.params[:4]]
         said = said if taken in (said, "flat") else f"{said}: {taken}"
         rows.append([folder, said, f"{solution.rms_point:.4f}", f"{held:.4f}", *camera])

@@ -58,7 +58,7 @@ def scene(name: str, camera: Camera, poses: Poses, points: list[np.ndarray]) -> 
         View(f"v{i}", xyz, camera.project(pose.apply(xyz)))
         for i, (xyz, pose) in enumerate(zip(points, poses, strict=True))
     ]
-    return Scene(name, camera, poses, Correspondences(tuple(views), camera.image_size))
+    return Scene(name, camera, poses, Correspondences.from_views(tuple(views), camera.image_size))
 
 
 def pinhole(f: float) -> Camera:

@@ -36,8 +36,8 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.placement import Spread, simulate_poses
 from camcal.model.pose import Array, Poses
-from camcal.plan.pipeline import calibrate
-from camcal.solve.solution import Solution
+from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import Solution
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 
@@ -80,7 +80,7 @@ def run(task: tuple[str, int]) -> tuple[str, str, Hits]:
         solution = calibrate(data, model=model, robust=arm.split(",")[0], checks=False)
     except CamcalError:
         return model, arm, {}
-    kept = [v.id for v in solution.correspondences.views]
+    kept = [v.id for v in solution.observations.views]
     index = [i for i, v in enumerate(data.views) if v.id in kept]
     return model, arm, hits(solution, truth, poses[np.array(index)], rng)
 
@@ -108,10 +108,8 @@ def hits(solution: Solution, truth: Camera, poses: Poses, rng: np.random.Generat
 def pose_errors(solution: Solution, poses: Poses, accuracy: Covariance) -> tuple[Array, Array]:
     """Errors and sigmas (V, 6) of the poses in the coordinates of their covariance."""
     errors = []
-    for view, mask, pose, true in zip(
-        solution.correspondences.views, solution.inliers, solution.poses, poses, strict=True
-    ):
-        centre = view.xyz[mask].mean(0)
+    for view, pose, true in zip(solution.observations.kept().views, solution.poses, poses, strict=True):
+        centre = view.xyz.mean(0)
         turn = rotations.log(pose.rotation @ true.rotation.T)
         errors.append(np.r_[turn, pose.apply(centre) - true.apply(centre)])
     return np.array(errors), np.sqrt(np.diagonal(accuracy.poses(), axis1=1, axis2=2))

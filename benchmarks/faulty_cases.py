@@ -19,7 +19,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Array
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 
 SIZE = (1280, 960)
 GLANCING = np.cos(np.deg2rad(70))
@@ -77,7 +77,7 @@ def seen(
             views.append(View(f"v{len(views)}", board, observed, None, np.arange(len(board))))
     if len(views) < count:
         raise RuntimeError("no pose fits")
-    return Correspondences(tuple(views), SIZE)
+    return Correspondences.from_views(tuple(views), SIZE)
 
 
 def clean(seed: int) -> set[str]:
@@ -89,7 +89,7 @@ def clean(seed: int) -> set[str]:
         camera(model, rng), rng, int(rng.integers(10, 31)), board, noise=float(rng.uniform(0.05, 0.5))
     )
     if rng.random() < 0.2:
-        data = replace(data, image_size=None)
+        data = replace(data, image_sizes=(None,))
     return codes(data, model=model, robust=str(rng.choice(["none", "auto"])))
 
 
@@ -105,11 +105,11 @@ def codes(data: Correspondences, **options: Any) -> set[str]:
 def changed(data: Correspondences, index: int, uv: Array) -> Correspondences:
     views = list(data.views)
     views[index] = replace(views[index], uv=uv)
-    return replace(data, views=tuple(views))
+    return data.with_views(tuple(views))
 
 
 def each(data: Correspondences, change: Callable[[View], View]) -> Correspondences:
-    return replace(data, views=tuple(change(v) for v in data.views))
+    return data.with_views(tuple(change(v) for v in data.views))
 
 
 def repeated(data: Correspondences, times: int, rng: np.random.Generator) -> Correspondences:
@@ -119,7 +119,7 @@ def repeated(data: Correspondences, times: int, rng: np.random.Generator) -> Cor
         for i in range(times)
         for v in data.views
     ]
-    return replace(data, views=tuple(views))
+    return data.with_views(tuple(views))
 
 
 def _one_pose(rng):
@@ -160,7 +160,7 @@ def _shifted_row(uv):
 def _another_board(rng):
     data = seen(camera(), rng, 11)
     other = seen(camera(), rng, 1, grid() * [1.0, 1.15, 1.0]).views[0]
-    return codes(replace(data, views=(*data.views, replace(other, id="other", xyz=grid()))), robust="auto")
+    return codes(data.with_views((*data.views, replace(other, id="other", xyz=grid()))), robust="auto")
 
 
 def _many_outliers(rng):

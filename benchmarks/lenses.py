@@ -24,8 +24,8 @@ from camcal.data.observations import Correspondences
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
-from camcal.plan.pipeline import calibrate
-from camcal.solve.solve import refine
+from camcal.plan.calibrate import calibrate
+from camcal.solve.refine import refine
 from camcal.study.points import simulate_points
 
 Array = np.ndarray

@@ -35,8 +35,8 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.model.pose import Pose, Poses
-from camcal.solve.solution import Solution
-from camcal.solve.solve import refine
+from camcal.plan.solution import Solution
+from camcal.solve.refine import refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 
@@ -80,7 +80,7 @@ class Run:
         if len(seen) < len(board()):
             return
         views = (*self.data.views, replace(seen, id=f"view{self.taken}"))
-        self.data = Correspondences(views, self.data.image_size)
+        self.data = Correspondences.from_views(views, self.data.image_size)
         poses = Poses.stack([*self.solution.poses, pose])
         self.solution = refine(self.solution.camera, poses, self.data)
 

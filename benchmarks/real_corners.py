@@ -17,13 +17,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from camcal.plan.pictures import calibrate_pictures
 from tables import markdown, update
 
 from camcal.data.observations import Correspondences, View
 from camcal.detect.images import detect_images
 from camcal.detect.targets.checkerboard import Checkerboard
-from camcal.plan.pictures import calibrate_pictures
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 
 SETS = {"opencv_left": (9, 6), "opencv_right": (9, 6), "bouguet": (13, 12), "stereo": (6, 4)}
 WINDOWS = (3, 5, 7, 9, 11)
@@ -62,7 +62,7 @@ def figures(data: Correspondences) -> tuple[float, float, int]:
     """rms_point of the fit and of 4-fold hold-out, px, and how many points were rejected."""
     solution = calibrate(data, model="opencv5", robust="auto", holdout=4)
     assert solution.holdout is not None
-    rejected = data.point_count - sum(int(m.sum()) for m in solution.inliers)
+    rejected = data.point_count - int(solution.used.sum())
     return solution.rms_point, float(solution.holdout["rms_point"]), rejected
 
 
@@ -75,11 +75,11 @@ def rows_of(folder: Path, size: tuple[int, int]) -> list[list[object]]:
     kinds: dict[str, Correspondences] = {}
     for kind in next(iter(theirs.values())):
         views = [View(v.id, board.points, theirs[v.id][kind]) for v in common]
-        kinds[kind] = Correspondences(tuple(views), ours.image_size)
+        kinds[kind] = Correspondences.from_views(tuple(views), ours.image_size)
     found = {kind: figures(data) for kind, data in kinds.items()}
     best = min((k for k in found if k.startswith("cornerSubPix")), key=lambda k: found[k][1])
     shown = {k: found[k] for k in ("SB accuracy (else cornerSubPix 5)", "cornerSubPix 11", best)}
-    first = Correspondences(tuple(common), ours.image_size, ours.target)
+    first = Correspondences.from_views(tuple(common), ours.image_size, ours.target)
     shown["camcal, first pass"] = figures(first)
     _, second = calibrate_pictures(
         replace(first, files=ours.files), refine_points=True, model="opencv5", robust="auto"

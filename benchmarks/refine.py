@@ -57,7 +57,7 @@ def simulate(views: int, columns: int, rows: int, noise: float = 0.1, seed: int 
         if valid.all() and (uv >= 0).all() and (uv < SIZE).all():
             seen = (uv + rng.normal(0, noise, uv.shape)).astype(np.float32).astype(float)
             made.append(View(f"v{len(made)}", board, seen))
-    return Correspondences(tuple(made), SIZE)
+    return Correspondences.from_views(tuple(made), SIZE)
 
 
 def run_cv2(data: Correspondences, model: str) -> float:

@@ -36,8 +36,8 @@ from camcal.model.placement import simulate_poses
 from camcal.model.pose import Array
 from camcal.solve import outliers
 from camcal.solve.losses import LOSSES
+from camcal.solve.refine import refine
 from camcal.solve.robust import METHODS, reweight
-from camcal.solve.solve import refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import outlier_moves, simulate_points
 
@@ -68,7 +68,7 @@ def in_each_view(spoil: Callable[[Array, Array, np.random.Generator], None]) -> 
             uv, chosen = view.uv.copy(), rng.choice(len(view), round(share * len(view)), replace=False)
             spoil(uv, chosen, rng)
             views.append(replace(view, uv=uv))
-        return replace(data, views=tuple(views))
+        return data.with_views(tuple(views))
 
     return apply
 
@@ -93,7 +93,7 @@ def whole_views(data: Correspondences, share: float, rng: np.random.Generator) -
     views = list(data.views)
     for i in rng.choice(len(views), round(share * len(views)), replace=False):
         views[i] = replace(views[i], uv=rng.permutation(views[i].uv))
-    return replace(data, views=tuple(views))
+    return data.with_views(tuple(views))
 
 
 KINDS: dict[str, Spoil] = {
@@ -226,7 +226,7 @@ def alarms(runs: int, sizes: Sequence[int] = (3, 12, 40)) -> str:
         for run in range(count):
             data = clean(truth, np.random.default_rng([run, views, 3]), views)
             found = camcal.calibrate(data, robust="auto", checks=False)
-            lost = data.point_count - sum(int(m.sum()) for m in found.inliers)
+            lost = data.point_count - int(found.used.sum())
             points, seen, begun = points + lost, seen + bool(lost), begun + ("robust" in found.fit.info)
         # how likely so many or more are at the stated rate
         chance = float(poisson.sf(seen - 1, outliers.ALPHA * count))

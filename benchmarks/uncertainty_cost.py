@@ -22,7 +22,7 @@ from camcal.assess.covariance import covariance
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.report.uncertainty import section
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 

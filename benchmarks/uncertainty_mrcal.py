@@ -33,8 +33,8 @@ from camcal.data.observations import Correspondences
 from camcal.data.points import read_points
 from camcal.geometry import rotations
 from camcal.model.placement import simulate_poses
-from camcal.plan.pipeline import calibrate
-from camcal.solve.solution import Solution
+from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import Solution
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 

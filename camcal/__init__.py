@@ -13,9 +13,9 @@ _PUBLIC = {
     "Camera": "camcal.model.camera:Camera",
     "Correspondences": "camcal.data.observations:Correspondences",
     "Pose": "camcal.model.pose:Pose",
-    "Solution": "camcal.solve.solution:Solution",
+    "Solution": "camcal.plan.solution:Solution",
     "View": "camcal.data.observations:View",
-    "calibrate": "camcal.plan.pipeline:calibrate",
+    "calibrate": "camcal.plan.calibrate:calibrate",
     "load": "camcal.report.document:load",
     "read_points": "camcal.data.points:read_points",
 }

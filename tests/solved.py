@@ -7,7 +7,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Poses
-from camcal.solve.solve import refine
+from camcal.solve.refine import How, refine
 
 SIZE = (640, 480)
 TRUTH = {
@@ -54,7 +54,7 @@ def observe(camera, poses, xyz, noise, rng, sigma=None):
         scale = noise if sigma is None else sigma
         uv = uv + rng.normal(size=uv.shape) * np.reshape(scale, (-1, 1))
         views.append(View(f"view{i}", xyz, uv, sigma, np.arange(len(xyz))))
-    return Correspondences(tuple(views), camera.image_size)
+    return Correspondences.from_views(tuple(views), camera.image_size)
 
 
 def camera_of(model="opencv5", values=TRUTH, skew=False, size=SIZE):
@@ -82,4 +82,4 @@ def solved(
     data = observe(camera, poses, xyz, noise, rng, sigma)
     start = camera.params.copy()
     start[:4] *= 1.01
-    return refine(Camera(camera.lens, start, SIZE), poses, data, fix)
+    return refine(Camera(camera.lens, start, SIZE), poses, data, How(fix or {}))

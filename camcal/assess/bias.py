@@ -88,7 +88,7 @@ class Standardised:
 
 def standardise(design: Design) -> Standardised:
     """The standardised residuals of a solution."""
-    solution = design.solution
+    solution = design.calibration
     parts: list[tuple] = []
     by_point: dict[bytes, int] = {}
     for rows in design.rows():
@@ -117,8 +117,8 @@ def _whitened(design: Design, rows: Rows) -> tuple[Array, Array]:
 
 def _board_axes(design: Design, index: int) -> Array:
     """Rotations or reflections (N, 2, 2) from the image's axes to the board's x and y at each point."""
-    view, pose = design.views[index], design.solution.poses[index]
-    camera = design.solution.camera
+    view, pose = design.views[index], design.calibration.poses[index]
+    camera = design.calibration.camera
     by_xyz = camera.lens.jacobians(camera.params, pose.apply(view.xyz))[1]
     u, _, vt = np.linalg.svd(by_xyz @ pose.rotation[:, :2])
     return np.asarray((u @ vt).transpose(0, 2, 1))
@@ -238,7 +238,7 @@ def bias_ratio(design: Design) -> BiasRatio | None:
         for piece in cut(design.views[rows.view].xyz):
             left, spare = _without_pose(rows, piece)
             square, freedom, pieces = square + left, freedom + spare, pieces + 1
-    own = redundancy(design.solution)
+    own = redundancy(design.calibration)
     if not pieces or freedom < 10 or own <= freedom or covered <= 0:
         return None
     noise = square / freedom

@@ -1,54 +1,44 @@
-"""Whether a board's shape is to be believed: a significance test and the error on views held out.
+"""Whether a board has a shape of its own: a significance test, and what the report says of the shape.
 
 Against the flat board, with C the weighted sums of squares and B the parameters of the shape,
 
     F = ((C_flat - C_shape) / B) / (C_shape / (2N - p))                                               (1)
 
 follows F(B, 2N - p) where the board is flat. The test alone would believe any systematic error that a shape
-happens to absorb; the hold-out asks whether the shape found from some views improves the others. A free board has
-so many parameters that it can do both and leave the camera worse than it was; `truer_camera.py` asks for that.
+happens to absorb; whether the shape found from some views improves the others is asked by `camcal.plan.better`.
+A free board has so many parameters that it can do both and leave the camera worse than it was;
+`shape_benefit.py` asks for that.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from camcal.assess import figures
-from camcal.assess.holdout import HoldOut, k_fold
-from camcal.assess.shape_benefit import Change, change
-from camcal.data.observations import Correspondences
-from camcal.errors import CamcalError
-from camcal.model.pose import Array, Poses
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult
+from camcal.assess.holdout import HoldOut
+from camcal.assess.shape_benefit import Change
+from camcal.solve.calibration import Calibration, ShapedBoard
 
-#: a shape is believed below this p-value ...
+#: a shape is believed below this p-value: of a thousand flat boards one passes
 SIGNIFICANT = 0.001
-#: ... if the hold-out error is below this part of that of any simpler board: on a dozen views, the choice of
-#: the folds alone moves it by 2 %
-BETTER = 0.98
 #: simple shapes first
 CANDIDATES = ("bowl", "print", "free")
-
-#: estimates with a kind of shape from these views, poses to start from and points to use
-Fit = Callable[[str, Correspondences, Poses, Sequence[Array]], Solution]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of board: its solution, the p-value of (1), its hold-out, and what it does to the camera.
+    """One kind of board: its fit, the p-value of (1), its hold-out, and what it does to the camera.
 
     `change` is against the simpler board that was best till then; None where that is not asked.
     """
 
     kind: str
-    solution: Solution
+    calibration: Calibration
     p_value: float
     holdout: HoldOut | None
     change: Change | None = None
@@ -59,56 +49,20 @@ class Trial:
         return self.holdout.figures.rms_point if self.holdout else float("inf")
 
 
-def p_value(flat: Solution, shaped: Solution) -> float:
+def p_value(flat: Calibration, shaped: Calibration) -> float:
     """The p-value of (1): how likely a flat board would lower the cost as much."""
-    board = shaped.extras["board"]
+    assert shaped.board is not None
     freedom = figures.redundancy(shaped)
     if freedom <= 0 or shaped.fit.cost <= 0:
         return 1.0
-    ratio = (flat.fit.cost - shaped.fit.cost) / board.size / (shaped.fit.cost / freedom)
-    return float(f_distribution.sf(max(ratio, 0.0), board.size, freedom))
+    size = shaped.board.size
+    ratio = (flat.fit.cost - shaped.fit.cost) / size / (shaped.fit.cost / freedom)
+    return float(fdtrc(size, freedom, max(ratio, 0.0)))
 
 
-def attempt(kind: str, flat: Solution, ideal: Correspondences, fit: Fit) -> Trial | None:
-    """A kind of shape on the data of a flat solution; None where they do not allow it.
-
-    Parameters
-    ----------
-    kind : str
-        `flat` or a key of `camcal.solve.board.KINDS`.
-    flat : Solution
-    ideal : Correspondences
-        With the ideal board.
-    fit : callable
-    """
-    try:
-        solution = flat if kind == "flat" else fit(kind, ideal, flat.poses, flat.inliers)
-    except CamcalError:
-        return None
-    held = k_fold(ideal, flat.poses, flat.inliers, lambda c, p, m: fit(kind, c, p, m))
-    return Trial(kind, solution, 1.0 if kind == "flat" else p_value(flat, solution), held)
-
-
-def choose(flat: Solution, ideal: Correspondences, fit: Fit) -> tuple[Trial, tuple[Trial, ...]]:
-    """The simplest board that no other beats, and all that were tried.
-
-    A shape must be significant, lower the hold-out error by more than the choice of folds does, and, if it is
-    the free one, leave a camera that is expected to be truer.
-    """
-    trials = [t for k in ("flat", *CANDIDATES) if (t := attempt(k, flat, ideal, fit)) is not None]
-    best, tried = trials[0], trials[:1]
-    for trial in trials[1:]:
-        if trial.kind == "free":
-            with contextlib.suppress(np.linalg.LinAlgError):  # a camera that the data leave open is not truer
-                trial = replace(trial, change=change(best.solution, trial.solution))
-        tried.append(trial)
-        real = trial.p_value < SIGNIFICANT and trial.holdout_rms < BETTER * best.holdout_rms
-        if real and (trial.kind != "free" or (trial.change is not None and trial.change.truer)):
-            best = trial
-    return best, tuple(tried)
-
-
-def described(trial: Trial, trials: Sequence[Trial], square: float) -> dict[str, Any]:
+def described(
+    calibration: Calibration, p_value: float, trials: Sequence[Trial], square: float
+) -> dict[str, Any]:
     """What the report says under `target.shape`; lengths in units of the square (or of the data).
 
     Returns
@@ -117,9 +71,9 @@ def described(trial: Trial, trials: Sequence[Trial], square: float) -> dict[str,
         kind, points [[X, Y, Z], ...] in the order of the board's corners, the ideal ones alike, rms_offset,
         max_offset, p_value, aspect and angle of the print, words, and the errors of each kind that was tried.
     """
-    board = trial.solution.extras.get("board")
-    said: dict[str, Any] = {"kind": trial.kind, "p_value": trial.p_value}
-    if isinstance(board, BoardResult):
+    board = calibration.board
+    said: dict[str, Any] = {"kind": "flat" if board is None else board.kind, "p_value": p_value}
+    if board is not None:
         offset = (board.points - board.ideal) / square
         size = np.linalg.norm(offset, axis=1)
         aspect, angle = printed(board)
@@ -133,26 +87,28 @@ def described(trial: Trial, trials: Sequence[Trial], square: float) -> dict[str,
             "ideal": (board.ideal / square).tolist(),
         }
     if trials:
-        said["tried"] = [
-            {"kind": t.kind, "rms_point": t.solution.rms_point, "holdout_rms_point": t.holdout_rms,
-             "p_value": t.p_value} | _of_change(t.change, square)
-            for t in trials
-        ]  # fmt: skip
+        said["tried"] = [_of_trial(t, square) for t in trials]
     return said
 
 
-def _of_change(change: Change | None, square: float) -> dict[str, float]:
-    """Expected errors of the camera with the simpler board and with the shape, and the offsets assumed."""
-    if change is None:
-        return {}
-    return {
-        "offset_sigma": change.tau / square,
-        "simpler_error_px": change.simple_px,
-        "error_px": change.shaped_px,
+def _of_trial(trial: Trial, square: float) -> dict[str, Any]:
+    """The errors of a kind of board; with a change, the camera's expected errors and the offsets assumed."""
+    said: dict[str, Any] = {
+        "kind": trial.kind,
+        "rms_point": trial.calibration.rms_point,
+        "holdout_rms_point": trial.holdout_rms,
+        "p_value": trial.p_value,
     }
+    if trial.change is not None:
+        said |= {
+            "offset_sigma": trial.change.tau / square,
+            "simpler_error_px": trial.change.simple_px,
+            "error_px": trial.change.shaped_px,
+        }
+    return said
 
 
-def printed(board: BoardResult) -> tuple[float, float]:
+def printed(board: ShapedBoard) -> tuple[float, float]:
     """How much longer the print is in y against x than designed, and the angle of its sides in degrees."""
     ideal, points = (x[:, :2] - x[:, :2].mean(0) for x in (board.ideal, board.points))
     (xx, xy), (yx, yy) = np.linalg.lstsq(ideal, points, rcond=None)[0]
@@ -161,7 +117,7 @@ def printed(board: BoardResult) -> tuple[float, float]:
     return float(lengths[1] / lengths[0]), float(np.degrees(np.arccos(cosine)))
 
 
-def words(board: BoardResult, square: float) -> str:
+def words(board: ShapedBoard, square: float) -> str:
     """The shape in a sentence: how far it bends out of its plane and how uneven the print is."""
     offset = (board.points - board.ideal) / square
     plane = np.c_[board.ideal[:, :2], np.ones(len(offset))]
@@ -174,12 +130,3 @@ def words(board: BoardResult, square: float) -> str:
         f"{place:.2g} squares (rms) off the ideal grid; the print is {100 * abs(aspect - 1):.2g} % {longer} in y "
         f"than in x, its sides at {angle:.2f} degrees"
     )
-
-
-def with_shape(trial: Trial, trials: Sequence[Trial]) -> Solution:
-    """The trial's solution with the shape in its target, and the hold-out in its place."""
-    solution = trial.solution
-    target = dict(solution.correspondences.target or {})
-    target["shape"] = described(trial, trials, float(target.get("square") or 1.0))
-    data = replace(solution.correspondences, target=target)
-    return replace(solution, correspondences=data)

@@ -11,7 +11,7 @@ from camcal.model.camera import Camera
 from camcal.model.placement import Spread
 from camcal.model.pose import Poses
 from camcal.solve.board import common_points
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
@@ -32,13 +32,13 @@ class Candidates:
 
     Parameters
     ----------
-    solution : Solution
+    solution : Calibration
         Of which camera and target count.
     planar : bool
         Whether the target is flat; another is turned as in the first view, and then tilted.
     """
 
-    def __init__(self, solution: Solution, planar: bool):
+    def __init__(self, solution: Calibration, planar: bool):
         self.camera: Camera = solution.camera
         self.points = target_points(solution)
         around = surround(self.points)
@@ -134,12 +134,12 @@ def rotations_onto(rays: Array) -> Array:
     return rotations.exp(axis * (angle / np.maximum(sine, 1e-300))[:, None])
 
 
-def target_points(solution: Solution) -> Array:
+def target_points(solution: Calibration) -> Array:
     """The points (N, 3) that a whole picture of the target shows: all of it, or the fullest view's."""
-    common = common_points(solution.correspondences.views)
-    if common is not None and len(common[0]) < 4 * max(len(v) for v in solution.correspondences.views):
+    common = common_points(solution.observations.views)
+    if common is not None and len(common[0]) < 4 * max(len(v) for v in solution.observations.views):
         return common[0]
-    return max(solution.correspondences.views, key=len).xyz
+    return max(solution.observations.views, key=len).xyz
 
 
 def lattice(points: Array) -> tuple[Array, Array]:

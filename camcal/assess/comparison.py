@@ -27,7 +27,7 @@ from camcal.assess.uncertainty import ProjectionUncertainty, projection_uncertai
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
@@ -47,7 +47,7 @@ class Side:
     seen: tuple[Array, Array] | None = None
 
     @classmethod
-    def of(cls, name: str, solution: Solution) -> Side:
+    def of(cls, name: str, solution: Calibration) -> Side:
         """A calibration; one of which nothing was estimated counts as exact."""
         if not solution.free.shape[1] or not len(solution.poses):
             return cls(name, solution.camera)

@@ -6,6 +6,7 @@ twice as many.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,28 +15,26 @@ import numpy as np
 from camcal.data.observations import Correspondences
 from camcal.geometry import dlt as resection
 from camcal.geometry import projective
+from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.condition import condition
 from camcal.solve.problem import Problem
-from camcal.solve.solution import Solution, Stage
-from camcal.start import assumptions, central, conic, shape
+from camcal.start import assumptions, central, conic
 
 Array = np.ndarray
 
 
-def with_conditioning(solution: Solution, normalise: bool = True) -> Solution:
-    """The solution with `info["conditioning"]` = {before, after} in each stage that has equations.
+def with_conditioning(
+    stages: Sequence[Stage], solution: Calibration, normalise: bool = True
+) -> tuple[Stage, ...]:
+    """The stages with `info["conditioning"]` = {before, after} in each that has equations.
 
     `after` is what was solved; without normalisation both are the same.
     """
-    stages = tuple(_with(stage, solution, normalise) for stage in solution.stages)
-    return replace(solution, stages=stages)
+    return tuple(_with(stage, solution, normalise) for stage in stages)
 
 
-def _with(stage: Stage, solution: Solution, normalise: bool) -> Stage:
-    data = solution.correspondences
-    if any(not m.all() for m in solution.inliers):
-        kept = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
-        data = replace(data, views=tuple(kept))
+def _with(stage: Stage, solution: Calibration, normalise: bool) -> Stage:
+    data = solution.observations.kept()
     found: dict[str, Any] | None
     found = refinement(solution, normalise) if stage.name == "refine" else linear(stage.name, data, normalise)
     if found is not None and stage.name == "zhang":
@@ -56,10 +55,9 @@ def _pair(before: float, after: float, normalise: bool) -> dict[str, float]:
     return {"before": before, "after": after if normalise else before}
 
 
-def refinement(solution: Solution, normalise: bool = True) -> dict[str, Any]:
+def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
     """cond J at the solution: poses about the data's origin and columns as they are, and normalised."""
-    data = solution.correspondences
-    views = [v.take(m) for v, m in zip(data.views, solution.inliers, strict=True)]
+    views = solution.observations.kept().unweighted().views
     camera = solution.camera
     free = solution.free[:, solution.free.any(0)]
     both = []
@@ -81,7 +79,7 @@ def _central(data: Correspondences, normalise: bool) -> dict[str, float]:
 
 def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
     """The worst of the views of points in space; of 12 singular values the last belongs to the solution."""
-    planar = shape.shapes(data.views).planar
+    planar = data.shapes.planar
     views = [v for v, flat in zip(data.views, planar, strict=True) if not flat]
     both = [
         max(_ratio(resection.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
@@ -92,7 +90,7 @@ def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
 
 def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
     """The worst of the views; of 9 singular values the last belongs to the solution."""
-    form = shape.shapes(data.views)
+    form = data.shapes
     both = [0.0, 0.0]
     for view, origin, axes in zip(data.views, form.origins, form.axes, strict=True):
         raw = view.xyz @ axes[:, :2]
@@ -119,7 +117,7 @@ def _normalised(points: Array) -> Array:
 def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, float]:
     """Zhang's equations for the image of the absolute conic, skew 0, in pixels and in unit coordinates."""
     assert stage.matrix is not None and stage.poses is not None
-    form = shape.shapes(data.views)
+    form = data.shapes
     axes = stage.poses.rotations @ form.axes[..., :2]
     origins = np.einsum("vij,vj->vi", stage.poses.rotations, form.origins) + stage.poses.translations
     h = stage.matrix @ np.concatenate([axes, origins[..., None]], 2)

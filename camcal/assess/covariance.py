@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.assess.figures import sigma_0
-from camcal.solve.solution import NormalBlocks, Solution
+from camcal.solve.calibration import Calibration, NormalBlocks
 
 Array = np.ndarray
 
@@ -121,7 +121,7 @@ class Covariance:
         return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
-def covariance(solution: Solution) -> Covariance:
+def covariance(solution: Calibration) -> Covariance:
     """The covariance of a solution's parameters and poses.
 
     Where the redundancy is not positive (no more coordinates than parameters) nothing is known of the noise,

@@ -24,8 +24,8 @@ import numpy as np
 from camcal.assess.covariance import NULL, Covariance, eliminate_poses, reduce
 from camcal.assess.design import Design
 from camcal.model.pose import Array
+from camcal.solve.calibration import Calibration, NormalBlocks
 from camcal.solve.problem import Blocks, Step
-from camcal.solve.solution import NormalBlocks, Solution
 
 #: Ends of the interval in standard deviations.
 REACH = 2.0
@@ -40,14 +40,14 @@ WEAK = 1e-5
 SHARE = 0.01
 
 
-def beyond_linear(solution: Solution, accuracy: Covariance) -> Covariance:
+def beyond_linear(solution: Calibration, accuracy: Covariance) -> Covariance:
     """The covariance with infinite variances where equation (1) shows that a sigma does not hold.
 
     `free` and `null` stay as they are: projections hardly move along such a direction.
 
     Parameters
     ----------
-    solution : Solution
+    solution : Calibration
     accuracy : Covariance
         That of the solution.
     """
@@ -65,7 +65,7 @@ def beyond_linear(solution: Solution, accuracy: Covariance) -> Covariance:
     return replace(accuracy, matrix=matrix, undetermined=names)
 
 
-def curved_share(solution: Solution, accuracy: Covariance) -> Array:
+def curved_share(solution: Calibration, accuracy: Covariance) -> Array:
     """Part (F,) of each free parameter's variance that comes from directions along which (1) fails.
 
     Zeros where a used point lies outside the lens's domain. A board whose shape was estimated counts as known.

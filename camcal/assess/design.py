@@ -23,8 +23,10 @@ import numpy as np
 
 from camcal.assess.covariance import eliminate_poses, invert_determined
 from camcal.assess.figures import sigma_0
+from camcal.geometry import rotations
+from camcal.model.pose import Poses
+from camcal.solve.calibration import Calibration, NormalBlocks
 from camcal.solve.problem import Problem
-from camcal.solve.solution import NormalBlocks, Solution
 
 Array = np.ndarray
 
@@ -50,14 +52,21 @@ class Rows:
 class Design:
     """What (1) and (2) need of a solution; everything is computed on first use."""
 
-    def __init__(self, solution: Solution):
-        self.solution = solution
-        self.transform = solution.free[:, solution.free.any(0)]
-        kept = [v.take(m) for v, m in zip(solution.correspondences.views, solution.inliers, strict=True)]
-        self.views = kept
-        self.problem = Problem(solution.camera.lens, kept, self.transform, _weights(solution, kept))
-        self.state = self.problem.state(solution.camera.params, solution.poses)
-        self.sigma_0 = sigma_0(solution)
+    def __init__(self, calibration: Calibration):
+        self.calibration = calibration
+        self.transform = calibration.free[:, calibration.free.any(0)]
+        kept = calibration.observations.kept()
+        self.views = kept.views
+        weights = None if kept.precision is None else kept.split(kept.precision)
+        self.problem = Problem(calibration.camera.lens, kept.views, self.transform, weights)
+        self.state = self.problem.state(calibration.camera.params, calibration.poses)
+        self.sigma_0 = sigma_0(calibration)
+
+    def moved_poses(self, views: Array, steps: Array) -> Poses:
+        """The poses of some views (K,) moved by steps (K, 6): exp(ω) R, and the centroid by the last three."""
+        turned = rotations.exp(steps[:, :3]) @ self.state.rotations[views]
+        centres = self.state.centres[views] + steps[:, 3:]
+        return Poses(turned, centres - np.einsum("vij,vj->vi", turned, self.problem.offsets[views]))
 
     @cached_property
     def products(self) -> Array:
@@ -126,10 +135,3 @@ class Design:
         by_camera = own[a] @ self.inverse @ own[b].transpose(0, 2, 1)
         by_pose = rows.pose[a] @ self.poses.inverse[rows.view] @ rows.pose[b].transpose(0, 2, 1)
         return np.asarray(by_camera + by_pose)
-
-
-def _weights(solution: Solution, kept: list) -> list[Array] | None:
-    if solution.weights is None:
-        return None
-    pairs = zip(kept, solution.weights, solution.inliers, strict=True)
-    return [w[m] if v.sigma is None else w[m] / v.sigma**2 for v, w, m in pairs]

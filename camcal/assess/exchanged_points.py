@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from camcal.data.observations import View
 from camcal.model.pose import Array
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 #: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
 NEAR = 0.15
@@ -43,10 +43,11 @@ class Mismatch:
     by: Array
 
 
-def mismatches(solution: Solution) -> Iterator[Mismatch]:
+def mismatches(solution: Calibration) -> Iterator[Mismatch]:
     """The views whose rejected points lie where other points are predicted."""
-    data = solution.correspondences
-    for view, residual, used in zip(data.views, solution.residuals, solution.inliers, strict=True):
+    data = solution.observations
+    for view, rows in zip(data.views, data.slices, strict=True):
+        residual, used = solution.residuals[rows], data.used[rows]
         wrong = np.flatnonzero(~used & np.isfinite(residual).all(1))
         if len(wrong) < 2:
             continue

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import LOSSES, robust_sigma
-from camcal.solve.solution import Solution
 
 Array = np.ndarray
 
@@ -64,22 +64,22 @@ def rms_point(residuals: Array) -> float:
     return float(np.sqrt(np.einsum("ij,ij->", r, r) / len(r))) if len(r) else float("nan")
 
 
-def redundancy(solution: Solution) -> int:
+def redundancy(solution: Calibration) -> int:
     """2N - p: observed coordinates less free parameters; the degrees of freedom of the residuals."""
-    return 2 * sum(int(m.sum()) for m in solution.inliers) - solution.free_count
+    return 2 * int(solution.used.sum()) - solution.free_count
 
 
-def sigma_hat(solution: Solution) -> float:
+def sigma_hat(solution: Calibration) -> float:
     """Equation (3), px; NaN where the redundancy is not positive."""
     return _per_redundancy(solution, np.square(solution.used_residuals).sum())
 
 
-def sigma_0(solution: Solution) -> float:
+def sigma_0(solution: Calibration) -> float:
     """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive."""
     lengths = standard_lengths(solution)
-    if solution.weights is None:
+    if solution.observations.weight is None:
         return _per_redundancy(solution, float(lengths @ lengths))
-    weights = np.concatenate([w[m] for w, m in zip(solution.weights, solution.inliers, strict=True)])
+    weights = solution.observations.weight[solution.used]
     loss = LOSSES[solution.fit.loss]
     u = lengths / (loss.constant * robust_sigma(lengths, solution.free_count))
     slope = (loss.weight(u * (1 + _STEP)) - loss.weight(u * (1 - _STEP))) / (2 * _STEP)
@@ -90,27 +90,30 @@ def sigma_0(solution: Solution) -> float:
     return _per_redundancy(solution, weights.mean() * squares) / bread
 
 
-def standard_lengths(solution: Solution) -> Array:
+def standard_lengths(solution: Calibration) -> Array:
     """Lengths (N,) of the residuals of the used points, each in units of its given sigma (else px)."""
-    parts = []
-    for view, r, used in zip(
-        solution.correspondences.views, solution.residuals, solution.inliers, strict=True
-    ):
-        length = np.sqrt(np.einsum("ij,ij->i", r[used], r[used]))
-        parts.append(length if view.sigma is None else length / view.sigma[used])
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return solution.observations.standardised(solution.residuals)[solution.used]
 
 
-def _per_redundancy(solution: Solution, squares: float) -> float:
+def _per_redundancy(solution: Calibration, squares: float) -> float:
     freedom = redundancy(solution)
     return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")
 
 
-def overall(solution: Solution) -> Figures:
+def overall(solution: Calibration) -> Figures:
     """The figures of the points the solution rests on."""
     return of(solution.used_residuals)
 
 
-def per_view(solution: Solution) -> list[Figures]:
+def per_view(solution: Calibration) -> list[Figures]:
     """The figures of each view, over its used points."""
-    return [of(r[used]) for r, used in zip(solution.residuals, solution.inliers, strict=True)]
+    kept = solution.observations.kept()
+    return [of(r) for r in kept.split(solution.used_residuals)]
+
+
+def rms_of_views(solution: Calibration) -> Array:
+    """rms_point (V,) of each view, px; NaN for one without used points."""
+    data = solution.observations
+    squares = np.where(solution.used, np.square(solution.residuals).sum(1), 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(data.per_block(squares) / data.per_block(solution.used))

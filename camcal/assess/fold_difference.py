@@ -26,14 +26,14 @@ from camcal.assess.covariance import covariance
 from camcal.assess.difference import image_grid
 from camcal.assess.holdout import HoldOut
 from camcal.assess.uncertainty import projection_uncertainty
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
 COLUMNS = 12
 
 
-def difference_of_folds(solution: Solution, held: HoldOut) -> Mapping[str, Any] | None:
+def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, Any] | None:
     """Equation (2) at infinity over the part of the picture that points cover; None where it cannot be had.
 
     Outside of it the lens is extrapolated, and its uncertainty no longer linear.
@@ -85,16 +85,15 @@ def _map(grid: Array, covered: Array, squares: Array, variances: Array) -> dict[
     return made
 
 
-def covered_pixels(solution: Solution) -> Array:
+def covered_pixels(solution: Calibration) -> Array:
     """The pixels (N, 2) of a grid that lie within the hull of the used points."""
     grid, covered = covered_grid(solution)
     return grid[covered]
 
 
-def covered_grid(solution: Solution) -> tuple[Array, Array]:
+def covered_grid(solution: Calibration) -> tuple[Array, Array]:
     """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
-    pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
-    uv = np.concatenate([v.uv[m] for v, m in pairs])
+    uv = solution.observations.uv[solution.used]
     pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
     try:
         sides = ConvexHull(uv).equations
@@ -103,7 +102,7 @@ def covered_grid(solution: Solution) -> tuple[Array, Array]:
     return pixels, (pixels @ sides[:, :2].T + sides[:, 2] <= 0).all(1)
 
 
-def seen_by_fold(solution: Solution, fit: Solution, views: Array, pixels: Array) -> Array:
+def seen_by_fold(solution: Calibration, fit: Calibration, views: Array, pixels: Array) -> Array:
     """Where the camera of a fold sees (N, 2) what the camera of all views sees at pixels (N, 2), at infinity.
 
     The directions are held to the boards of the fold's views and averaged over them.

@@ -2,26 +2,42 @@
 
 The residuals of views that took no part show what those of the fit hide: parameters that follow the noise, a
 model that does not hold (Arlot & Celisse, A survey of cross-validation procedures, 2010).
+
+The fit to all views is a stationary point, so that without the views of a fold one Gauss-Newton step from it, with the
+blocks S_v and g_v of `design.py`,
+
+    δ = -(Σ_train S_v)⁻¹ Σ_train g_v                                                                    (1)
+
+is the fit to the rest up to second order in δ. It is taken where the cost falls by what the step predicts; elsewhere,
+and for boards with a shape, the rest is fitted anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from camcal.assess import figures
-from camcal.data.observations import Correspondences
-from camcal.errors import CamcalError
+from camcal.assess.design import Design
+from camcal.data.observations import Observations
+from camcal.errors import CamcalError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.solve.calibration import Calibration, NormalBlocks
 from camcal.solve.poses import refine_poses
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult, on_board, residuals
+from camcal.solve.refine import How, as_designed, on_board, refine, residuals
 
-#: estimates a camera from the views given, their poses to start from and the points to use
-Refit = Callable[[Correspondences, Poses, Sequence[Array]], Solution]
+#: problems up to this size are held out unasked: a fraction of a second
+CHEAP_POINTS, CHEAP_PARAMETERS = 10_000, 40
+FOLDS = 4
+#: views that a hold-out needs at least
+LEAST_VIEWS = 4
+#: the step (1) is believed where the decrease of the cost differs from the predicted one by less than this part of it
+#: (the rest is of third order), or of one σ0²: a hundredth of what noise alone moves a parameter by
+TRUSTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,21 +46,21 @@ class HoldOut:
 
     Attributes
     ----------
-    views : int
-        How many views were held out in turn.
+    view_ids : tuple of str
+        The views, each held out once.
     folds : int
     residuals : tuple of (N, 2) arrays
         Of the used points of each view, px, by the camera that did not see it.
-    fits : tuple of Solution
+    fits : tuple of Calibration
         One a fold, of the views that were not held out.
     trained : tuple of (T,) int arrays
         Which views those were.
     """
 
-    views: int
+    view_ids: tuple[str, ...]
     folds: int
     residuals: tuple[Array, ...]
-    fits: tuple[Solution, ...] = ()
+    fits: tuple[Calibration, ...] = ()
     trained: tuple[Array, ...] = ()
 
     @property
@@ -57,59 +73,126 @@ class HoldOut:
         """The error figures of all held-out residuals."""
         return figures.of(np.concatenate(self.residuals))
 
+    def mean_squares(self) -> dict[str, float]:
+        """The mean squared length of each view's residuals, px², by its id."""
+        means = (float(np.square(r).sum(1).mean()) for r in self.residuals)
+        return dict(zip(self.view_ids, means, strict=True))
 
-def k_fold(
-    correspondences: Correspondences,
-    poses: Poses,
-    inliers: Sequence[Array],
-    refit: Refit,
-    folds: int = 4,
-) -> HoldOut | None:
+
+def hold_out(calibration: Calibration, how: How, folds: int = FOLDS) -> HoldOut | None:
     """Hold out every view once, in `folds` rounds of every so-many-th view.
 
     Parameters
     ----------
-    correspondences : Correspondences
-    poses : Poses
-        Of all views: where poses start from, in the training and in the test.
-    inliers : sequence of (N,) bool arrays
-        Points to use, the same for every estimator that is to be compared.
-    refit : callable
+    calibration : Calibration
+        Its used points are those that every fold uses, too.
+    how : How
+        How it was made.
 
     Returns
     -------
     HoldOut, or None where there are fewer than 4 views, or a fold cannot be estimated from the rest.
     """
-    count = len(correspondences.views)
-    if count < 4:
+    count = len(calibration.poses)
+    if count < LEAST_VIEWS:
         return None
     folds = min(folds, count)
     found: list[Array] = [np.zeros((0, 2))] * count
     fits, trained = [], []
+    data = as_designed(calibration)
+    design = Design(calibration) if calibration.board is None else None
     for fold in range(folds):
         test = np.arange(fold, count, folds)
         train = np.setdiff1d(np.arange(count), test)
-        try:
-            solution = refit(_take(correspondences, train), poses[train], [inliers[int(i)] for i in train])
-        except CamcalError:
-            return None  # too few views are left to say anything
-        kept = [correspondences.views[i].take(inliers[int(i)]) for i in test]
-        held = replace(correspondences, views=tuple(kept))
-        for i, r in zip(test, judge(solution, held, poses[test]), strict=True):
+        fit = None if design is None else _one_step(design, train)
+        if fit is None:
+            try:
+                start = calibration.poses[train]
+                fit = refine(calibration.camera, start, data.of_views(train), how)
+            except CamcalError:
+                return None  # too few views are left to say anything
+        held = data.of_views(test).kept()
+        unseen = residuals_of(fit, held, calibration.poses[test])
+        for i, r in zip(test, held.split(unseen), strict=True):
             found[int(i)] = r
-        fits.append(solution)
+        fits.append(fit)
         trained.append(train)
-    return HoldOut(count, folds, tuple(found), tuple(fits), tuple(trained))
+    return HoldOut(data.view_ids, folds, tuple(found), tuple(fits), tuple(trained))
 
 
-def judge(solution: Solution, held: Correspondences, poses: Poses) -> tuple[Array, ...]:
-    """Residuals (N, 2) of views that a solution has not seen, their poses refitted, px."""
-    board = solution.extras.get("board")
-    if isinstance(board, BoardResult):
-        held = on_board(held, board.ideal, board.points)
-    found, _, _ = refine_poses(solution.camera, held.views, poses)
-    return residuals(solution.camera, found, held)
+def residuals_of(fit: Calibration, held: Observations, poses: Poses) -> Array:
+    """Residuals (N, 2) of views that a fit has not seen, their poses refitted, px."""
+    if fit.board is not None:
+        held = on_board(held, fit.board.ideal, fit.board.points)
+    precision = held.precision
+    weights = None if precision is None else held.split(precision)
+    found, _, _ = refine_poses(fit.camera, held.views, poses, weights)
+    return residuals(fit.camera, found, held)
 
 
-def _take(correspondences: Correspondences, index: Array) -> Correspondences:
-    return replace(correspondences, views=tuple(correspondences.views[i] for i in index))
+def _one_step(design: Design, train: Array) -> Calibration | None:
+    """The fit to the views `train` (T,) by (1); None where the cost does not follow the prediction."""
+    whole, f = design.calibration, design.transform.shape[1]
+    information, pull = design.information[train].sum(0), design.pull[train].sum(0)
+    if not f:
+        return None
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    try:
+        step = -scale * np.linalg.solve(information * scale * scale[:, None], scale * pull)
+    except np.linalg.LinAlgError:
+        return None  # the rest does not determine the camera
+    products, gain = design.products[train], design.poses.gain[train]
+    turn = -np.einsum("vij,vj->vi", design.poses.inverse[train], products[:, f : f + 6, -1]) - gain @ step
+    poses = design.moved_poses(train, turn)
+    camera = replace(whole.camera, params=whole.camera.params + design.transform @ step)
+    data = whole.observations.of_views(train)
+    off = residuals(camera, poses, data)
+    weight = 1.0 if data.precision is None else data.precision[data.used]
+    cost = 0.5 * float((weight * np.square(off[data.used]).sum(1)).sum())
+    before = 0.5 * float(products[:, -1, -1].sum())
+    predicted = -0.5 * float(pull @ step) + 0.5 * float(
+        np.einsum(
+            "vi,vij,vj->", products[:, f : f + 6, -1], design.poses.inverse[train], products[:, f : f + 6, -1]
+        )
+    )
+    unit = design.sigma_0**2 if np.isfinite(design.sigma_0) else 0.0
+    if not abs(before - cost - predicted) <= TRUSTED * max(predicted, unit):
+        return None
+    blocks = design.normal
+    normal = NormalBlocks(products[:, :f, :f].sum(0), blocks.coupling[train], blocks.poses[train])
+    fit = replace(whole.fit, cost=cost)
+    return Calibration(camera, poses, data, off, whole.camera, design.transform, normal, fit)
+
+
+# ------------------------------------------------------------------------------------------------- for the report
+def folds_wanted(calibration: Calibration, folds: int | None) -> int:
+    """How many folds are held out: as asked for, or 4 where that is cheap, else 0.
+
+    Raises
+    ------
+    UsageError
+        Where more folds are asked for than there are views.
+    """
+    views = len(calibration.poses)
+    if folds is not None and folds > 0 and (views < LEAST_VIEWS or folds > views or folds < 2):
+        raise UsageError(
+            f"{folds} folds of {views} views cannot be held out.",
+            f"Hold-out needs {LEAST_VIEWS} views or more, and 2 folds up to the number of views.",
+        )
+    if folds is None:
+        cheap = calibration.observations.point_count <= CHEAP_POINTS
+        folds = FOLDS if cheap and calibration.camera.lens.size <= CHEAP_PARAMETERS else 0
+    return folds if views >= LEAST_VIEWS and calibration.free.any() else 0
+
+
+def described(held: HoldOut, difference: Mapping[str, Any] | None) -> dict[str, Any]:
+    """What the report says of a hold-out; `difference` is that of the folds' cameras."""
+    found = held.figures
+    return {
+        "views": len(held.view_ids),
+        "folds": held.folds,
+        "points": found.points,
+        "rms_point": found.rms_point,
+        "p95": found.p95,
+        "difference": difference,
+    }

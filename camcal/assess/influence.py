@@ -59,7 +59,7 @@ def influence(design: Design) -> Influence:
     cook, p_values = np.full(len(moves), np.nan), np.full(len(moves), np.nan)
     share = np.einsum("ij,vji->v", design.inverse, design.information) / max(count, 1)
     scale = 1 / np.sqrt(np.where(np.diag(total) > 0, np.diag(total), 1.0))
-    freedom = max(redundancy(design.solution), 1)
+    freedom = max(redundancy(design.calibration), 1)
     for v, (own, pull) in enumerate(zip(design.information, design.pull, strict=True)):
         rest = (total - own) * scale * scale[:, None]
         values, vectors = np.linalg.eigh(rest)
@@ -85,7 +85,7 @@ def _p_value(move: Array, spread: Array, freedom: int) -> float:
 
 def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertainty, pixels: Array) -> Array:
     """How far leaving out each view moves the projections at infinity of pixels (N, 2), at most: (V,), px."""
-    rays = design.solution.camera.unproject(pixels)
+    rays = design.calibration.camera.unproject(pixels)
     by_params, by_frame = uncertainty.jacobians(rays[np.isfinite(rays).all(1)], at_infinity=True)
     own = design.transform.shape[1]
     moved = (by_params - by_frame @ uncertainty.follow)[:, :, :own]

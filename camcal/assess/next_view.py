@@ -30,7 +30,7 @@ from camcal.assess.difference import image_grid
 from camcal.assess.uncertainty import projection_uncertainty, twists, worst_sigma
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
-from camcal.solve.solution import NormalBlocks, Solution
+from camcal.solve.calibration import Calibration, NormalBlocks
 
 Array = np.ndarray
 
@@ -98,7 +98,7 @@ class NextView:
 
     Parameters
     ----------
-    solution : Solution
+    solution : Calibration
     distance : float
         At which the uncertainty counts, unit of the data.
     candidates : int
@@ -112,7 +112,7 @@ class NextView:
     """
 
     def __init__(
-        self, solution: Solution, distance: float = np.inf, candidates: int = CANDIDATES, seed: int = 0
+        self, solution: Calibration, distance: float = np.inf, candidates: int = CANDIDATES, seed: int = 0
     ):
         self.solution, self.distance, self.seed = solution, distance, seed
         self.facts = Facts(solution)

@@ -15,15 +15,16 @@ from camcal.assess import exchanged_points as mismatch
 from camcal.assess import figures
 from camcal.assess.checks import fit, mirror
 from camcal.assess.checks.facts import Facts
-from camcal.data.observations import Correspondences, SkippedView, View
+from camcal.assess.warning import CalibrationWarning
+from camcal.data.observations import Observations, SkippedView, View
+from camcal.data.shape import shapes
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.solve import ransac
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.outliers import LEAST_LEFT
-from camcal.solve.solution import CalibrationWarning, Solution
-from camcal.start import shape
 
 #: a plane of other proportions explains a view where it leaves no more than this many times the usual scatter
 EXPLAINED = 4.0
@@ -50,36 +51,33 @@ _HINTS = {
 }
 
 
-def without_strangers(correspondences: Correspondences, solution: Solution) -> Correspondences:
-    """The correspondences without views that fit a pose well enough to be used, but bend the camera.
+def foreign_views(solution: Calibration) -> set[int]:
+    """Views that fit a pose well enough to be used, but bend the camera: mirror images, or of another board.
 
-    They are mirror images, or clearly of another board. The same correspondences if there are none.
+    None where too few views would be left.
     """
-    views = solution.correspondences.views
-    bad = {views[i].id for i in mirror.mirrored_views(Facts(solution))}
-    bad |= {views[s.index].id for s in _suspects(solution) if abs(s.ratio - 1) > OTHER_PROPORTION}
-    if not bad or len(correspondences.views) - len(bad) < LEAST_LEFT:
-        return correspondences
-    left_out = (SkippedView(name, "rejected", "does not fit the other views") for name in sorted(bad))
-    kept = tuple(v for v in correspondences.views if v.id not in bad)
-    return replace(correspondences, views=kept, skipped=(*correspondences.skipped, *left_out))
+    bad = {int(i) for i in mirror.mirrored_views(Facts(solution))}
+    bad |= {s.index for s in _suspects(solution) if abs(s.ratio - 1) > OTHER_PROPORTION}
+    return bad if len(solution.poses) - len(bad) >= LEAST_LEFT else set()
 
 
-def named(solution: Solution, given: Correspondences, robust: bool = True) -> Solution:
-    """The solution with a warning for each rejected view, and for points taken for others, that says so.
+def named(
+    solution: Calibration, given: Observations, robust: bool = True
+) -> tuple[Observations, tuple[CalibrationWarning, ...]]:
+    """A warning for each rejected view, and for points taken for others, that says so.
 
-    Rejected views also get their residuals.
+    The observations come with residuals and reasons of the rejected views.
 
     Parameters
     ----------
-    solution : Solution
-    given : Correspondences
+    solution : Calibration
+    given : Observations
         All views, those included that the solution rejected.
     robust : bool
         Whether outliers were treated: where they were not, they bend the camera, and with it what planes
         measure, and used views are not suspected.
     """
-    data, views = solution.correspondences, {v.id: v for v in given.views}
+    data, views = solution.observations, {v.id: v for v in given.views}
     usual = _usual_scatter(solution)
     skipped: list[SkippedView] = []
     said = []
@@ -105,8 +103,7 @@ def named(solution: Solution, given: Correspondences, robust: bool = True) -> So
         ("mismatched-points", mismatch.describe(m, used[m.view]) + ".") for m in mismatch.mismatches(solution)
     ]
     warnings = (CalibrationWarning(code, text, _HINTS[code]) for code, text in said)
-    changed = replace(data, skipped=tuple(skipped))
-    return replace(solution, correspondences=changed, warnings=(*solution.warnings, *warnings))
+    return replace(data, skipped=tuple(skipped)), tuple(warnings)
 
 
 @dataclass(frozen=True)
@@ -125,19 +122,20 @@ class _Suspect:
         )
 
 
-def _suspects(solution: Solution) -> list[_Suspect]:
+def _suspects(solution: Calibration) -> list[_Suspect]:
     """Used views that a plane of other proportions explains much better than the board does.
 
     None where the model does not follow the lens: its errors look like other proportions.
     """
-    data = solution.correspondences
+    data = solution.observations
     if any(fit.systematic(Facts(solution))):
         return []
     own = np.array([f.median for f in figures.per_view(solution)])
+    used = data.split(data.used)
     found = []
     for i in np.flatnonzero(own > SUSPECT * np.median(own)):
-        view = data.views[i].take(solution.inliers[i])
-        if len(data.views) < 3 or not shape.shapes([view]).planar[0]:
+        view = data.views[i].take(used[i])
+        if len(data.views) < 3 or not shapes([view]).planar[0]:
             continue
         measured = proportions(view, solution.camera)
         if measured is None or abs(measured[0] - 1) <= SAME_PROPORTION:
@@ -149,7 +147,7 @@ def _suspects(solution: Solution) -> list[_Suspect]:
     return [s for s in found if s.own / s.other > most / 2]
 
 
-def _usual_scatter(solution: Solution) -> float:
+def _usual_scatter(solution: Calibration) -> float:
     """The median length of the residuals that the solution rests on, px."""
     lengths = np.linalg.norm(solution.used_residuals, axis=1)
     return float(np.median(lengths)) if len(lengths) else float("nan")
@@ -168,7 +166,7 @@ def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, f
 
 def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
     """Whether a view of a plane, of this rms_point, fits much better as its own mirror image."""
-    if camera.image_size is None or not shape.shapes([view]).planar[0]:
+    if camera.image_size is None or not shapes([view]).planar[0]:
         return False
     _, other = _best_pose(mirror.mirrored(view, camera.image_size[0]), camera, usual)
     return other is not None and other <= EXPLAINED * usual and other**2 * mirror.SQUARES < rms**2
@@ -176,7 +174,7 @@ def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
 
 def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[str, str]:
     """Code and words for a rejected view."""
-    if shape.shapes([view]).planar[0]:
+    if shapes([view]).planar[0]:
         found = proportions(view, camera)
         if found is not None and found[2] <= EXPLAINED * usual:
             ratio, angle, _ = found

@@ -31,8 +31,7 @@ from camcal.assess.figures import sigma_0
 from camcal.assess.fold_difference import covered_pixels
 from camcal.geometry import rotations
 from camcal.model.pose import Array
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult
+from camcal.solve.calibration import Calibration, ShapedBoard
 
 #: columns of the grid over the picture
 COLUMNS = 20
@@ -61,9 +60,10 @@ class Change:
         return self.shaped_px < self.simple_px
 
 
-def change(simple: Solution, shaped: Solution) -> Change:
+def change(simple: Calibration, shaped: Calibration) -> Change:
     """Compare a board with a simpler one, estimated from the same points."""
-    board, inner = shaped.extras["board"], simple.extras.get("board")
+    board, inner = shaped.board, simple.board
+    assert board is not None
     s = reduce(shaped.normal, eliminate_poses(shaped.normal))
     f = len(s) - board.size
     loose = np.eye(3 * len(board.points)) - _seen_by_none(board)
@@ -74,7 +74,7 @@ def change(simple: Solution, shaped: Solution) -> Change:
         return np.linalg.solve(q, d.T @ offsets)
 
     theta = coordinates((board.points - board.ideal).reshape(-1))
-    inside = coordinates(inner.directions()) if isinstance(inner, BoardResult) else theta[:, None][:, :0]
+    inside = coordinates(inner.directions()) if inner is not None else theta[:, None][:, :0]
     q_left = q - q @ inside @ np.linalg.pinv(inside.T @ q @ inside) @ inside.T @ q
     left = _eliminated(s, f, inside)
     sigma2 = sigma_0(shaped) ** 2
@@ -120,7 +120,7 @@ def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
     return np.asarray(-np.linalg.solve(s + prior, np.r_[np.zeros(f), weight * q @ theta])[:f])
 
 
-def _seen_by_none(board: BoardResult) -> Array:
+def _seen_by_none(board: ShapedBoard) -> Array:
     """The projection (3 M, 3 M) onto offsets that are a motion of the board or a change of its size."""
     x = board.ideal - board.ideal.mean(0)
     rows = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), rotations.skew(x), x[:, :, None]], 2)
@@ -128,7 +128,7 @@ def _seen_by_none(board: BoardResult) -> Array:
     return np.asarray(basis @ basis.T)
 
 
-def _projections(solution: Solution) -> Array:
+def _projections(solution: Calibration) -> Array:
     """d pixels / d free parameters (2 N, F) over the picture, after the best-fitting rotation."""
     lens, params, size = solution.camera.lens, solution.camera.params, solution.camera.image_size
     rays, seen = lens.unproject(params, covered_pixels(solution) if size is None else grid_of(size, COLUMNS))

@@ -34,8 +34,7 @@ from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.difference import image_grid
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult
+from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
@@ -104,13 +103,13 @@ class ProjectionUncertainty:
 
 
 def projection_uncertainty(
-    solution: Solution, accuracy: Covariance | None = None, views: Array | None = None
+    solution: Calibration, accuracy: Covariance | None = None, views: Array | None = None
 ) -> ProjectionUncertainty:
     """Prepare equation (3) for a solution.
 
     Parameters
     ----------
-    solution : Solution
+    solution : Calibration
     accuracy : Covariance, optional
         That of the solution, where it is known already.
     views : (K,) int array, optional
@@ -134,10 +133,9 @@ def projection_uncertainty(
     return ProjectionUncertainty(solution.camera, solution.free, free, accuracy.null, follow, own)
 
 
-def _centroids(solution: Solution) -> Array:
+def _centroids(solution: Calibration) -> Array:
     """The centroids (V, 3) of the used points, in the camera's frame: what the poses turn about."""
-    pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
-    offsets = np.array([v.xyz[m].mean(0) for v, m in pairs]).reshape(-1, 3)
+    offsets = np.array([v.xyz.mean(0) for v in solution.observations.kept().views]).reshape(-1, 3)
     poses = solution.poses
     return np.einsum("vij,vj->vi", poses.rotations, offsets) + poses.translations
 
@@ -149,7 +147,7 @@ def twists(centroids: Array) -> Array:
     return out
 
 
-def board_follow(solution: Solution, views: Array) -> Array:
+def board_follow(solution: Calibration, views: Array) -> Array:
     """The mean twist (6, F) by which the board's frame moves with its shape's parameters.
 
     The frame is settled on the points: offsets δX of theirs that look like a + b x X + s X are taken for a
@@ -157,8 +155,8 @@ def board_follow(solution: Solution, views: Array) -> Array:
     ω = R b, τ = R a - (R b) x t - s t; what is left of s moves it along its ray, where nothing is seen.
     """
     out = np.zeros((6, solution.free.shape[1]))
-    board = solution.extras.get("board")
-    if not isinstance(board, BoardResult) or board.basis is None:
+    board = solution.board
+    if board is None or board.basis is None:
         return out
     x = board.points - board.points.mean(0)
     rows = np.concatenate(
@@ -227,7 +225,7 @@ def map_over_image(
     return UncertaintyMap(distance, pixels.reshape(-1, columns, 2), sigmas.reshape(-1, columns))
 
 
-def board_distance(solution: Solution) -> float:
+def board_distance(solution: Calibration) -> float:
     """The median distance of the boards' centroids from the camera, unit of the data; NaN without a view."""
     far = np.linalg.norm(_centroids(solution), axis=1)
     return float(np.median(far)) if len(far) else float("nan")

@@ -56,7 +56,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
     """Pictures are looked at first, and then calibrated as `camcal checkerboard` would."""
     from camcal.cli.job import read_data
     from camcal.errors import CamcalError
-    from camcal.plan.pipeline import calibrate
+    from camcal.plan.calibrate import calibrate
     from camcal.report.doctor import calibration, diagnosis, pictures
     from camcal.report.document import document
 

@@ -27,15 +27,15 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.cli.job import deliver_solution, output_is_free, read_data
 
     output_is_free(options)
-    from camcal.assess.known_camera import evaluate
-    from camcal.plan.start import leave_out_unusable
+    from camcal.plan.calibrate import usable
+    from camcal.plan.known_camera import evaluate
     from camcal.report.document import load_camera
     from camcal.report.rig_views import is_rig
 
     if len(data) == 1 and is_rig(camera):
         return _rig(ctx, camera, Path(data[0]), options)
     known = load_camera(camera)
-    found = leave_out_unusable(read_data(data, options))
+    found = usable(read_data(data, options))
     solution = evaluate(known, found, options["robust"], options["seed"])
     return deliver_solution(ctx, solution, options)
 

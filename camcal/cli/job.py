@@ -21,7 +21,7 @@ from camcal.settings.option import Settings
 
 if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
-    from camcal.solve.solution import Solution
+    from camcal.plan.solution import Solution
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 GATE_FELL = 1
@@ -126,17 +126,13 @@ def calibrate_and_report(
     if told["model"] == "auto":
         selection = selected(correspondences, told)
         told["model"] = selection["chosen"]
-    if "refine_corners" not in options:
-        from camcal.plan.pipeline import calibrate
+    from camcal.plan.calibrate import calibrate
 
-        return deliver_solution(ctx, calibrate(correspondences, **told), options, selection)
-    from camcal.plan.pictures import calibrate_pictures
-
-    solution, points = calibrate_pictures(
-        correspondences, options["refine_corners"], on_event=_tell_refined, **told
-    )
-    if save_corners is not None:
-        save_detections(points, save_corners, options["force"])
+    if "refine_corners" in options:
+        told["refine_points"] = options["refine_corners"]
+    solution = calibrate(correspondences, on_event=_on_event, **told)
+    if save_corners is not None and solution.points is not None:
+        save_detections(solution.points, save_corners, options["force"])
     return deliver_solution(ctx, solution, options, selection)
 
 
@@ -150,7 +146,9 @@ def selected(correspondences: Correspondences, told: dict[str, Any]) -> dict[str
     return found
 
 
-def _tell_refined(_: str, details: Mapping[str, Any]) -> None:
+def _on_event(event: str, details: Mapping[str, Any]) -> None:
+    if event != "refined-points":
+        return
     note(
         "points refined with the camera: moved by {moved_px:.3f} px, hold-out {holdout_before:.4f} -> "
         "{holdout_after:.4f} px, {0}".format("kept" if details["kept"] else "not kept", **details)

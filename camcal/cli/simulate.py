@@ -196,11 +196,9 @@ def _write_points(
     from camcal.study.points import simulate_points
 
     found = simulate_points(camera, xyz, poses, rng, given["noise"], given["outliers"], given["clip"])
-    views = tuple(
-        replace(v, uv=v.uv.round(POINT_DIGITS), xyz=v.xyz.round(POINT_DIGITS) + 0.0) for v in found.views
-    )
-    write_points(output, replace(found, views=views), force)
-    names = [v.id for v in views]
+    rounded = replace(found, uv=found.uv.round(POINT_DIGITS), xyz=found.xyz.round(POINT_DIGITS) + 0.0)
+    write_points(output, rounded, force)
+    names = list(found.view_ids)
     more |= {"noise": given["noise"], "outliers": given["outliers"]}
     document = truth_document(camera, poses, names, **_run(ctx, ctx.params["seed"]), **more)
     _write_truth(_truth_path(output), document, force)

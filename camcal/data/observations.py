@@ -1,21 +1,34 @@
-"""Observations: where the points of a target were seen, in which view."""
+"""Observations: which point of a target was seen where, by which camera, in which view; one flat table.
+
+A row is one point in one picture. Rows are sorted by camera, then by view, so that the points of a picture are a
+run of rows (a block). One camera is the case of one camera: its blocks are its views.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from camcal.data.shape import Shapes, shapes
 from camcal.errors import DataError
 
 Array = np.ndarray
 
+#: why a row takes no part, by its code in `Observations.reason`
+REASONS = ("", "outlier", "outside the domain of the lens")
+KEPT, OUTLIER, OUTSIDE = range(len(REASONS))
+#: the number of a point that is not known; any other may be an id
+NO_ID = int(np.iinfo(int).min)
+
 
 @dataclass(frozen=True)
 class View:
-    """The correspondences of one picture.
+    """The rows of one picture, for those who work picture by picture.
 
     Attributes
     ----------
@@ -65,65 +78,317 @@ class SkippedView:
 
 
 @dataclass(frozen=True)
-class Correspondences:
-    """All views of one camera.
+class Blocks:
+    """The runs of rows of one picture each.
 
     Attributes
     ----------
-    views : tuple of View
-    image_size : (width, height) or None
+    camera, view : (B,) int arrays
+        Which camera and which view a block is of.
+    starts : (B + 1,) int array
+        Block b is the rows starts[b] to starts[b + 1].
+    """
+
+    camera: Array
+    view: Array
+    starts: Array
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+    @property
+    def counts(self) -> Array:
+        """Number of rows (B,) of each block."""
+        return np.diff(self.starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """A flat table of image points with what is known of each.
+
+    Attributes
+    ----------
+    xyz : (N, 3) array
+        Points in the frame of the board or the world, unit of the data.
+    uv : (N, 2) array
+        Their images, px; (0, 0) is the centre of the top-left pixel.
+    view : (N,) int array
+        Index into `view_ids`; a view is an instant, the same for all cameras.
+    view_ids : tuple of str
+    camera : (N,) int array
+        Index into `cameras`; rows are sorted by camera, then view.
+    cameras : tuple of str
+    point : (N,) int array or None
+        Which point of the target a row is, `NO_ID` where that is not known.
+    sigma : (N,) array or None
+        Standard deviation in each coordinate, px; NaN where none was given.
+    weight : (N,) array or None
+        Of a robust loss, 0 to 1; None = 1.
+    used : (N,) bool array
+        Whether the row takes part in an estimate.
+    reason : (N,) uint8 array
+        Why not: an index into `REASONS`.
+    image_sizes : tuple of (width, height) or None
+        Of each camera.
     target : mapping or None
         What the report says under `target`: kind, columns, rows, square, unit, detected.
     skipped : tuple of SkippedView
-        Pictures without points, in the order they were met.
+        Pictures without points and views that were left out, in the order they were met.
     files : tuple of mappings
         `{path, sha256}` of each input file.
     picture_quality : mapping of view id -> mapping
         Figures on each picture (sharpness, exposure, ...), where pictures were read.
     """
 
-    views: tuple[View, ...]
-    image_size: tuple[int, int] | None = None
+    xyz: Array
+    uv: Array
+    view: Array
+    view_ids: tuple[str, ...]
+    camera: Array
+    cameras: tuple[str, ...] = ("camera",)
+    point: Array | None = None
+    sigma: Array | None = None
+    weight: Array | None = None
+    used: Array = field(default_factory=lambda: np.zeros(0, bool))  #: all rows by default
+    reason: Array = field(default_factory=lambda: np.zeros(0, np.uint8))
+    image_sizes: tuple[tuple[int, int] | None, ...] = (None,)
     target: Mapping[str, Any] | None = None
     skipped: tuple[SkippedView, ...] = ()
     files: tuple[Mapping[str, str], ...] = ()
     picture_quality: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        count = len(self.xyz)
+        if len(self.used) != count:
+            object.__setattr__(self, "used", np.ones(count, bool))
+        if len(self.reason) != count:
+            object.__setattr__(self, "reason", np.zeros(count, np.uint8))
+
     @classmethod
     def from_views(
         cls, views: Sequence[Any], image_size: tuple[int, int] | None = None, **more: Any
-    ) -> Correspondences:
-        """Make correspondences from `[(xyz (N, 3) or (N, 2), uv (N, 2)), ...]` or from `View` objects.
+    ) -> Observations:
+        """Make the observations of one camera.
 
-        Two-column points lie on the plane z = 0.
+        Parameters
+        ----------
+        views : sequence
+            `(xyz, uv)` or `(xyz, uv, sigma)` of each view, or `View` objects. xyz is (N, 3), or (N, 2) for points
+            of the plane z = 0; uv is (N, 2); sigma (N,) is in px. The (N, 1, k) arrays of cv2 are taken, too.
+        image_size : (width, height), optional
+        **more
+            Other attributes: target, skipped, files, picture_quality.
 
         Raises
         ------
         DataError
             Where shapes do not match or a value is not finite.
         """
-        made = []
-        for index, item in enumerate(views):
-            if isinstance(item, View):
-                made.append(item)
-                continue
-            xyz, uv = (np.array(a, dtype=float, ndmin=2) for a in item[:2])
-            if xyz.shape[1] == 2:
-                xyz = np.c_[xyz, np.zeros(len(xyz))]
-            sigma = np.asarray(item[2], float) if len(item) > 2 else None
-            made.append(View(f"view{index + 1}", xyz, uv, sigma))
+        made = [v if isinstance(v, View) else _view(f"view{i + 1}", v) for i, v in enumerate(views)]
         for view in made:
             _check_view(view)
-        size = (int(image_size[0]), int(image_size[1])) if image_size is not None else None
-        return cls(tuple(made), size, **more)
+        size = None if image_size is None else (int(image_size[0]), int(image_size[1]))
+        return cls(**_stacked(made), image_sizes=(size,), **more)
 
+    # ------------------------------------------------------------------------------------------ what it holds
     def __len__(self) -> int:
-        return len(self.views)
+        return len(self.view_ids)
+
+    def __repr__(self) -> str:
+        names = "" if len(self.cameras) == 1 else f"{len(self.cameras)} cameras, "
+        return f"<Observations: {names}{len(self.view_ids)} views, {self.point_count} points>"
+
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """(width, height) of the first camera's pictures; None where it is not known."""
+        return self.image_sizes[0]
 
     @property
     def point_count(self) -> int:
-        """Number of points over all views."""
-        return sum(len(v) for v in self.views)
+        """Number of rows."""
+        return len(self.xyz)
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """The runs of rows of one picture each; with one camera, those of every view, empty ones included."""
+        count = len(self.view_ids)
+        if len(self.cameras) == 1:
+            starts = np.searchsorted(self.view, np.arange(count + 1))
+            return Blocks(np.zeros(count, int), np.arange(count), starts)
+        keys, starts = np.unique(self.camera * count + self.view, return_index=True)
+        return Blocks(keys // count, keys % count, np.r_[starts, len(self.view)])
+
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """The blocks as `View` objects, which share the table's memory."""
+        return tuple(
+            View(self.view_ids[v], self.xyz[rows], self.uv[rows], _known(self.sigma, rows), self._ids(rows))
+            for v, rows in zip(self.blocks.view, self.slices, strict=True)
+        )
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """The rows of each block."""
+        starts = self.blocks.starts.tolist()
+        return tuple(slice(a, b) for a, b in pairwise(starts))
+
+    def split(self, values: Array) -> list[Array]:
+        """An array with a row for each of the table's, cut into blocks."""
+        return [values[rows] for rows in self.slices]
+
+    @cached_property
+    def block_of_row(self) -> Array:
+        """The block (N,) of each row."""
+        return np.repeat(np.arange(len(self.blocks)), self.blocks.counts)
+
+    def per_block(self, values: Array) -> Array:
+        """Sums (B,) of a number (N,) per row over each block."""
+        return np.bincount(self.block_of_row, values, len(self.blocks))
+
+    @cached_property
+    def shapes(self) -> Shapes:
+        """Plane and extent of the points of each block."""
+        return shapes(self.views)
+
+    @property
+    def precision(self) -> Array | None:
+        """Weight of each row's squared residual (N,): weight / sigma², 1 where neither is given; None if all are 1.
+
+        The only place that forms it.
+        """
+        if self.sigma is None:
+            return self.weight
+        given = np.where(np.isnan(self.sigma), 1.0, self.sigma) ** -2.0
+        return given if self.weight is None else given * self.weight
+
+    def standardised(self, residuals: Array) -> Array:
+        """Lengths (N,) of residuals (N, 2) in units of sigma (px where none is given); inf where not finite."""
+        lengths = np.sqrt(np.einsum("ij,ij->i", residuals, residuals))
+        lengths = np.where(np.isfinite(lengths), lengths, np.inf)
+        return lengths if self.sigma is None else lengths / np.where(np.isnan(self.sigma), 1.0, self.sigma)
+
+    def _ids(self, rows: slice) -> Array | None:
+        ids = None if self.point is None else self.point[rows]
+        return None if ids is None or (ids[:1] == NO_ID).any() else ids
+
+    # ------------------------------------------------------------------------------------- parts of it, changed
+    def where(self, rows: Array) -> Observations:
+        """Only the rows of a mask (N,); every view stays, if without points."""
+        if rows.all():
+            return self
+        return self._rows(rows, self.view_ids)
+
+    def kept(self) -> Observations:
+        """Only the rows that are used."""
+        return self.where(self.used)
+
+    def of_views(self, index: Array | Sequence[int]) -> Observations:
+        """Only some views, in the order of `index` (K,)."""
+        index = np.asarray(index, int)
+        if np.array_equal(index, np.arange(len(self.view_ids))):
+            return self
+        place = np.full(len(self.view_ids), -1)
+        place[index] = np.arange(len(index))
+        moved = place[self.view]
+        rows = np.flatnonzero(moved >= 0)
+        rows = rows[np.lexsort((moved[rows], self.camera[rows]))]
+        return replace(self._rows(rows, tuple(self.view_ids[i] for i in index)), view=moved[rows])
+
+    def without(self, left_out: Mapping[int, str]) -> Observations:
+        """Without the views of these indices, which become `skipped` as rejected for the reasons given."""
+        if not left_out:
+            return self
+        said = tuple(
+            SkippedView(self.view_ids[i], "rejected", left_out[i], int((self.view == i).sum()))
+            for i in sorted(left_out)
+        )
+        rest = self.of_views([i for i in range(len(self.view_ids)) if i not in left_out])
+        return replace(rest, skipped=(*self.skipped, *said))
+
+    def with_used(self, used: Array, reason: int = OUTLIER) -> Observations:
+        """With other rows used (N,); those that are not get the reason."""
+        return replace(self, used=used, reason=np.where(used, KEPT, reason).astype(np.uint8))
+
+    def with_views(self, views: Sequence[View]) -> Observations:
+        """With the rows of these views in place of all rows; whole views may be gone. One camera only."""
+        nothing = np.zeros(0)
+        return replace(self, weight=None, used=nothing, reason=nothing, **_stacked(views))
+
+    def map_views(self, change: Callable[[View], View]) -> Observations:
+        """With each view changed by a function that keeps its number of points; what is used stays."""
+        return replace(self.with_views([change(v) for v in self.views]), used=self.used, reason=self.reason)
+
+    def unweighted(self) -> Observations:
+        """Without sigmas and weights."""
+        return self if self.sigma is None and self.weight is None else replace(self, sigma=None, weight=None)
+
+    def _rows(self, rows: Array, view_ids: tuple[str, ...]) -> Observations:
+        def pick(a: Array | None) -> Any:
+            return None if a is None else a[rows]
+
+        return replace(
+            self,
+            xyz=self.xyz[rows],
+            uv=self.uv[rows],
+            view=self.view[rows],
+            view_ids=view_ids,
+            camera=self.camera[rows],
+            point=pick(self.point),
+            sigma=pick(self.sigma),
+            weight=pick(self.weight),
+            used=self.used[rows],
+            reason=self.reason[rows],
+        )
+
+
+#: the name under which users know the observations of one camera
+Correspondences = Observations
+
+
+def _known(values: Array | None, rows: slice) -> Array | None:
+    """The part of a column; None where it holds nothing."""
+    if values is None or np.isnan(values[rows]).all():
+        return None
+    return values[rows]
+
+
+def _view(name: str, item: Sequence[Any]) -> View:
+    xyz, uv = (_points(a) for a in item[:2])
+    if xyz.ndim == 2 and xyz.shape[1] == 2:
+        xyz = np.c_[xyz, np.zeros(len(xyz))]
+    sigma = np.asarray(item[2], float) if len(item) > 2 and item[2] is not None else None
+    return View(name, xyz, uv, sigma)
+
+
+def _points(values: Any) -> Array:
+    """Points as rows; cv2 keeps them as (N, 1, k)."""
+    points = np.array(values, dtype=float, ndmin=2)
+    return points[:, 0] if points.ndim == 3 and points.shape[1] == 1 else points
+
+
+def _stacked(views: Sequence[View]) -> dict[str, Any]:
+    """The columns of a table with these views' rows."""
+    counts = [len(v) for v in views]
+
+    def column(parts: list[Array | None], default: float, kind: type) -> Array | None:
+        if all(p is None for p in parts):
+            return None
+        return np.concatenate(
+            [
+                np.full(n, default, kind) if p is None else np.asarray(p)
+                for p, n in zip(parts, counts, strict=True)
+            ]
+        )
+
+    return {
+        "xyz": np.concatenate([v.xyz for v in views]) if views else np.zeros((0, 3)),
+        "uv": np.concatenate([v.uv for v in views]) if views else np.zeros((0, 2)),
+        "view": np.repeat(np.arange(len(views)), counts),
+        "view_ids": tuple(v.id for v in views),
+        "camera": np.zeros(sum(counts), int),
+        "point": column([v.point_ids for v in views], NO_ID, int),
+        "sigma": column([v.sigma for v in views], np.nan, float),
+    }
 
 
 def _check_view(view: View) -> None:

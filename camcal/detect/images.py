@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from camcal.data.observations import Correspondences, SkippedView, View
+from camcal.data.observations import Observations, SkippedView, View
 from camcal.detect import cache as cache_files
 from camcal.detect import targets
 from camcal.detect.decode import UnreadableError, decode_gray
@@ -43,7 +43,7 @@ def detect_images(
     seconds: float = DEFAULT_SECONDS,
     on_event: OnEvent | None = None,
     cache: bool = True,
-) -> Correspondences:
+) -> Observations:
     """Find a target in pictures.
 
     Parameters
@@ -70,7 +70,7 @@ def detect_images(
 
     Returns
     -------
-    Correspondences
+    Observations
         A view for each picture with the target, the rest in `skipped`. All views are of the size that most
         of them have; the others are `rejected`.
 
@@ -295,7 +295,7 @@ def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
 
 def _correspondences(
     outcomes: list[Outcome], target: Target, detected: bool, ids: dict[Path, str], run: _Run
-) -> Correspondences:
+) -> Observations:
     found = [o for o in outcomes if o.detection is not None]
     if not found:
         raise _nothing_found(
@@ -314,7 +314,9 @@ def _correspondences(
     files = tuple({"path": str(o.path), "sha256": o.sha256} for o in outcomes)
     quality = {ids[o.path]: o.quality for o in outcomes if o.quality}
     described = {**target.describe(), "detected": detected}
-    return Correspondences(tuple(views), size, described, tuple(skipped), files, quality)
+    return Observations.from_views(
+        views, size, target=described, skipped=tuple(skipped), files=files, picture_quality=quality
+    )
 
 
 def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -> str:

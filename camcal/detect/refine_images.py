@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
 from camcal.detect.camera_pass import refine_with_camera
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.listing import view_ids
 from camcal.detect.saddle import WIDER_HALF, wider_halves
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
 
 Array = np.ndarray
 
@@ -23,20 +25,21 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 def refine_images(
-    correspondences: Correspondences,
-    board_from_pixel: Callable[[int, Array], Array],
+    correspondences: Observations,
+    camera: Camera,
+    poses: Mapping[str, Pose],
     cell: float | None = None,
     on_event: OnEvent | None = None,
-) -> tuple[Correspondences, float]:
+) -> tuple[Observations, float]:
     """Fit the corners of all pictures again; see `targets.camera_pass`.
 
     Parameters
     ----------
-    correspondences : Correspondences
+    correspondences : Observations
         As `detect_images` gives them, `files` included.
-    board_from_pixel : callable
-        `board_from_pixel(i, px (..., 2))` -> coordinates (..., 2) on the board of view number i, in the
-        board's unit.
+    camera : Camera
+    poses : mapping of view id -> Pose
+        cam_from_board; a view without one stays as it is.
     cell : float, optional
         Side of a square in that unit; that of the target where left out.
     on_event : callable, optional
@@ -45,7 +48,7 @@ def refine_images(
 
     Returns
     -------
-    correspondences : Correspondences
+    correspondences : Observations
     moved : float
         Root mean square of the moves over all corners, px.
     """
@@ -54,7 +57,11 @@ def refine_images(
     paths = [Path(f["path"]) for f in correspondences.files]
     files = dict(zip(view_ids(paths), correspondences.files, strict=True))
     views, total, count = [], 0.0, 0
-    for i, view in enumerate(correspondences.views):
+    for view in correspondences.views:
+        pose = poses.get(view.id)
+        if pose is None:
+            views.append(view)
+            continue
         try:
             gray = _read_again(files.get(view.id))
         except UnreadableError as error:
@@ -62,23 +69,23 @@ def refine_images(
             if on_event is not None:
                 on_event("unrefined", {"id": view.id, "reason": str(error)})
             continue
-        new, moved = _refined(gray, view, i, board_from_pixel, cell, _half(target, view))
+        from_pixel = partial(on_board, camera, pose)
+        new, moved = refine_with_camera(gray, view, from_pixel, cell, _half(target, view))
         views.append(new)
         total, count = total + moved**2 * len(view), count + len(view)
         if on_event is not None:
             on_event("refined", {"id": view.id, "moved_px": moved})
-    return replace(correspondences, views=tuple(views)), float(np.sqrt(total / max(count, 1)))
+    return correspondences.with_views(views), float(np.sqrt(total / max(count, 1)))
 
 
-def _refined(
-    gray: Array,
-    view: View,
-    number: int,
-    board_from_pixel: Callable[[int, Array], Array],
-    cell: float,
-    half: float | Array,
-) -> tuple[View, float]:
-    return refine_with_camera(gray, view, lambda px: board_from_pixel(number, px), cell, half)
+def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
+    """Where pixels (..., 2) lie on the plane z = 0 of a board, (..., 2) in its unit; NaN off the plane."""
+    rays = camera.unproject(pixels) @ cam_from_board.rotation
+    origin = -cam_from_board.rotation.T @ cam_from_board.translation
+    with np.errstate(all="ignore"):
+        reach = -origin[2] / rays[..., 2]
+        place = origin[:2] + reach[..., None] * rays[..., :2]
+    return np.where((reach > 0)[..., None], place, np.nan)
 
 
 def _half(target: Mapping[str, Any], view: View) -> float | Array:

@@ -12,13 +12,9 @@ import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 Entry = dict[str, Any]
-#: calibrates correspondences again by the same options, but with a linear loss and without a cross-check:
-#: (correspondences, skew[, board_shape]) -> Solution; its parameters other than skew are free or held as
-#: before, the board is flat where nothing else is said
-Rerun = Callable[..., Solution]
 
 #: cv2 may come out lower than camcal by this part of the rms: both sums are taken in float64 over the same
 #: numbers, camcal stops at a predicted decrease of 1e-14 of the cost, and cv2's answer is taken as it is.
@@ -38,7 +34,7 @@ SIGMAS = 0.05
 class Task:
     """What cv2 is given: the inliers of a solution, whose free parameters it is to estimate."""
 
-    solution: Solution
+    solution: Calibration
     views: tuple[tuple[Array, Array], ...]  #: (xyz (N, 3) relative to `centroids`, uv (N, 2)) of each view
     centroids: Array  #: (V, 3)
     image_size: tuple[int, int]
@@ -115,10 +111,10 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def bounds(solution: Solution) -> tuple[Array, Array]:
+def bounds(solution: Calibration) -> tuple[Array, Array]:
     """The corners (2,) of the image, or of the box of all image points where no image size is known."""
     size = solution.camera.image_size
     if size is not None:
         return np.zeros(2), np.subtract(size, 1.0)
-    uv = np.concatenate([v.uv for v in solution.correspondences.views])
+    uv = solution.observations.uv
     return uv.min(0), uv.max(0)

@@ -19,7 +19,7 @@ from camcal.model.camera import Camera
 from camcal.model.lenses.opencv import COEFFICIENTS
 from camcal.model.pose import Array, Poses
 from camcal.peers.base import NotComparableError, Result, Task, bounds
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 NAME = "cv2.calibrateCamera"
 
@@ -36,14 +36,14 @@ _HOLD = (
 )
 
 
-def task_of(solution: Solution) -> Task:
+def task_of(solution: Calibration) -> Task:
     """The inliers of a solution as cv2 is to get them."""
     views, centroids = [], []
-    for view, used in zip(solution.correspondences.views, solution.inliers, strict=True):
-        xyz = view.xyz[used]
+    for view in solution.observations.kept().views:
+        xyz = view.xyz
         # a constant coordinate becomes 0 exactly: cv2 tells boards from rigs by z == 0
         centroid = np.where(np.ptp(xyz, axis=0) == 0, xyz[0], xyz.mean(0))
-        views.append((xyz - centroid, view.uv[used]))
+        views.append((xyz - centroid, view.uv))
         centroids.append(centroid)
     width, height = np.ceil(bounds(solution)[1]).astype(int).tolist()
     size = solution.camera.image_size or (width + 1, height + 1)
@@ -119,14 +119,14 @@ def answer(returned: Sequence[Any]) -> tuple[Array, Array, Array, Array]:
     return k, bend, rvecs, tvecs
 
 
-def where(guess: Camera | None, solution: Solution) -> str:
+def where(guess: Camera | None, solution: Calibration) -> str:
     """Where cv2 began, in words."""
     if guess is None:
         return "by itself"
     return "at camcal's start" if guess is solution.start else "at camcal's optimum"
 
 
-def flags_of(solution: Solution) -> int:
+def flags_of(solution: Calibration) -> int:
     """cv2's flags for the free parameters of a solution; their values are never stored, they vary by version.
 
     Raises
@@ -159,7 +159,7 @@ def flags_of(solution: Solution) -> int:
     return flags
 
 
-def _focal_flags(solution: Solution, estimated: set[str]) -> list[str]:
+def _focal_flags(solution: Calibration, estimated: set[str]) -> list[str]:
     inside = [n in estimated for n in ("fx", "fy")]
     if not any(inside):
         return ["CALIB_FIX_FOCAL_LENGTH"]
@@ -169,7 +169,7 @@ def _focal_flags(solution: Solution, estimated: set[str]) -> list[str]:
     return ["CALIB_FIX_ASPECT_RATIO"] if tied else []
 
 
-def _refuse_ties(solution: Solution) -> None:
+def _refuse_ties(solution: Calibration) -> None:
     """Refuse parameters that move together other than fx and fy."""
     rows = solution.free[2:]
     if (np.count_nonzero(rows, axis=1) > 1).any() or (np.count_nonzero(rows, axis=0) > 1).any():
@@ -193,7 +193,7 @@ def _coefficients(camera: Camera) -> Array:
     return np.r_[form.distortion, np.zeros(length - len(form.distortion))].reshape(1, -1)
 
 
-def camera_of(solution: Solution, matrix: Array, distortion: Array) -> Camera:
+def camera_of(solution: Calibration, matrix: Array, distortion: Array) -> Camera:
     """A camera of the solution's model with cv2's numbers."""
     lens = solution.camera.lens
     values = dict(zip(COEFFICIENTS, distortion.tolist(), strict=False))

@@ -14,17 +14,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
 from camcal.errors import CamcalError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.peers import refinement
-from camcal.peers.base import Entry, NotComparableError, Rerun, Result, Task, entry
+from camcal.peers.base import Entry, NotComparableError, Result, Task, entry
 from camcal.peers.calibrate_camera import CRITERIA, answer, begin, camera_of, refusals, rms_of, where
 from camcal.solve.board import common_points, settle
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult, on_board
+from camcal.solve.calibration import Calibration
+from camcal.solve.refine import How, on_board
 
 NAME = "cv2.calibrateCameraRO"
 #: Unknowns (three a point, six a view) up to which cv2 is asked: 2 s for 240, 55 s for 500.
@@ -33,14 +33,15 @@ MOST_UNKNOWNS = 400
 LEAST_SHARE = 0.5
 
 
-def against_cv2(solution: Solution, rerun: Rerun | None = None) -> Entry | None:
+def against_cv2(solution: Calibration, how: How | None = None) -> Entry | None:
     """Compare a solution with a free board; None where the board is not free or cv2 lacks the lens model.
 
-    Where it has weights, skew, or views without some of the points, `rerun` solves what cv2 can solve.
+    Where it has weights, skew, or views without some of the points, what cv2 can solve is fitted again; `how` is how
+    the solution was made.
     """
-    board = solution.extras.get("board")
+    board = solution.board
     form = solution.camera.lens.opencv(solution.camera.params)
-    if not isinstance(board, BoardResult) or board.kind != "free":
+    if board is None or board.kind != "free":
         return None
     if form is None or form.function != "calibrateCamera":
         return None
@@ -48,11 +49,10 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> Entry | None:
         data = complete(refinement.unweighted(solution))
         _check_size(data)
         missing, _, skew = refinement.unlike(solution)
-        if not missing and data.point_count == solution.correspondences.point_count:
+        if not missing and data.point_count == solution.observations.point_count:
             return refinement.compare(solution, NAME, "", run)
-        if rerun is None:
-            raise NotComparableError("cv2 wants all points in every view, without weights")
-        again = rerun(on_board(data, board.points, board.ideal), False, "free")
+        flat = on_board(data, board.points, board.ideal)
+        again = refinement.fitted_again(solution, flat, replace(how or How(), board="free"))
     except (NotComparableError, CamcalError) as error:
         return entry(refinement.STAGE, NAME, "not_applicable", str(error))
     remark = (
@@ -61,7 +61,7 @@ def against_cv2(solution: Solution, rerun: Rerun | None = None) -> Entry | None:
     return refinement.compare(again, NAME, remark + (" and without skew" if skew else ""), run)
 
 
-def complete(data: Correspondences) -> Correspondences:
+def complete(data: Observations) -> Observations:
     """The part of the data in which each view shows the same points, sorted alike.
 
     Either the points that all views show, or the views that show all points, whichever is more.
@@ -84,7 +84,7 @@ def complete(data: Correspondences) -> Correspondences:
     chosen = [_sorted(view, at, shared) for view, at, keep in zip(data.views, ids, full, strict=True) if keep]
     if sum(len(v) for v in chosen) < LEAST_SHARE * data.point_count or shared.sum() < 4:
         raise NotComparableError("cv2 wants all points in every view, and too few are")
-    return replace(data, views=tuple(chosen))
+    return data.with_views(chosen)
 
 
 def _sorted(view: View, ids: Array, shared: Array) -> View:
@@ -92,7 +92,7 @@ def _sorted(view: View, ids: Array, shared: Array) -> View:
     return view.take(order[shared[ids[order]]])
 
 
-def _check_size(data: Correspondences) -> None:
+def _check_size(data: Observations) -> None:
     unknowns = 3 * len(data.views[0]) + 6 * len(data.views)
     if unknowns > MOST_UNKNOWNS:
         raise NotComparableError(
@@ -109,8 +109,9 @@ def run(task: Task, guess: Camera | None) -> Result:
         Where cv2 cannot estimate the same parameters, or refuses the data.
     """
     solution = task.solution
-    board: BoardResult = solution.extras["board"]
-    data = complete(solution.correspondences)
+    board = solution.board
+    assert board is not None
+    data = complete(solution.observations)
     ideal = on_board(data, board.points, board.ideal).views[0].xyz
     order = _gauge_order(ideal)
     seen = [v.uv[order] for v in data.views]

@@ -8,10 +8,10 @@ from camcal.peers import CALIBRATORS
 from camcal.peers.base import NotComparableError, one_thread
 from camcal.peers.calibrate_camera import task_of
 from camcal.registry import load
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 
-def camera_by_cv2(solution: Solution) -> tuple[Camera, str]:
+def camera_by_cv2(solution: Calibration) -> tuple[Camera, str]:
     """Calibrate the solution's points afresh with cv2; the camera, and which function made it.
 
     cv2 knows neither weights nor robust losses: it gets the points that the solution rests on, all alike.

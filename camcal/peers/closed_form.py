@@ -15,13 +15,13 @@ from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.peers import refinement
 from camcal.peers.base import Entry, bounds, entry
-from camcal.solve.solution import Solution, Stage
-from camcal.solve.solve import refine
+from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.refine import How, refine
 
 AGAINST = "cv2.calibrateCamera"
 
 
-def against_cv2(stage: Stage, solution: Solution) -> Entry | None:
+def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
     """Compare the stage that holds K and all poses; None where it does not."""
     if stage.matrix is None or stage.poses is None or len(stage.poses) != len(solution.poses):
         return None
@@ -29,7 +29,7 @@ def against_cv2(stage: Stage, solution: Solution) -> Entry | None:
     lens = make("pinhole")
     start = Camera(lens, lens.from_matrix(stage.matrix), solution.camera.image_size)
     try:
-        pinhole = refine(start, stage.poses, data, _held(solution))
+        pinhole = refine(start, stage.poses, data, How(_held(solution)))
     except CamcalError as error:
         return entry(stage.name, AGAINST, "not_applicable", f"without distortion there is no camera: {error}")
     made = refinement.compare(
@@ -45,7 +45,7 @@ def against_cv2(stage: Stage, solution: Solution) -> Entry | None:
     return made
 
 
-def _held(solution: Solution) -> dict[str, float | None]:
+def _held(solution: Calibration) -> dict[str, float | None]:
     """The parameters of the matrix that the solution holds, where they are."""
     names = ("fx", "fy", "cx", "cy")
     return {n: None for n, row in zip(names, solution.free[:4], strict=True) if not row.any()}

@@ -17,7 +17,7 @@ from camcal.model.pose import Array
 from camcal.peers.base import NotComparableError, Result, Task
 from camcal.peers.calibrate_camera import CRITERIA, refusals, where
 from camcal.peers.wide import held, poses_of, refuse_rigs, rms_of
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 NAME = "cv2.fisheye.calibrate"
 
@@ -77,11 +77,9 @@ def _run(task: Task, guess: Camera | None) -> Result:
 def _refuse_wide_angles(task: Task) -> None:
     """cv2.fisheye divides by z."""
     solution = task.solution
+    views = solution.observations.kept().views
     count = sum(
-        int((pose.apply(view.xyz[used])[:, 2] <= 0).sum())
-        for view, used, pose in zip(
-            solution.correspondences.views, solution.inliers, solution.poses, strict=True
-        )
+        int((pose.apply(view.xyz)[:, 2] <= 0).sum()) for view, pose in zip(views, solution.poses, strict=True)
     )
     if count:
         raise NotComparableError(f"cv2.fisheye ends at 90 degrees from the axis, where {count} points lie")
@@ -98,7 +96,7 @@ def _sum(names: list[str]) -> int:
     return flags
 
 
-def _camera(solution: Solution, k: Array, d: Array) -> Camera:
+def _camera(solution: Calibration, k: Array, d: Array) -> Camera:
     values = {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2], "skew": k[0, 1]}
     values |= {f"k{i}": v for i, v in enumerate(d.tolist(), 1)}
     lens = solution.camera.lens

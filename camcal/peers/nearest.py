@@ -17,14 +17,15 @@ from camcal.peers import CALIBRATORS
 from camcal.peers.base import Entry, LeftOutError, NotComparableError, Result, bounds, entry
 from camcal.peers.calibrate_camera import task_of
 from camcal.registry import load
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
+from camcal.solve.refine import residuals
 
 #: what cv2 is asked for: its default, the rational model, and the one for wide lenses; where all of them give
 #: up, the one that takes seconds
 MODELS, LAST = ("opencv5", "opencv8", "kb4"), ("mei",)
 
 
-def nearest(solution: Solution, stage: str) -> Entry:
+def nearest(solution: Calibration, stage: str) -> Entry:
     """The entry for a solution whose model cv2 does not have."""
     why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
     found: dict[str, Result] = {}
@@ -56,7 +57,7 @@ def nearest(solution: Solution, stage: str) -> Entry:
     return entry(stage, f"nearest in cv2: {model}", "not_applicable", why, opencv, differs)
 
 
-def _by_cv2(solution: Solution, model: str) -> Result | None:
+def _by_cv2(solution: Calibration, model: str) -> Result | None:
     """cv2's camera of a model of its own from the solution's points; None where cv2 has none to offer."""
     lens = lenses.make(model)
     camera = Camera(lens, lens.from_matrix(solution.camera.matrix), solution.camera.image_size)
@@ -70,7 +71,7 @@ def _by_cv2(solution: Solution, model: str) -> Result | None:
     return result if np.isfinite(result.rms_point) and _holds_points(solution, result) else None
 
 
-def _holds_points(solution: Solution, result: Result) -> bool:
+def _holds_points(solution: Calibration, result: Result) -> bool:
     """Whether every used point lies in the domain of cv2's camera, which knows no folds."""
-    views = zip(solution.correspondences.views, solution.inliers, result.poses, strict=True)
-    return all(np.isfinite(result.camera.project(p.apply(v.xyz[used]))).all() for v, used, p in views)
+    off = residuals(result.camera, result.poses, solution.observations)
+    return bool(np.isfinite(off[solution.used]).all())

@@ -9,14 +9,14 @@ from camcal.data.observations import View
 from camcal.geometry import projective, rotations
 from camcal.model.pose import Array
 from camcal.peers.base import Entry, entry, judge
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 NAME = "cv2.projectPoints"
 #: Rounding of a projection in float64, for pixels to 1e4 and a distance of many times the points' extent.
 BOUND_PX = 1e-8
 
 
-def of_solution(solution: Solution) -> Entry | None:
+def of_solution(solution: Calibration) -> Entry | None:
     """Every point of every view by camcal's lens and by cv2; None where cv2 has no such model."""
     camera = solution.camera
     form = camera.lens.opencv(camera.params)
@@ -24,7 +24,7 @@ def of_solution(solution: Solution) -> Entry | None:
         return None
     worst = 0.0
     vectors = rotations.log(solution.poses.rotations)
-    for view, pose, vector in zip(solution.correspondences.views, solution.poses, vectors, strict=True):
+    for view, pose, vector in zip(solution.observations.views, solution.poses, vectors, strict=True):
         ours = camera.project(pose.apply(view.xyz))
         theirs = cv2.projectPoints(
             view.xyz.reshape(-1, 1, 3),

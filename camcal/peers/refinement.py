@@ -15,8 +15,10 @@ import numpy as np
 from camcal.assess.covariance import eliminate_poses, reduce
 from camcal.assess.difference import Difference, difference, image_grid
 from camcal.assess.figures import sigma_0
-from camcal.data.observations import Correspondences
+from camcal.data.observations import Observations
 from camcal.errors import CamcalError
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
 from camcal.peers import CALIBRATORS, WITH_SKEW
 from camcal.peers.base import (
     LOWER,
@@ -28,7 +30,6 @@ from camcal.peers.base import (
     Entry,
     LeftOutError,
     NotComparableError,
-    Rerun,
     Result,
     Task,
     bounds,
@@ -37,65 +38,80 @@ from camcal.peers.base import (
 from camcal.peers.calibrate_camera import task_of
 from camcal.peers.nearest import nearest
 from camcal.registry import load
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
+from camcal.solve.refine import How, refine, residuals
 
 STAGE = "refine"
 
 
-def against_cv2(solution: Solution, rerun: Rerun | None = None) -> list[Entry]:
+def against_cv2(solution: Calibration, how: How | None = None) -> list[Entry]:
     """Compare a solution with cv2's calibration; where that has no counterpart, what comes nearest as well.
 
     Parameters
     ----------
-    solution : Solution
-    rerun : callable, optional
-        Calibrates again, see `base.Rerun`; without it only what is alike already is compared.
+    solution : Calibration
+    how : How, optional
+        How it was made, for the fit to what cv2 can solve where it lacks a part (skew, weights).
     """
+    how = how or How()
     form = solution.camera.lens.opencv(solution.camera.params)
     against = f"cv2.{form.function}" if form is not None else "cv2.calibrateCamera"
     if form is None or form.function not in CALIBRATORS:
         return [nearest(solution, STAGE)]
     missing, data, skew = unlike(solution)
     if not missing:
-        shaped = "board" in solution.extras
+        shaped = solution.board is not None
         remark = "both with the board as estimated" if shaped else ""
         try:
             return [compare(solution, against, remark)]
         except LeftOutError as left:
-            return [_without_views(solution, against, left, rerun)]
+            return [_without_views(solution, against, left, how)]
     entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(missing)}")]
-    if rerun is not None:
-        remarks = ["without skew in both"] if skew else []
-        if data is not solution.correspondences:
-            remarks.append(f"over the {data.point_count} points that were kept, with unit weights in both")
-        try:
-            again = rerun(data, False)
-        except CamcalError as error:
-            why = f"{' and '.join(remarks)} there is no camera: {error}"
-            return [*entries, entry(STAGE, against, "not_applicable", why)]
-        try:
-            entries.append(compare(again, against, " and ".join(remarks)))
-        except LeftOutError as left:
-            entries.append(entry(STAGE, against, "not_applicable", str(left)))
+    remarks = ["without skew in both"] if skew else []
+    if data is not solution.observations:
+        remarks.append(f"over the {data.point_count} points that were kept, with unit weights in both")
+    try:
+        again = fitted_again(solution, data, how)
+    except CamcalError as error:
+        why = f"{' and '.join(remarks)} there is no camera: {error}"
+        return [*entries, entry(STAGE, against, "not_applicable", why)]
+    try:
+        entries.append(compare(again, against, " and ".join(remarks)))
+    except LeftOutError as left:
+        entries.append(entry(STAGE, against, "not_applicable", str(left)))
     return entries
 
 
-def _without_views(solution: Solution, against: str, left: LeftOutError, rerun: Rerun | None) -> Entry:
+def fitted_again(solution: Calibration, data: Observations, how: How, keep_skew: bool = False) -> Calibration:
+    """The fit from a solution to other observations of its views, without skew unless that is kept.
+
+    Raises
+    ------
+    EstimationError
+        Where the observations are too few.
+    """
+    camera, fix = solution.camera, dict(how.fix)
+    if not keep_skew and "skew" in camera.lens.names:
+        lens = make(camera.lens.name)
+        camera = Camera(lens, np.array([camera.values[n] for n in lens.names]), camera.image_size)
+        fix.pop("skew", None)
+    places = np.array([solution.observations.view_ids.index(v) for v in data.view_ids])
+    return refine(camera, solution.poses[places], data, replace(how, fix=fix))
+
+
+def _without_views(solution: Calibration, against: str, left: LeftOutError, how: How) -> Entry:
     """Compare on the views that cv2 keeps."""
-    if rerun is None:
-        return entry(STAGE, against, "not_applicable", str(left))
-    data = unweighted(solution)
-    data = replace(data, views=tuple(data.views[i] for i in left.kept))
+    data = unweighted(solution).of_views(left.kept)
     try:
-        again = rerun(data, "skew" in solution.camera.lens.names)
+        again = fitted_again(solution, data, how, keep_skew=True)
         return compare(again, against, f"over the {len(data.views)} views that cv2 keeps")
     except (CamcalError, LeftOutError) as error:
         return entry(STAGE, against, "not_applicable", f"{left}; over the others: {error}")
 
 
-def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
+def unlike(solution: Calibration) -> tuple[list[str], Observations, bool]:
     """What cv2 does not have of this solution, the data without it, and whether skew is among it."""
-    found, data = [], solution.correspondences
+    found, data = [], solution.observations
     lens = solution.camera.lens
     form = lens.opencv(solution.camera.params)
     known = form is not None and form.function in WITH_SKEW
@@ -106,7 +122,8 @@ def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
     )
     if skew:
         found.append("skew")
-    weighted = any(v.sigma is not None and np.ptp(v.sigma) > 0 for v in data.views) or _levels_differ(data)
+    precision = data.precision
+    weighted = solution.fit.loss == "linear" and precision is not None and bool(np.ptp(precision) > 0)
     robust = solution.fit.loss != "linear"
     if weighted:
         found.append("weights of points")
@@ -117,19 +134,12 @@ def unlike(solution: Solution) -> tuple[list[str], Correspondences, bool]:
     return found, data, skew
 
 
-def _levels_differ(data: Correspondences) -> bool:
-    levels = {1.0 if v.sigma is None else float(v.sigma[0]) for v in data.views if len(v)}
-    return len(levels) > 1
-
-
-def unweighted(solution: Solution) -> Correspondences:
+def unweighted(solution: Calibration) -> Observations:
     """The points that a solution rests on, without sigmas."""
-    data = solution.correspondences
-    views = [v.take(used) for v, used in zip(data.views, solution.inliers, strict=True)]
-    return replace(data, views=tuple(replace(v, sigma=None) for v in views))
+    return solution.observations.kept().unweighted()
 
 
-def compare(solution: Solution, against: str, remark: str = "", run: Calibrate | None = None) -> Entry:
+def compare(solution: Calibration, against: str, remark: str = "", run: Calibrate | None = None) -> Entry:
     """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
 
     `run` is the function of cv2, where it is another than that of the model.
@@ -157,18 +167,18 @@ def compare(solution: Solution, against: str, remark: str = "", run: Calibrate |
     return _judged(solution, best, against, said)
 
 
-def _same(result: Result, solution: Solution) -> bool:
+def _same(result: Result, solution: Calibration) -> bool:
     return abs(result.rms_point - solution.rms_point) <= SAME * solution.rms_point + LOWER_PX
 
 
-def _second_chance(run: Calibrate, task: Task, solution: Solution) -> Result | None:
+def _second_chance(run: Calibrate, task: Task, solution: Calibration) -> Result | None:
     try:
         return run(task, solution.camera)
     except NotComparableError:  # the first run stands
         return None
 
 
-def _judged(solution: Solution, result: Result, against: str, said: list[str]) -> Entry:
+def _judged(solution: Calibration, result: Result, against: str, said: list[str]) -> Entry:
     ours, theirs = solution.rms_point, result.rms_point
     apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
     sigmas = distance_in_sigmas(solution, result)
@@ -193,22 +203,18 @@ def _judged(solution: Solution, result: Result, against: str, said: list[str]) -
     return entry(STAGE, against, status, "; ".join(said), opencv, _figures(solution, result, apart, sigmas))
 
 
-def _unseen(solution: Solution, result: Result) -> int:
+def _unseen(solution: Calibration, result: Result) -> int:
     """How many used points lie outside the domain of cv2's camera, at the poses it returned."""
-    camera, views = result.camera, solution.correspondences.views
-    return sum(
-        int(np.isnan(camera.project(pose.apply(view.xyz[used]))).any(1).sum())
-        for view, used, pose in zip(views, solution.inliers, result.poses, strict=True)
-    )
+    off = residuals(result.camera, result.poses, solution.observations)
+    return int(np.isnan(off[solution.used]).any(1).sum())
 
 
-def _figures(solution: Solution, result: Result, apart: Difference, sigmas: float) -> dict:
+def _figures(solution: Calibration, result: Result, apart: Difference, sigmas: float) -> dict:
     ours, theirs = solution.camera.values, result.camera.values
     board = {}
-    if result.board is not None:
-        board["board_max"] = float(
-            np.linalg.norm(solution.extras["board"].points - result.board, axis=1).max()
-        )
+    shaped = solution.board
+    if result.board is not None and shaped is not None:
+        board["board_max"] = float(np.linalg.norm(shaped.points - result.board, axis=1).max())
     return board | {
         "rms_point": solution.rms_point - result.rms_point,
         "projection_max_px": apart.max_px,
@@ -219,13 +225,13 @@ def _figures(solution: Solution, result: Result, apart: Difference, sigmas: floa
     }
 
 
-def _rounding(solution: Solution) -> float:
+def _rounding(solution: Calibration) -> float:
     """What rounding the image points to float32 adds to an rms at most, px: a unit in the last place."""
-    largest = max((float(np.abs(v.uv).max()) for v in solution.correspondences.views), default=1.0)
+    largest = float(np.abs(solution.observations.uv).max(initial=1.0))
     return float(np.spacing(np.float32(largest)))
 
 
-def distance_in_sigmas(solution: Solution, result: Result) -> float:
+def distance_in_sigmas(solution: Calibration, result: Result) -> float:
     """sqrt(δᵀ S δ) / sigma_0: how many standard deviations the free parameters are apart, all together."""
     delta = np.linalg.lstsq(solution.free, solution.camera.params - result.camera.params, rcond=None)[0]
     reduced = reduce(solution.normal, eliminate_poses(solution.normal))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from camcal.peers import (
     calibrate_camera_ro,
     closed_form,
@@ -10,21 +12,25 @@ from camcal.peers import (
     refinement,
     rodrigues,
 )
-from camcal.peers.base import Entry, Rerun, one_thread
-from camcal.solve.solution import Solution, Stage
+from camcal.peers.base import Entry, one_thread
+from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.refine import How
+from camcal.start import CLOSED_FORMS
 
 
-def crosscheck(solution: Solution, rerun: Rerun | None = None) -> tuple[Entry, ...]:
+def crosscheck(
+    solution: Calibration, stages: Sequence[Stage] = (), how: How | None = None
+) -> tuple[Entry, ...]:
     """Compare each stage of a solution with cv2.
 
     Parameters
     ----------
-    solution : Solution
-        With its `stages`; those named `refine` stand for the solution itself.
-    rerun : callable, optional
-        `rerun(correspondences, skew[, board_shape]) -> Solution` calibrates again by the same options with a
-        linear loss and, where nothing else is said, a flat board; called where cv2 lacks a part of the problem
-        (skew, weights, points that are not in all views), so that the rest can be compared.
+    solution : Calibration
+    stages : sequence of Stage
+        The way to it; closed forms are compared.
+    how : How, optional
+        How the solution was made: where cv2 lacks a part of the problem (skew, weights, points that are not in all
+        views), the rest is fitted again, so that it can be compared.
 
     Returns
     -------
@@ -34,11 +40,11 @@ def crosscheck(solution: Solution, rerun: Rerun | None = None) -> tuple[Entry, .
     """
     entries: list[Entry] = []
     with one_thread():
-        for stage in solution.stages:
-            if stage.name != refinement.STAGE:
+        for stage in stages:
+            if stage.name in CLOSED_FORMS or stage.name == "radial":
                 entries += _closed_form(stage, solution)
-        entries += refinement.against_cv2(solution, rerun)
-        shaped = calibrate_camera_ro.against_cv2(solution, rerun)
+        entries += refinement.against_cv2(solution, how)
+        shaped = calibrate_camera_ro.against_cv2(solution, how)
         entries += [shaped] if shaped else []
         projected = project_points.of_solution(solution)
         entries += [projected] if projected else []
@@ -46,8 +52,8 @@ def crosscheck(solution: Solution, rerun: Rerun | None = None) -> tuple[Entry, .
     return tuple(entries)
 
 
-def _closed_form(stage: Stage, solution: Solution) -> list[Entry]:
-    views = solution.correspondences.views
+def _closed_form(stage: Stage, solution: Calibration) -> list[Entry]:
+    views = solution.observations.views
     if stage.projection_matrix is not None and len(views) == 1:
         found: list[Entry | None] = [project_points.of_matrix(stage.name, stage.projection_matrix, views[0])]
         if stage.name == "zhang":

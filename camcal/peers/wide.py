@@ -12,7 +12,7 @@ import numpy as np
 from camcal.geometry import rotations
 from camcal.model.pose import Array, Poses
 from camcal.peers.base import NotComparableError, Task
-from camcal.solve.solution import Solution
+from camcal.solve.calibration import Calibration
 
 #: parameters that are estimated or held together, and the name of the flag that holds them
 Groups = Sequence[tuple[tuple[str, ...], str]]
@@ -26,7 +26,7 @@ def refuse_rigs(task: Task, name: str) -> None:
         raise NotComparableError(f"{name} takes boards in z = 0 only")
 
 
-def held(solution: Solution, groups: Groups, name: str) -> list[str]:
+def held(solution: Calibration, groups: Groups, name: str) -> list[str]:
     """The flags for the parameters that are not estimated.
 
     Raises

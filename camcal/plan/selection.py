@@ -8,25 +8,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from camcal.assess import figures
 from camcal.assess.checks import check
-from camcal.assess.holdout import HoldOut, k_fold
-from camcal.data.observations import Correspondences
+from camcal.assess.holdout import HoldOut, hold_out
+from camcal.data.observations import Observations
 from camcal.errors import CamcalError, DataError, EstimationError
 from camcal.model import lenses
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
-from camcal.model.pose import Array, Poses
-from camcal.plan.pipeline import calibrate
+from camcal.plan.better import lowest
+from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import Solution
 from camcal.solve import starts
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
-from camcal.solve.solution import Solution
-from camcal.solve.solve import refine
+from camcal.solve.refine import How, refine
 
 #: what `--model auto` chooses from: each kind of lens once, none with more parameters than a dozen views bear
 AUTO = (
@@ -62,7 +63,7 @@ class Candidate:
     """
 
     model: str
-    solution: Solution | None
+    solution: Calibration | None
     holdout: HoldOut | None
     reasons: tuple[str, ...]
     seconds: float
@@ -97,7 +98,7 @@ class Selection:
 
     candidates: tuple[Candidate, ...]
     chosen: Candidate
-    correspondences: Correspondences
+    correspondences: Observations
     why: str
 
 
@@ -107,7 +108,7 @@ def all_models() -> tuple[str, ...]:
 
 
 def select(
-    correspondences: Correspondences,
+    correspondences: Observations,
     models: Sequence[str] = AUTO,
     skew: bool = False,
     fix: Mapping[str, float | None] | None = None,
@@ -184,7 +185,7 @@ class _Bench:
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         return {**dict.fromkeys(lens.default_fixed), **asked}
 
-    def calibrated(self, lens: Lens, data: Correspondences, robust: str) -> Solution | None:
+    def calibrated(self, lens: Lens, data: Observations, robust: str) -> Solution | None:
         """The pipeline's own calibration; None, with the reason kept, where there is none."""
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         try:
@@ -198,8 +199,8 @@ class _Bench:
             return None
 
     def common_points(
-        self, data: Correspondences, ordered: Sequence[Lens], tell: OnEvent
-    ) -> tuple[Correspondences, dict[str, Solution | None]]:
+        self, data: Observations, ordered: Sequence[Lens], tell: OnEvent
+    ) -> tuple[Observations, dict[str, Solution | None]]:
         """The points that the model with the lowest median error believes, and each model's first solution."""
         found: dict[str, Solution | None] = {}
         for i, lens in enumerate(ordered):
@@ -208,55 +209,41 @@ class _Bench:
         solved = [s for s in found.values() if s is not None]
         if not solved:
             raise EstimationError(f"none of the models can be fitted: {next(iter(self.failed.values()))}")
-        best = min(solved, key=_typical_error)
-        pairs = zip(best.correspondences.views, best.inliers, strict=True)
-        kept = replace(best.correspondences, views=tuple(v if m.all() else v.take(m) for v, m in pairs))
+        kept = min(solved, key=_typical_error).observations.kept()
         again = {n: s if s is not None and _same_points(s, kept) else None for n, s in found.items()}
         return kept, again
 
     def candidate(
-        self, lens: Lens, data: Correspondences, first: Solution | None, done: Sequence[Candidate], folds: int
+        self, lens: Lens, data: Observations, first: Solution | None, done: Sequence[Candidate], folds: int
     ) -> Candidate:
         """Fit a model to the common points from every start there is, and hold views out."""
         begin = time.perf_counter()
         solution = first if first is not None else self.calibrated(lens, data, "none")
         fix = self.fixed(lens)
-        tried = [] if solution is None else [solution]
+        tried: list[Calibration] = [] if solution is None else [solution]
         for inner in (c.solution for c in done if c.solution is not None):
             known = embed(lens, inner.camera.lens, inner.camera.params)
             if known is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
-                tried.append(refine(*starts.adopted(lens, inner, fix), data, fix))
+                tried.append(refine(*starts.adopted(lens, inner, fix), data, How(fix)))
         if not tried:
             reason = self.failed.get(lens.name, "it could not be fitted")
             return Candidate(lens.name, None, None, (reason,), time.perf_counter() - begin)
-        best = starts.best(tried)
-        warned = tuple(w.message for w in check(replace(best, warnings=())) if w.code in OUT)
-        held = self._hold_out(best, data, fix, folds)
+        best = lowest(tried)
+        warned = tuple(w.message for w in check(best) if w.code in OUT)
+        held = hold_out(best, How(fix), folds)
         return Candidate(lens.name, best, held, warned, time.perf_counter() - begin)
 
-    def _hold_out(
-        self, solution: Solution, data: Correspondences, fix: Mapping[str, float | None], folds: int
-    ) -> HoldOut | None:
-        masks = [np.ones(len(v), bool) for v in data.views]
 
-        def refit(some: Correspondences, poses: Poses, inliers: Sequence[Array]) -> Solution:
-            return refine(solution.camera, poses, some, fix, inliers=inliers)
-
-        return k_fold(data, solution.poses, masks, refit, folds)
-
-
-def _typical_error(solution: Solution) -> float:
-    lengths = np.concatenate([np.linalg.norm(r, axis=1) for r in solution.residuals])
+def _typical_error(solution: Calibration) -> float:
+    lengths = np.linalg.norm(solution.residuals, axis=1)
     return float(robust_sigma(np.where(np.isfinite(lengths), lengths, np.inf)))
 
 
-def _same_points(solution: Solution, kept: Correspondences) -> bool:
+def _same_points(solution: Calibration, kept: Observations) -> bool:
     """Whether a solution rests on exactly these points."""
-    views = solution.correspondences.views
+    data = solution.observations
     return (
-        [v.id for v in views] == [v.id for v in kept.views]
-        and all(m.all() for m in solution.inliers)
-        and all(len(a) == len(b) for a, b in zip(views, kept.views, strict=True))
+        data.view_ids == kept.view_ids and bool(solution.used.all()) and data.point_count == kept.point_count
     )
 
 

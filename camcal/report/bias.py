@@ -11,17 +11,17 @@ from camcal.assess.bias import bias_ratio, residual_tests, standardise
 from camcal.assess.covariance import Covariance
 from camcal.assess.design import Design
 from camcal.assess.figures import redundancy
+from camcal.assess.holdout import CHEAP_POINTS
 from camcal.assess.influence import bootstrap, influence, jackknife
-from camcal.assess.judgement import CHEAP_POINTS
-from camcal.solve.solution import Solution
+from camcal.plan.solution import Solution
 
 REPLICATES = 200
 
 
 def section(solution: Solution, accuracy: Covariance) -> dict[str, Any] | None:
     """Tests, bias ratio, bootstrap and the views' influence; None of a large or an undetermined problem."""
-    lost = any(np.isnan(r[m]).any() for r, m in zip(solution.residuals, solution.inliers, strict=True))
-    if solution.correspondences.point_count > CHEAP_POINTS or redundancy(solution) < 10 or lost:
+    lost = bool(np.isnan(solution.used_residuals).any())
+    if solution.observations.point_count > CHEAP_POINTS or redundancy(solution) < 10 or lost:
         return None
     design = Design(solution)
     ratio = bias_ratio(design)
@@ -72,5 +72,5 @@ def _views(design: Design, accuracy: Covariance, seed: int) -> dict[str, Any]:
 
 def _free_names(design: Design) -> list[str]:
     """The first parameter that each free direction moves: itself, or fx for a tied fy."""
-    names = design.solution.camera.lens.names
+    names = design.calibration.camera.lens.names
     return [names[int(np.flatnonzero(column)[0])] for column in design.transform.T]

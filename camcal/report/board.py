@@ -10,7 +10,7 @@ import numpy as np
 from camcal.data.observations import Correspondences
 from camcal.errors import DataError
 from camcal.report.yaml import read_document
-from camcal.solve.solve import on_board
+from camcal.solve.refine import on_board
 
 #: a point of the board counts as one of the report's within this part of a square
 _SAME = 1e-3

@@ -10,7 +10,7 @@ from camcal.assess.checks.coverage import hull_area
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.views import distinct_count, tilt_of_views, tilts
 from camcal.model.pose import Array
-from camcal.solve.solution import Solution
+from camcal.plan.solution import Solution
 
 
 def section(solution: Solution) -> dict[str, Any] | None:
@@ -19,7 +19,7 @@ def section(solution: Solution) -> dict[str, Any] | None:
     if not len(facts.views):
         return None
     size = facts.image_size
-    centres = [v.xyz[m].mean(0) for v, m in zip(facts.views, solution.inliers, strict=True)]
+    centres = [v.xyz.mean(0) for v in solution.observations.kept().views]
     poses = solution.poses
     placed = np.einsum("vij,vj->vi", poses.rotations, np.array(centres)) + poses.translations
     return {

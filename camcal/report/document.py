@@ -11,10 +11,12 @@ import numpy as np
 from camcal.assess import figures
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.curvature import beyond_linear
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.plan.solution import Solution
 from camcal.report.bias import section as bias
 from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
@@ -23,7 +25,7 @@ from camcal.report.plain import plain
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
 from camcal.schema import SCHEMA, Report, unknown_key
-from camcal.solve.solution import CalibrationWarning, Solution, Stage
+from camcal.solve.calibration import Stage
 from camcal.start.base import scaled
 from camcal.version import __version__
 
@@ -58,7 +60,7 @@ def document(
     -------
     dict
     """
-    data = solution.correspondences
+    data = solution.observations
     accuracy = beyond_linear(solution, covariance(solution))
     views, places = _views(solution, accuracy)
     fallen = [*solution.failures, *failures]
@@ -85,7 +87,7 @@ def document(
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",
         "failures": fallen,
-        "data": encode(data.views, solution.inliers, places, solution.weights),
+        "data": encode(data, places),
     }
     return _checked(plain(made))
 
@@ -172,7 +174,7 @@ def _projection_matrix(camera: Camera, pose: Pose) -> Array:
 
 def _views(solution: Solution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
     """The entries of all views in the input's order, and where the used ones stand among them."""
-    data = solution.correspondences
+    data = solution.observations
     vectors = rotations.log(solution.poses.rotations)
     sigmas = np.sqrt(np.diagonal(accuracy.poses(), axis1=1, axis2=2))
     entries = [_used_view(solution, i, vectors[i], sigmas[i]) for i in range(len(data.views))]
@@ -204,8 +206,9 @@ def _input_order(ids: list[str], data: Correspondences) -> list[int]:
 
 
 def _used_view(solution: Solution, index: int, vector: Array, sigmas: Array) -> dict[str, Any]:
-    view = solution.correspondences.views[index]
-    residuals, inliers = solution.residuals[index], solution.inliers[index]
+    view = solution.observations.views[index]
+    rows = solution.observations.slices[index]
+    residuals, inliers = solution.residuals[rows], solution.used[rows]
     entry: dict[str, Any] = {
         "id": view.id,
         "status": "used",
@@ -265,7 +268,7 @@ def _fit(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
         "p95": all_points.p95,
         "max": all_points.max,
         "points_used": used,
-        "points_rejected": solution.correspondences.point_count - used,
+        "points_rejected": solution.observations.point_count - used,
         "free_parameters": solution.free_count,
         "condition": accuracy.condition,
         "info": fit.info,

@@ -14,12 +14,11 @@ import base64
 import binascii
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from camcal.data.observations import View
+from camcal.data.observations import NO_ID, Observations
 from camcal.errors import DataError
 
 Array = np.ndarray
@@ -30,26 +29,19 @@ ENCODING = "zlib+base64"
 _WRAP = 100
 
 
-def encode(
-    views: Sequence[View],
-    used: Sequence[Array],
-    places: Sequence[int],
-    weights: Sequence[Array] | None = None,
-) -> dict[str, Any]:
-    """The `data` entry of views, masks of used points and weights; `places` are the indices in the report."""
-    counts = [len(v) for v in views]
-    rows = sum(counts)
-    columns = COLUMNS if weights is None else (*COLUMNS, WEIGHT)
+def encode(data: Observations, places: Sequence[int]) -> dict[str, Any]:
+    """The `data` entry of observations; `places` are the indices of their views in the report."""
+    rows = data.point_count
+    columns = COLUMNS if data.weight is None else (*COLUMNS, WEIGHT)
     table = np.empty((len(columns), rows), "<f8")
-    table[0] = np.repeat(np.asarray(places, float), counts)
-    if rows:
-        table[1] = np.concatenate([_or(v.point_ids, -1.0, len(v)) for v in views])
-        table[2:5] = np.concatenate([v.xyz for v in views]).T
-        table[5:7] = np.concatenate([v.uv for v in views]).T
-        table[7] = np.concatenate([_or(v.sigma, np.nan, len(v)) for v in views])
-        table[8] = np.concatenate(list(used))
-        if weights is not None:
-            table[9] = np.concatenate(list(weights))
+    table[0] = np.asarray(places, float)[data.view]
+    table[1] = -1.0 if data.point is None else np.where(data.point == NO_ID, -1, data.point)
+    table[2:5] = data.xyz.T
+    table[5:7] = data.uv.T
+    table[7] = np.nan if data.sigma is None else data.sigma
+    table[8] = data.used
+    if data.weight is not None:
+        table[9] = data.weight
     text = base64.b64encode(zlib.compress(table.tobytes(), 6)).decode("ascii")
     wrapped = "\n".join(text[i : i + _WRAP] for i in range(0, len(text), _WRAP)) + "\n"
     return {
@@ -62,22 +54,8 @@ def encode(
     }
 
 
-def _or(values: Array | None, default: float, count: int) -> Array:
-    return np.full(count, default) if values is None else np.asarray(values, float)
-
-
-@dataclass(frozen=True)
-class Observations:
-    """What `decode` finds: per used view its place in the report, the view, its mask, perhaps its weights."""
-
-    places: list[int]
-    views: list[View]
-    used: list[Array]
-    weights: list[Array] | None
-
-
-def decode(data: Mapping[str, Any], ids: Sequence[str]) -> Observations:
-    """The observations of a `data` entry; the inverse of `encode`.
+def decode(data: Mapping[str, Any], ids: Sequence[str]) -> tuple[Observations, list[int]]:
+    """The observations of a `data` entry and the places of their views in the report; the inverse of `encode`.
 
     Parameters
     ----------
@@ -95,17 +73,19 @@ def decode(data: Mapping[str, Any], ids: Sequence[str]) -> Observations:
     if len(place) and (place.min() < 0 or place.max() >= len(ids)):
         raise DataError("the report's data name a view that it does not list.", "The file is damaged.")
     starts = np.flatnonzero(np.diff(place, prepend=-1))
-    views, used = [], []
-    xyz = np.stack([table[c] for c in "XYZ"], 1)
-    uv = np.stack([table[c] for c in "uv"], 1)
-    for begin, end in zip(starts, [*starts[1:], len(place)], strict=True):
-        rows = slice(begin, end)
-        point_ids = None if (table["id"][rows] < 0).all() else table["id"][rows].astype(int)
-        sigma = None if np.isnan(table["sigma"][rows]).all() else table["sigma"][rows].copy()
-        views.append(View(ids[place[begin]], xyz[rows], uv[rows], sigma, point_ids))
-        used.append(table["used"][rows] > 0)
-    weights = np.split(table[WEIGHT], starts[1:]) if WEIGHT in table else None
-    return Observations(place[starts].tolist(), views, used, weights)
+    places = place[starts].tolist()
+    view = np.cumsum(np.diff(place, prepend=place[0] if len(place) else 0) != 0)
+    found = Observations(
+        xyz=np.stack([table[c] for c in "XYZ"], 1),
+        uv=np.stack([table[c] for c in "uv"], 1),
+        view=view,
+        view_ids=tuple(ids[i] for i in places),
+        camera=np.zeros(len(view), int),
+        point=None if (table["id"] < 0).all() else table["id"].astype(int),
+        sigma=None if np.isnan(table["sigma"]).all() else table["sigma"].copy(),
+        weight=table[WEIGHT].copy() if WEIGHT in table else None,
+    )
+    return found.with_used(table["used"] > 0), places
 
 
 def _table(data: Mapping[str, Any]) -> dict[str, Array]:

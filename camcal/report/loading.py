@@ -5,24 +5,27 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.formats.camcal import camera_of_entry
 from camcal.data.formats.files import read, single
-from camcal.data.observations import Correspondences, SkippedView
+from camcal.data.observations import Observations, SkippedView
 from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
-from camcal.report.embedded import Observations, decode
+from camcal.plan.solution import Solution
+from camcal.report.embedded import decode
 from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
+from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.problem import Problem
-from camcal.solve.solution import CalibrationWarning, Fit, NormalBlocks, Solution, Stage
-from camcal.solve.solve import BoardResult, on_board, residuals
+from camcal.solve.refine import on_board, residuals
 
 Array = np.ndarray
 
@@ -55,17 +58,16 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
         camera = camera_of_entry(found["camera"])
         start, free = _start_and_free(found["camera"], camera)
         entries = found["views"]
-        seen = decode(found["data"], [e["id"] for e in entries])
-        poses = _poses([entries[i] for i in seen.places])
-        data = _correspondences(found, seen.views, entries)
-        board = _board(found["target"], seen)
-        normal = _normal(camera, free, poses, seen, board)
+        seen, places = decode(found["data"], [e["id"] for e in entries])
+        poses = _poses([entries[i] for i in places])
+        data = _with_inputs(seen, found, entries)
+        board = _board(found["target"], data)
+        normal = _normal(camera, free, poses, data, board)
         return Solution(
             camera=camera,
             poses=poses,
-            correspondences=data,
+            observations=data,
             residuals=residuals(camera, poses, data),
-            inliers=tuple(seen.used),
             start=start,
             free=np.c_[free, np.zeros((len(free), len(normal.intrinsics) - free.shape[1]))],
             normal=normal,
@@ -75,8 +77,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             options=found["options"],
             crosscheck=tuple(found["crosscheck"]),
             holdout=found["holdout"],
-            extras={} if board is None else {"board": board},
-            weights=None if seen.weights is None else tuple(seen.weights),
+            board=board,
         )
 
 
@@ -118,23 +119,23 @@ def _poses(entries: Sequence[Mapping[str, Any]]) -> Poses:
     return Poses(rotations.exp(vectors), np.array([g["translation"] for g in given], float).reshape(-1, 3))
 
 
-def _correspondences(found: Mapping[str, Any], views: list, entries: list) -> Correspondences:
+def _with_inputs(seen: Observations, found: Mapping[str, Any], entries: list) -> Observations:
     inputs, size = found["inputs"], found["inputs"]["image_size"]
-    return Correspondences(
-        tuple(views),
-        None if size is None else (int(size[0]), int(size[1])),
-        found["target"],
-        tuple(
+    return replace(
+        seen,
+        image_sizes=(None if size is None else (int(size[0]), int(size[1])),),
+        target=found["target"],
+        skipped=tuple(
             SkippedView(e["id"], e["status"], e["reason"], e["points"], e["rms_point"])
             for e in entries
             if e["status"] != "used"
         ),
-        tuple(inputs["files"]),
-        {e["id"]: e["quality"] for e in entries if "quality" in e},
+        files=tuple(inputs["files"]),
+        picture_quality={e["id"]: e["quality"] for e in entries if "quality" in e},
     )
 
 
-def _board(target: Mapping[str, Any] | None, seen: Observations) -> BoardResult | None:
+def _board(target: Mapping[str, Any] | None, seen: Observations) -> ShapedBoard | None:
     """The estimated shape of the board, where the report has one; a given shape is part of the points."""
     shape = (target or {}).get("shape") or {}
     if shape.get("kind") not in KINDS:
@@ -142,21 +143,17 @@ def _board(target: Mapping[str, Any] | None, seen: Observations) -> BoardResult 
     square = float((target or {}).get("square") or 1.0)
     points, ideal = (np.array(shape[k], float) * square for k in ("points", "ideal"))
     # what a shape may do follows from the ideal board, so that it is the same as in the calibration
-    kept = [v.take(m) for v, m in zip(seen.views, seen.used, strict=True)]
-    flat = on_board(Correspondences(tuple(kept)), points, ideal)
+    flat = on_board(seen.kept(), points, ideal)
     board = make_board(flat.views, shape["kind"])
-    return BoardResult(shape["kind"], ideal, points, board.size, board.basis)
+    return ShapedBoard(shape["kind"], ideal, points, board.size, board.basis)
 
 
 def _normal(
-    camera: Camera, free: Array, poses: Poses, seen: Observations, board: BoardResult | None
+    camera: Camera, free: Array, poses: Poses, seen: Observations, board: ShapedBoard | None
 ) -> NormalBlocks:
     """The normal equations at the solution; with a board's shape, in offsets from the shape found."""
-    kept = [v.take(m) for v, m in zip(seen.views, seen.used, strict=True)]
-    weights = None
-    if seen.weights is not None:
-        pairs = zip(kept, seen.weights, seen.used, strict=True)
-        weights = [w[m] if v.sigma is None else w[m] / v.sigma**2 for v, w, m in pairs]
+    used = seen.kept()
+    kept, weights = used.views, None if used.precision is None else used.split(used.precision)
     if board is None:
         problem = Problem(camera.lens, kept, free, weights)
     else:

@@ -13,15 +13,15 @@ import numpy as np
 
 from camcal.assess.candidate_views import lattice, rotations_onto, surround, target_points
 from camcal.assess.checks.facts import Facts
-from camcal.assess.judgement import CHEAP_PARAMETERS
+from camcal.assess.holdout import CHEAP_PARAMETERS
 from camcal.assess.next_view import NextView, Suggestion
 from camcal.errors import CamcalError, DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
+from camcal.plan.solution import Solution
 from camcal.report.charts.base import Chart, Layer, Line, Points, Tone, short
 from camcal.report.charts.coverage import hull_of, unit_of
 from camcal.report.charts.residuals import picture_limits, thinned
-from camcal.solve.solution import Solution
 
 Array = np.ndarray
 

@@ -18,7 +18,7 @@ from camcal.assess.uncertainty import (
     worst_sigma,
 )
 from camcal.errors import DataError
-from camcal.solve.solution import Solution
+from camcal.plan.solution import Solution
 
 Array = np.ndarray
 
@@ -110,7 +110,7 @@ def inquire(
                 f"the lens model has no ray for the pixel ({entry['u']:g}, {entry['v']:g}).",
                 "Ask for a pixel nearer to the image's centre.",
             )
-    unit = (solution.correspondences.target or {}).get("unit")
+    unit = (solution.observations.target or {}).get("unit")
     return {
         "method": "mean-pcam",
         "unit": unit,

@@ -155,6 +155,12 @@ def _free(points: Array, counts: Array) -> Array:
 KINDS: dict[str, Callable[[Array, Array], Array]] = {"bowl": _bowl, "print": _print, "free": _free}
 
 
+def check_kind(kind: str) -> None:
+    """Raise a UsageError for a kind of shape that is none of `flat`, those of `KINDS`, and `auto`."""
+    if kind not in ("flat", *KINDS, "auto"):
+        raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
+
+
 def make_board(views: Sequence[View], kind: str) -> Board:
     """The board of the views with a shape of the given kind.
 
@@ -163,8 +169,7 @@ def make_board(views: Sequence[View], kind: str) -> Board:
     UsageError
         Where the views do not share a target, or for an unknown kind.
     """
-    if kind not in KINDS:
-        raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
+    check_kind(kind)
     common = common_points(views)
     if common is None:
         raise UsageError(

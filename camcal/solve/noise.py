@@ -16,16 +16,14 @@ common scale; κ = 0 says that they tell nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
-from camcal.data.observations import Correspondences
 from camcal.model.pose import Array
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
-from camcal.solve.solution import Solution
 
 #: residuals beyond this many σ of all points are left out of (2): outliers would pass for τ
 _REACH = 4.0
@@ -45,15 +43,13 @@ class NoiseModel:
         return np.sqrt((self.scale * given) ** 2 + self.floor**2)
 
 
-def noise_model(solution: Solution, given: Mapping[str, Array]) -> NoiseModel:
-    """Estimate (1) from the residuals of a solution and the sigmas (N,) that were given for its views, by id.
+def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
+    """Estimate (1) from the residuals of a fit and the sigmas (N,) that were given for its rows.
 
     The residuals are enlarged for the parameters that were fitted to them, by sqrt(2N / (2N - p)).
     """
-    views = solution.correspondences.views
-    s = np.concatenate([given[v.id][m] for v, m in zip(views, solution.inliers, strict=True)])
-    r = solution.used_residuals
-    squares = np.einsum("ij,ij->i", r, r) * (2 * len(r) / max(2 * len(r) - solution.free_count, 1))
+    s, r = given[calibration.used], calibration.used_residuals
+    squares = np.einsum("ij,ij->i", r, r) * (2 * len(r) / max(2 * len(r) - calibration.free_count, 1))
     usual = robust_sigma(np.sqrt(squares))
     keep = np.isfinite(squares) & (squares <= (_REACH * usual) ** 2 * 2)
     s, squares = s[keep], squares[keep]
@@ -71,16 +67,3 @@ def noise_model(solution: Solution, given: Mapping[str, Array]) -> NoiseModel:
     if scale < _NOTHING * floor:
         scale = 0.0
     return NoiseModel(float(scale / middle), float(floor))
-
-
-def with_model(correspondences: Correspondences, model: NoiseModel) -> Correspondences:
-    """The correspondences with the sigmas of the model in place of the given ones."""
-    views = tuple(
-        v if v.sigma is None else replace(v, sigma=model.sigmas(v.sigma)) for v in correspondences.views
-    )
-    return replace(correspondences, views=views)
-
-
-def unweighted(correspondences: Correspondences) -> Correspondences:
-    """The correspondences without sigmas."""
-    return replace(correspondences, views=tuple(replace(v, sigma=None) for v in correspondences.views))

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
 from camcal.model.pose import Array
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 from camcal.start import shape
 
@@ -40,7 +41,7 @@ class Verdict:
 
     Attributes
     ----------
-    inliers : V arrays (N,) of bool
+    used : (N,) bool array
     sigma : float
         Robust scale of one coordinate: px, or of the given sigmas where there are some.
     threshold : float
@@ -49,7 +50,7 @@ class Verdict:
         Views to be rejected as a whole.
     """
 
-    inliers: tuple[Array, ...]
+    used: Array
     sigma: float
     threshold: float
     bad_views: tuple[int, ...]
@@ -57,44 +58,36 @@ class Verdict:
     @property
     def rejected(self) -> int:
         """Number of points that are not kept."""
-        return sum(int((~m).sum()) for m in self.inliers)
+        return int((~self.used).sum())
 
 
-def standardised(view: View, residual: Array) -> Array:
-    """Lengths (N,) of residuals in units of the view's sigmas, or px; inf where a point does not project."""
-    lengths = np.linalg.norm(residual, axis=1)
-    lengths = np.where(np.isfinite(lengths), lengths, np.inf)
-    return lengths if view.sigma is None else lengths / view.sigma
-
-
-def judge(correspondences: Correspondences, residuals: Sequence[Array], parameters: int) -> Verdict:
-    """Test the residuals (N, 2) of each view, px, after a fit of so many parameters."""
-    views = correspondences.views
-    lengths = [standardised(v, r) for v, r in zip(views, residuals, strict=True)]
-    every = np.concatenate(lengths)
-    n = len(every)
-    floor = _floor(views)
-    sigma = max(robust_sigma(every, parameters), floor)
-    own = np.array([robust_sigma(length, parameters * len(length) // n) for length in lengths])
+def test(calibration: Calibration) -> Verdict:
+    """Test the residuals of all rows of a fit, those included that it does not rest on."""
+    data, parameters = calibration.observations, calibration.free_count
+    lengths = data.standardised(calibration.residuals)
+    every = data.split(lengths)
+    n = len(lengths)
+    sigma = max(robust_sigma(lengths, parameters), _floor(data))
+    own = np.array([robust_sigma(length, parameters * len(length) // n) for length in every])
     threshold = cut(n, parameters)
     usual = max(float(np.median(own)), sigma)
     bad, masks = set(), []
-    for i, length in enumerate(lengths):
+    for i, length in enumerate(every):
         scale = _scale_of_view(length, own[i], FAR * usual, threshold, parameters / n)
         mask = length <= threshold * min(max(sigma, scale), FAR * usual)
-        if mask.mean() < LEAST_KEPT or (scale > FAR * usual and len(views) > 2):
+        if mask.mean() < LEAST_KEPT or (scale > FAR * usual and len(every) > 2):
             bad.add(i)
         masks.append(mask)
-    if 0 < len(views) - len(bad) < LEAST_LEFT:
+    if 0 < len(every) - len(bad) < LEAST_LEFT:
         for i in bad:
-            masks[i] = lengths[i] <= threshold * max(sigma, own[i])
+            masks[i] = every[i] <= threshold * max(sigma, own[i])
         bad = set()
-    bad |= _left_open(views, masks)
+    bad |= _undetermined(data.views, masks)
     for i in bad:
-        masks[i] = np.zeros(len(views[i]), bool)
-    if len(bad) == len(views):
-        bad, masks = set(), [length <= threshold * sigma for length in lengths]
-    return Verdict(tuple(masks), sigma, threshold, tuple(sorted(bad)))
+        masks[i] = np.zeros(len(every[i]), bool)
+    if len(bad) == len(every):
+        bad, masks = set(), [length <= threshold * sigma for length in every]
+    return Verdict(np.concatenate(masks), sigma, threshold, tuple(sorted(bad)))
 
 
 def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, share: float) -> float:
@@ -113,12 +106,12 @@ def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, 
     return scale
 
 
-def _left_open(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
+def _undetermined(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
     """The views that lost points and whose other points no closed form can take."""
     touched = [i for i, m in enumerate(masks) if not m.all()]
     if not touched:
         return set()
-    rest = Correspondences(tuple(views[i].take(masks[i]) for i in touched))
+    rest = Observations.from_views([views[i].take(masks[i]) for i in touched])
     return {touched[i] for i in shape.unusable(rest)}
 
 
@@ -128,19 +121,24 @@ def cut(points: int, parameters: int) -> float:
     return float(np.sqrt(2 * f_distribution.isf(ALPHA / points, 2, freedom)))
 
 
-def looks_gaussian(residuals: Array, sigma: float) -> bool:
-    """Whether root mean square and median of residuals (N, 2) tell of the same σ, within 4 deviations.
+def looks_gaussian(lengths: Array, sigma: float) -> bool:
+    """Whether root mean square and median of residuals of these lengths (N,) give the same σ, within 4 deviations.
 
     Contamination that hides its own points by widening the median shows here.
     """
-    squares = np.einsum("ij,ij->i", residuals, residuals)
-    if not np.isfinite(squares).all():
+    if not np.isfinite(lengths).all():
         return False
-    ratio = np.sqrt(squares.mean() / 2) / max(sigma, np.finfo(float).tiny)
-    return bool(ratio < 1.15 + 4 / np.sqrt(len(residuals)))
+    ratio = np.sqrt(np.square(lengths).mean() / 2) / max(sigma, np.finfo(float).tiny)
+    return bool(ratio < 1.15 + 4 / np.sqrt(len(lengths)))
 
 
-def _floor(views: Sequence[View]) -> float:
-    scale = max(float(np.abs(v.uv).max()) for v in views)
-    sigmas = [float(np.median(v.sigma)) for v in views if v.sigma is not None]
-    return _ROUNDING * scale / (np.median(sigmas) if sigmas else 1.0)
+def is_clean(calibration: Calibration) -> bool:
+    """Whether the residuals show no outlier and are Gaussian as far as median and root mean square tell."""
+    verdict, data = test(calibration), calibration.observations
+    lengths = data.standardised(calibration.residuals)
+    return not verdict.rejected and looks_gaussian(lengths, verdict.sigma)
+
+
+def _floor(data: Observations) -> float:
+    unit = 1.0 if data.sigma is None else float(np.nanmedian(data.sigma))
+    return _ROUNDING * float(np.abs(data.uv).max()) / unit

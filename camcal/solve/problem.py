@@ -21,7 +21,7 @@ from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Poses
 from camcal.solve import local
-from camcal.solve.solution import NormalBlocks
+from camcal.solve.calibration import NormalBlocks
 
 Array = np.ndarray
 

@@ -1,98 +1,34 @@
-"""Estimation from data that lie: a robust start, reweighting, and rejection by a stated test.
+"""Estimation with outliers: reweighting by a loss, rejection by a stated test, poses found again.
 
-`auto` first fits as if all were well. Only where the residuals speak against that (`outliers.judge`), or
-where there is no such fit, does it start again from the points that agree by RANSAC (`restart.py`), reweight
-by a redescending loss, reject and fit the rest by maximum likelihood, until no point changes sides. Clean
-data thus get the least squares answer itself, and pay for one test.
+Each function takes a fit and gives another one. Which of them a calibration goes through, and in which order, is
+said in `camcal.plan`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from camcal.data.observations import Correspondences, SkippedView
-from camcal.errors import DataError, EstimationError, UsageError
-from camcal.model.pose import Array
+from camcal.data.observations import OUTSIDE, Observations
+from camcal.errors import UsageError
+from camcal.model.pose import Array, Pose, Poses
 from camcal.registry import suggestion
-from camcal.solve import outliers, ransac, restart, starts
+from camcal.solve import outliers, ransac
+from camcal.solve.calibration import Calibration
 from camcal.solve.losses import LOSSES, Loss, robust_sigma
-from camcal.solve.restart import Begin, Fit
-from camcal.solve.solution import Solution
+from camcal.solve.refine import How, as_designed, refine
 
 #: what `--robust` takes
 METHODS = ("none", "auto", *(name for name in LOSSES if name != "linear"))
-#: from this share of rejected points on, the least squares fit is no place to start from
-_START_AGAIN = 0.02
-_ROUNDS = 20
-
-
-def estimate(
-    correspondences: Correspondences,
-    begin: Begin,
-    fit: Fit,
-    agree: ransac.Agree,
-    method: str = "auto",
-    seed: int = 0,
-) -> Solution:
-    """Calibrate with outliers.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-    begin : callable
-        The closed form on some of the points.
-    fit : callable
-        The refinement.
-    agree : callable
-        RANSAC on each view: `ransac.of_maps` or `of_poses` with their options.
-    method : str
-        One of `METHODS`.
-    seed : int
-        Of random samples that `agree` does not draw.
-
-    Returns
-    -------
-    Solution
-        With `inliers`, and with `weights` where a loss was asked for; views rejected as a whole are in its
-        correspondences' `skipped`. Where outliers were looked for, `fit.info["robust"]` says how.
-
-    Raises
-    ------
-    UsageError
-        For an unknown method.
-    EstimationError, DataError
-        Where neither all points nor those that agree by RANSAC give a camera; the error is that of all
-        points.
-    """
-    check_method(method)
-    first, failure = None, None
-    try:
-        data, camera, poses = begin(correspondences, None)
-        first = fit(camera, poses, data)
-    except (EstimationError, DataError) as error:
-        if method == "none":
-            raise
-        failure = error
-    if first is not None and (method == "none" or (method == "auto" and _is_clean(first))):
-        return first
-    again = None
-    if first is None or starts.doubtful(first) or _lost(first) > _START_AGAIN:
-        again = restart.from_agreeing(correspondences, begin, fit, agree, seed)
-    found = [s for s in (again, first) if s is not None]
-    if not found:
-        assert failure is not None
-        raise failure
-    start = min(found, key=lambda s: robust_sigma(np.concatenate(_lengths(s))))
-    if method != "auto":
-        return reweight(start, fit, LOSSES[method])
-    kept = reject(reweight(start, fit, LOSSES["cauchy"], rounds=_ROUNDS // 2), fit)
-    improved = restart.second_look(kept, correspondences, fit, _judge(kept).sigma, seed)
-    if improved is not None:
-        kept = reject(improved, fit)
-    return _noted(kept, "all points" if start is first else "the points that agree by RANSAC")
+#: rejection that has not settled after so many rounds goes back and forth between a few points
+ROUNDS = 20
+#: weights that change by less than this are at their fixed point; 1e-7 of a weight moves no digit that is printed
+SETTLED = 1e-7
+#: views that lost more of their points than the median view, by this part, get their pose looked for again ...
+MUCH = 0.15
+#: ... and get another one where it explains this many times the points
+GAIN = 1.1
 
 
 def check_method(method: str) -> None:
@@ -104,116 +40,115 @@ def check_method(method: str) -> None:
         )
 
 
-def _is_clean(solution: Solution) -> bool:
-    """Whether nothing speaks against a fit to all points: neither outliers nor a wrong minimum."""
-    verdict = _judge(solution)
-    gaussian = outliers.looks_gaussian(_standard(solution), verdict.sigma)
-    return not verdict.rejected and gaussian and not starts.doubtful(solution)
+def spread(calibration: Calibration) -> float:
+    """The robust scale of all residuals, px or given sigmas; of two fits to contaminated points, the smaller wins."""
+    return robust_sigma(calibration.observations.standardised(calibration.residuals))
 
 
-def _lost(solution: Solution) -> float:
-    """The share of points that the test rejects."""
-    return _judge(solution).rejected / solution.correspondences.point_count
+def reweight(calibration: Calibration, how: How, loss: Loss, rounds: int = 60) -> Calibration:
+    """Iteratively reweighted least squares from a fit, on all points, σ following the residuals.
 
-
-def _judge(solution: Solution) -> outliers.Verdict:
-    return outliers.judge(solution.correspondences, solution.residuals, solution.free_count)
-
-
-def _standard(solution: Solution) -> Array:
-    pairs = zip(solution.correspondences.views, solution.residuals, strict=True)
-    return np.concatenate([r if v.sigma is None else r / v.sigma[:, None] for v, r in pairs])
-
-
-def _lengths(solution: Solution) -> list[Array]:
-    pairs = zip(solution.correspondences.views, solution.residuals, strict=True)
-    return [outliers.standardised(v, r) for v, r in pairs]
-
-
-def _noted(solution: Solution, begun_from: str) -> Solution:
-    """The solution with how outliers were told, among the information on its fit."""
-    verdict = _judge(solution)
-    said: dict[str, Any] = {
-        "test": f"|r|²/2s² of a point exceeds F(2, nu) at {outliers.ALPHA:g}/N",
-        "sigma": verdict.sigma,
-        "threshold": verdict.threshold * verdict.sigma,
-        "begun_from": begun_from,
-        "ransac_confidence": ransac.CONFIDENCE,
-    }
-    return replace(solution, fit=replace(solution.fit, info={**solution.fit.info, "robust": said}))
-
-
-def reweight(solution: Solution, fit: Fit, loss: Loss, rounds: int = 60) -> Solution:
-    """Iteratively reweighted least squares from a solution, on all points, σ following the residuals.
-
-    Stops where the weights no longer change; `Solution.weights` holds them.
+    Stops where the weights no longer change; the observations hold them.
     """
-    weights: list[Array] | None = None
+    weights: Array | None = None
+    current = calibration
     for _ in range(rounds):
-        lengths = _lengths(solution)
-        sigma = robust_sigma(np.concatenate(lengths), solution.free_count)
-        fresh = [loss.weights(length, sigma) for length in lengths]
-        if (
-            weights is not None
-            and max(np.abs(a - b).max() for a, b in zip(fresh, weights, strict=True)) < 1e-7
-        ):
+        data = as_designed(current)
+        lengths = data.standardised(current.residuals)
+        sigma = robust_sigma(lengths, current.free_count)
+        fresh = loss.weights(lengths, sigma)
+        if weights is not None and np.abs(fresh - weights).max() < SETTLED:
             break
         weights = fresh
-        whole = [
-            w if v.sigma is None else w / v.sigma**2
-            for w, v in zip(weights, solution.correspondences.views, strict=True)
-        ]
         # a point outside the lens's domain has no residual and takes no part
-        seen = [np.isfinite(length) for length in lengths]
-        masks = None if all(m.all() for m in seen) else seen
-        solution = fit(
-            solution.camera, solution.poses, solution.correspondences, inliers=masks, weights=whole
-        )
-    fitted = replace(solution.fit, loss=loss.name)
-    return replace(solution, weights=None if weights is None else tuple(weights), fit=fitted)
+        data = replace(data, weight=weights).with_used(np.isfinite(lengths), OUTSIDE)
+        current = refine(current.camera, current.poses, data, how)
+    return replace(current, fit=replace(current.fit, loss=loss.name))
 
 
-def reject(solution: Solution, fit: Fit, correspondences: Correspondences | None = None) -> Solution:
-    """Reject by `outliers.judge` and fit the rest, until no point changes sides.
-
-    `correspondences` are what `fit` is given, where they are not those of the solution (an ideal board, when
-    the fit estimates its shape).
-    """
-    correspondences = correspondences or solution.correspondences
-    current, seen = solution, set()
-    for _ in range(_ROUNDS):
-        verdict = _judge(current)
-        key = b"".join(m.tobytes() for m in verdict.inliers)
+def reject(calibration: Calibration, how: How) -> Calibration:
+    """Reject by `outliers.test` and fit the rest, until no point changes sides; without weights of a loss."""
+    current, seen = calibration, set()
+    for _ in range(ROUNDS):
+        verdict = outliers.test(current)
+        key = verdict.used.tobytes()
         if key in seen:
             break
         seen.add(key)
+        data = replace(as_designed(current), weight=None).with_used(verdict.used)
+        poses = current.poses
         if verdict.bad_views:
-            keep = np.array([i for i in range(len(current.poses)) if i not in verdict.bad_views])
-            correspondences = _without(correspondences, current, verdict)
-            masks = [verdict.inliers[i] for i in keep]
+            data = data.without(_reasons(current, verdict.bad_views))
+            poses = poses[np.setdiff1d(np.arange(len(poses)), verdict.bad_views)]
             seen.clear()
-            current = fit(current.camera, current.poses[keep], correspondences, inliers=masks)
-        else:
-            current = fit(current.camera, current.poses, correspondences, inliers=verdict.inliers)
-    return replace(current, weights=None)
+        elif current.observations.weight is None and np.array_equal(current.used, verdict.used):
+            break  # it is that fit already
+        current = refine(current.camera, poses, data, how)
+    return current
 
 
-def _without(
-    correspondences: Correspondences, solution: Solution, verdict: outliers.Verdict
-) -> Correspondences:
-    """Leave out the views that are rejected as a whole, each with its reason."""
-    bad, views, lengths = set(verdict.bad_views), correspondences.views, _lengths(solution)
-    usual = np.median(np.concatenate(lengths))
-    skipped = tuple(
-        SkippedView(
-            views[i].id,
-            "rejected",
-            f"does not fit the other views: median residual {np.median(lengths[i]):.3g} against {usual:.3g}",
-        )
-        for i in sorted(bad)
-    )
-    return replace(
-        correspondences,
-        views=tuple(v for i, v in enumerate(views) if i not in bad),
-        skipped=(*correspondences.skipped, *skipped),
-    )
+def _reasons(calibration: Calibration, bad: tuple[int, ...]) -> dict[int, str]:
+    """Why views are rejected as a whole, by their index."""
+    data = calibration.observations
+    lengths = data.standardised(calibration.residuals)
+    usual = np.median(lengths)
+    medians = [np.median(lengths[data.view == i]) for i in bad]
+    return {
+        i: f"does not fit the other views: median residual {m:.3g} against {usual:.3g}"
+        for i, m in zip(bad, medians, strict=True)
+    }
+
+
+def with_poses(
+    calibration: Calibration, found: dict[int, tuple[Pose, Array]], data: Observations, how: How
+) -> Calibration:
+    """A fit to the views of `data` that have a pose and a mask (N,) of their points; the others are rejected."""
+    used = np.zeros(data.point_count, bool)
+    for i, (_, mask) in found.items():
+        used[data.slices[i]] = mask
+    lost = "no pose before the camera of the other views fits its points"
+    left_out = {i: lost for i in range(len(data)) if i not in found}
+    poses = Poses.stack([found[i][0] for i in sorted(found)])
+    return refine(calibration.camera, poses, data.with_used(used).without(left_out), how)
+
+
+def find_poses(calibration: Calibration, data: Observations, how: How, seed: int) -> Calibration:
+    """A fit to all views of `data` that have a pose before the camera of a part of them (RANSAC)."""
+    agreed = ransac.of_poses(data.views, calibration.camera, seed)
+    found = {i: (_pose(a.matrix), a.mask) for i, a in enumerate(agreed) if a.matrix is not None}
+    return with_poses(calibration, found, data, how)
+
+
+def find_better_poses(
+    calibration: Calibration, data: Observations, how: How, seed: int
+) -> Calibration | None:
+    """A fit with other poses of views that lost much or were rejected; None where RANSAC finds none.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        After rejections.
+    data : Observations
+        All views, those included that the fit rejected.
+    """
+    verdict, fitted = outliers.test(calibration), calibration.observations
+    lost = 1 - fitted.per_block(fitted.used) / fitted.blocks.counts
+    much = float(np.median(lost)) + MUCH
+    at = {name: i for i, name in enumerate(fitted.view_ids)}
+    used = fitted.split(fitted.used)
+    found: dict[int, tuple[Pose, Array]] = {}
+    better = False
+    for index, view in enumerate(data.views):
+        i = at.get(view.id)
+        if i is not None:
+            found[index] = (calibration.poses[i], used[i])
+        if i is None or lost[i] > much:
+            agreed = ransac.of_poses([view], calibration.camera, seed, verdict.sigma)[0]
+            least = len(view) / 2 if i is None else GAIN * used[i].sum()
+            if agreed.matrix is not None and agreed.mask.sum() > least:
+                found[index], better = (_pose(agreed.matrix), agreed.mask), True
+    return with_poses(calibration, found, data, how) if better else None
+
+
+def _pose(matrix: Array) -> Pose:
+    return Pose(matrix[:, :3], matrix[:, 3])

@@ -1,36 +1,37 @@
-"""Where a refinement begins when a pinhole camera is no good beginning: wide lenses, and larger models.
+"""Where a refinement begins when a pinhole camera is no good start: wide lenses, and larger models.
 
 A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
 alignment constraint gives poses and a rough lens of any width, and the model at hand is fitted to its rays. A
-model that still ends badly gets the optimum of the models that it contains as a further start, so that it
-never ends worse than they do.
+model that still ends badly gets the optimum of a model that it contains as a further start, so that it
+never ends worse than that one does.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from camcal.data.observations import Correspondences
+from camcal.data.observations import Observations
+from camcal.errors import EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
-from camcal.model.lenses.containment import embed
+from camcal.model.lenses.containment import contained, embed
 from camcal.model.lenses.regress import minima, regress
 from camcal.model.pose import Poses
+from camcal.solve.calibration import Calibration
 from camcal.solve.parameters import ASPECT, apply_fixed
-from camcal.solve.solution import Solution, Stage
-from camcal.solve.solve import refine, residuals
-from camcal.start import assumptions, radial
+from camcal.solve.refine import How, refine, residuals
+from camcal.start import assumptions
+from camcal.start.radial import RadialStart
 
 #: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
 #: at 120 degrees it is 1 %, at 150 degrees 4 %
 POOR_START = 0.02
-#: a refinement that leaves a larger median error than this part, or does not converge, is doubted
+#: a refinement that leaves a larger median error than this part, or does not converge, is doubted: a wrong minimum
+#: leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
 POOR_END = 0.002
 #: to what part of a model's own limit, and to what angle at most, rad, views are pushed into its domain
 CONES = ((0.98, np.deg2rad(88)), (0.9, np.deg2rad(84)))
@@ -38,116 +39,61 @@ CONES = ((0.98, np.deg2rad(88)), (0.9, np.deg2rad(84)))
 GENERAL = "kb4"
 
 
-@dataclass(frozen=True)
-class Begin:
-    """A start: camera, poses, and the stage that says how it was come by."""
-
-    camera: Camera
-    poses: Poses
-    stage: Stage
-
-
-def poor(rms_point: float, correspondences: Correspondences) -> bool:
+def poor(rms_point: float, observations: Observations) -> bool:
     """Whether a start is too far away to begin from."""
-    return not rms_point <= POOR_START * _half_diagonal(correspondences)
+    return not rms_point <= POOR_START * _half_diagonal(observations)
 
 
-def doubtful(solution: Solution) -> bool:
-    """Whether a solution may be a wrong minimum."""
-    lengths = np.linalg.norm(solution.used_residuals, axis=1)
-    bound = POOR_END * _half_diagonal(solution.correspondences)
-    return not solution.fit.converged or not np.median(lengths) <= bound
+def doubtful(calibration: Calibration) -> bool:
+    """Whether a fit may have ended in a wrong minimum."""
+    lengths = np.linalg.norm(calibration.used_residuals, axis=1)
+    bound = POOR_END * _half_diagonal(calibration.observations)
+    return not calibration.fit.converged or not np.median(lengths) <= bound
 
 
-def _half_diagonal(correspondences: Correspondences) -> float:
-    return float(1 / assumptions.unit_coordinates(correspondences)[0][0, 0])
+def _half_diagonal(observations: Observations) -> float:
+    return float(1 / assumptions.unit_coordinates(observations)[0][0, 0])
 
 
-class RadialAlignment:
-    """Starts by radial alignment, its figures worked out once for all models that ask.
+def from_radial(
+    lens: Lens, rough: RadialStart, observations: Observations, fix: Mapping[str, float | None]
+) -> list[tuple[Camera, Poses]]:
+    """Starts for a model from what the radial alignment constraint gives.
+
+    A model that cannot hold rays as far from the axis as there are gets views pushed away from the
+    camera until it can.
 
     Parameters
     ----------
-    correspondences : Correspondences
-        The points to rest on.
+    lens : Lens
+    rough : RadialStart
+    observations : Observations
+        The rows to rest on.
+    fix : mapping
+        As in `How`; a parameter without a value is held where a lens without distortion has it.
+
+    Raises
+    ------
+    EstimationError
+        Where the stand-in cannot be fitted.
     """
-
-    def __init__(self, correspondences: Correspondences):
-        self.correspondences = correspondences
-        self._begins: dict[str, list[Begin]] = {}
-
-    @cached_property
-    def stage(self) -> Stage:
-        """The rough camera, symmetric about its axis, and the poses.
-
-        Raises
-        ------
-        DataError, EstimationError
-            Where the radial alignment constraint determines no camera.
-        """
-        begin = time.perf_counter()
-        rough = radial.estimate(self.correspondences)
-        error = np.concatenate(residuals(rough.camera, rough.poses, self.correspondences))
-        rms = float(np.sqrt(np.nanmean((error**2).sum(1))))
-        return Stage(
-            "radial",
-            rms,
-            rough.camera.matrix,
-            time.perf_counter() - begin,
-            camera=rough.camera,
-            poses=rough.poses,
-            info=rough.info,
-        )
-
-    @cached_property
-    def general(self) -> tuple[Camera, Poses]:
-        """The same refined with a lens that holds rays of all directions."""
-        assert self.stage.camera is not None and self.stage.poses is not None
-        camera = regressed(make(GENERAL), self.stage.camera, self.correspondences)
-        solved = refine(camera, self.stage.poses, self.correspondences)
-        return solved.camera, solved.poses
-
-    def begin(self, lens: Lens, fix: Mapping[str, float | None] | None = None) -> list[Begin]:
-        """Starts for a model.
-
-        A model that cannot hold rays as far from the axis as there are gets views pushed away from the
-        camera until it can.
-
-        Parameters
-        ----------
-        fix : mapping
-            As in `refine`; a parameter without a value is held where a lens without distortion has it.
-
-        Raises
-        ------
-        DataError, EstimationError
-            Where the radial alignment constraint determines no camera.
-        """
-        key = repr((lens, sorted((fix or {}).items())))
-        if key not in self._begins:
-            self._begins[key] = self._begin(lens, fix)
-        return self._begins[key]
-
-    def _begin(self, lens: Lens, fix: Mapping[str, float | None] | None) -> list[Begin]:
-        assert self.stage.camera is not None and self.stage.poses is not None
-        camera = regressed(lens, self.stage.camera, self.correspondences, fix)
-        if _holds(camera, self.stage.poses, self.correspondences):
-            return [Begin(camera, self.stage.poses, self.stage)]
-        general, poses = self.general
-        camera = regressed(lens, general, self.correspondences, fix)
-        limit = lens.limit_angle(camera.params)
-        tried = [
-            poses,
-            *(_pushed(poses, self.correspondences, min(part * limit, top)) for part, top in CONES),
-        ]
-        held = [p for p in tried if _holds(camera, p, self.correspondences)]
-        return [Begin(camera, p, self.stage) for p in held]
+    camera = regressed(lens, rough.camera, observations, fix)
+    if _holds(camera, rough.poses, observations):
+        return [(camera, rough.poses)]
+    general = refine(regressed(make(GENERAL), rough.camera, observations), rough.poses, observations)
+    camera = regressed(lens, general.camera, observations, fix)
+    limit = lens.limit_angle(camera.params)
+    tried = [
+        general.poses,
+        *(_pushed(general.poses, observations, min(part * limit, top)) for part, top in CONES),
+    ]
+    return [(camera, p) for p in tried if _holds(camera, p, observations)]
 
 
-def _pushed(poses: Poses, correspondences: Correspondences, angle: float) -> Poses:
+def _pushed(poses: Poses, observations: Observations, angle: float) -> Poses:
     """The poses, moved away along the axis until no point is farther from it than an angle, rad."""
     moved = poses.translations.copy()
-    for view, r, t in zip(correspondences.views, poses.rotations, moved, strict=True):
+    for view, r, t in zip(observations.views, poses.rotations, moved, strict=True):
         x, y, z = (view.xyz @ r.T + t).T
         t[2] += max(float((np.hypot(x, y) / np.tan(angle) - z).max()), 0.0)
     return Poses(poses.rotations, moved)
@@ -156,14 +102,13 @@ def _pushed(poses: Poses, correspondences: Correspondences, angle: float) -> Pos
 def regressed(
     lens: Lens,
     camera: Camera,
-    correspondences: Correspondences,
+    observations: Observations,
     fix: Mapping[str, float | None] | None = None,
 ) -> Camera:
     """The camera of a model that is nearest to another camera at the observed pixels."""
-    uv = np.concatenate([v.uv for v in correspondences.views])
+    uv, size = observations.uv, observations.image_size
     rays = camera.unproject(uv)
     seen = np.isfinite(rays).all(1)
-    size = correspondences.image_size
     params = regress(lens, rays[seen], uv[seen], size).params
     named = [n for n in fix or {} if n != ASPECT]
     if fix:
@@ -177,37 +122,60 @@ def regressed(
     return Camera(lens, params, size)
 
 
-def _holds(camera: Camera, poses: Poses, correspondences: Correspondences) -> bool:
+def _holds(camera: Camera, poses: Poses, observations: Observations) -> bool:
     """Whether all points project; without it a refinement cannot begin."""
-    return bool(np.isfinite(np.concatenate(residuals(camera, poses, correspondences))).all())
+    return bool(np.isfinite(residuals(camera, poses, observations)).all())
 
 
-def adopted(lens: Lens, inner: Solution, fix: Mapping[str, float | None]) -> tuple[Camera, Poses]:
-    """The solution of a model that `lens` contains, as a start."""
+def adopted(lens: Lens, inner: Calibration, fix: Mapping[str, float | None]) -> tuple[Camera, Poses]:
+    """The fit of a model that `lens` contains, as a start."""
     held = embed(lens, inner.camera.lens, inner.camera.params)
     assert held is not None, f"{lens} does not contain {inner.camera.lens}"
     params = apply_fixed(lens, held, fix)
     return Camera(lens, params, inner.camera.image_size), inner.poses
 
 
-def twins(solution: Solution) -> list[Camera]:
-    """Cameras of the model that fit the solution's rays nearly as well, and may fit the points better."""
-    lens, camera = solution.camera.lens, solution.camera
-    pairs = zip(solution.correspondences.views, solution.inliers, strict=True)
-    uv = np.concatenate([v.uv[m] for v, m in pairs])
+def by_nesting(
+    lens: Lens, start: tuple[Camera, Poses], observations: Observations, how: How
+) -> Calibration | None:
+    """The fit that begins from the optimum of the model inside; that one likewise, where it is doubtful.
+
+    None where the model contains none, or none can be fitted.
+    """
+    specs = contained(lens)
+    if not specs:
+        return None
+    inner = make(specs[0], lens.has_skew)
+    own = replace(how, fix={n: v for n, v in how.fix.items() if has(inner, n)})
+    camera, poses = start
+    found: Calibration | None = None
+    try:
+        plain = Camera(inner, inner.from_matrix(camera.matrix), camera.image_size)
+        found = refine(plain, poses, observations, own)
+    except EstimationError:
+        pass  # the model inside may do
+    if found is None or doubtful(found):
+        deeper = by_nesting(inner, start, observations, own)
+        if deeper is not None and (found is None or deeper.fit.cost < found.fit.cost):
+            found = deeper
+    if found is None:
+        return None
+    try:
+        return refine(*adopted(lens, found, how.fix), observations, how)
+    except EstimationError:
+        return None
+
+
+def other_minima(calibration: Calibration) -> list[Camera]:
+    """Cameras of the model that fit the rays nearly as well, and may fit the points better."""
+    lens, camera, used = calibration.camera.lens, calibration.camera, calibration.used
+    uv = calibration.observations.uv[used]
     rays = camera.unproject(uv)
     seen = np.isfinite(rays).all(1)
-    fixed = ~np.any(solution.free, axis=1)
+    fixed = ~np.any(calibration.free, axis=1)
     held = [n for n, hold in zip(lens.names, fixed, strict=True) if hold]
     found = minima(lens, rays[seen], uv[seen], camera.image_size, held)
     return [Camera(lens, p, camera.image_size) for p in found]
-
-
-def best(solutions: Sequence[Solution]) -> Solution:
-    """The solution with the lowest cost; a converged one where costs are equal to rounding."""
-    lowest = min(solutions, key=lambda s: s.fit.cost)
-    equal = [s for s in solutions if s.fit.cost <= lowest.fit.cost * (1 + 1e-12)]
-    return next((s for s in equal if s.fit.converged), lowest)
 
 
 def has(lens: Lens, name: str) -> bool:

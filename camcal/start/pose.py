@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
 from camcal.errors import DataError
 from camcal.geometry import dlt as resection
 from camcal.geometry import homography, rotations
@@ -95,7 +95,7 @@ def initial_poses(
     views = tuple(
         View(str(i + 1), x, a, s) for i, (x, a, s) in enumerate(zip(views_xyz, views_ab, sigma, strict=True))
     )
-    form = shape.check(Correspondences(views))
+    form = shape.check(Observations.from_views(views))
     rotation, translation = np.zeros((len(views), 3, 3)), np.zeros((len(views), 3))
     for index, xyz, ab, w in shape.batches(views):
         for kind in (True, False):
@@ -113,7 +113,7 @@ def initial_poses(
     return Poses(rotation, translation)
 
 
-def poses_for(matrix: Array, correspondences: Correspondences) -> Poses:
+def poses_for(matrix: Array, correspondences: Observations) -> Poses:
     """cam_from_board of each view for a pinhole camera matrix (3, 3); see `initial_poses`."""
     inverse = np.linalg.inv(matrix)
     views = correspondences.views

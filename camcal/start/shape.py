@@ -2,132 +2,27 @@
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
+from camcal.data.shape import Shapes, batches, shapes
 from camcal.errors import DataError, EstimationError
-from camcal.geometry import homography, projective
 
-Array = np.ndarray
+__all__ = ["Shapes", "batches", "shapes"]
 
 #: Points count as lying on a line when their extent across it is below this part of the extent along it.
 COLLINEAR = 1e-4
-#: ... and on a plane when their extent out of it is below this part of their largest extent: a bowed sheet
-#: is a plane to start from, and a DLT of points so near a plane follows the noise.
-NEARLY_PLANAR = 0.02
-
 #: More than this part of a view's points behind the camera and the estimate is no picture of them.
 BEHIND = 0.1
-
-#: Some 40 numbers a point are in use at a time in the fit of homographies: 2 to 3 MB.
-POINTS_AT_A_TIME = 8_000
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
 
-@dataclass(frozen=True)
-class Shapes:
-    """What each view's points look like.
-
-    Attributes
-    ----------
-    planar : (V,) bool array
-        Points on a plane or nearly so; False is a view of points in space.
-    origins : (V, 3) array
-        Centroids, in the frame of the data.
-    axes : (V, 3, 3) array
-        Rotations whose columns are the directions of largest, middle and least extent.
-    spreads : (V, 3) array
-        Root mean square extent along these, unit of the data.
-    image_spreads : (V, 2) array
-        The same in the image, px.
-    """
-
-    planar: Array
-    origins: Array
-    axes: Array
-    spreads: Array
-    image_spreads: Array
-
-
-def batches(views: Sequence[View]) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Stack the views that hold the same number of points, so many at a time that they fit into a cache.
-
-    Yields
-    ------
-    index (G,), xyz (G, N, 3), uv (G, N, 2), weights (G, N) = 1 / sigma², 1 where no sigma is given
-    """
-    for index in _some_at_a_time(homography.by_count(len(v) for v in views), views):
-        group = [views[i] for i in index]
-        # concatenate and reshape: several times faster than stack on hundreds of small arrays
-        xyz = np.concatenate([v.xyz for v in group]).reshape(len(group), -1, 3)
-        uv = np.concatenate([v.uv for v in group]).reshape(len(group), -1, 2)
-        weights = np.ones(xyz.shape[:2])
-        for row, view in enumerate(group):
-            if view.sigma is not None:
-                weights[row] = view.sigma**-2.0
-        yield index, xyz, uv, weights
-
-
-def _some_at_a_time(groups: Iterator[Array], views: Sequence[View]) -> Iterator[Array]:
-    for index in groups:
-        most = max(1, POINTS_AT_A_TIME // max(len(views[index[0]]), 1))
-        for begin in range(0, len(index), most):
-            yield index[begin : begin + most]
-
-
-class _Last:
-    """The views whose shapes were asked for last, and these: every stage of a calibration asks again."""
-
-    def __init__(self) -> None:
-        self.of: tuple[weakref.ref[View], ...] = ()
-        self.shapes: Shapes | None = None
-
-    def find(self, views: Sequence[View]) -> Shapes | None:
-        same = len(self.of) == len(views) and all(r() is v for r, v in zip(self.of, views, strict=True))
-        return self.shapes if same else None
-
-
-_last = _Last()
-
-
-def shapes(views: Sequence[View]) -> Shapes:
-    """Fit a plane to the points of each view."""
-    global _last
-    found = _last.find(views)
-    if found is None:
-        found = _shapes(views)
-        last = _Last()
-        last.of, last.shapes = tuple(map(weakref.ref, views)), found
-        _last = last  # in one go, so that threads cannot meet views and shapes of two calls
-    return found
-
-
-def _shapes(views: Sequence[View]) -> Shapes:
-    count = len(views)
-    out = Shapes(
-        np.zeros(count, bool),
-        np.zeros((count, 3)),
-        np.zeros((count, 3, 3)),
-        np.zeros((count, 3)),
-        np.zeros((count, 2)),
-    )
-    for index, xyz, uv, _ in batches(views):
-        if xyz.shape[1] == 0:
-            continue
-        out.origins[index], out.axes[index], out.spreads[index] = projective.fit_plane(xyz)
-        out.image_spreads[index] = projective.principal_spreads(uv)
-    out.planar[:] = out.spreads[:, 2] <= NEARLY_PLANAR * out.spreads[:, 0]
-    return out
-
-
-def unusable(correspondences: Correspondences, form: Shapes | None = None) -> dict[int, str]:
+def unusable(correspondences: Observations, form: Shapes | None = None) -> dict[int, str]:
     """The views no closed form can take, by index, each with what was found and what is needed."""
-    form = form or shapes(correspondences.views)
+    form = form or correspondences.shapes
     counts = np.array([len(v) for v in correspondences.views])
     few = counts < LEAST_PLANAR
     line = form.spreads[:, 1] <= COLLINEAR * form.spreads[:, 0]
@@ -158,7 +53,7 @@ def all_same(views: Sequence[View]) -> bool:
     return all(np.array_equal(v.uv, first.uv) and np.array_equal(v.xyz, first.xyz) for v in views[1:])
 
 
-def check(correspondences: Correspondences) -> Shapes:
+def check(correspondences: Observations) -> Shapes:
     """The shapes of views that can all be used.
 
     Raises
@@ -168,7 +63,7 @@ def check(correspondences: Correspondences) -> Shapes:
     """
     if not correspondences.views:
         raise DataError("there is no view to calibrate from.", "At least one view with points is needed.")
-    form = shapes(correspondences.views)
+    form = correspondences.shapes
     bad = unusable(correspondences, form)
     if bad:
         index, reason = next(iter(bad.items()))
@@ -187,7 +82,7 @@ def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     )
 
 
-def choose(correspondences: Correspondences) -> tuple[list[str], str]:
+def choose(correspondences: Observations) -> tuple[list[str], str]:
     """The closed forms that suit the data, best last, and why.
 
     Returns
@@ -221,7 +116,7 @@ def choose(correspondences: Correspondences) -> tuple[list[str], str]:
     ], f"{spatial} of {count} views hold points in space: a projection matrix of each, K by the median"
 
 
-def require_determined(correspondences: Correspondences, free: Sequence[str]) -> None:
+def require_determined(correspondences: Observations, free: Sequence[str]) -> None:
     """Check that the views determine the free entries of the camera's matrix.
 
     A view of a plane gives two constraints on them (Zhang 2000, section 2.3), a view of points in space all
@@ -238,7 +133,7 @@ def require_determined(correspondences: Correspondences, free: Sequence[str]) ->
         Where there are fewer constraints than unknowns.
     """
     views = correspondences.views
-    form = shapes(views)
+    form = correspondences.shapes
     if not form.planar.all():
         return
     different = distinct(views)

@@ -1,10 +1,10 @@
-"""Correspondences with a known truth, of boards and of 3D rigs."""
+"""Observations with a known truth, of boards and of 3D rigs."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from camcal.data.observations import Correspondences, View
+from camcal.data.observations import Observations, View
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 
@@ -22,7 +22,7 @@ def simulate_points(
     outliers: float = 0.0,
     clip: bool = True,
     names: list[str] | None = None,
-) -> Correspondences:
+) -> Observations:
     """Project points from each pose and disturb them.
 
     Points outside the lens's domain are left out of their view.
@@ -52,7 +52,7 @@ def simulate_points(
         uv = uv[seen] + noise * rng.normal(size=(len(seen), 2))
         uv += outlier_moves(len(seen), outliers, rng)
         views.append(View(name, points[seen], uv, point_ids=seen))
-    return Correspondences(tuple(views), camera.image_size)
+    return Observations.from_views(views, camera.image_size)
 
 
 def in_picture(uv: Array, camera: Camera) -> Array:

@@ -8,7 +8,7 @@ import pytest
 from camcal.assess.bias import ResidualTest, bias_ratio, cut, holm, residual_tests, standardise
 from camcal.assess.design import Design
 from camcal.data.observations import Correspondences
-from camcal.solve.solve import refine
+from camcal.solve.refine import How, refine
 from tests.solved import TRUTH, camera_of, grid, observe, solved, tilted_poses
 
 NAMES = ["radius", "angle", "board-position", "view", "noise-by-radius", "neighbours", "gaussian"]
@@ -24,7 +24,7 @@ def calibrated(disturb=None, views=12, noise=0.2, seed=0, model="opencv5", fix=N
     if disturb is not None:
         changed = [replace(v, uv=disturb(i, v, rng)) for i, v in enumerate(changed)]
     start = camera_of(model, truth or TRUTH)
-    return refine(start, poses, Correspondences(tuple(changed), camera.image_size), fix)
+    return refine(start, poses, Correspondences.from_views(tuple(changed), camera.image_size), How(fix or {}))
 
 
 def asked(solution):
@@ -141,5 +141,5 @@ def test_pieces_are_neighbours_and_every_point_is_in_one():
 
 def test_too_few_points_say_nothing():
     s = solved("pinhole", views=3)
-    few = replace(s, inliers=tuple(np.arange(54) < 5 for _ in s.inliers))
+    few = replace(s, observations=s.observations.with_used(s.observations.point < 5))
     assert bias_ratio(Design(few)) is None

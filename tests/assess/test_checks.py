@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from camcal.assess.checks import check, still_true
+from camcal.assess.checks import check
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.views import distinct_count, tilts
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Correspondences, View
 from camcal.data.points import read_points
 from camcal.errors import CamcalError
 from camcal.geometry import rotations
 from camcal.model.pose import Poses
-from camcal.plan.pipeline import calibrate
-from camcal.solve.solution import CalibrationWarning
+from camcal.plan.calibrate import calibrate
 from tests.shared_data import DATA, needs_data
 from tests.solved import camera_of, grid, observe, rig, solved
 
@@ -49,13 +49,13 @@ def codes(data, model="opencv5", **options):
         solution = calibrate(data, model=model, **options)
     except CamcalError as error:
         return {type(error).__name__}
-    return {w.code for w in (*solution.warnings, *check(solution))}
+    return {w.code for w in solution.warnings}
 
 
 def with_view(data, index, uv):
     views = list(data.views)
     views[index] = replace(views[index], uv=uv)
-    return replace(data, views=tuple(views))
+    return data.with_views(tuple(views))
 
 
 # ---- good data
@@ -74,7 +74,7 @@ def test_no_false_alarm_on_a_rig():
 def test_a_frame_far_away_is_no_fault():
     data = seen()
     far = [replace(v, xyz=v.xyz + [5e4, 3e4, 0.0]) for v in data.views]
-    assert codes(replace(data, views=tuple(far))) == set()
+    assert codes(data.with_views(tuple(far))) == set()
 
 
 ZHANG, CALIB1, DBAT = "zhang1998/points.csv", "opencv_calib1/points.csv", "dbat_camcal/points.csv"
@@ -124,13 +124,13 @@ def test_one_pose_repeated():
     rng = np.random.default_rng(0)
     one = seen(1, noise=0.0, shift=0.0).views[0]
     views = [View(f"v{i}", one.xyz, one.uv + rng.normal(0, 0.1, one.uv.shape)) for i in range(10)]
-    found = codes(Correspondences(tuple(views), SIZE))
+    found = codes(Correspondences.from_views(tuple(views), SIZE))
     assert {"duplicate-views", "few-views"} <= found or "EstimationError" in found
 
 
 def test_a_few_repetitions_among_many_views_are_no_matter():
     data = seen(12)
-    twice = replace(data, views=(*data.views, replace(data.views[0], id="again")))
+    twice = data.with_views((*data.views, replace(data.views[0], id="again")))
     assert "duplicate-views" not in codes(twice)
     assert distinct_count(Facts(calibrate(twice, model="opencv5"))) == 12
 
@@ -172,7 +172,7 @@ def test_a_fold_inside_the_image():
 @needs_data
 def test_corners_outside_the_image_circle_are_no_fold():
     # 93 degrees from the axis in a circle of 477 px in a picture of 1280x800
-    data = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=(1280, 800))
+    data = replace(read_points(DATA / "ov_plane" / "train.csv"), image_sizes=((1280, 800),))
     found = {w.code: w.message for w in check(calibrate(data, "kb4", checks=False))}
     assert "fold-in-image" not in found and "ends at 105 degrees" in found["image-circle"]
     assert "image-circle" not in codes(data, "opencv8", robust="none")
@@ -180,11 +180,11 @@ def test_corners_outside_the_image_circle_are_no_fold():
 
 def test_an_image_size_that_is_too_small():
     data = seen()
-    assert "points-outside-image" in codes(replace(data, image_size=(640, 480)))
+    assert "points-outside-image" in codes(replace(data, image_sizes=((640, 480),)))
 
 
 def test_without_an_image_size_there_is_no_alarm():
-    assert codes(replace(seen(15), image_size=None)) == set()
+    assert codes(replace(seen(15), image_sizes=(None,))) == set()
 
 
 # ---- parameters
@@ -246,13 +246,13 @@ def test_points_that_do_not_belong_together():
     data = seen(8)
     rng = np.random.default_rng(0)
     mixed = [replace(v, uv=v.uv + rng.normal(0, 15, v.uv.shape)) for v in data.views]
-    assert codes(replace(data, views=tuple(mixed)), robust="none") & {"large-residuals", "EstimationError"}
+    assert codes(data.with_views(tuple(mixed)), robust="none") & {"large-residuals", "EstimationError"}
 
 
 # ---- as a whole
 def test_what_is_known_already_is_not_said_twice():
-    s = replace(solved(views=2), warnings=(CalibrationWarning("few-views", "said"),))
-    assert "few-views" not in {w.code for w in check(s)}
+    known = CalibrationWarning("few-views", "said")
+    assert [w for w in check(solved(views=2), (known,)) if w.code == "few-views"] == [known]
 
 
 def test_each_warning_says_what_to_do():
@@ -266,6 +266,6 @@ def test_a_doubt_of_the_closed_form_ends_with_a_good_refinement():
     good = calibrate(data, model="kb4")
     assert all(w.code != "weak-geometry" for w in good.warnings)
     doubt = CalibrationWarning("weak-geometry", "said")
-    assert still_true(replace(good, warnings=(doubt,))) == ()
+    assert doubt not in check(good, (doubt,))
     poor = solved("pinhole", views=2, noise=1.0, tilt=0.12)
-    assert still_true(replace(poor, warnings=(doubt,))) == (doubt,)
+    assert check(poor, (doubt,))[0] is doubt

@@ -7,7 +7,7 @@ import pytest
 
 from camcal.assess.comparison import Gate, Side, common_bounds, compare, described, gates, parameters
 from camcal.errors import DataError
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from tests.solved import TRUTH, camera_of, grid, observe, solved, tilted_poses
 
 BOX = np.zeros(2), np.array([639.0, 479.0])

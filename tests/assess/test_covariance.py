@@ -9,8 +9,8 @@ from camcal.assess import figures
 from camcal.assess.covariance import covariance
 from camcal.model.pose import Poses
 from camcal.solve.losses import LOSSES
+from camcal.solve.refine import How, refine
 from camcal.solve.robust import reweight
-from camcal.solve.solve import refine
 from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
 
 
@@ -64,8 +64,8 @@ def test_the_scatter_of_many_calibrations_is_what_it_says():
 def test_the_scale_of_given_sigmas_is_estimated():
     sigma = np.linspace(0.1, 0.4, 54)
     s = solved(views=5, sigma=sigma)
-    tenfold = [replace(v, sigma=10 * v.sigma) for v in s.correspondences.views]
-    t = refine(s.start, s.poses, replace(s.correspondences, views=tuple(tenfold)))
+    tenfold = [replace(v, sigma=10 * v.sigma) for v in s.observations.views]
+    t = refine(s.start, s.poses, s.observations.with_views(tenfold))
     assert figures.sigma_0(s) == pytest.approx(1.0, abs=0.1)
     assert figures.sigma_0(t) == pytest.approx(figures.sigma_0(s) / 10, rel=1e-6)
     assert covariance(t).sigmas["fx"] == pytest.approx(covariance(s).sigmas["fx"], rel=1e-5)
@@ -91,7 +91,7 @@ def test_what_the_data_leave_open_is_infinite_and_never_small():
 def test_a_determined_parameter_beside_an_open_one_keeps_its_sigma():
     # with fy tied to fx and the principal point held, only the scale is open
     truth, base = camera_of("pinhole"), frontal()
-    s = refine(truth, base.poses, base.correspondences, {"fx": None, "fy": None})
+    s = refine(truth, base.poses, base.observations, How({"fx": None, "fy": None}))
     # still open: principal point against translation in views parallel to the image
     assert covariance(s).undetermined == ("cx", "cy")
     assert covariance(s).sigmas["fx"] == 0
@@ -112,8 +112,8 @@ def test_without_redundancy_nothing_is_known():
 def test_units_do_not_matter():
     near = solved(views=5)
     data = replace(
-        near.correspondences,
-        views=tuple(replace(v, xyz=v.xyz * 1e4) for v in near.correspondences.views),
+        near.observations,
+        views=tuple(replace(v, xyz=v.xyz * 1e4) for v in near.observations.views),
     )
     far = refine(near.camera, Poses(near.poses.rotations, near.poses.translations * 1e4), data)
     assert covariance(far).sigmas["fx"] == pytest.approx(covariance(near).sigmas["fx"], rel=1e-6)
@@ -123,7 +123,7 @@ def test_units_do_not_matter():
 @pytest.mark.parametrize("loss", ["huber", "soft-l1", "cauchy", "tukey", "geman-mcclure"])
 def test_a_robust_loss_costs_its_efficiency_and_no_more(loss):
     plain = solved(views=40, seed=4)
-    robust = reweight(plain, refine, LOSSES[loss])
+    robust = reweight(plain, How(), LOSSES[loss])
     ratio = covariance(robust).sigmas["fx"] / covariance(plain).sigmas["fx"]
     # 95 % efficiency is 1.026 in sigma; 2,160 points leave 2 % of scatter in the estimated scale
     assert ratio == pytest.approx(1.026, abs=0.04)
@@ -136,7 +136,7 @@ def test_poses_reach_their_scatter():
     held = dict.fromkeys(truth.lens.names)
     centres = []
     for _ in range(60):
-        s = refine(truth, poses, observe(truth, poses, grid(), 0.2, rng), held)
+        s = refine(truth, poses, observe(truth, poses, grid(), 0.2, rng), How(held))
         centres.append([p.apply(grid().mean(0)) for p in s.poses])
     said = np.sqrt(np.diagonal(covariance(s).poses(), axis1=1, axis2=2))[:, 3:]
     # 60 values: 9 % each, twelve figures

@@ -9,7 +9,7 @@ from camcal.assess.checks import check
 from camcal.assess.covariance import covariance
 from camcal.assess.curvature import beyond_linear, curved_share
 from camcal.data.points import read_points
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 from camcal.report.document import document
 from tests.shared_data import DATA, needs_data
 from tests.solved import camera_of, grid, observe, solved, tilted_poses

@@ -36,9 +36,9 @@ def test_sigma_hat_counts_the_parameters():
 
 def test_rejected_points_do_not_count():
     s = solved(views=4)
-    masks = [m.copy() for m in s.inliers]
+    masks = s.observations.split(s.used.copy())
     masks[0][:10] = False
-    fewer = replace(s, inliers=tuple(masks))
+    fewer = replace(s, observations=s.observations.with_used(np.concatenate(masks)))
     assert figures.overall(fewer).points == 4 * 54 - 10
     assert [f.points for f in figures.per_view(fewer)] == [44, 54, 54, 54]
     assert figures.redundancy(fewer) == figures.redundancy(s) - 20

@@ -9,15 +9,15 @@ from camcal.assess.covariance import covariance
 from camcal.assess.design import Design
 from camcal.assess.influence import bootstrap, influence, jackknife, shift_px
 from camcal.assess.uncertainty import projection_uncertainty
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from tests.solved import camera_of, grid, observe, solved, tilted_poses
 
 
 def without(solution, index):
     """The parameters after a new solution without a view."""
     keep = np.array([i for i in range(len(solution.poses)) if i != index])
-    views = tuple(solution.correspondences.views[i] for i in keep)
-    data = replace(solution.correspondences, views=views)
+    views = tuple(solution.observations.views[i] for i in keep)
+    data = solution.observations.with_views(views)
     return refine(solution.camera, solution.poses[keep], data).camera.params
 
 
@@ -51,7 +51,7 @@ def test_p_values_of_noise_are_even_and_a_shifted_view_is_seen():
     assert np.mean(p) == pytest.approx(0.5, abs=0.12)
     data = observe(truth, poses, grid(), 0.2, rng)
     squeezed = replace(data.views[2], uv=data.views[2].uv * [1.0, 1.01])
-    odd = replace(data, views=(*data.views[:2], squeezed, *data.views[3:]))
+    odd = data.with_views((*data.views[:2], squeezed, *data.views[3:]))
     found = influence(Design(refine(truth, poses, odd)))
     assert found.p_values[2] < 1e-8
     assert found.p_values.argmin() == 2

@@ -12,7 +12,7 @@ from camcal.assess.next_view import COLUMNS, NextView
 from camcal.assess.uncertainty import projection_uncertainty, worst_sigma
 from camcal.errors import DataError
 from camcal.model.pose import Poses
-from camcal.solve.solve import refine
+from camcal.solve.refine import How, refine
 from tests.solved import SIZE, grid, observe, rig, solved
 
 #: so little noise that the linearisation holds to three digits
@@ -42,10 +42,10 @@ def test_the_prediction_is_what_a_calibration_with_the_view_finds(distance, opti
         np.random.default_rng(3),
         options.get("sigma"),
     ).views[0]
-    data = solution.correspondences
-    more = replace(data, views=(*data.views, replace(seen, id="new")))
+    data = solution.observations
+    more = data.with_views((*data.views, replace(seen, id="new")))
     poses = Poses.stack([*solution.poses, suggestion.pose])
-    fitted = refine(solution.camera, poses, more, options.get("fix"))
+    fitted = refine(solution.camera, poses, more, How(options.get("fix") or {}))
     after = measured(fitted, distance)
     assert suggestion.worst / search.design.sigma_0 == pytest.approx(after.max(), rel=0.01)
     assert suggestion.median / search.design.sigma_0 == pytest.approx(np.median(after), rel=0.01)

@@ -11,11 +11,11 @@ from tests.solved import solved
 def with_quality(**said):
     solution = solved(views=8)
     measured = {name: {"warnings": words} for name, words in said.items()}
-    return replace(solution, correspondences=replace(solution.correspondences, picture_quality=measured))
+    return replace(solution, observations=replace(solution.observations, picture_quality=measured))
 
 
 def test_each_fault_is_a_warning_with_its_pictures():
-    names = [v.id for v in solved(views=8).correspondences.views]
+    names = [v.id for v in solved(views=8).observations.views]
     found = with_quality(
         **{
             names[0]: ["blurred: the edges are 3.1 px wide"],
@@ -30,7 +30,7 @@ def test_each_fault_is_a_warning_with_its_pictures():
 
 
 def test_good_pictures_give_none():
-    assert list(faults(with_quality().correspondences)) == []
+    assert list(faults(with_quality().observations)) == []
 
 
 def test_every_fault_that_is_measured_has_a_remedy():

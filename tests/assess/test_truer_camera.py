@@ -7,7 +7,7 @@ import pytest
 
 from camcal.assess.difference import difference
 from camcal.assess.shape_benefit import change
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 from tests.solved import camera_of, grid, observe, tilted_poses
 
 BOARD = grid()
@@ -18,7 +18,7 @@ def boards(offset, views, seed, noise=0.05):
     rng = np.random.default_rng(seed)
     true = BOARD + rng.normal(0, offset, BOARD.shape)
     data = observe(TRUTH, tilted_poses(BOARD, views, rng), true, noise, rng)
-    return replace(data, views=tuple(replace(v, xyz=BOARD) for v in data.views))
+    return data.with_views(tuple(replace(v, xyz=BOARD) for v in data.views))
 
 
 def both(data, simple="flat"):
@@ -60,7 +60,7 @@ def test_auto_leaves_a_shape_that_costs_more_than_it_brings():
     # offsets of .001 in five views: significant and better on held-out views, but the camera gets worse
     data = boards(0.001, 5, 6)
     auto = calibrate(data, board_shape="auto", checks=False)
-    said = auto.correspondences.target["shape"]
+    said = auto.observations.target["shape"]
     free = next(t for t in said["tried"] if t["kind"] == "free")
     assert said["kind"] == "flat"
     assert free["p_value"] < 1e-3

@@ -11,9 +11,9 @@ from camcal.assess.uncertainty import board_distance, map_over_image, projection
 from camcal.data.points import read_points
 from camcal.geometry import rotations
 from camcal.model.pose import Poses
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 from camcal.solve.board import settle
-from camcal.solve.solve import refine
+from camcal.solve.refine import How, refine
 from tests.shared_data import DATA, needs_data
 from tests.solved import camera_of, grid, observe, solved, tilted_poses
 
@@ -44,7 +44,7 @@ def seen_after(solution, delta, rays, distance):
     centre = np.einsum("vij,j->vi", old.rotations, xyz.mean(0)) + old.translations
     turned = rotations.exp(steps[:, :3]) @ old.rotations
     new = Poses(turned, centre + steps[:, 3:] - np.einsum("vij,j->vi", turned, xyz.mean(0)))
-    board = solution.extras.get("board")
+    board = solution.board
     if board is not None:
         moved = board.points + (board.directions() @ delta[f - board.size : f]).reshape(-1, 3)
         new = settle(moved, board.points, new)[1]
@@ -86,8 +86,8 @@ def test_the_board_s_frame_moves_with_its_shape(kind, distance):
     truth, rng = camera_of(), np.random.default_rng(5)
     poses = tilted_poses(grid(), 5, rng)
     # no noise: the shape found is the ideal grid, about which the frame's motion is linear
-    s = refine(truth, poses, observe(truth, poses, grid(), 0.0, rng), board_shape=kind)
-    s = replace(s, residuals=tuple(0.2 * rng.normal(size=r.shape) for r in s.residuals))
+    s = refine(truth, poses, observe(truth, poses, grid(), 0.0, rng), How(board=kind))
+    s = replace(s, residuals=0.2 * rng.normal(size=s.residuals.shape))
     said = projection_uncertainty(s).at_pixels(PIXELS, distance)
     assert np.allclose(said, propagated(s, s.camera.unproject(PIXELS), distance), rtol=1e-3)
 
@@ -131,7 +131,7 @@ def test_what_the_data_leave_open_is_infinite():
     truth = camera_of("pinhole")
     poses = Poses(np.stack([np.eye(3)] * 2), np.array([[-4.0, -2.5, 12.0], [-3.0, -3.0, 14.0]]))
     s = refine(truth, poses, observe(truth, poses, grid(), 0.0, np.random.default_rng(0)))
-    s = replace(s, residuals=tuple(r + 0.1 for r in s.residuals))
+    s = replace(s, residuals=s.residuals + 0.1)
     assert covariance(s).undetermined
     assert np.isinf(worst_sigma(projection_uncertainty(s).at_pixels(PIXELS))).all()
     found = map_over_image(projection_uncertainty(s), np.zeros(2), np.array([639.0, 479.0]))
@@ -140,7 +140,7 @@ def test_what_the_data_leave_open_is_infinite():
 
 def test_without_redundancy_nothing_is_known():
     s = solved(views=5)
-    few = replace(s, inliers=tuple(np.arange(54) < 3 for _ in s.inliers))
+    few = replace(s, observations=s.observations.with_used(s.observations.point < 3))
     assert figures.redundancy(few) <= 0
     assert np.isinf(worst_sigma(projection_uncertainty(few).at_pixels(PIXELS))).all()
 

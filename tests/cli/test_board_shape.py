@@ -23,7 +23,7 @@ def estimate(camcal, tmp_path):
         rng = np.random.default_rng(seed)
         data = observe(CAMERA, tilted_poses(BOARD, 8, rng, shift=0.5), TRUE, 0.05, rng)
         path, report = tmp_path / f"{name}.csv", tmp_path / f"{name}.yaml"
-        write_points(path, replace(data, views=tuple(replace(v, xyz=board) for v in data.views)))
+        write_points(path, data.with_views(tuple(replace(v, xyz=board) for v in data.views)))
         args = ["--model", "opencv4", "--image-size", "640x480", "--board-shape", shape, "-o", report]
         found, out, err = camcal("estimate", path, *args)
         assert found == code, err

@@ -19,7 +19,7 @@ RIG = Path(__file__).resolve().parents[2] / "sample_data" / "rig.csv"
 @pytest.fixture
 def points():
     views, _ = views_of(solved.camera_of("opencv4", solved.TRUTH), count=4)
-    write_points("points.csv", Correspondences(views))
+    write_points("points.csv", Correspondences.from_views(views))
     return "points.csv"
 
 

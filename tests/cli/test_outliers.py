@@ -28,14 +28,14 @@ def boards(noise=lambda rng, shape: rng.normal(0, 0.2, shape), board=GRID, seed=
         replace(v, uv=(lying if i == WHICH else v.uv) + noise(rng, v.uv.shape))
         for i, v in enumerate(data.views)
     ]
-    return replace(data, views=tuple(views))
+    return data.with_views(tuple(views))
 
 
 def reordered(change):
     """The corners of the lying view, as (rows, columns, 2), changed."""
     data = boards()
     uv = change(data.views[WHICH].uv.reshape(ROWS, COLUMNS, 2).copy()).reshape(-1, 2)
-    return replace(data, views=tuple(replace(v, uv=uv) if v.id == NAME else v for v in data.views))
+    return data.with_views(tuple(replace(v, uv=uv) if v.id == NAME else v for v in data.views))
 
 
 def shifted_row(grid):
@@ -54,7 +54,7 @@ def swapped(grid):
 
 def twice():
     data = boards()
-    return replace(data, views=(*data.views, replace(data.views[WHICH], id="again")))
+    return data.with_views((*data.views, replace(data.views[WHICH], id="again")))
 
 
 def mirrored_picture(grid):

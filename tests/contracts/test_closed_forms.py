@@ -41,7 +41,7 @@ def test_every_entry_has_an_example(name):
 
 def test_exact_data_give_the_camera(name):
     scene = example(name)
-    found = estimator(name)(scene.correspondences, skew=True)
+    found = estimator(name)(scene.observations, skew=True)
     assert isinstance(found, ClosedForm) and found.name == name
     # 12 digits of the data less 3 for the conditioning of the equations, on entries of 1000 px
     np.testing.assert_allclose(found.matrix, scene.matrix, rtol=0, atol=1e-6)
@@ -54,7 +54,7 @@ def test_exact_data_give_the_camera(name):
 
 def test_the_projection_matrix_is_the_camera_s(name):
     scene = example(name, ONE)
-    found = estimator(name)(scene.correspondences)
+    found = estimator(name)(scene.observations)
     m = found.projection_matrix
     assert m.shape == (3, 4) and m[2, 3] == pytest.approx(1)
     pose = found.poses[0]
@@ -66,10 +66,10 @@ def test_a_moved_world_moves_the_poses_only(name):
     scene = example(name, noise=0.2)
     turn = scenes.rotations.exp(np.array([1.0, 2.0, -0.5]))
     moved = Correspondences.from_views(
-        [(v.xyz @ turn.T + [10.0, -20.0, 5.0], v.uv) for v in scene.correspondences.views],
+        [(v.xyz @ turn.T + [10.0, -20.0, 5.0], v.uv) for v in scene.observations.views],
         image_size=scenes.SIZE,
     )
-    first = estimator(name)(scene.correspondences)
+    first = estimator(name)(scene.observations)
     second = estimator(name)(moved)
     tolerance = MOVED.get(name, 1e-8)
     np.testing.assert_allclose(second.matrix, first.matrix, rtol=tolerance, atol=1e-6)
@@ -80,12 +80,12 @@ def test_a_moved_world_moves_the_poses_only(name):
 def test_points_of_little_weight_do_not_count(name):
     scene = example(name)
     views = []
-    for v in scene.correspondences.views:
+    for v in scene.observations.views:
         uv, sigma = v.uv.copy(), np.ones(len(v))
         uv[3] += 20
         sigma[3] = 1e7
         views.append(View(v.id, v.xyz, uv, sigma))
-    found = estimator(name)(Correspondences(tuple(views), image_size=scenes.SIZE))
+    found = estimator(name)(Correspondences.from_views(tuple(views), image_size=scenes.SIZE))
     # the spoilt point keeps 1e-14 of the weight
     assert abs(found.matrix[0, 0] - scene.matrix[0, 0]) < 1.0
     assert scenes.pose_error(found.poses, scene.poses)[0] < 2e-3
@@ -94,7 +94,7 @@ def test_points_of_little_weight_do_not_count(name):
 @pytest.mark.parametrize("count", [1, 3])
 def test_too_few_points(name, count):
     scene = example(name)
-    few = Correspondences(tuple(v.take(slice(count)) for v in scene.correspondences.views))
+    few = Correspondences.from_views(tuple(v.take(slice(count)) for v in scene.observations.views))
     with pytest.raises(DataError, match=rf"{count} points"):
         estimator(name)(few)
 
@@ -108,14 +108,14 @@ def test_points_on_a_line(name):
 
 def test_no_view(name):
     with pytest.raises(DataError, match="no view"):
-        estimator(name)(Correspondences(()))
+        estimator(name)(Correspondences.from_views(()))
 
 
 def test_the_input_is_not_changed(name):
     scene = example(name)
-    before = [(v.xyz.copy(), v.uv.copy()) for v in scene.correspondences.views]
-    estimator(name)(scene.correspondences)
-    for (xyz, uv), v in zip(before, scene.correspondences.views, strict=True):
+    before = [(v.xyz.copy(), v.uv.copy()) for v in scene.observations.views]
+    estimator(name)(scene.observations)
+    for (xyz, uv), v in zip(before, scene.observations.views, strict=True):
         np.testing.assert_array_equal(xyz, v.xyz)
         np.testing.assert_array_equal(uv, v.uv)
 
@@ -123,11 +123,11 @@ def test_the_input_is_not_changed(name):
 def test_errors_carry_a_hint(name):
     wrong = scenes.scene(scenes.rig() if name in PLANES else scenes.board(), scenes.tilts(3))
     with pytest.raises(CamcalError) as caught:
-        estimator(name)(wrong.correspondences)
+        estimator(name)(wrong.observations)
     assert caught.value.hint
 
 
 def test_choose_names_entries_of_the_table(name):
-    names, why = shape.choose(example(name).correspondences)
+    names, why = shape.choose(example(name).observations)
     assert (name in names) == (name in CHOSEN) and why
     assert set(names) <= set(CLOSED_FORMS)

@@ -8,7 +8,7 @@ from camcal.errors import DataError, EstimationError, UsageError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.placement import simulate_poses
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from camcal.study.points import simulate_points
 
 SIZE = (640, 480)
@@ -57,8 +57,8 @@ def test_the_pieces_of_a_solution_fit_together():
     made, _ = boards(noise=0.1)
     data = camcal.Correspondences.from_views(made, SIZE)
     found = camcal.calibrate(data)
-    assert len(found.poses) == len(found.residuals) == len(data)
-    for pose, residual, view in zip(found.poses, found.residuals, data.views, strict=True):
+    assert len(found.poses) == len(data) and len(found.residuals) == data.point_count
+    for pose, residual, view in zip(found.poses, data.split(found.residuals), data.views, strict=True):
         again = found.camera.project(pose.apply(view.xyz)) - view.uv
         np.testing.assert_allclose(again, residual, atol=1e-10)  # px; rounding of coordinates of 1e3
     assert [s.name for s in found.stages] == ["zhang", "refine"]
@@ -110,7 +110,7 @@ def test_unusable_views_are_left_out_and_said():
     made, _ = boards()
     made.append((np.c_[np.arange(5.0), np.zeros((5, 2))], np.c_[np.arange(5.0) * 9, np.full(5, 3.0)]))
     found = camcal.calibrate(camcal.Correspondences.from_views(made, SIZE))
-    (skipped,) = found.correspondences.skipped
+    (skipped,) = found.observations.skipped
     assert skipped.status == "rejected" and "line" in skipped.reason
     assert len(found.poses) == len(made) - 1
 
@@ -156,7 +156,7 @@ def test_a_board_that_is_not_flat_is_found():
     data = camcal.Correspondences.from_views(ideal, SIZE)
     flat = camcal.calibrate(data)
     auto = camcal.calibrate(data, board_shape="auto")
-    assert auto.correspondences.target["shape"]["kind"] == "free"
+    assert auto.observations.target["shape"]["kind"] == "free"
     assert auto.rms_point < 0.5 * flat.rms_point
     assert (
         np.abs(auto.camera.params[:4] - params[:4]).max() < np.abs(flat.camera.params[:4] - params[:4]).max()
@@ -166,7 +166,7 @@ def test_a_board_that_is_not_flat_is_found():
 def test_a_flat_board_stays_flat():
     made, _ = boards(noise=0.1, views=12)
     found = camcal.calibrate(camcal.Correspondences.from_views(made, SIZE), board_shape="auto")
-    assert found.correspondences.target["shape"]["kind"] == "flat"
+    assert found.observations.target["shape"]["kind"] == "flat"
 
 
 def test_events_tell_how_far_it_is():
@@ -193,5 +193,5 @@ def test_the_better_of_two_minima_is_taken(robust):
         # outliers are rejected beyond some sigmas, so that a Gaussian point or two may be missing; a loss weighs
         # points down, and its rms over all of them is not the least
         assert found.rms_point == pytest.approx(best.rms_point, rel=1e-6 if robust == "none" else 0.02)
-        assert (found.weights is not None) == (robust == "huber")
+        assert (found.observations.weight is not None) == (robust == "huber")
         assert found.camera.values["xi"] < 0 and found.camera.values["fx"] == pytest.approx(365, rel=0.05)

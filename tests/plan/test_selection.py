@@ -49,7 +49,7 @@ def test_a_larger_nested_model_never_scores_worse(found):
 
 @needs_data
 def test_corners_outside_the_image_circle_do_not_put_a_fisheye_model_out():
-    wide = replace(read_points(DATA / "ov_plane" / "train.csv"), image_size=(1280, 800))
+    wide = replace(read_points(DATA / "ov_plane" / "train.csv"), image_sizes=((1280, 800),))
     found = select(wide, ("division:1", "kb4"))
     assert found.chosen.model == "kb4" and not found.chosen.reasons
     assert found.chosen.holdout_rms < 0.48

@@ -12,7 +12,7 @@ from tests.solved import rig, solved
 def test_what_the_views_cover():
     s = solved(views=8)
     found = section(s)
-    uv = np.concatenate([v.uv for v in s.correspondences.views])
+    uv = np.concatenate([v.uv for v in s.observations.views])
     box = np.prod(np.ptp(uv, axis=0)) / (640 * 480)
     assert 0.5 * box < found["image"] < box
     # the poses are drawn at 11 to 16 from the camera, up to 2 aside, and turned by up to 0.5 about x and y
@@ -23,10 +23,10 @@ def test_what_the_views_cover():
 
 def test_views_that_repeat_one_another_count_once():
     s = solved(views=4, noise=0.05)
-    views = s.correspondences.views
+    views = s.observations.views
     twice = replace(
         s,
-        correspondences=replace(s.correspondences, views=(*views, *views)),
+        observations=s.observations.with_views((*views, *views)),
         poses=s.poses[np.r_[:4, :4]],
         residuals=s.residuals * 2,
         inliers=s.inliers * 2,

@@ -15,7 +15,7 @@ from camcal.schema import Camera, Report, keys, unknown_key
 from camcal.schema.figures import Fit
 from camcal.schema.structure import hints_of
 from camcal.schema.views import View
-from camcal.solve.solution import Stage
+from camcal.solve.calibration import Stage
 from tests.solved import rig, solved
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "report.md"
@@ -26,8 +26,8 @@ def report():
     s = solved("opencv4", views=1, xyz=rig(), shift=0.3, fix={"aspect": None})
     masks = (np.arange(len(s.inliers[0])) > 1,)
     stage = Stage("dlt", 1.0, s.camera.matrix, 0.1, np.ones((3, 4)), s.camera, s.poses, {"why": "x"})
-    data = replace(s.correspondences, skipped=(SkippedView("b", "unreadable", "empty"),))
-    s = replace(s, inliers=masks, stages=(stage,), correspondences=data, weights=(np.ones(60),))
+    data = replace(s.observations, skipped=(SkippedView("b", "unreadable", "empty"),))
+    s = replace(s, inliers=masks, stages=(stage,), observations=data, weights=(np.ones(60),))
     return document(replace(s, crosscheck=crosscheck(replace(s, stages=()))))
 
 

@@ -10,11 +10,11 @@ from camcal.assess.figures import sigma_hat
 from camcal.data.observations import Correspondences, SkippedView, View
 from camcal.errors import DataError
 from camcal.plan import selection
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 from camcal.report.doctor import Finding, Gain, calibration, diagnosis, installation, pictures, remedies
 from camcal.report.doctor.findings import ordered
 from camcal.report.document import document
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from tests.solved import SIZE, camera_of, grid, observe, solved, tilted_poses
 
 
@@ -79,7 +79,7 @@ def test_a_bent_board_is_found_with_what_its_shape_gains():
     rng = np.random.default_rng(3)
     camera, poses = camera_of(), tilted_poses(grid(), 14, rng, shift=3.0)
     seen = observe(camera, poses, bowl, 0.05, rng)
-    flat = replace(seen, views=tuple(replace(v, xyz=grid()) for v in seen.views))
+    flat = seen.with_views(tuple(replace(v, xyz=grid()) for v in seen.views))
     found, solution = found_in(flat, model="opencv4")
     board = next(f for f in found if f.code == "board-not-flat")
     again = calibrate(flat, "opencv4", board_shape="free", crosscheck=False, holdout=0)
@@ -105,7 +105,7 @@ def test_one_bad_picture_is_named_with_its_gain():
     rng = np.random.default_rng(0)
     views = list(data.views)
     views[4] = replace(views[4], uv=views[4].uv + rng.normal(size=(54, 2)) * 0.5)
-    found, _ = found_in(replace(data, views=tuple(views)), robust="none")
+    found, _ = found_in(data.with_views(tuple(views)), robust="none")
     worse = next(f for f in found if f.code == "worse-pictures")
     assert "view4" in worse.message and worse.message.count("rms") == 1
     assert worse.gain.after == pytest.approx(0.05, rel=0.2)
@@ -164,7 +164,7 @@ def test_a_camera_of_which_nothing_was_estimated():
     data = board_views(5)
     camera = camera_of()
     fix = dict.fromkeys(camera.lens.names)
-    solution = refine(camera, solved(views=5).poses, solved(views=5).correspondences, fix)
+    solution = refine(camera, solved(views=5).poses, solved(views=5).observations, fix)
     assert remedies.next_views(solution, "r.yaml") is None
     assert isinstance(calibration.examine(document(solution), solution, "r.yaml"), list)
     assert len(data) == 5
@@ -175,7 +175,7 @@ def test_pictures_by_what_they_look_like():
     views = tuple(View(f"{i}.jpg", grid(), grid()[:, :2]) for i in range(12))
     quality = {f"{i}.jpg": {"warnings": ["blurred: 3 px"] if i < 6 else []} for i in range(12)}
     quality["11.jpg"]["warnings"] = ["overexposed: 40%"]
-    data = Correspondences(
+    data = Correspondences.from_views(
         views, SIZE, picture_quality=quality, skipped=(SkippedView("x", "not_found", "dark"),)
     )
     found = {f.code: f for f in pictures.examine(data)}
@@ -183,7 +183,7 @@ def test_pictures_by_what_they_look_like():
     assert found["pictures-overexposed"].grade == "note"
     assert "few-pictures" not in found
     assert "dark" in next(pictures.lost(data)).message
-    assert {f.code for f in pictures.examine(replace(data, views=views[:3]))} >= {"few-pictures"}
+    assert {f.code for f in pictures.examine(data.with_views(views[:3]))} >= {"few-pictures"}
 
 
 def test_every_word_on_a_picture_has_a_remedy():

@@ -10,12 +10,12 @@ import yaml
 
 import camcal
 from camcal.assess.covariance import covariance
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import SkippedView
 from camcal.errors import DataError, UsageError
 from camcal.report.document import document, load, load_camera, save
 from camcal.report.plain import plain
 from camcal.report.yaml import dump_json, dump_yaml
-from camcal.solve.solution import CalibrationWarning
 from tests.solved import solved
 
 TOP = [
@@ -62,8 +62,8 @@ def test_a_report_reads_back_exactly(solution, tmp_path, suffix):
     save(document(solution), path)
     back = load(path)
     for a, b, m, n in zip(
-        solution.correspondences.views,
-        back.correspondences.views,
+        solution.observations.views,
+        back.observations.views,
         solution.inliers,
         back.inliers,
         strict=True,
@@ -101,34 +101,34 @@ def test_sigmas_ids_and_rejected_points_survive(tmp_path):
     assert doc["fit"]["points_rejected"] == 2
     save(doc, tmp_path / "r.yaml")
     back = load(tmp_path / "r.yaml")
-    assert np.array_equal(back.correspondences.views[0].sigma, made.correspondences.views[0].sigma)
+    assert np.array_equal(back.observations.views[0].sigma, made.observations.views[0].sigma)
     assert np.array_equal(back.inliers[1], masks[1])
 
 
 def test_skipped_views_stand_in_the_order_of_the_files(tmp_path):
     made = solved(views=2)
     data = replace(
-        made.correspondences,
+        made.observations,
         skipped=(SkippedView("a.jpg", "not_found", "too dark"), SkippedView("c.jpg", "unreadable", "empty")),
         views=tuple(
-            replace(v, id=n) for v, n in zip(made.correspondences.views, ("b.jpg", "d.jpg"), strict=True)
+            replace(v, id=n) for v, n in zip(made.observations.views, ("b.jpg", "d.jpg"), strict=True)
         ),
         files=tuple({"path": f"in/{n}.jpg", "sha256": "0"} for n in "abcd"),
     )
-    doc = document(replace(made, correspondences=data))
+    doc = document(replace(made, observations=data))
     assert [v["id"] for v in doc["views"]] == ["a.jpg", "b.jpg", "c.jpg", "d.jpg"]
     assert [v["status"] for v in doc["views"]] == ["not_found", "used", "unreadable", "used"]
     assert doc["inputs"]["views"] == 4 and doc["views"][0]["reason"] == "too dark"
     save(doc, tmp_path / "r.yaml")
     back = load(tmp_path / "r.yaml")
-    assert [v.id for v in back.correspondences.views] == ["b.jpg", "d.jpg"]
-    assert back.correspondences.skipped == data.skipped
+    assert [v.id for v in back.observations.views] == ["b.jpg", "d.jpg"]
+    assert back.observations.skipped == data.skipped
 
 
 def test_a_single_view_carries_its_projection_matrix():
     made = solved(model="pinhole", views=1, xyz=np.random.default_rng(0).uniform(-3, 3, (40, 3)), shift=0.5)
     m = np.array(document(made)["projection_matrix"])
-    view = made.correspondences.views[0]
+    view = made.observations.views[0]
     q = np.c_[view.xyz, np.ones(len(view))] @ m.T
     rms = np.sqrt(np.square(q[:, :2] / q[:, 2:] - view.uv).sum(1).mean())
     assert m[2, 3] == pytest.approx(1)

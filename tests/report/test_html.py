@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import SkippedView, View
 from camcal.errors import UsageError
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
 from camcal.report.document import document
 from camcal.report.html import page as pages
 from camcal.report.html import scene
 from camcal.report.html.page import page
-from camcal.solve.solution import CalibrationWarning
-from camcal.solve.solve import refine
+from camcal.solve.refine import refine
 from tests.report.browser import needs_chromium, open_page
 from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
 
@@ -43,7 +43,7 @@ def full():
     warnings = (CalibrationWarning("poor-coverage", "the points cover <5 %.", "Bring it closer."),)
     return replace(
         s, inliers=masks, stages=stages, warnings=warnings,
-        correspondences=replace(s.correspondences, skipped=skipped),
+        observations=replace(s.observations, skipped=skipped),
     )  # fmt: skip
 
 
@@ -141,24 +141,24 @@ def test_an_evaluated_camera_has_no_uncertainty():
 
 def test_what_data_leave_open_is_said_plainly():
     s = solved("pinhole", views=2, tilt=0.0)
-    uv = [replace(v, uv=v.uv + 0.0) for v in s.correspondences.views]
-    found = document(replace(s, correspondences=replace(s.correspondences, views=tuple(uv))))
+    uv = [replace(v, uv=v.uv + 0.0) for v in s.observations.views]
+    found = document(replace(s, observations=s.observations.with_views(tuple(uv))))
     found["uncertainty"]["maps"][0]["median"] = float("inf")
     assert "do not use it" in page(found, s)
 
 
 def test_thumbnails(tmp_path, full):
     picture = np.full((480, 640), 128, np.uint8)
-    names = [v.id + ".png" for v in full.correspondences.views]
+    names = [v.id + ".png" for v in full.observations.views]
     for name in names[:3]:
         cv2.imwrite(str(tmp_path / name), picture)
     (tmp_path / names[3]).write_bytes(b"no picture")
     renamed = tuple(
         View(n, v.xyz, v.uv, v.sigma, v.point_ids)
-        for n, v in zip(names, full.correspondences.views, strict=True)
+        for n, v in zip(names, full.observations.views, strict=True)
     )
     files = tuple({"path": f"somewhere/{n}", "sha256": "0"} for n in names)
-    s = replace(full, correspondences=replace(full.correspondences, views=renamed, files=files))
+    s = replace(full, observations=full.observations.with_views(renamed, files=files))
     found = page(document(s), s, str(tmp_path / "report.yaml"))
     assert found.count("data:image/jpeg;base64,") == 3
     assert "10 pictures are not shown" in found

@@ -37,8 +37,8 @@ def held(x=0.0, y=0.0, z=14.0, turn=(0.0, 0.0, 0.0)):
     ],
 )
 def test_words(pose, said):
-    target = dict(SOLUTION.correspondences.target or {}) | {"unit": "square"}
-    solution = replace(SOLUTION, correspondences=replace(SOLUTION.correspondences, target=target))
+    target = dict(SOLUTION.observations.target or {}) | {"unit": "square"}
+    solution = replace(SOLUTION, observations=replace(SOLUTION.observations, target=target))
     assert said in words(solution, grid(), pose)
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import SkippedView
 from camcal.report.document import document
 from camcal.report.table import number, summary, tables, with_sigma
-from camcal.solve.solution import CalibrationWarning, Stage
+from camcal.solve.calibration import Stage
 from tests.solved import solved
 
 
@@ -36,7 +37,7 @@ def report():
     return document(
         replace(
             s,
-            correspondences=replace(s.correspondences, skipped=skipped),
+            observations=replace(s.observations, skipped=skipped),
             stages=(Stage("zhang", 1.25, s.camera.matrix, 0.001), Stage("central", 2.0, None, 0.001)),
             warnings=(CalibrationWarning("few-views", "three views [are] few " * 6, "take more"),),
             crosscheck=(entry, entry | {"status": "pass", "why": None}),

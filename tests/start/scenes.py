@@ -15,7 +15,7 @@ SIZE = (1280, 800)
 
 @dataclass(frozen=True)
 class Scene:
-    correspondences: Correspondences
+    observations: Correspondences
     matrix: np.ndarray
     poses: Poses
 

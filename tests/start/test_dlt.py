@@ -14,14 +14,14 @@ TURN = [[0.3, -0.4, 0.2]]
 
 def moved(scene, depth):
     """The same view, with the world's origin at `depth` in front of the camera."""
-    view, pose = scene.correspondences.views[0], scene.poses[0]
+    view, pose = scene.observations.views[0], scene.poses[0]
     cam = pose.apply(view.xyz)
     return Correspondences.from_views([((cam - [0.1, 0.2, depth]) @ pose.rotation, view.uv)])
 
 
 def test_central_s_rows_are_the_projection_equations():
     scene = scenes.scene(scenes.rig(), TURN)
-    view, pose = scene.correspondences.views[0], scene.poses[0]
+    view, pose = scene.observations.views[0], scene.poses[0]
     m = scenes.K @ np.c_[pose.rotation, pose.translation]
     m /= m[2, 3]
     c = central.Central(view.xyz, view.uv)
@@ -44,14 +44,14 @@ def test_column_runs_by_rows_or_down_columns():
 
 def test_central_is_the_least_squares_solution_with_a_squared_condition_number():
     scene = scenes.scene(scenes.rig(), TURN, noise=0.5)
-    view = scene.correspondences.views[0]
+    view = scene.observations.views[0]
     m, condition = central.projection_matrix(view.xyz, view.uv)
     c = central.Central(view.xyz, view.uv)
     normal = c.T @ c
     by_normal_equations = np.linalg.solve(normal, c.T @ view.uv.ravel())
     # the normal equations lose the digits of their condition number, about 1e9 here
     np.testing.assert_allclose(m.ravel()[:11], by_normal_equations, rtol=1e-4)
-    info = central.estimate(scene.correspondences).info
+    info = central.estimate(scene.observations).info
     assert info["condition"] == pytest.approx(condition)
     assert info["condition_normal_equations"] == pytest.approx(np.linalg.cond(normal), rel=1e-3)
 
@@ -73,7 +73,7 @@ def test_dlt_needs_no_m34():
 
 def test_dlt_of_a_single_array():
     scene = scenes.scene(scenes.rig(), TURN)
-    view = scene.correspondences.views[0]
+    view = scene.observations.views[0]
     m = resection.dlt(view.xyz, view.uv)
     x = np.c_[view.xyz, np.ones(30)] @ m.T
     assert (x[:, 2] > 0).all() and np.linalg.norm(m) == pytest.approx(1)
@@ -82,18 +82,18 @@ def test_dlt_of_a_single_array():
 
 def test_six_points_are_enough():
     scene = scenes.scene(scenes.rig(6), TURN)
-    np.testing.assert_allclose(dlt.estimate(scene.correspondences).matrix, scenes.K, atol=1e-5)
+    np.testing.assert_allclose(dlt.estimate(scene.observations).matrix, scenes.K, atol=1e-5)
 
 
 def test_a_repeated_point_leaves_six_open():
-    view = scenes.scene(scenes.rig(6), TURN).correspondences.views[0].take([0, 1, 2, 3, 4, 4])
+    view = scenes.scene(scenes.rig(6), TURN).observations.views[0].take([0, 1, 2, 3, 4, 4])
     with pytest.raises(EstimationError, match="open"):
-        dlt.estimate(Correspondences((view,)))
+        dlt.estimate(Correspondences.from_views((view,)))
 
 
 @pytest.mark.parametrize("estimate", [central.estimate, dlt.estimate])
 def test_a_left_handed_world_is_reported(estimate):
-    view = scenes.scene(scenes.rig(), TURN).correspondences.views[0]
+    view = scenes.scene(scenes.rig(), TURN).observations.views[0]
     found = estimate(Correspondences.from_views([(view.xyz * [1, 1, -1], view.uv)]))
     assert found.info["mirrored"] is True
     np.testing.assert_allclose(found.matrix, scenes.K, atol=1e-5)
@@ -101,11 +101,11 @@ def test_a_left_handed_world_is_reported(estimate):
 
 def test_many_views_take_the_median():
     scene = scenes.scene(scenes.rig(), scenes.tilts(7), noise=0.1)
-    views = list(scene.correspondences.views)
+    views = list(scene.observations.views)
     random = np.random.default_rng(5)
     wild = views[2].uv + 15 * random.normal(size=views[2].uv.shape)
     views[2] = type(views[2])("wild", views[2].xyz, wild)
-    found = dlt.estimate(Correspondences(tuple(views)))
+    found = dlt.estimate(Correspondences.from_views(tuple(views)))
     # noise of 0.1 px on 30 points moves one view's focal length by about 0.3 %
     np.testing.assert_allclose(found.matrix[[0, 1], [0, 1]], [1000, 1010], rtol=0.01)
     assert found.projection_matrix is None and len(found.poses) == 7
@@ -114,7 +114,7 @@ def test_many_views_take_the_median():
 def test_boards_beside_a_rig_get_their_poses():
     rig = scenes.scene(scenes.rig(), TURN)
     boards = scenes.scene(scenes.board(), scenes.tilts(3))
-    both = Correspondences(rig.correspondences.views + boards.correspondences.views)
+    both = Correspondences.from_views(rig.observations.views + boards.observations.views)
     found = dlt.estimate(both)
     np.testing.assert_allclose(found.matrix, scenes.K, atol=1e-6)
     assert scenes.pose_error(found.poses[1:], boards.poses)[0] < 1e-8

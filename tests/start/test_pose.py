@@ -32,7 +32,7 @@ def test_exact_data_give_the_pose(seed, kind):
     ]
     turns = random.normal(size=(4, 3)) * [0.4, 0.4, 2]
     scene = scenes.scene(points, turns, IDENTITY, seed=seed % 1000)
-    views = scene.correspondences.views
+    views = scene.observations.views
     found = pose.initial_poses([v.xyz for v in views], [v.uv for v in views])
     # a start within 1e-6 of its error's minimum, which for exact data is 0
     angle, distance = scenes.pose_error(found, scene.poses)
@@ -41,7 +41,7 @@ def test_exact_data_give_the_pose(seed, kind):
 
 def test_pixels_of_a_pinhole_camera():
     scene = scenes.scene(scenes.board(), scenes.tilts(5))
-    assert scenes.pose_error(pose.poses_for(scenes.K, scene.correspondences), scene.poses)[0] < 1e-8
+    assert scenes.pose_error(pose.poses_for(scenes.K, scene.observations), scene.poses)[0] < 1e-8
 
 
 def test_small_distant_boards_take_the_better_of_two_minima():
@@ -49,8 +49,8 @@ def test_small_distant_boards_take_the_better_of_two_minima():
     random = np.random.default_rng(0)
     turns = random.normal(size=(300, 3)) * 0.5
     scene = scenes.scene(points, turns, IDENTITY, noise=2e-4)
-    xyz = np.stack([v.xyz for v in scene.correspondences.views])
-    ab = np.stack([v.uv for v in scene.correspondences.views])
+    xyz = np.stack([v.xyz for v in scene.observations.views])
+    ab = np.stack([v.uv for v in scene.observations.views])
     found = pose.initial_poses(list(xyz), list(ab))
     # the lowest minimum lies below the error of the true pose
     assert (cost(found, xyz, ab) <= cost(scene.poses, xyz, ab) * (1 + 1e-6)).mean() > 0.98
@@ -83,8 +83,8 @@ def test_poses_of_the_data_s_frame():
 
 def test_weights_are_taken():
     scene = scenes.scene(scenes.board(), scenes.tilts(3), IDENTITY)
-    xyz = [v.xyz for v in scene.correspondences.views]
-    ab = [v.uv + np.eye(54)[5][:, None] * 0.05 for v in scene.correspondences.views]
+    xyz = [v.xyz for v in scene.observations.views]
+    ab = [v.uv + np.eye(54)[5][:, None] * 0.05 for v in scene.observations.views]
     sigma = np.ones(54)
     sigma[5] = 1e6
     weighted = pose.initial_poses(xyz, ab, [sigma] * 3)
@@ -94,8 +94,8 @@ def test_weights_are_taken():
 
 def test_polish_lowers_the_error_to_a_minimum():
     scene = scenes.scene(scenes.rig(), scenes.tilts(6), IDENTITY, noise=1e-3)
-    xyz = np.stack([v.xyz for v in scene.correspondences.views])
-    ab = np.stack([v.uv for v in scene.correspondences.views])
+    xyz = np.stack([v.xyz for v in scene.observations.views])
+    ab = np.stack([v.uv for v in scene.observations.views])
     w = np.ones(xyz.shape[:2])
     found = pose.polish(scene.poses, xyz, ab, w, 30)
     np.testing.assert_allclose(found.cost, cost(found.poses, xyz, ab), rtol=1e-10)
@@ -114,4 +114,4 @@ def test_a_view_of_too_few_points_is_refused():
 
 def test_no_view_gives_no_pose():
     with pytest.raises(DataError, match="no view"):
-        pose.poses_for(scenes.K, Correspondences(()))
+        pose.poses_for(scenes.K, Correspondences.from_views(()))

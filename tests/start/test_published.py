@@ -16,7 +16,7 @@ def single_view(path):
     with path.open(newline="") as handle:
         rows = list(csv.DictReader(line for line in handle if not line.startswith("#")))
     values = np.array([[float(row[k]) for k in "XYZuv"] for row in rows])
-    return Correspondences((View("1", values[:, :3], values[:, 3:]),))
+    return Correspondences.from_views((View("1", values[:, :3], values[:, 3:]),))
 
 
 @needs_data

@@ -10,7 +10,7 @@ from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.lenses.regress import regress
-from camcal.solve.solve import refine, residuals
+from camcal.solve.refine import How, refine, residuals
 from camcal.start import radial
 from tests.shared_data import DATA, needs_data
 
@@ -50,11 +50,11 @@ def start(correspondences, model):
     lens = lenses.make(model)
     params = regress(lens, rays[seen], uv[seen], correspondences.image_size).params
     camera = Camera(lens, params, correspondences.image_size)
-    return rough, refine(camera, rough.poses, correspondences, dict.fromkeys(lens.default_fixed))
+    return rough, refine(camera, rough.poses, correspondences, How(dict.fromkeys(lens.default_fixed)))
 
 
 def rms(camera, poses, correspondences):
-    return float(np.sqrt((np.concatenate(residuals(camera, poses, correspondences)) ** 2).sum(1).mean()))
+    return float(np.sqrt((residuals(camera, poses, correspondences) ** 2).sum(1).mean()))
 
 
 @pytest.mark.parametrize("model", ["kb4", "ucm", "eucm", "ds", "mei", "fov", "scaramuzza", "division:2"])
@@ -150,7 +150,7 @@ def test_fronto_parallel_views_are_refused(seed):
 def test_real_lenses_from_nothing(name, model, wanted):
     size = (1920, 1080) if "mrcal" in name else (1280, 800)
     points = read_points(DATA / name)
-    correspondences = Correspondences(points.views, size)
+    correspondences = Correspondences.from_views(points.views, size)
     _, solution = start(correspondences, model)
     assert solution.fit.converged
     assert solution.rms_point <= wanted * (1 + 1e-5)

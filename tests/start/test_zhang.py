@@ -34,21 +34,21 @@ def test_constraints_do_not_depend_on_the_board_s_axes():
 
 def test_skew_is_left_out_where_it_is_not_asked_for():
     scene = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW)
-    found = zhang.estimate(scene.correspondences, skew=False)
+    found = zhang.estimate(scene.observations, skew=False)
     np.testing.assert_allclose(found.matrix, scenes.K_NO_SKEW, atol=1e-6)
     assert found.matrix[0, 1] == 0 and found.info["assumptions"] == ["skew is 0"]
 
 
 def test_two_views_without_skew():
     scene = scenes.scene(scenes.board(), scenes.tilts(2), scenes.K_NO_SKEW)
-    found = zhang.estimate(scene.correspondences)
+    found = zhang.estimate(scene.observations)
     np.testing.assert_allclose(found.matrix, scenes.K_NO_SKEW, atol=1e-5)
 
 
 def test_one_view_with_the_principal_point_at_the_centre():
     centred = np.array([[1000, 0, (scenes.SIZE[0] - 1) / 2], [0, 1010, (scenes.SIZE[1] - 1) / 2], [0, 0, 1]])
     scene = scenes.scene(scenes.board(), [[0.5, 0.4, 0.1]], centred)
-    found = zhang.estimate(scene.correspondences)
+    found = zhang.estimate(scene.observations)
     np.testing.assert_allclose(found.matrix, centred, atol=1e-6)
     assert "the principal point is the centre of the image" in found.info["assumptions"]
     assert found.info["held"] == ["cx", "cy"]
@@ -57,7 +57,7 @@ def test_one_view_with_the_principal_point_at_the_centre():
 
 def test_without_an_image_size_the_centre_is_said_to_be_a_guess():
     scene = scenes.scene(scenes.board(), [[0.5, 0.4, 0.1]])
-    found = zhang.estimate(Correspondences(scene.correspondences.views))
+    found = zhang.estimate(Correspondences.from_views(scene.observations.views))
     assert any("no image size" in a for a in found.info["assumptions"])
 
 
@@ -65,15 +65,15 @@ def test_without_an_image_size_the_centre_is_said_to_be_a_guess():
 def test_too_few_views_for_a_skew(count):
     scene = scenes.scene(scenes.board(), scenes.tilts(count))
     with pytest.raises(EstimationError, match=f"{2 * count} entries.*5 are free") as caught:
-        zhang.estimate(scene.correspondences, skew=True)
+        zhang.estimate(scene.observations, skew=True)
     assert "3 or more" in caught.value.hint
 
 
 def test_repeated_views_count_once():
     scene = scenes.scene(scenes.board(), scenes.tilts(1))
-    views = scene.correspondences.views * 4
+    views = scene.observations.views * 4
     with pytest.raises(EstimationError, match=r"1 view of a plane .the others repeat"):
-        zhang.estimate(Correspondences(views), skew=True)
+        zhang.estimate(Correspondences.from_views(views), skew=True)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 1.0])
@@ -81,7 +81,7 @@ def test_fronto_parallel_views_are_refused(noise):
     turns = np.outer(np.linspace(0, 1, 12), [0.0, 0.0, 1.0])
     scene = scenes.scene(scenes.board(), turns, noise=noise)
     with pytest.raises(EstimationError, match="parallel to the image") as caught:
-        zhang.estimate(scene.correspondences)
+        zhang.estimate(scene.observations)
     assert "Tilt" in caught.value.hint
 
 
@@ -100,7 +100,7 @@ def test_tilts_that_drown_in_noise_are_called_degenerate():
             scenes.board(), scenes.tilts(12, angle=0.01), scenes.K_NO_SKEW, noise=0.1, seed=seed
         )
         try:
-            found.append(zhang.estimate(scene.correspondences).info["degenerate"])
+            found.append(zhang.estimate(scene.observations).info["degenerate"])
         except EstimationError:
             found.append("refused")
     assert all(found)
@@ -109,7 +109,7 @@ def test_tilts_that_drown_in_noise_are_called_degenerate():
 def test_one_pose_repeated_is_called_degenerate():
     scene = scenes.scene(scenes.board(), scenes.tilts(1), scenes.K_NO_SKEW)
     random = np.random.default_rng(0)
-    views = [(v.xyz, v.uv + 0.1 * random.normal(size=v.uv.shape)) for v in scene.correspondences.views * 10]
+    views = [(v.xyz, v.uv + 0.1 * random.normal(size=v.uv.shape)) for v in scene.observations.views * 10]
     found = zhang.estimate(Correspondences.from_views(views, image_size=scenes.SIZE))
     assert "parallel to each other" in found.info["degenerate"]
     assert len(found.info["assumptions"]) >= 2
@@ -117,7 +117,7 @@ def test_one_pose_repeated_is_called_degenerate():
 
 def test_sound_views_are_not_called_degenerate():
     scene = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW, noise=0.3)
-    info = zhang.estimate(scene.correspondences).info
+    info = zhang.estimate(scene.observations).info
     assert info["degenerate"] is False and info["rejected"] == []
 
 
@@ -128,7 +128,7 @@ def test_focal_uncertainty_is_that_of_repeated_noise():
         random = np.random.default_rng(seed)
         views = [
             (v.xyz, scenes.seen(scenes.K_NO_SKEW, p, v.xyz) + 0.3 * random.normal(size=v.uv.shape))
-            for v, p in zip(scene.correspondences.views, scene.poses, strict=True)
+            for v, p in zip(scene.observations.views, scene.poses, strict=True)
         ]
         found = zhang.estimate(Correspondences.from_views(views, image_size=scenes.SIZE))
         errors.append(np.log(found.matrix[0, 0] / 1000))
@@ -142,7 +142,7 @@ def test_a_bowed_sheet_is_taken_for_its_plane():
     bowed = points.copy()
     bowed[:, 2] = 0.2 * 0.005 * np.cos(points[:, 0] / 0.2 * np.pi)
     scene = scenes.scene(bowed, scenes.tilts(8), scenes.K_NO_SKEW)
-    found = zhang.estimate(scene.correspondences)
+    found = zhang.estimate(scene.observations)
     # 0.5 % of bow moves image points by some px: enough to begin a refinement
     assert abs(found.matrix[0, 0] / 1000 - 1) < 0.05
     assert scenes.pose_error(found.poses, scene.poses)[0] < 0.05
@@ -150,18 +150,18 @@ def test_a_bowed_sheet_is_taken_for_its_plane():
 
 def test_views_of_different_numbers_of_points():
     scene = scenes.scene(scenes.board(), scenes.tilts(6))
-    views = tuple(v.take(slice(0, 54 - 7 * i)) for i, v in enumerate(scene.correspondences.views))
-    found = zhang.estimate(Correspondences(views, image_size=scenes.SIZE), skew=True)
+    views = tuple(v.take(slice(0, 54 - 7 * i)) for i, v in enumerate(scene.observations.views))
+    found = zhang.estimate(Correspondences.from_views(views, image_size=scenes.SIZE), skew=True)
     np.testing.assert_allclose(found.matrix, scenes.K, atol=1e-5)
     assert scenes.pose_error(found.poses, scene.poses)[0] < 1e-8
 
 
 def test_points_that_leave_the_homography_open_are_named():
     scene = scenes.scene(scenes.board(), scenes.tilts(3))
-    views = list(scene.correspondences.views)
+    views = list(scene.observations.views)
     views[1] = views[1].take([0, 1, 2, 9])  # three of the four on a line
     with pytest.raises(EstimationError, match=r"view2.*homography"):
-        zhang.estimate(Correspondences(tuple(views), image_size=scenes.SIZE))
+        zhang.estimate(Correspondences.from_views(tuple(views), image_size=scenes.SIZE))
 
 
 def test_swapped_points_come_out_behind_the_camera():
@@ -169,17 +169,17 @@ def test_swapped_points_come_out_behind_the_camera():
     h = np.array([[1000, 0, 500], [0, 1000, 400], [8.0, 3.0, 1]])[None]
     xyz = scenes.board()
     uv = homography.transfer(h, xyz[None, :, :2] - [0.15, 0.1])[0]
-    views = scenes.scene(xyz, scenes.tilts(3)).correspondences.views + (View("wild", xyz, uv),)
+    views = scenes.scene(xyz, scenes.tilts(3)).observations.views + (View("wild", xyz, uv),)
     with pytest.raises(EstimationError, match=r"wild.*behind the camera"):
-        zhang.estimate(Correspondences(views, image_size=scenes.SIZE))
+        zhang.estimate(Correspondences.from_views(views, image_size=scenes.SIZE))
 
 
 def near_and_far_boards(seed):
     near = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW, noise=0.2, seed=seed)
     turns = np.random.default_rng(seed).normal(size=(60, 3)) * 0.5
     far = scenes.scene(scenes.board() * 0.1, turns, scenes.K_NO_SKEW, noise=0.2, seed=seed, distance=0.8)
-    views = near.correspondences.views + far.correspondences.views
-    return Correspondences(views, image_size=scenes.SIZE), far.poses
+    views = near.observations.views + far.observations.views
+    return Correspondences.from_views(views, image_size=scenes.SIZE), far.poses
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,6 +7,9 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from camcal.assess.checks import (
     board,
     coverage,
@@ -21,7 +24,8 @@ from camcal.assess.checks import (
     views,
 )
 from camcal.assess.checks.facts import Facts
-from camcal.solve.solution import CalibrationWarning, Solution
+from camcal.assess.warning import CalibrationWarning
+from camcal.solve.calibration import Calibration
 
 CHECKS = (
     fit.not_converged,
@@ -52,31 +56,26 @@ CHECKS = (
 )
 
 
-def check(solution: Solution) -> tuple[CalibrationWarning, ...]:
-    """All warnings on a solution besides those it carries already, the gravest kinds first.
+def check(
+    solution: Calibration,
+    known: Sequence[CalibrationWarning] = (),
+    holdout: Mapping[str, Any] | None = None,
+) -> tuple[CalibrationWarning, ...]:
+    """All warnings on a calibration, the gravest kinds first.
 
     Parameters
     ----------
-    solution : Solution
-
-    Returns
-    -------
-    tuple of CalibrationWarning
-        A code that the solution carries is not said again.
+    solution : Calibration
+    known : sequence of CalibrationWarning
+        Those that are there already: they come first, and their codes are not said again. A doubt of the closed form is
+        left out where the refinement settled it: a closed form for pinhole cameras can be all but lost on a wide lens,
+        and what was refined from another start be good to a thousandth.
+    holdout : mapping, optional
+        The report's figures on views held out.
     """
-    known = {w.code for w in solution.warnings}
-    facts = Facts(solution)
-    return tuple(w for one in CHECKS for w in one(facts) if w.code not in known)
-
-
-def still_true(solution: Solution) -> tuple[CalibrationWarning, ...]:
-    """The warnings that a solution carries, without the doubts of the closed form that the refinement settled.
-
-    A closed form for pinhole cameras can be all but lost on a wide lens, and what was refined from another start
-    be good to a thousandth.
-    """
-    if all(w.code != "weak-geometry" for w in solution.warnings) or not parameters.focal_known(
-        Facts(solution)
-    ):
-        return solution.warnings
-    return tuple(w for w in solution.warnings if w.code != "weak-geometry")
+    facts = Facts(solution, holdout)
+    codes = {w.code for w in known}
+    if "weak-geometry" in codes and parameters.focal_known(facts):
+        known = [w for w in known if w.code != "weak-geometry"]
+        codes.remove("weak-geometry")
+    return (*known, *(w for one in CHECKS for w in one(facts) if w.code not in codes))

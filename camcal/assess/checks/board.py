@@ -15,10 +15,10 @@ from scipy.stats import f as f_distribution
 
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning
 from camcal.errors import UsageError
 from camcal.solve.board import LEAST_VIEWS, Board, BoardProblem, make_board, settle
 from camcal.solve.schur import Reduced
-from camcal.solve.solution import CalibrationWarning
 
 #: A board of its own shape is worth a word where it lowers sigma_hat below this part, ...
 GAIN = 0.85
@@ -53,7 +53,7 @@ def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
     found = promise(facts)
     if found is None or found.p_value > SIGNIFICANT or found.after > GAIN * found.before:
         return
-    target = facts.solution.correspondences.target or {}
+    target = facts.solution.observations.target or {}
     offset = found.rms_offset / float(target.get("square") or 1.0)
     unit = "squares" if target.get("square") else "(unit of the points)"
     yield CalibrationWarning(
@@ -67,7 +67,7 @@ def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
 def promise(facts: Facts) -> Promise | None:
     """What a free board promises; None where the data do not allow one, or are too large for this check."""
     solution = facts.solution
-    if "board" in solution.extras or not LEAST_VIEWS < len(facts.views) <= MOST_VIEWS:
+    if solution.board is not None or not LEAST_VIEWS < len(facts.views) <= MOST_VIEWS:
         return None
     problem = _problem(facts)
     freedom = figures.redundancy(solution)
@@ -98,15 +98,13 @@ def promise(facts: Facts) -> Promise | None:
 
 def _problem(facts: Facts) -> BoardProblem | None:
     solution = facts.solution
-    kept = [v.take(m) for v, m in zip(facts.views, solution.inliers, strict=True)]
+    data = solution.observations.kept()
+    kept = data.views
     try:
         board: Board = make_board(kept, "free")
     except UsageError:
         return None
     if len(board.points) > MOST_POINTS:
         return None
-    weights = None
-    if solution.weights is not None:
-        pairs = zip(kept, solution.weights, solution.inliers, strict=True)
-        weights = [w[m] if v.sigma is None else w[m] / v.sigma**2 for v, w, m in pairs]
+    weights = None if data.precision is None else data.split(data.precision)
     return BoardProblem(facts.camera.lens, kept, solution.free, board, weights)

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning
 from camcal.model.pose import Array
-from camcal.solve.solution import CalibrationWarning
 
 #: Share of the image inside the convex hull of all points below which distortion at its border is
 #: extrapolated over more than the covered part: at .12 the points reach less than half the way to the

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.curvature import beyond_linear
 from camcal.assess.difference import grid_of
+from camcal.data.shape import Shapes
 from camcal.model.pose import Array
-from camcal.solve.solution import Solution
-from camcal.start.shape import Shapes, shapes
+from camcal.solve.calibration import Calibration
 
 
 class Facts:
     """A solution with what the checks derive from it."""
 
-    def __init__(self, solution: Solution):
-        self.solution = solution
+    def __init__(self, solution: Calibration, holdout: Mapping[str, Any] | None = None):
+        self.solution, self.holdout = solution, holdout
         self.camera = solution.camera
-        self.views = solution.correspondences.views
-        self.image_size = solution.camera.image_size or solution.correspondences.image_size
+        self.views = solution.observations.views
+        self.image_size = solution.camera.image_size or solution.observations.image_size
 
     @cached_property
     def covariance(self) -> Covariance:
@@ -31,7 +33,7 @@ class Facts:
     @cached_property
     def shapes(self) -> Shapes:
         """The plane of each view's points."""
-        return shapes(self.views)
+        return self.solution.observations.shapes
 
     @cached_property
     def planar(self) -> bool:
@@ -52,8 +54,7 @@ class Facts:
     @cached_property
     def image_points(self) -> Array:
         """All used image points (M, 2), px."""
-        used = zip(self.views, self.solution.inliers, strict=True)
-        return np.concatenate([v.uv[m] for v, m in used])
+        return self.solution.observations.uv[self.solution.used]
 
     @cached_property
     def low_high(self) -> tuple[Array, Array]:

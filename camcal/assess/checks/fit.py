@@ -8,8 +8,8 @@ import numpy as np
 
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning
 from camcal.model.pose import Array
-from camcal.solve.solution import CalibrationWarning
 
 #: A point is gross beyond this many robust standard deviations of a coordinate: one Gaussian point in 6e7.
 GROSS = 6.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from camcal.assess.checks.facts import Facts
-from camcal.solve.solution import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning
 
 #: Ratio of the differences between the cameras of the folds to what noise explains (`fold_difference.py`)
 #: from which on something else is at work. On simulated data with white noise it is .95 in the median and
@@ -15,7 +15,7 @@ DISAGREE = 2.0
 
 def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
     """Cameras from different views lie farther apart than noise explains."""
-    found = (facts.solution.holdout or {}).get("difference")
+    found = (facts.holdout or {}).get("difference")
     if not found or not found["ratio"] > DISAGREE:
         return
     yield CalibrationWarning(

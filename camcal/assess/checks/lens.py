@@ -8,7 +8,7 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import grid_of
-from camcal.solve.solution import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning
 
 
 def outside_domain(facts: Facts) -> Iterator[CalibrationWarning]:
@@ -53,7 +53,4 @@ def fold_in_image(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def _farthest(facts: Facts, centre: np.ndarray) -> float:
     """The largest distance of a used point from the principal point, px."""
-    views = zip(facts.solution.correspondences.views, facts.solution.inliers, strict=True)
-    return max(
-        (float(np.linalg.norm(v.uv[m] - centre, axis=1).max(initial=0.0)) for v, m in views), default=0.0
-    )
+    return float(np.linalg.norm(facts.image_points - centre, axis=1).max(initial=0.0))

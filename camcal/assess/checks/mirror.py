@@ -15,10 +15,11 @@ import numpy as np
 
 from camcal.assess.checks import fit
 from camcal.assess.checks.facts import Facts
+from camcal.assess.figures import rms_of_views as per_view
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import View
 from camcal.model.pose import Array, Poses
 from camcal.solve.poses import refine_poses
-from camcal.solve.solution import CalibrationWarning
 
 #: The mirrored view has to be likelier by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
 LIKELIER = 14.0
@@ -53,8 +54,7 @@ def mirrored_views(facts: Facts) -> Array:
     none = np.zeros(0, int)
     if not facts.planar or facts.image_size is None or len(facts.views) < 3 or any(fit.systematic(facts)):
         return none
-    pairs = zip(facts.solution.residuals, facts.solution.inliers, strict=True)
-    squares = np.array([np.square(r[m]).sum(1).mean() for r, m in pairs])
+    squares = np.square(per_view(facts.solution))
     chosen = np.flatnonzero(squares > SUSPECT**2 * np.median(squares))
     gains, counts = gains_of_mirroring(facts, chosen)
     found = chosen[(counts * gains > LIKELIER) & (gains > np.log(SQUARES))]
@@ -67,11 +67,13 @@ def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
     Of the chosen views, (C,) each.
     """
     solution, width = facts.solution, (facts.image_size or (0, 0))[0]
-    kept = [facts.views[i].take(solution.inliers[i]) for i in chosen]
+    data = solution.observations
+    kept = data.of_views(chosen).kept().unweighted().views
     poses = Poses(solution.poses.rotations[chosen], solution.poses.translations[chosen])
     start = Poses(poses.rotations * np.outer(_MIRROR, _MIRROR), poses.translations * _MIRROR)
     _, costs, _ = refine_poses(facts.camera, [mirrored(v, width) for v in kept], start)
-    own = np.array([0.5 * np.square(solution.residuals[i][solution.inliers[i]]).sum() for i in chosen])
+    squares = np.where(data.used, np.square(solution.residuals).sum(1), 0.0)
+    own = 0.5 * data.per_block(squares)[chosen]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.log(own / costs)
     return np.where(np.isfinite(ratios), ratios, -np.inf), np.array([len(v) for v in kept])

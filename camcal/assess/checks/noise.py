@@ -13,7 +13,7 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.figures import standard_lengths
-from camcal.solve.solution import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning
 
 #: Deviations of E[x²] beyond which the noise is not Gaussian: a false alarm in 1e-5 of all runs.
 SIGNIFICANT = 4.5
@@ -47,8 +47,8 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def fourth_moment(facts: Facts) -> tuple[float, float]:
     """E[x²], and by how many standard deviations it differs from 2; (2, 0) for fewer than 50 points."""
-    lengths = standard_lengths(facts.solution)
-    counts = [int(m.sum()) for m in facts.solution.inliers]
+    lengths, data = standard_lengths(facts.solution), facts.solution.observations
+    counts = data.per_block(data.used).astype(int)
     squares = [s**2 for s in np.split(lengths, np.cumsum(counts)[:-1])]
     small = [s for s in squares if len(s) < LEAST_POINTS]
     groups = [s for s in squares if len(s) >= LEAST_POINTS]

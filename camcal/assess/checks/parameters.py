@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from camcal.assess.checks.facts import Facts
-from camcal.solve.solution import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning
 
 #: Standard deviation of a focal length (and skew) in parts of it, and of the principal point in parts of the
 #: image's diagonal, from which on they are weak: ten times what a dozen ordinary views of a board give.

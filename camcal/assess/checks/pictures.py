@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Correspondences
-from camcal.solve.solution import CalibrationWarning
 
 #: what to do about a picture, by the first word of what `targets/quality.py` says of it
 REMEDIES = {
@@ -23,7 +23,7 @@ NAMED = 3
 
 def poor_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Pictures that were used and are worse than they need to be, a warning for each fault."""
-    for kind, message, _ in faults(facts.solution.correspondences):
+    for kind, message, _ in faults(facts.solution.observations):
         yield CalibrationWarning(f"pictures-{kind}", message, REMEDIES[kind])
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning
 from camcal.model.pose import Array
-from camcal.solve.solution import CalibrationWarning
 
 #: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
 #: twice.

@@ -5,9 +5,9 @@ A chart is a function `Solution -> Chart or None` and a line in `CHARTS`, in the
 
 from __future__ import annotations
 
+from camcal.plan.solution import Solution
 from camcal.registry import load
 from camcal.report.charts.base import Chart
-from camcal.solve.solution import Solution
 
 CHARTS: dict[str, str] = {
     "residuals": "camcal.report.charts.residuals:quiver",

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.plan.solution import Solution
 from camcal.report.charts.base import Arrows, Cells, Chart, Layer, Points
 from camcal.report.charts.residuals import enlargement
-from camcal.solve.solution import Solution
-from camcal.solve.solve import BoardResult
+from camcal.solve.calibration import ShapedBoard
 
 Array = np.ndarray
 
 
 def shape(solution: Solution) -> Chart | None:
     """Height of each point over the ideal board as a map, and its offsets in the plane as arrows."""
-    board = solution.extras.get("board")
-    if not isinstance(board, BoardResult):
+    board = solution.board
+    if not isinstance(board, ShapedBoard):
         return None
-    target = solution.correspondences.target or {}
+    target = solution.observations.target or {}
     square = float(target.get("square") or 1.0)
     ideal, offset = board.ideal / square, (board.points - board.ideal) / square
     size = max(float(np.ptp(ideal[:, 0])), 1e-9)

@@ -7,9 +7,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from camcal.assess.checks.coverage import hull_area
 from camcal.assess.checks.facts import Facts
+from camcal.plan.solution import Solution
 from camcal.report.charts.base import Chart, Line, Points, short
 from camcal.report.charts.residuals import picture_limits, thinned
-from camcal.solve.solution import Solution
 
 Array = np.ndarray
 
@@ -25,9 +25,7 @@ def image(solution: Solution) -> Chart | None:
     if len(uv) < 3:
         return None
     x, y = picture_limits(facts)
-    lost = np.concatenate(
-        [v.uv[~m] for v, m in zip(facts.views, solution.inliers, strict=True)] or [np.zeros((0, 2))]
-    )
+    lost = np.concatenate([solution.observations.uv[~solution.used]])
     share = hull_area(uv) / ((x[1] - x[0]) * (y[1] - y[0]))
     some = thinned(len(uv), MOST_POINTS)
     layers: list = [Points(uv[some], radius=1.3, label="used points")]
@@ -59,7 +57,7 @@ def hull_of(uv: Array) -> Array:
 
 def unit_of(solution: Solution) -> str:
     """The unit of lengths in space, for people."""
-    unit = str((solution.correspondences.target or {}).get("unit") or "unit")
+    unit = str((solution.observations.target or {}).get("unit") or "unit")
     return {"square": "squares", "unit": "units"}.get(unit, unit)
 
 
@@ -103,11 +101,11 @@ def distances(solution: Solution) -> Chart | None:
     x, y = picture_limits(facts)
     area = (x[1] - x[0]) * (y[1] - y[0])
     far, share, titles = [], [], []
-    for view, used, pose in zip(facts.views, solution.inliers, solution.poses, strict=True):
-        if used.sum() < 3:
+    for view, pose in zip(solution.observations.kept().views, solution.poses, strict=True):
+        if len(view) < 3:
             continue
-        far.append(float(np.linalg.norm(pose.apply(view.xyz[used].mean(0)))))
-        share.append(100 * hull_area(view.uv[used]) / area)
+        far.append(float(np.linalg.norm(pose.apply(view.xyz.mean(0)))))
+        share.append(100 * hull_area(view.uv) / area)
         titles.append(f"{view.id}: at {short(far[-1])}, {share[-1]:.0f} % of the picture")
     if len(far) < 2:
         return None

@@ -11,10 +11,10 @@ import numpy as np
 
 from camcal.data.writing import atomic_write, check_writable
 from camcal.errors import UsageError
+from camcal.plan.solution import Solution
 from camcal.report.charts import charts
 from camcal.report.charts.base import Arrows, Bars, Cells, Chart, Line, Points, tick_text
 from camcal.report.charts.colours import DIVERGING, SEQUENTIAL
-from camcal.solve.solution import Solution
 
 #: the light page's colours
 TONES = {

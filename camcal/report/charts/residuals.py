@@ -6,8 +6,8 @@ import numpy as np
 
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
+from camcal.plan.solution import Solution
 from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points
-from camcal.solve.solution import Solution
 
 Array = np.ndarray
 
@@ -109,17 +109,19 @@ def histogram(solution: Solution) -> Chart | None:
 
 def standardised(solution: Solution) -> tuple[Array, float, str]:
     """Coordinates (M,) of the used residuals, their estimated sigma, and the unit: px, or given sigmas."""
-    views = zip(solution.correspondences.views, solution.residuals, solution.inliers, strict=True)
-    given = any(v.sigma is not None for v in solution.correspondences.views)
-    parts = [r[m] if v.sigma is None else r[m] / v.sigma[m, None] for v, r, m in views]
-    flat = np.concatenate(parts).ravel() if parts else np.zeros(0)
+    sigma = solution.observations.sigma
+    given = sigma is not None
+    flat = solution.used_residuals
+    if sigma is not None:
+        flat = flat / np.where(np.isnan(sigma), 1.0, sigma)[solution.used, None]
+    flat = flat.ravel()
     flat = flat[np.isfinite(flat)]
     return flat, figures.sigma_0(solution), "times those given with the points" if given else "px"
 
 
 def views(solution: Solution) -> Chart | None:
     """The rms of each view."""
-    names = [v.id for v in solution.correspondences.views]
+    names = [v.id for v in solution.observations.views]
     if len(names) < 2:
         return None
     rms = np.array([f.rms_point for f in figures.per_view(solution)])

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from camcal.plan.solution import Solution
 from camcal.report import words
 from camcal.report.doctor import remedies
 from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
-from camcal.solve.solution import Solution
 
 Document = Mapping[str, Any]
 

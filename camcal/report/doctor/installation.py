@@ -144,7 +144,7 @@ def _calibration() -> Iterator[Check]:
     import numpy as np
 
     from camcal.model.placement import simulate_poses
-    from camcal.plan.pipeline import calibrate
+    from camcal.plan.calibrate import calibrate
     from camcal.study.cameras import example_camera
     from camcal.study.points import simulate_points
 

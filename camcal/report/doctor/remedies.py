@@ -12,11 +12,11 @@ from camcal.assess import figures
 from camcal.assess.checks.board import GAIN as BOARD_GAIN
 from camcal.assess.checks.board import SIGNIFICANT, promise
 from camcal.assess.checks.facts import Facts
-from camcal.assess.judgement import CHEAP_PARAMETERS, CHEAP_POINTS
+from camcal.assess.holdout import CHEAP_PARAMETERS, CHEAP_POINTS
 from camcal.errors import CamcalError
+from camcal.plan.solution import Solution
 from camcal.report.doctor.findings import Finding, Gain
 from camcal.report.next_view import suggest
-from camcal.solve.solution import Solution
 
 #: pictures that are suggested at once
 MORE = 3
@@ -94,7 +94,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
 
     Where the board's shape leaves only the corners' noise, there is nothing for a lens model to explain.
     """
-    if not _calls_for_a_model(report) or solution.correspondences.point_count > CHEAP_POINTS:
+    if not _calls_for_a_model(report) or solution.observations.point_count > CHEAP_POINTS:
         return None
     if board and board.gain and board.gain.after <= EXPLAINS * _detector_sigma(report):
         return None
@@ -103,7 +103,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
     from camcal.plan.selection import described, select
 
     try:
-        found = described(select(solution.correspondences))
+        found = described(select(solution.observations))
     except CamcalError:
         return None
     held = {m["model"]: (m.get("holdout") or {}).get("rms_point") for m in found["models"]}
@@ -163,7 +163,7 @@ def worse_views(solution: Solution, report: Document) -> Finding | None:
     rms = np.array([f.rms_point for f in own])
     median = float(np.nanmedian(rms)) if len(rms) else 0.0
     said, worse = [], []
-    for i, view in enumerate(solution.correspondences.views):
+    for i, view in enumerate(solution.observations.views):
         looks = ((seen.get(view.id) or {}).get("quality") or {}).get("warnings") or []
         if rms[i] > WORSE_VIEW * median or looks:
             worse.append(i)
@@ -183,8 +183,8 @@ def worse_views(solution: Solution, report: Document) -> Finding | None:
 
 def _without(solution: Solution, views: list[int]) -> Gain | None:
     """sigma_hat with the residuals that are there, without some views."""
-    squares = sum(float(np.square(solution.residuals[i][solution.inliers[i]]).sum()) for i in views)
-    points = sum(int(solution.inliers[i].sum()) for i in views)
+    of_those = np.isin(solution.observations.view, list(views)) & solution.used
+    squares, points = float(np.square(solution.residuals[of_those]).sum()), int(of_those.sum())
     freedom = figures.redundancy(solution)
     left, rest = freedom - 2 * points + 6 * len(views), figures.sigma_hat(solution) ** 2 * freedom - squares
     if left <= 0 or rest <= 0:

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from camcal.errors import UsageError
+from camcal.plan.solution import Solution
 from camcal.report import table, words
 from camcal.report.charts import charts
 from camcal.report.charts.svg import svg
 from camcal.report.doctor.calibration import examine
 from camcal.report.html import pictures, scene
-from camcal.solve.solution import Solution
 
 _HERE = Path(__file__).parent
 #: charts in sections of the page, by name

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from camcal.plan.solution import Solution
 from camcal.report.charts.residuals import enlargement
-from camcal.solve.solution import Solution
 
 Array = np.ndarray
 
@@ -47,7 +47,7 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     """
     paths = _paths(report, folder)
     chosen = _chosen(report["views"])
-    index = {v.id: i for i, v in enumerate(solution.correspondences.views)}
+    index = {v.id: i for i, v in enumerate(solution.observations.views)}
     scale = _scale(solution)
     made = []
     for entry in chosen:
@@ -107,11 +107,8 @@ def _thumbnail(
     uri, size = read
     used = rejected = arrows = ""
     if index is not None:
-        view, r, good = (
-            solution.correspondences.views[index],
-            solution.residuals[index],
-            solution.inliers[index],
-        )
+        rows = solution.observations.slices[index]
+        view, r, good = solution.observations.views[index], solution.residuals[rows], solution.used[rows]
         used, rejected = _dots(view.uv[good]), _dots(view.uv[~good])
         arrows = "".join(
             f"M{u:.1f} {v:.1f}l{du:.1f} {dv:.1f}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.model.pose import Pose
-from camcal.solve.solution import Solution
+from camcal.plan.solution import Solution
 
 Array = np.ndarray
 

@@ -1,0 +1,112 @@
+"""The one rule by which one fit is preferred to another.
+
+1. Physical sense: a camera with a finite positive focal length that sees all points it rests on is better than one
+   without.
+2. On the same points, with the same unknowns, the lower cost is better; a search that converged, where costs are equal
+   to rounding.
+3. Otherwise (other unknowns: a lens with more coefficients, a board with a shape; or other points: corners fitted
+   again) what counts is the error on views held out, with its noise. With d_v the difference of the mean squared errors
+   of view v, held out from both,
+
+       t = mean(d_v) / (std(d_v) / sqrt(V))                                                           (1)
+
+   is about Student's t with V - 1 degrees of freedom where neither is better (Nadeau & Bengio, Inference for the
+   generalization error, 2003, who also show that folds share views, so that it is only approximate). What asks for
+   more unknowns, or for new points, is preferred where chance alone would exceed t with a probability below `CHANCE`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from camcal.assess.holdout import HoldOut
+from camcal.solve.calibration import Calibration
+
+#: of twenty choices between equals one falls on the larger model
+CHANCE = 0.05
+#: costs nearer than this part of one another are equal to rounding: sums of 1e4 squares of doubles
+EQUAL = 1e-12
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fit, and its error on views held out where that is known."""
+
+    calibration: Calibration
+    holdout: HoldOut | None = None
+
+
+def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
+    """Whether a candidate is preferred to what there is, and why."""
+    new, old = candidate.calibration, incumbent.calibration
+    sensible = physical(new), physical(old)
+    if sensible[0] != sensible[1]:
+        return sensible[0], "the other camera is not physical: its focal length, or points that it cannot see"
+    if same_points(new, old) and _unknowns(new) == _unknowns(old):
+        return _lower_cost(new, old)
+    t, views = gain(candidate.holdout, incumbent.holdout)
+    if np.isnan(t):
+        return False, "there are too few views to hold some out"
+    sure = float(stdtrit(views - 1, 1 - CHANCE))
+    fewer = same_points(new, old) and new.free_count < old.free_count
+    where = "below" if t > 0 else "above"
+    said = f"its error on views held out lies {abs(t):.1f} standard errors {where} the other's"
+    return bool(t > (-sure if fewer else sure)), said
+
+
+def physical(calibration: Calibration) -> bool:
+    """Whether the focal length is finite and positive, and all points that the fit rests on project."""
+    focal = np.diag(calibration.camera.matrix)[:2]
+    return bool(
+        (focal > 0).all() and np.isfinite(focal).all() and np.isfinite(calibration.used_residuals).all()
+    )
+
+
+def gain(candidate: HoldOut | None, incumbent: HoldOut | None) -> tuple[float, int]:
+    """Equation (1), positive where the candidate is better, and V; NaN without views held out from both."""
+    if candidate is None or incumbent is None:
+        return float("nan"), 0
+    new, old = candidate.mean_squares(), incumbent.mean_squares()
+    common = [v for v in new if v in old]
+    d = np.array([old[v] - new[v] for v in common])
+    if len(d) < 2 or not np.isfinite(d).all():
+        return float("nan"), len(d)
+    scatter = float(d.std(ddof=1)) / np.sqrt(len(d))
+    if scatter > 0:
+        return float(d.mean() / scatter), len(d)
+    return (float(np.sign(d.mean()) * np.inf) if d.any() else 0.0), len(d)
+
+
+def same_points(a: Calibration, b: Calibration) -> bool:
+    """Whether two fits rest on the same image points with the same weights."""
+    x, y = a.observations, b.observations
+    if x.view_ids != y.view_ids or not np.array_equal(x.used, y.used) or not np.array_equal(x.uv, y.uv):
+        return False
+    p, q = (np.ones(1) if o.precision is None else o.precision for o in (x, y))
+    return bool(np.array_equal(np.broadcast_to(p, x.used.shape), np.broadcast_to(q, x.used.shape)))
+
+
+def _unknowns(calibration: Calibration) -> tuple[str, int]:
+    board = calibration.board
+    return (f"{calibration.camera.lens.name} {board.kind if board else 'flat'}", calibration.free_count)
+
+
+def _lower_cost(new: Calibration, old: Calibration) -> tuple[bool, str]:
+    ours, theirs = new.fit.cost, old.fit.cost
+    if ours < theirs * (1 - EQUAL):
+        return True, f"a lower cost on the same points: {ours:.9g} against {theirs:.9g}"
+    if ours <= theirs * (1 + EQUAL) and new.fit.converged and not old.fit.converged:
+        return True, "the same cost on the same points, and converged"
+    return False, f"no lower cost on the same points: {ours:.9g} against {theirs:.9g}"
+
+
+def lowest(calibrations: list[Calibration]) -> Calibration:
+    """The best of several fits to the same points with the same unknowns."""
+    best = calibrations[0]
+    for other in calibrations[1:]:
+        if better(Candidate(other), Candidate(best))[0]:
+            best = other
+    return best

@@ -1,0 +1,227 @@
+"""From observations to a solution: the plan, what is said of its result, and the comparison with cv2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from camcal.assess import outliers as foreign
+from camcal.assess.checks import check
+from camcal.assess.conditioning import with_conditioning
+from camcal.assess.fold_difference import difference_of_folds
+from camcal.assess.holdout import described, folds_wanted, hold_out
+from camcal.data.observations import Observations
+from camcal.errors import DataError, EstimationError
+from camcal.geometry import projective
+from camcal.model import lenses
+from camcal.plan.boards import SHAPES, with_shape
+from camcal.plan.camera import FROM_NOTHING, run_closed_form
+from camcal.plan.options import Options
+from camcal.plan.outlying import FOREIGN, OUTLIERS, REJECT, SIGMAS
+from camcal.plan.progress import Attempt, Progress, follow
+from camcal.plan.second_pass import SECOND_PASS
+from camcal.plan.solution import Solution, of_fit
+from camcal.solve import outliers
+
+from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.refine import residuals
+
+from camcal.start import CLOSED_FORMS, shape
+
+#: Every attempt that a calibration may make, in its order; each says itself whether it applies.
+PLAN: tuple[Attempt, ...] = (
+    *FROM_NOTHING,
+    *OUTLIERS,
+    SECOND_PASS,
+    SIGMAS,
+    REJECT,
+    FOREIGN,
+    *SHAPES,
+)
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+def calibrate(
+    correspondences: Observations,
+    model: str = "opencv5",
+    robust: str = "none",
+    on_event: OnEvent | None = None,
+    **options: Any,
+) -> Solution:
+    """Calibrate a camera.
+
+    Parameters
+    ----------
+    correspondences : Observations
+    model : str
+        A lens model, `camcal list models`.
+    robust : str
+        How outliers are treated: `none`, `auto`, or the name of a loss.
+    on_event : callable, optional
+        Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("refined-points", {...})`,
+        `("checked", {warnings})`, `("crosschecked", {entries})`.
+    **options
+        The fields of `camcal.settings.calibration.CalibrationOptions`, as on the command line; `checks=False`
+        leaves out the search for reasons to warn.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    UsageError
+        For an unknown option, model or parameter, and for a value that does not fit.
+    DataError
+        For correspondences that cannot be used.
+    EstimationError
+        Where they do not determine a camera.
+    """
+    asked = Options.resolve(model=model, robust=robust, **options)
+    tell = on_event or (lambda _, __: None)
+    lens = lenses.make(asked.model, asked.skew)
+    given = usable(correspondences)
+    progress = follow(PLAN, Progress(asked, lens, asked.how(lens), given, given.unweighted()))
+    second_pass = progress.notes.get("second_pass")
+    if second_pass is not None:
+        tell("refined-points", second_pass)
+    solution = replace(_solution(progress), options=asked.described(options))
+    rejected = int((~solution.used).sum())
+    tell("refined", {"rms_point": solution.rms_point, "points": given.point_count, "rejected": rejected})
+    if asked.checks:
+        solution = assessed(solution, progress)
+        tell("checked", {"warnings": [w.code for w in solution.warnings]})
+    if asked.crosscheck:
+        from camcal.peers.run import crosscheck  # cv2 is loaded only here
+
+        solution = replace(solution, crosscheck=crosscheck(solution, solution.stages, progress.how))
+        tell("crosschecked", {"entries": len(solution.crosscheck)})
+    return solution
+
+
+def usable(observations: Observations) -> Observations:
+    """The observations without views that no closed form can take; these become `rejected`.
+
+    Raises
+    ------
+    DataError
+        Where none is left, or all are exact copies of one.
+    """
+    count = len(observations)
+    if count > 1 and shape.all_same(observations.views):
+        raise DataError(
+            f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
+            "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
+        )
+    bad = shape.unusable(observations)
+    if len(bad) == count:
+        shape.check(observations)  # raises, with the reason of the first view
+    return observations.without(bad)
+
+
+def _solution(progress: Progress) -> Solution:
+    """The best fit with its stages, whose figures are of the points that it rests on."""
+    fit = progress.fit
+    info = dict(fit.fit.info)
+    if "noise_model" in progress.notes:
+        info["noise_model"] = progress.notes["noise_model"]
+    if progress.options.robust == "auto" and "begun_from" in progress.notes:
+        info["robust"] = _of_test(fit, progress.notes["begun_from"])
+    fit = replace(
+        fit,
+        fit=replace(fit.fit, info=info),
+        start=progress.start.camera if progress.start is not None else fit.start,
+        observations=with_shape(fit.observations, progress),
+    )
+    changed = len(fit.poses) < len(progress.given) or not fit.used.all()
+    # the attempt that gave the result stands at the end, as `refine`
+    before = [s for s in progress.stages if s.camera is not fit.camera]
+    stages = [s for s in (_on_result(stage, fit, progress, changed) for stage in before) if s]
+    warnings = progress.start.warnings if progress.start is not None else ()
+    return of_fit(
+        fit,
+        stages=(*stages, _refine_stage(fit, [s.name for s in progress.stages if s.camera is fit.camera])),
+        warnings=warnings,
+        second_pass=progress.notes.get("second_pass"),
+        points=progress.given,
+    )
+
+
+def _of_test(fit: Calibration, begun_from: str) -> dict[str, Any]:
+    """How outliers were found, for the information on the fit."""
+    verdict = outliers.test(fit)
+    return {
+        "test": f"|r|²/2s² of a point exceeds F(2, nu) at {outliers.ALPHA:g}/N",
+        "sigma": verdict.sigma,
+        "threshold": verdict.threshold * verdict.sigma,
+        "begun_from": begun_from,
+        "ransac_confidence": 0.999,
+    }
+
+
+def _on_result(stage: Stage, fit: Calibration, progress: Progress, changed: bool) -> Stage | None:
+    """A stage with its figure over the points of the result; a closed form is made again on those.
+
+    None where it has none: the closed form fails on them.
+    """
+    if not changed:
+        return stage
+    if stage.name in CLOSED_FORMS:
+        try:
+            on_kept = replace(progress, data=fit.observations, notes={})
+            return run_closed_form(stage.name, on_kept)[1]
+        except (EstimationError, DataError):
+            return None
+    return stage if stage.camera is None else replace(stage, rms_point=_rms_on(stage, fit, progress))
+
+
+def _rms_on(stage: Stage, fit: Calibration, progress: Progress) -> float:
+    """rms_point of a stage's camera and poses over the used points of the result; NaN where it lacks a view."""
+    assert stage.camera is not None and stage.poses is not None
+    names = stage.view_ids or progress.given.view_ids
+    places = [names.index(v) if v in names else -1 for v in fit.observations.view_ids]
+    if min(places) < 0 or len(stage.poses) != len(names):
+        return float("nan")
+    off = residuals(stage.camera, stage.poses[np.array(places)], fit.observations)[fit.used]
+    return float(np.sqrt(np.square(off).sum(1).mean()))
+
+
+def _refine_stage(fit: Calibration, names: list[str]) -> Stage:
+    """The result as the last stage; `names` are the attempts that gave it."""
+    projection = None
+    if len(fit.poses) == 1:
+        pose = fit.poses[0]
+        projection = projective.compose(fit.camera.matrix, pose.rotation, pose.translation)
+    return Stage(
+        "refine",
+        fit.rms_point,
+        fit.camera.matrix,
+        fit.fit.seconds,
+        projection_matrix=projection,
+        camera=fit.camera,
+        poses=fit.poses,
+        info={
+            "converged": fit.fit.converged,
+            "iterations": fit.fit.iterations,
+            "attempt": names[-1] if names else None,
+        },
+    )
+
+
+def assessed(solution: Solution, progress: Progress) -> Solution:
+    """The solution with its hold-out, its warnings, and the condition of each stage's equations."""
+    asked = progress.options
+    data, said = foreign.named(solution, progress.given, asked.robust != "none")
+    solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
+    folds = folds_wanted(solution, asked.holdout)
+    how = replace(progress.how, board=solution.board.kind if solution.board else "flat")
+    held = hold_out(solution, how, folds) if folds else None
+    if held is not None:
+        solution = replace(solution, holdout=described(held, difference_of_folds(solution, held)))
+    solution = replace(solution, warnings=check(solution, solution.warnings, solution.holdout))
+    return replace(solution, stages=with_conditioning(solution.stages, solution, asked.normalise))

@@ -1,0 +1,227 @@
+"""Attempts at a camera from nothing: closed forms, then the refinement, from other starts where it ends badly."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from camcal.assess import figures
+from camcal.assess.warning import CalibrationWarning
+from camcal.data.observations import Observations
+from camcal.errors import DataError, EstimationError
+from camcal.geometry import projective
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.plan.better import Candidate, lowest
+from camcal.plan.progress import Attempt, Begin, Change, Progress
+from camcal.registry import look_up
+from camcal.solve import starts
+from camcal.solve.calibration import Stage
+from camcal.solve.parameters import apply_fixed
+from camcal.solve.refine import refine, residuals
+from camcal.start import CLOSED_FORMS, radial, shape
+from camcal.start.base import ClosedForm
+
+
+# ------------------------------------------------------------------------------------------------ closed forms
+def closed_form(name: str) -> Attempt:
+    """The attempt with a closed form of the table."""
+
+    def applies(progress: Progress) -> bool:
+        return progress.best is None and not progress.made("radial") and name in chosen(progress)[0]
+
+    def make_(progress: Progress) -> Change:
+        found, stage = run_closed_form(name, progress)
+        if found.info.get("mirrored"):
+            raise DataError(
+                "the frame of the points is left-handed (mirrored): the scene lies in front of the camera only "
+                "with a reflection.",
+                "Negate one axis of the points, for example Z, or swap two of them.",
+            )
+        return Change(start=_begin(found, stage, progress), stage=stage)
+
+    return Attempt(name, applies, make_)
+
+
+def chosen(progress: Progress) -> tuple[list[str], str]:
+    """The closed forms for the rows at hand, the one to begin from last, and why."""
+    if progress.options.start is not None:
+        return [progress.options.start], "as asked for"
+    return shape.choose(progress.data.kept())
+
+
+def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
+    """A closed form on the used rows, and what the report says of it."""
+    kept, options = progress.data.kept(), progress.options
+    begin = time.perf_counter()
+    found = look_up(CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
+    seconds = time.perf_counter() - begin
+    if found.projection_matrix is not None:
+        rms = figures.rms_point(projective.project(found.projection_matrix, kept.xyz) - kept.uv)
+    else:
+        rms = figures.rms_point(residuals(_pinhole(found.matrix, kept), found.poses, kept))
+    failures = progress.notes.get("failures", {})
+    info: dict[str, Any] = {"why": chosen(progress)[1], **found.info}
+    if failures:
+        info["failed_before"] = dict(failures)
+    stage = Stage(
+        found.name,
+        rms,
+        found.matrix,
+        seconds,
+        projection_matrix=found.projection_matrix,
+        poses=found.poses,
+        info=info,
+    )
+    return found, stage
+
+
+def _pinhole(matrix: np.ndarray, observations: Observations) -> Camera:
+    lens = make("pinhole", skew=True)
+    return Camera(lens, lens.from_matrix(matrix), observations.image_size)
+
+
+def _begin(found: ClosedForm, stage: Stage, progress: Progress) -> Begin:
+    """The camera of the lens at hand from a closed form's pinhole camera, and what it had to assume."""
+    lens, options, kept = progress.lens, progress.options, progress.data.kept()
+    held, warnings = _assumed(found, kept)
+    how = options.how(lens, held)
+    if lens.shaped_by_data:
+        camera = starts.regressed(lens, _pinhole(found.matrix, kept), kept, options.fix)
+    else:
+        camera = Camera(
+            lens, apply_fixed(lens, lens.from_matrix(found.matrix), how.fix), progress.given.image_size
+        )
+    return Begin(found.name, camera, found.poses, stage.rms_point, held, warnings)
+
+
+def _assumed(
+    found: ClosedForm, observations: Observations
+) -> tuple[Mapping[str, float | None], tuple[CalibrationWarning, ...]]:
+    """What a single view of a plane does not determine is held at the closed form's assumption, with a warning."""
+    warnings = []
+    if found.info.get("degenerate"):
+        warnings.append(
+            CalibrationWarning(
+                "weak-geometry",
+                f"the closed form is hardly determined by these views: {found.info['degenerate']}.",
+                "Add views of the target tilted by 20 to 45 degrees in different directions.",
+            )
+        )
+    held: dict[str, float | None] = dict.fromkeys(found.info.get("held", ()))
+    if not held or shape.distinct(observations.views) > 1:
+        return {}, tuple(warnings)
+    said = CalibrationWarning(
+        "single-view",
+        "one view of a plane does not determine the camera; assumed: "
+        + ", ".join(found.info["assumptions"])
+        + ".",
+        "Add views of the target from other directions.",
+    )
+    return held, (said, *warnings)
+
+
+def _wants_radial(progress: Progress) -> bool:
+    """No start, or one that took a wide lens for a pinhole camera, or a lens whose shape is in the data."""
+    if progress.best is not None or progress.made("radial"):
+        return False
+    start = progress.start
+    return start is None or progress.lens.shaped_by_data or starts.poor(start.rms_point, progress.data)
+
+
+def _radial(progress: Progress) -> Change | None:
+    """Radial alignment; where a closed form is nearer, that one stays the start."""
+    kept = progress.data.kept()
+    begin = time.perf_counter()
+    rough = radial.estimate(kept)
+    rms = float(np.sqrt(np.nanmean((residuals(rough.camera, rough.poses, kept) ** 2).sum(1))))
+    stage = Stage(
+        "radial",
+        rms,
+        rough.camera.matrix,
+        time.perf_counter() - begin,
+        camera=rough.camera,
+        poses=rough.poses,
+        info=rough.info,
+    )
+    if progress.start is not None and not rms < progress.start.rms_point:
+        return None
+    found = starts.from_radial(progress.lens, rough, kept, progress.options.fix)
+    if not found:
+        return None
+    camera, poses = found[0]
+    notes = {"other_starts": tuple(found[1:])}
+    return Change(start=Begin("radial", camera, poses, rms), stage=stage, notes=notes)
+
+
+# -------------------------------------------------------------------------------------------------- refinements
+def _refine(progress: Progress) -> Change:
+    start = progress.start
+    assert start is not None
+    return Change(fit=Candidate(refine(start.camera, start.poses, progress.data, progress.how)))
+
+
+def _doubtful(progress: Progress) -> bool:
+    """No fit, or one that may be a wrong minimum; not before outliers were looked for, if they are to be."""
+    if progress.options.robust != "none" and not progress.restarts:
+        return False
+    return progress.start is not None and (progress.best is None or starts.doubtful(progress.fit))
+
+
+def _from_radial(progress: Progress) -> Change | None:
+    """The refinement from radial alignment, where the one from the closed form ended badly."""
+    kept, found = progress.data.kept(), []
+    if progress.made("radial"):
+        begins = list(progress.notes.get("other_starts", ()))
+    else:
+        begins = starts.from_radial(progress.lens, radial.estimate(kept), kept, progress.options.fix)
+    for camera, poses in begins:
+        try:
+            found.append(refine(camera, poses, progress.data, progress.how))
+        except EstimationError:
+            continue  # the next start may do
+    return Change(fit=Candidate(lowest(found))) if found else None
+
+
+def _from_nested(progress: Progress) -> Change | None:
+    """The refinement from the optimum of a model that this one contains."""
+    start = progress.start
+    assert start is not None
+    found = starts.by_nesting(progress.lens, (start.camera, start.poses), progress.data, progress.how)
+    return None if found is None else Change(fit=Candidate(found))
+
+
+def _from_other_minima(progress: Progress) -> Change | None:
+    """The best of the minima of a model that has several; which one is met depends on the start."""
+    found = []
+    for camera in starts.other_minima(progress.fit):
+        try:
+            found.append(refine(camera, progress.fit.poses, progress.data, progress.how))
+        except EstimationError:
+            continue  # that minimum does not hold these points
+    return Change(fit=Candidate(lowest(found))) if found else None
+
+
+def _begun(progress: Progress) -> bool:
+    return progress.best is None and progress.start is not None
+
+
+def _several_minima(progress: Progress) -> bool:
+    return progress.best is not None and progress.lens.several_minima and not progress.options.fix
+
+
+FROM_NOTHING: tuple[Attempt, ...] = (
+    *(closed_form(name) for name in CLOSED_FORMS),
+    Attempt("radial", _wants_radial, _radial),
+    Attempt("least-squares", _begun, _refine),
+    Attempt("from-radial", _doubtful, _from_radial),
+    Attempt("from-nested", _doubtful, _from_nested),
+)
+
+OTHER_MINIMA = Attempt("other-minima", _several_minima, _from_other_minima)
+
+#: what attempts are called with
+Applies = Callable[[Progress], bool]

@@ -1,0 +1,107 @@
+"""A known camera judged on data: its parameters stay, the pose of each view is fitted anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camcal.data.observations import Observations, View
+from camcal.errors import DataError
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
+from camcal.plan.better import Candidate
+from camcal.plan.options import Options
+from camcal.plan.outlying import AFTER_RESTART, wants_restart
+from camcal.plan.progress import Attempt, Begin, Change, Progress, follow
+from camcal.plan.solution import Solution, of_fit
+from camcal.solve import ransac
+from camcal.solve.refine import refine
+from camcal.solve.robust import check_method
+from camcal.start.pose import initial_poses
+
+#: rays closer to the camera's own plane than this (z of the unit ray, 3 degrees) are no start for a pose: x/z there
+#: has 20 times the noise of the point
+_FLAT_RAY = 0.05
+
+
+def evaluate(camera: Camera, correspondences: Observations, robust: str = "none", seed: int = 0) -> Solution:
+    """Fit the pose of each view to a camera that stays as it is.
+
+    Parameters
+    ----------
+    camera : Camera
+    correspondences : Observations
+        Data that the camera was not calibrated with, or it judges itself.
+    robust : str
+        How outliers are treated, as in a calibration.
+    seed : int
+
+    Returns
+    -------
+    Solution
+        With the given camera; residuals, poses and fit are of these data.
+
+    Raises
+    ------
+    DataError
+        Where the pictures are of another size than the camera's, or a view's points do not determine its pose.
+    """
+    _check_size(camera, correspondences)
+    check_method(robust)
+    options = Options(camera.lens.name, fix=dict.fromkeys(camera.lens.names), robust=robust, seed=seed)
+    begin = Begin("given", camera, Poses.stack([]), float("nan"))
+    progress = Progress(options, camera.lens, options.how(camera.lens), correspondences, correspondences)
+    return of_fit(follow(_plan(begin), progress).fit)
+
+
+def _plan(known: Begin) -> tuple[Attempt, ...]:
+    """The attempts at the poses before a known camera."""
+
+    def poses(progress: Progress) -> Change:
+        kept = progress.data.kept()
+        start = start_poses(known.camera, kept.views)
+        return Change(start=Begin("poses", known.camera, start, float("nan")))
+
+    def refined(progress: Progress) -> Change:
+        assert progress.start is not None
+        return Change(fit=Candidate(refine(known.camera, progress.start.poses, progress.data, progress.how)))
+
+    def agreeing(progress: Progress) -> Change:
+        found = ransac.of_poses(progress.data.views, known.camera, progress.options.seed)
+        used = np.concatenate([a.mask for a in found])
+        return Change(data=progress.data.with_used(used), again=True)
+
+    def no_fit(progress: Progress) -> bool:
+        return progress.best is None
+
+    def begun(progress: Progress) -> bool:
+        return progress.best is None and progress.start is not None
+
+    once = (Attempt("poses", no_fit, poses), Attempt("least-squares", begun, refined))
+    return (*once, Attempt("agreeing", wants_restart, agreeing), *once, *AFTER_RESTART)
+
+
+def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
+    """cam_from_board of each view from the rays of its points, in closed form.
+
+    Points outside the lens's domain, and those seen at almost a right angle to the axis or beyond, are left
+    out: normalised coordinates x/z do not hold them.
+    """
+    kept, ab = [], []
+    for view in views:
+        rays = camera.unproject(view.uv)
+        with np.errstate(invalid="ignore"):
+            ahead = rays[:, 2] > _FLAT_RAY  # False also for NaN
+        kept.append(view.take(ahead))
+        ab.append(rays[ahead, :2] / rays[ahead, 2:])
+    return initial_poses([v.xyz for v in kept], ab, [v.sigma for v in kept])
+
+
+def _check_size(camera: Camera, correspondences: Observations) -> None:
+    ours, theirs = camera.image_size, correspondences.image_size
+    if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):
+        raise DataError(
+            f"the camera is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
+            "Pictures as the camera was calibrated with are needed.",
+        )

@@ -1,0 +1,25 @@
+"""What a calibration is asked for; the command line's options by the same names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from camcal.model.lenses.base import Lens
+from camcal.settings.calibration import CalibrationOptions
+from camcal.solve.optimizers.base import Options as Stopping
+from camcal.solve.refine import How
+
+
+@dataclass(frozen=True)
+class Options(CalibrationOptions):
+    """The options of a calibration with what only calls from Python set."""
+
+    start: str | None = None  #: the closed form to begin from; None = by the geometry of the points
+    refine_points: bool | None = False  #: go back to the pictures; None = where views held out gain from it
+    stopping: Stopping = field(default_factory=Stopping)
+
+    def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:
+        """How every fit is made; `held` are parameters that the closed form had to assume."""
+        fix = {**dict.fromkeys(lens.default_fixed), **(held or {}), **self.fix}
+        return How(fix, self.optimizer, self.stopping, self.normalise)

@@ -1,0 +1,213 @@
+"""Attempts that deal with outliers, given sigmas, and views that do not belong.
+
+`auto` first fits as if all were well. Only where the residuals speak against that, or where there is no such fit, is
+the camera found anew from the points that agree by RANSAC, reweighted by a redescending loss, and fitted to what a
+stated test keeps. Clean data thus get the least squares answer itself, and pay for one test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.assess import outliers as foreign
+from camcal.errors import EstimationError
+from camcal.plan.better import Candidate
+from camcal.plan.camera import FROM_NOTHING, OTHER_MINIMA, Applies
+from camcal.plan.progress import Attempt, Change, Progress
+from camcal.solve import noise, outliers, ransac, robust, starts
+from camcal.solve.calibration import Calibration
+from camcal.solve.losses import LOSSES
+from camcal.solve.refine import refine
+
+#: from this share of rejected points on, the least squares fit is no place to start from: at 2 % gross outliers its
+#: focal length is off by several of its sigmas
+START_AGAIN = 0.02
+#: fewer views than this are not tried for a start where all of them give none
+LEAST_VIEWS = 3
+#: the loss whose fit `auto` judges points by, and how often it is reweighted: the test needs no digits
+LOSS, LOSS_ROUNDS = "cauchy", 10
+
+
+def _clean(progress: Progress) -> bool:
+    """Nothing speaks against the fit to all points: neither outliers nor a wrong minimum."""
+    return (
+        progress.plain is not None
+        and not starts.doubtful(progress.plain)
+        and outliers.is_clean(progress.plain)
+    )
+
+
+def _wants_robust(progress: Progress) -> bool:
+    method = progress.options.robust
+    return method != "none" and not (method == "auto" and _clean(progress))
+
+
+def wants_restart(progress: Progress) -> bool:
+    """Whether the camera is to be found anew from the points that agree."""
+    if progress.restarts or not _wants_robust(progress):
+        return False
+    plain = progress.plain
+    if plain is None or starts.doubtful(plain):
+        return True
+    return outliers.test(plain).rejected / plain.observations.point_count > START_AGAIN
+
+
+def _agreeing(progress: Progress) -> Change:
+    """The points of each view that agree by one map of its own."""
+    data = progress.data
+    found = ransac.of_maps(data.views, data.shapes.planar.tolist(), progress.options.seed)
+    used = np.concatenate([a.mask for a in found])
+    return Change(data=data.with_used(used), again=True, notes={"agreed": found})
+
+
+def _half_agreeing(progress: Progress) -> Change:
+    """The half of the views that agree best."""
+    found = progress.notes["agreed"]
+    scatter = np.array([a.sigma for a in found])  # NaN, where there are too few points to tell, comes last
+    count = max(len(found) // 2, LEAST_VIEWS)
+    rows = np.sort(np.argsort(scatter, kind="stable")[:count])
+    return Change(data=progress.data.of_views(rows), again=True)
+
+
+def _no_camera_after(restarts: int) -> Applies:
+    def applies(progress: Progress) -> bool:
+        return progress.restarts == restarts and progress.best is None
+
+    return applies
+
+
+def _found_from_half(progress: Progress) -> bool:
+    return progress.restarts == 2 and progress.best is not None
+
+
+def _all_poses(progress: Progress) -> Change:
+    """The poses of all views before the camera of half of them."""
+    data = progress.given.unweighted()
+    found = robust.find_poses(progress.fit, data, progress.how, progress.options.seed)
+    return Change(fit=Candidate(found), instead=True)
+
+
+def _reweight(progress: Progress) -> Change:
+    """Reweighting from the better of the fits to all points and to those that agree."""
+    found = [c.calibration for c in (progress.best,) if c is not None]
+    found += [progress.plain] if progress.plain is not None else []
+    if not found:
+        raise EstimationError("neither all points nor those that agree give a camera.")
+    start = min(found, key=robust.spread)
+    method = progress.options.robust
+    auto = method == "auto"
+    made = robust.reweight(
+        start, progress.how, LOSSES[LOSS if auto else method], **({"rounds": LOSS_ROUNDS} if auto else {})
+    )
+    origin = "all points" if start is progress.plain else "the points that agree by RANSAC"
+    return Change(fit=Candidate(made), instead=True, notes={"begun_from": origin})
+
+
+def _wants_reweighting(progress: Progress) -> bool:
+    return _wants_robust(progress) and (progress.best is not None or progress.plain is not None)
+
+
+def _rejects(progress: Progress) -> bool:
+    return progress.best is not None and progress.options.robust == "auto"
+
+
+def _after_reweighting(progress: Progress) -> bool:
+    return _rejects(progress) and "begun_from" in progress.notes
+
+
+def _reject(progress: Progress) -> Change | None:
+    kept = robust.reject(progress.fit, progress.how)
+    return None if kept is progress.fit else Change(fit=Candidate(kept), instead=True)
+
+
+def _better_poses(progress: Progress) -> Change | None:
+    data = progress.given.unweighted()
+    found = robust.find_better_poses(progress.fit, data, progress.how, progress.options.seed)
+    if found is None:
+        return None
+    return Change(fit=Candidate(robust.reject(found, progress.how)), instead=True)
+
+
+def _plain_is_lower(progress: Progress) -> bool:
+    """Whether the least squares fit to all points fits those that were kept better than the fit to them."""
+    plain = progress.plain
+    if not _after_reweighting(progress) or plain is None:
+        return False
+    rows = _rows_of(plain, progress.fit)
+    squares = np.square(plain.residuals[rows]).sum(1)[progress.fit.used]
+    return bool(0.5 * squares.sum() < progress.fit.fit.cost)
+
+
+def _rows_of(plain: Calibration, kept: Calibration) -> np.ndarray:
+    """Which rows (N,) of all observations the views of a fit hold."""
+    held = np.isin(plain.observations.view_ids, kept.observations.view_ids)
+    return held[plain.observations.view]
+
+
+def _from_plain(progress: Progress) -> Change:
+    """The fit to the kept points from the camera of all points: rejection never makes a fit worse."""
+    plain = progress.plain
+    assert plain is not None
+    places = [plain.observations.view_ids.index(v) for v in progress.fit.observations.view_ids]
+    found = refine(plain.camera, plain.poses[np.array(places)], progress.data, progress.how)
+    return Change(fit=Candidate(found))
+
+
+# ------------------------------------------------------------------------------------------------- given sigmas
+def _has_sigmas(progress: Progress) -> bool:
+    sigma = progress.given.sigma
+    return progress.best is not None and sigma is not None and not np.isnan(sigma).any()
+
+
+def _weight(progress: Progress) -> Change:
+    """The fit with the given sigmas, as far as the residuals bear them out."""
+    fit, given = progress.fit, progress.given
+    places = [given.view_ids.index(v) for v in fit.observations.view_ids]
+    sigma = given.of_views(places).sigma
+    assert sigma is not None
+    model = noise.noise_model(fit, sigma)
+    data = replace(fit.observations, sigma=model.sigmas(sigma), weight=None)
+    made = refine(fit.camera, fit.poses, data, progress.how)
+    if progress.options.robust not in ("auto", "none"):
+        made = robust.reweight(made, progress.how, LOSSES[progress.options.robust])
+    described = {"scale": model.scale, "floor_px": model.floor}
+    return Change(fit=Candidate(made), instead=True, notes={"noise_model": described})
+
+
+# ------------------------------------------------------------------------------------------------ foreign views
+def _without_foreign(progress: Progress) -> Change | None:
+    """Without views that fit a pose well enough to be used, but bend the camera."""
+    fit = progress.fit
+    bad = foreign.foreign_views(fit)
+    if not bad:
+        return None
+    data = fit.observations.without(dict.fromkeys(bad, "does not fit the other views"))
+    rest = [i for i in range(len(fit.poses)) if i not in bad]
+    made = refine(fit.camera, fit.poses[np.array(rest)], data, progress.how)
+    return Change(fit=Candidate(robust.reject(made, progress.how)), instead=True)
+
+
+REJECT = Attempt("rejected", _rejects, _reject)
+
+#: what follows once points that agree were looked for
+AFTER_RESTART: tuple[Attempt, ...] = (
+    Attempt("reweighted", _wants_reweighting, _reweight),
+    Attempt("rejected", _after_reweighting, _reject),
+    Attempt("better-poses", _after_reweighting, _better_poses),
+    Attempt("from-all-points", _plain_is_lower, _from_plain),
+)
+
+OUTLIERS: tuple[Attempt, ...] = (
+    Attempt("agreeing", wants_restart, _agreeing),
+    *FROM_NOTHING,
+    Attempt("agreeing-half", _no_camera_after(1), _half_agreeing),
+    *FROM_NOTHING,
+    Attempt("all-poses", _found_from_half, _all_poses),
+    *AFTER_RESTART,
+    OTHER_MINIMA,
+)
+
+SIGMAS = Attempt("weighted", _has_sigmas, _weight)
+FOREIGN = Attempt("without-foreign-views", _rejects, _without_foreign)

@@ -1,0 +1,233 @@
+"""How far a calibration has come, and the loop over its plan.
+
+An attempt gets the progress so far and gives a `Change`; the loop takes it in, by the one rule for what is better
+(`camcal.plan.better`), and notes the attempt as a stage of the report. Nothing else carries state from one attempt to
+the next.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from camcal.assess.warning import CalibrationWarning
+from camcal.data.observations import Observations
+from camcal.errors import CamcalError, DataError, EstimationError
+from camcal.model.camera import Camera
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Poses
+from camcal.plan.better import Candidate, better
+from camcal.plan.options import Options
+from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.refine import How
+
+#: attempts after others of the same points failed
+SECOND_THOUGHTS = ("radial", "from-radial", "from-nested")
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Where a refinement may begin: the camera of the lens at hand, poses, and what the closed form had to assume."""
+
+    name: str
+    camera: Camera
+    poses: Poses
+    rms_point: float
+    held: Mapping[str, float | None] = field(default_factory=dict)
+    warnings: tuple[CalibrationWarning, ...] = ()
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an attempt gives; None means that it has nothing to say of that.
+
+    Attributes
+    ----------
+    start : Begin, optional
+        Where a refinement may begin from now on.
+    fit : Candidate, optional
+        A fit; kept where it is better than the one so far, or where `instead` says that it rests on other points.
+    instead : bool
+        The fit is taken for the one so far without comparing them.
+    refused : str
+        Why the fit is not taken, whatever it is compared with; empty = it is compared.
+    best : Candidate, optional
+        The fit so far, with what the attempt found out about it.
+    data, given : Observations, optional
+        What later attempts work on: the rows at hand, and all views.
+    again : bool
+        The camera is to be found anew from `data`.
+    stage : Stage, optional
+        What the report says of the attempt; made from the fit otherwise.
+    notes : mapping
+        More to keep, by name.
+    """
+
+    start: Begin | None = None
+    fit: Candidate | None = None
+    instead: bool = False
+    refused: str = ""
+    best: Candidate | None = None
+    data: Observations | None = None
+    given: Observations | None = None
+    again: bool = False
+    stage: Stage | None = None
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What is known after some attempts.
+
+    Attributes
+    ----------
+    options : Options
+    lens : Lens
+    how : How
+        How fits are made.
+    given : Observations
+        All usable views, with the sigmas that were given.
+    data : Observations
+        What the attempts work on.
+    start : Begin or None
+    best : Candidate or None
+        The best fit so far to `data`.
+    plain : Calibration or None
+        The least squares fit to all points.
+    restarts : int
+        How often the camera was found anew from points that agree.
+    stages : tuple of Stage
+    error : CamcalError or None
+        Why there is no fit to all points.
+    notes : mapping
+        `trials` of board shapes, `second_pass`, ...
+    """
+
+    options: Options
+    lens: Lens
+    how: How
+    given: Observations
+    data: Observations
+    start: Begin | None = None
+    best: Candidate | None = None
+    plain: Calibration | None = None
+    restarts: int = 0
+    stages: tuple[Stage, ...] = ()
+    error: CamcalError | None = None
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> Calibration:
+        """The best fit so far; attempts that use it apply only where there is one."""
+        assert self.best is not None
+        return self.best.calibration
+
+    def made(self, name: str) -> bool:
+        """Whether an attempt was made since the camera was last found anew."""
+        return any(s.name == name for s in self.stages[self.notes.get("since", 0) :])
+
+    def after(self, name: str, change: Change, seconds: float) -> Progress:
+        """The progress with what an attempt gave."""
+        now, kept, why = self, True, ""
+        if change.data is not None:
+            now = replace(now, data=change.data)
+        if change.given is not None:
+            now = replace(now, given=change.given)
+        if change.again:
+            notes = {**now.notes, "since": len(now.stages)}
+            now = replace(now, start=None, best=None, restarts=now.restarts + 1, notes=notes)
+        if change.best is not None:
+            now = replace(now, best=change.best)
+        if change.start is not None:
+            how = self.options.how(self.lens, change.start.held)
+            now = replace(now, start=change.start, how=replace(how, board=self.how.board))
+        if change.fit is not None:
+            if change.refused:
+                kept, why = False, change.refused
+            elif not change.instead and now.best is not None:
+                kept, why = better(change.fit, now.best)
+            if kept:
+                now = replace(now, best=change.fit, data=change.fit.calibration.observations)
+            if now.plain is None and not now.restarts:
+                now = replace(now, plain=change.fit.calibration)
+        stage = change.stage
+        if stage is None and change.fit is not None:
+            stage = stage_of(
+                name, change.fit.calibration, seconds, {"kept": kept, **({"why": why} if why else {})}
+            )
+        if stage is not None:
+            now = replace(now, stages=(*now.stages, stage))
+        return replace(now, notes={**now.notes, **change.notes})
+
+    def failed(self, name: str, error: CamcalError) -> Progress:
+        """The progress after an attempt that gave nothing.
+
+        The error is kept where it says why all points give no camera: that of a second thought (another start, points
+        that agree) does not.
+        """
+        failures = {**self.notes.get("failures", {}), name: error.message}
+        now = replace(self, notes={**self.notes, "failures": failures})
+        first = not self.restarts and self.best is None and name not in SECOND_THOUGHTS
+        return replace(now, error=error) if first else now
+
+
+def stage_of(name: str, calibration: Calibration, seconds: float, info: Mapping[str, Any]) -> Stage:
+    """A fit as a stage of the report."""
+    return Stage(
+        name,
+        calibration.rms_point,
+        calibration.camera.matrix,
+        seconds,
+        camera=calibration.camera,
+        poses=calibration.poses,
+        view_ids=calibration.observations.view_ids,
+        info=info,
+    )
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A line of the plan.
+
+    Attributes
+    ----------
+    name : str
+        In the report, and the same for attempts that do the same.
+    applies : callable
+        Whether it is to be made, from the progress so far.
+    make : callable
+        What it gives; None where it finds nothing to change.
+    """
+
+    name: str
+    applies: Callable[[Progress], bool]
+    make: Callable[[Progress], Change | None]
+
+
+def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
+    """Make the attempts of a plan that apply, in their order.
+
+    Raises
+    ------
+    CamcalError
+        The one that kept all points from giving a camera, where no other attempt found one.
+    """
+    for attempt in plan:
+        if not attempt.applies(progress):
+            continue
+        begin = time.perf_counter()
+        try:
+            change = attempt.make(progress)
+        except (EstimationError, DataError) as error:
+            progress = progress.failed(attempt.name, error)
+            continue
+        if change is not None:
+            progress = progress.after(attempt.name, change, time.perf_counter() - begin)
+    if progress.best is None and progress.plain is not None:
+        progress = replace(progress, best=Candidate(progress.plain))
+    if progress.best is None:
+        assert progress.error is not None
+        raise progress.error
+    return progress

@@ -1,0 +1,119 @@
+"""The second pass over pictures: the points fitted again with the camera of the first.
+
+A first calibration tells where each pixel lies on the board. Corners are fitted again on edges that are
+straight there, discs get the bias of their centre taken off, and the camera is refined until the points
+stay where they are. The new points are kept where the one rule for what is better says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.holdout import HoldOut, hold_out
+from camcal.data.observations import Observations, View
+from camcal.detect import targets
+from camcal.detect.refine_images import refine_images
+from camcal.detect.targets.circles import Circles
+from camcal.model.pose import Pose
+from camcal.plan.better import Candidate, better
+from camcal.plan.progress import Attempt, Change, Progress, stage_of
+from camcal.solve.calibration import Calibration
+from camcal.solve.refine import refine
+
+#: rounds end where a new camera moves its projections by less than this, px. Only the shape of the edges is
+#: taken from the camera, so that the corners move by some hundredths of it.
+SETTLED = 0.1
+#: the corrections shrink by ten or more from round to round; four leave nothing
+ROUNDS = 4
+#: targets whose corners have a second pass; those of tags have too little room for it
+SHARPENED = ("checkerboard", "charuco")
+
+
+def _applies(progress: Progress) -> bool:
+    kind = str((progress.given.target or {}).get("kind", ""))
+    known = kind in SHARPENED or kind.endswith("circles")
+    wanted = progress.options.refine_points is not False
+    return wanted and progress.best is not None and known and bool(progress.given.files)
+
+
+def _second_pass(progress: Progress) -> Change:
+    first, found = progress.fit, progress.given
+    current, points, rounds, change = first, found, 0, np.inf
+    while rounds < ROUNDS and change > SETTLED:
+        points, rounds = _again(points if rounds else found, found, current), rounds + 1
+        new = _refitted(current, points, progress)
+        change, current = _projections_moved(current, new), new
+    before, after = hold_out(first, progress.how), hold_out(current, progress.how)
+    kept, why = True, "asked for"
+    if progress.options.refine_points is None:
+        kept, why = better(Candidate(current, after), Candidate(first, before))
+    notes: dict[str, Any] = {
+        "rounds": rounds,
+        "moved_px": float(np.sqrt(np.square(points.uv - found.uv).sum(1).mean())),
+        "holdout_before": _rms(before),
+        "holdout_after": _rms(after),
+        "kept": kept,
+    }
+    stage = stage_of("second-pass", current, current.fit.seconds, {"kept": kept, "why": why})
+    if not kept:
+        return Change(stage=stage, notes={"second_pass": notes})
+    return Change(
+        fit=Candidate(current), instead=True, given=points, stage=stage, notes={"second_pass": notes}
+    )
+
+
+def _rms(held: HoldOut | None) -> float | None:
+    return None if held is None else held.figures.rms_point
+
+
+def _refitted(fit: Calibration, points: Observations, progress: Progress) -> Calibration:
+    """The fit to the same views and rows of other points."""
+    places = [points.view_ids.index(v) for v in fit.observations.view_ids]
+    data = points.of_views(places)
+    data = replace(fit.observations, uv=data.uv)
+    return refine(fit.camera, fit.poses, data, progress.how)
+
+
+def _again(points: Observations, found: Observations, fit: Calibration) -> Observations:
+    """The points as the camera of a fit makes them; views without a pose stay as they are."""
+    poses = dict(zip(fit.observations.view_ids, fit.poses, strict=True))
+    if str((found.target or {}).get("kind", "")).endswith("circles"):
+        return _centred(found, fit, poses)
+    return refine_images(points, fit.camera, poses)[0]
+
+
+def _projections_moved(old: Calibration, new: Calibration) -> float:
+    """Root mean square difference of where two fits project the points of the same rows, px."""
+    moved = (new.residuals + new.observations.uv) - (old.residuals + old.observations.uv)
+    return float(np.sqrt(np.nanmean(np.square(moved).sum(1))))
+
+
+def _centred(found: Observations, fit: Calibration, poses: Mapping[str, Pose]) -> Observations:
+    """Centres of discs less the bias of their pictures' centroids, as the camera predicts it."""
+    target = _circles(found.target or {})
+
+    def centred(view: View) -> View:
+        pose = poses.get(view.id)
+        if pose is None or view.point_ids is None:
+            return view
+        shift = target.apparent_shift(fit.camera, pose, view.point_ids)
+        return replace(view, uv=view.uv - np.where(np.isfinite(shift), shift, 0.0))
+
+    return found.map_views(centred)
+
+
+def _circles(described: Mapping[str, Any]) -> Circles:
+    unit = "" if described["unit"] in ("unit", "square") else described["unit"]
+    spec = f"{described['kind']}:{described['columns']}x{described['rows']}:{described['square']!r}{unit}"
+    if described.get("diameter"):
+        spec += f":{described['diameter']!r}{unit}"
+    made = targets.make(spec)
+    assert isinstance(made, Circles)
+    return made
+
+
+SECOND_PASS = Attempt("second-pass", _applies, _second_pass)

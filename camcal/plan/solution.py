@@ -1,0 +1,93 @@
+"""The solution of a calibration: the fit that was kept, how it was reached, and what is to be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from os import PathLike
+from typing import Any
+
+from camcal.assess.warning import CalibrationWarning
+from camcal.data.observations import Observations
+from camcal.registry import load
+from camcal.solve.calibration import Calibration, Stage
+
+
+@dataclass(frozen=True, repr=False)
+class Solution(Calibration):
+    """A calibration with its stages, warnings, hold-out and cross-check.
+
+    Attributes
+    ----------
+    stages : tuple of Stage
+        Every attempt on the way, the result itself last (`refine`).
+    warnings : tuple of CalibrationWarning
+    options : mapping
+        What was asked for; `{name: value}` or `{name: {value, from}}`.
+    crosscheck : tuple of mappings
+        Entries of the report: {stage, against, status, why, opencv, difference}.
+    holdout : mapping or None
+        Figures on views that took no part.
+    second_pass : mapping or None
+        What the second pass over the pictures did.
+    points : Observations or None
+        All views that could be used, with the points as the second pass left them.
+    """
+
+    stages: tuple[Stage, ...] = ()
+    warnings: tuple[CalibrationWarning, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
+    crosscheck: tuple[Mapping[str, Any], ...] = ()
+    holdout: Mapping[str, Any] | None = None
+    second_pass: Mapping[str, Any] | None = None
+    points: Observations | None = None
+
+    def __repr__(self) -> str:
+        said = f", {len(self.warnings)} warnings" if self.warnings else ""
+        return (
+            f"<Solution: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px, "
+            f"{self.verdict}{said}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """A table of the camera for notebooks."""
+        return str(load("camcal.report.notebook:table")(self))
+
+    def option(self, name: str) -> Any:
+        """The value of an option; None where it was not given."""
+        value = self.options.get(name)
+        return value.get("value") if isinstance(value, Mapping) else value
+
+    @property
+    def failures(self) -> list[str]:
+        """The gates that fell, a sentence each: a cross-check that failed, an rms_point above `max_rms`."""
+        fallen = [
+            f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
+            for e in self.crosscheck
+            if e["status"] == "fail"
+        ]
+        bound = self.option("max_rms")
+        # written so that a NaN falls, too
+        if bound is not None and not self.rms_point <= float(bound):
+            fallen.append(f"rms_point {self.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
+        return fallen
+
+    @property
+    def verdict(self) -> str:
+        """`pass`, or `fail` where a gate fell."""
+        return "fail" if self.failures else "pass"
+
+    def save(self, path: str | PathLike, force: bool = False) -> None:
+        """Write the report.
+
+        Raises
+        ------
+        UsageError
+            Where the file exists and `force` is not given.
+        """
+        load("camcal.report.document:save")(load("camcal.report.document:document")(self), path, force)
+
+
+def of_fit(fit: Calibration, **more: Any) -> Solution:
+    """A fit as a solution, with what else is to be said of it."""
+    return Solution(**{f.name: getattr(fit, f.name) for f in fields(Calibration)}, **more)

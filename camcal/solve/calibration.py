@@ -1,0 +1,174 @@
+"""What one fit gives: the camera, the poses, the board, and how the search went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from camcal.data.observations import Observations
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One attempt on the way to a solution, with its own figures.
+
+    Attributes
+    ----------
+    name : str
+        Of the attempt; a closed form's is its key in the table of closed forms.
+    rms_point : float
+        px, over the points that the solution rests on.
+    matrix : (3, 3) array or None
+        K, px.
+    seconds : float
+    projection_matrix : (3, 4) array or None
+        Of a single view.
+    camera : Camera or None
+    poses : Poses or None
+        cam_from_board of each view.
+    view_ids : tuple of str
+        Which views these are.
+    info : mapping
+        What else the attempt has to say: condition numbers, why it was chosen, whether it was kept.
+    """
+
+    name: str
+    rms_point: float
+    matrix: Array | None
+    seconds: float
+    projection_matrix: Array | None = None
+    camera: Camera | None = None
+    poses: Poses | None = None
+    view_ids: tuple[str, ...] = ()
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the search for a minimum went."""
+
+    optimizer: str
+    loss: str
+    iterations: int
+    evaluations: int
+    converged: bool
+    stop_reason: str
+    cost: float  #: half the weighted sum of squares
+    seconds: float
+    trace: tuple[float, ...] = ()
+    #: (iteration, cost, evaluations, seconds) of the start and of every step that was kept
+    samples: tuple[tuple[int, float, int, float], ...] = ()
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class NormalBlocks:
+    """The blocks of JᵀJ at the solution: what a covariance needs, without the matrix that is zero elsewhere.
+
+    Attributes
+    ----------
+    intrinsics : (F, F) array
+        Free parameters of the camera (and of the board's shape), all views added up.
+    coupling : (V, F, 6) array
+        Between those and the pose of each view; pose = (rotation on the left, translation).
+    poses : (V, 6, 6) array
+    """
+
+    intrinsics: Array
+    coupling: Array
+    poses: Array
+
+
+@dataclass(frozen=True)
+class ShapedBoard:
+    """A board whose shape was estimated along with the camera.
+
+    Attributes
+    ----------
+    kind : str
+    ideal : (M, 3) array
+        The points as designed, unit of the data.
+    points : (M, 3) array
+        Where they are, in the frame and at the scale in which they are nearest to the ideal ones.
+    size : int
+        Number of parameters B of the shape.
+    basis : (3 M, B) array, or (B,) int array
+        As in `Board`.
+    """
+
+    kind: str
+    ideal: Array
+    points: Array
+    size: int
+    basis: Array | None = None
+
+    def directions(self) -> Array:
+        """d X / d θ (3 M, B) in full."""
+        assert self.basis is not None
+        return self.basis if self.basis.ndim == 2 else np.eye(3 * len(self.points))[:, self.basis]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A fit with all that a later stage needs.
+
+    Attributes
+    ----------
+    camera : Camera
+    poses : Poses
+        cam_from_board of each view of the observations.
+    observations : Observations
+        `used` says which points the fit rests on, `weight` what a robust loss gave them; where the board's shape was
+        estimated, `xyz` are the points found.
+    residuals : (N, 2) array
+        Predicted - observed of every row, px, unused ones included; NaN outside the lens's domain.
+    start : Camera
+        Where the search began.
+    free : (P, F) array
+        d params / d free parameters; a row of zeros is a fixed parameter, a column of zeros one of the board's shape.
+    normal : NormalBlocks
+        Of the weighted problem at the solution, unit weight = 1 px.
+    fit : Fit
+    board : ShapedBoard or None
+    """
+
+    camera: Camera
+    poses: Poses
+    observations: Observations
+    residuals: Array
+    start: Camera
+    free: Array
+    normal: NormalBlocks
+    fit: Fit
+    board: ShapedBoard | None = None
+
+    def __repr__(self) -> str:
+        return f"<Calibration: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px>"
+
+    @property
+    def used(self) -> Array:
+        """Which rows (N,) the fit rests on."""
+        return self.observations.used
+
+    @property
+    def used_residuals(self) -> Array:
+        """Residuals (M, 2) of the points that the fit rests on, px."""
+        return self.residuals[self.used]
+
+    @property
+    def rms_point(self) -> float:
+        """sqrt(Σ |r|² / N) over the used points, px: the figure cv2 and Zhang print."""
+        r = self.used_residuals
+        return float(np.sqrt(np.einsum("ij,ij->", r, r) / max(len(r), 1)))
+
+    @property
+    def free_count(self) -> int:
+        """Number of estimated parameters, poses and the board's shape included."""
+        return self.free.shape[1] + 6 * len(self.poses)
