@@ -34,7 +34,7 @@ from camcal.data.observations import Correspondences
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
-from camcal.plan.pipeline import first_estimate
+from camcal.plan.calibrate import first_estimate
 from camcal.solve.optimizers import make
 from camcal.solve.problem import Problem
 

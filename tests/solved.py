@@ -7,6 +7,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Poses
+from camcal.plan.solution import of_fit
 from camcal.solve.refine import How, refine
 
 SIZE = (640, 480)
@@ -82,4 +83,4 @@ def solved(
     data = observe(camera, poses, xyz, noise, rng, sigma)
     start = camera.params.copy()
     start[:4] *= 1.01
-    return refine(Camera(camera.lens, start, SIZE), poses, data, How(fix or {}))
+    return of_fit(refine(Camera(camera.lens, start, SIZE), poses, data, How(fix or {})))

@@ -69,7 +69,7 @@ def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, s
     """Read, start and run; (runs, problem, the model's full name)."""
     from camcal.cli.output import progress
     from camcal.data.points import read_points
-    from camcal.plan.pipeline import first_estimate
+    from camcal.plan.calibrate import first_estimate
     from camcal.solve.optimizers import OPTIMIZERS, make
     from camcal.solve.optimizers.base import Options
     from camcal.solve.parameters import free_matrix
@@ -83,8 +83,8 @@ def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, s
         make(spec)  # an unknown one is refused before any work is done
     _require_plain(specs, options["rotation"])
     data = read_points(*points, image_size=options["image_size"])
-    usable, camera, poses, fix = first_estimate(data, options["model"], options["skew"], options["fix"])
-    free = free_matrix(camera.lens, camera.params, fix)
+    usable, camera, poses, how = first_estimate(data, options["model"], options["skew"], options["fix"])
+    free = free_matrix(camera.lens, camera.params, how.fix)
     problem = Problem(camera.lens, usable.views, free, normalise=options["normalise"])
     first = problem.state(camera.params, poses)
     starts = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,18 +17,18 @@ from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
 from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
 from camcal.plan.boards import SHAPES, with_shape
-from camcal.plan.camera import FROM_NOTHING, run_closed_form
+from camcal.plan.camera import FROM_NOTHING, STARTS, run_closed_form
 from camcal.plan.options import Options
 from camcal.plan.outlying import FOREIGN, OUTLIERS, REJECT, SIGMAS
-from camcal.plan.progress import Attempt, Progress, follow
+from camcal.plan.progress import Attempt, Progress, advance, follow
 from camcal.plan.second_pass import SECOND_PASS
 from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers
-
 from camcal.solve.calibration import Calibration, Stage
-from camcal.solve.refine import residuals
-
+from camcal.solve.refine import How, residuals
 from camcal.start import CLOSED_FORMS, shape
 
 #: Every attempt that a calibration may make, in its order; each says itself whether it applies.
@@ -102,6 +102,28 @@ def calibrate(
         solution = replace(solution, crosscheck=crosscheck(solution, solution.stages, progress.how))
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
+
+
+def first_estimate(
+    correspondences: Observations,
+    model: str = "opencv5",
+    skew: bool = False,
+    fix: Mapping[str, float | None] | None = None,
+) -> tuple[Observations, Camera, Poses, How]:
+    """Where a refinement would begin: usable views, camera, poses, and how it would be made.
+
+    Raises
+    ------
+    DataError, EstimationError
+        Where no closed form finds a camera.
+    """
+    asked = Options.resolve(model=model, skew=skew, fix=fix or {})
+    lens, given = lenses.make(asked.model, asked.skew), usable(correspondences)
+    progress = advance(STARTS, Progress(asked, lens, asked.how(lens), given, given.unweighted()))
+    if progress.start is None:
+        assert progress.error is not None
+        raise progress.error
+    return given, progress.start.camera, progress.start.poses, progress.how
 
 
 def usable(observations: Observations) -> Observations:

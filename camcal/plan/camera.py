@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -213,15 +213,16 @@ def _several_minima(progress: Progress) -> bool:
     return progress.best is not None and progress.lens.several_minima and not progress.options.fix
 
 
-FROM_NOTHING: tuple[Attempt, ...] = (
+STARTS: tuple[Attempt, ...] = (
     *(closed_form(name) for name in CLOSED_FORMS),
     Attempt("radial", _wants_radial, _radial),
+)
+
+FROM_NOTHING: tuple[Attempt, ...] = (
+    *STARTS,
     Attempt("least-squares", _begun, _refine),
     Attempt("from-radial", _doubtful, _from_radial),
     Attempt("from-nested", _doubtful, _from_nested),
 )
 
 OTHER_MINIMA = Attempt("other-minima", _several_minima, _from_other_minima)
-
-#: what attempts are called with
-Applies = Callable[[Progress], bool]

@@ -7,6 +7,7 @@ stated test keeps. Clean data thus get the least squares answer itself, and pay 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from camcal.assess import outliers as foreign
 from camcal.errors import EstimationError
 from camcal.plan.better import Candidate
-from camcal.plan.camera import FROM_NOTHING, OTHER_MINIMA, Applies
+from camcal.plan.camera import FROM_NOTHING, OTHER_MINIMA
 from camcal.plan.progress import Attempt, Change, Progress
 from camcal.solve import noise, outliers, ransac, robust, starts
 from camcal.solve.calibration import Calibration
@@ -71,7 +72,7 @@ def _half_agreeing(progress: Progress) -> Change:
     return Change(data=progress.data.of_views(rows), again=True)
 
 
-def _no_camera_after(restarts: int) -> Applies:
+def _no_camera_after(restarts: int) -> Callable[[Progress], bool]:
     def applies(progress: Progress) -> bool:
         return progress.restarts == restarts and progress.best is None
 

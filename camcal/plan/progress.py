@@ -206,14 +206,8 @@ class Attempt:
     make: Callable[[Progress], Change | None]
 
 
-def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
-    """Make the attempts of a plan that apply, in their order.
-
-    Raises
-    ------
-    CamcalError
-        The one that kept all points from giving a camera, where no other attempt found one.
-    """
+def advance(plan: Iterable[Attempt], progress: Progress) -> Progress:
+    """Make the attempts of a plan that apply, in their order."""
     for attempt in plan:
         if not attempt.applies(progress):
             continue
@@ -225,6 +219,18 @@ def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
             continue
         if change is not None:
             progress = progress.after(attempt.name, change, time.perf_counter() - begin)
+    return progress
+
+
+def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
+    """Make the attempts of a plan to its end.
+
+    Raises
+    ------
+    CamcalError
+        The one that kept all points from giving a camera, where no other attempt found one.
+    """
+    progress = advance(plan, progress)
     if progress.best is None and progress.plain is not None:
         progress = replace(progress, best=Candidate(progress.plain))
     if progress.best is None:
