@@ -19,7 +19,7 @@ from camcal.settings.option import readable
 
 if TYPE_CHECKING:
     from camcal.model.camera import Camera
-    from camcal.solve.solution import Solution
+    from camcal.plan.solution import Solution
 
 DONE, FAILED = "done", "failed"
 JOB = "job"  #: the entry among the options of a report that holds the digest of its job
@@ -79,8 +79,7 @@ def _calibrate(
     job: Job, paths: list[str], values: dict[str, Any], told: dict[str, Any]
 ) -> tuple[Solution, dict[str, Any] | None]:
     """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
-    from camcal.plan.pictures import calibrate_pictures
-    from camcal.plan.pipeline import calibrate
+    from camcal.plan.calibrate import calibrate
 
     if job.kind == IMAGES:
         from camcal.detect.images import detect_images
@@ -105,7 +104,7 @@ def _calibrate(
         )
         told["model"] = selection["chosen"]
     if job.kind == IMAGES:
-        return calibrate_pictures(data, values["refine_corners"], **told)[0], selection
+        told["refine_points"] = values["refine_corners"]
     return calibrate(data, **told), selection
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 from camcal.model.lenses.base import Lens
 from camcal.settings.calibration import CalibrationOptions
@@ -18,6 +19,12 @@ class Options(CalibrationOptions):
     start: str | None = None  #: the closed form to begin from; None = by the geometry of the points
     refine_points: bool | None = False  #: go back to the pictures; None = where views held out gain from it
     stopping: Stopping = field(default_factory=Stopping)
+
+    @classmethod
+    def resolve(cls, **keywords: Any) -> Self:
+        """Make the options of the keywords of a call; see `Settings.resolve`."""
+        own = {n: keywords.pop(n) for n in ("start", "refine_points", "stopping") if n in keywords}
+        return replace(super().resolve(**keywords), **own)
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:
         """How every fit is made; `held` are parameters that the closed form had to assume."""

@@ -162,7 +162,7 @@ def test_every_kind_of_error_is_a_row(tmp_path, monkeypatch):
         def fail(*args, error=error, **kwargs):
             raise error
 
-        monkeypatch.setattr("camcal.plan.pipeline.calibrate", fail)
+        monkeypatch.setattr("camcal.plan.calibrate.calibrate", fail)
         (tmp_path / "out").mkdir(exist_ok=True)
         (row,) = run_jobs([job], str(tmp_path / "out"))
         assert row["status"] == "failed" and row["reason"]
