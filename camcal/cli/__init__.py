@@ -11,6 +11,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
     "images": ("camcal.cli.checkerboard:images", "The same for pictures of any target."),
     "batch": ("camcal.cli.batch:command", "Calibrate many cameras, with a summary of all."),
+    "watch": ("camcal.cli.watch:command", "Calibrate while pictures arrive; say what to take next."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
     "pose": ("camcal.cli.pose:command", "Find where a known camera stood, with all solutions."),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from camcal.settings.batch import BATCH
+from camcal.settings.batch import BATCH, WATCH
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.kinds import (
@@ -176,6 +176,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "checkerboard": _IMAGES,
     "images": _IMAGES,
     "batch": (*BATCH, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
+    "watch": (*WATCH, *BOARD, REFINE_CORNERS, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "detect": (
         replace(OUTPUT, help="The table (CSV): file, id, X, Y, Z, u, v, sigma.", required=True),
         *BOARD,

@@ -1,0 +1,144 @@
+"""`camcal watch`: calibrate while pictures arrive."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from camcal.cli.options import options as options_of
+from camcal.cli.options import resolved_options
+from camcal.cli.verbosity import note, verbosity_options
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.detection import DetectionOptions
+
+if TYPE_CHECKING:
+    from camcal.batch.live_page import LivePage
+    from camcal.batch.watch import Step, Watcher
+
+#: s; how often the folder is looked at
+LOOK = 0.1
+
+
+@click.command("watch")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="FOLDER")
+@options_of("watch")
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, folder: Path, **options: Any) -> int:
+    """Calibrate while pictures arrive in a folder, and say where to hold the target next.
+
+    Each picture is searched as it arrives; the report is renewed with it. With --target-px the command ends when the
+    worst uncertainty over the picture, at the boards' distance, is at most PX; without, when it is interrupted.
+    With --once it calibrates as `camcal checkerboard` does from what is there, and ends.
+    """
+    from camcal.cli.job import output_is_free
+    from camcal.errors import DataError
+
+    if not folder.is_dir():
+        raise DataError(
+            f"there is no folder '{folder}'.", "Make it first, then let the pictures arrive there."
+        )
+    output_is_free(options)
+    options["format"] = "table"
+    if options["once"]:
+        return _final(ctx, folder, options) or 0
+    from camcal.batch.live_page import LivePage
+
+    served = None if options["serve"] is None else LivePage(options["serve"])
+    if served is not None:
+        note(f"The page: {served.address}")
+    try:
+        return _watch(ctx, folder, options, served)
+    finally:
+        if served is not None:
+            served.close()
+
+
+def _watch(ctx: click.Context, folder: Path, options: dict[str, Any], served: LivePage | None) -> int:
+    from camcal.batch.arrivals import Arrivals
+    from camcal.batch.watch import Watcher
+
+    watcher = Watcher(
+        {name: options[name] for name in DetectionOptions.options()},
+        {name: options[name] for name in CalibrationOptions.options() if name in options},
+    )
+    arrivals, steps = Arrivals(folder), []
+    target = options["target_px"]
+    note(f"Waiting for pictures in '{folder}'; end with ^C.")
+    while True:
+        ready, gone = arrivals.look()
+        for path in gone:
+            steps.append(_say(watcher.drop(path)))
+        for path in ready:
+            steps.append(_say(watcher.take(path)))
+            _save(ctx, watcher, options)
+            if served is not None:
+                served.show(steps, watcher.chart, target)
+            if target is not None and watcher.worst is not None and watcher.worst <= target:
+                code = _final(ctx, folder, {**options, "force": True}, target)
+                if code is not None:
+                    return code
+        if not ready:
+            time.sleep(LOOK)
+
+
+def _say(step: Step) -> Step:
+    said = {
+        "found": f"{step.points} points",
+        "removed": "removed",
+        "not_found": f"the target was not found: {step.reason}",
+        "unreadable": f"unreadable: {step.reason}",
+    }[step.status]
+    if step.rms is not None:
+        said += f", rms {step.rms:.3g} px"
+    if step.after is not None:
+        before = "" if step.before is None else f"{step.before:.3g} -> "
+        said += (
+            f"; worst uncertainty {before}{step.after:.3g} px at the {step.weakest}, {step.views} pictures"
+        )
+    note(f"{step.id}: {said} ({step.seconds:.2f} s).")
+    if step.trouble:
+        note(f"  no camera yet: {step.trouble}")
+    note(f"  next: {step.advice}.")
+    return step
+
+
+def _save(ctx: click.Context, watcher: Watcher, options: dict[str, Any]) -> None:
+    """Write the report of the camera so far."""
+    from camcal.cli.job import command_line
+    from camcal.report.document import document, save
+
+    if watcher.solution is not None:
+        solution = replace(watcher.solution, options=resolved_options(ctx))
+        save(document(solution, command=command_line(ctx)), options["output"], force=True)
+
+
+def _final(
+    ctx: click.Context, folder: Path, options: dict[str, Any], target: float | None = None
+) -> int | None:
+    """Calibrate with all checks, as `camcal checkerboard`; None where the camera is not as well known as wanted."""
+    from camcal.batch.watch import worst_uncertainty
+    from camcal.cli.job import calibrate_and_report, read_pictures
+    from camcal.errors import CamcalError
+    from camcal.report.document import load
+    from camcal.report.next_view import suggest
+
+    code = calibrate_and_report(ctx, read_pictures((str(folder),), options), options)
+    solution = load(options["output"])
+    worst, place = worst_uncertainty(solution)
+    note(f"Worst uncertainty {worst:.3g} px, at the {place} of the picture.")
+    if target is not None and worst > target:
+        note(f"With all checks it is not yet {target:g} px; more pictures are needed.")
+        return None
+    if target is None:
+        with contextlib.suppress(CamcalError):
+            from camcal.assess.uncertainty import board_distance
+
+            answer, _ = suggest(solution, 1, board_distance(solution))
+            note(f"Next: hold the target at the {answer['suggestions'][0]['words']}.")
+    return code
