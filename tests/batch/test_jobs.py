@@ -79,7 +79,7 @@ GOOD = {"name": "good", "points": "p.csv"}
         ({"name": "x", "points": [1]}, "not a path"),
         ({"points": "p"}, "job 2 has no name"),
         ("x", "job 2 is not a mapping"),
-        (GOOD, "two jobs are named 'good'"),
+        (dict(GOOD), "two jobs are named 'good'"),
         *(
             ({"name": name, "points": "p"}, "cannot be the name of a file")
             for name in (
