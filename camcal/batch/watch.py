@@ -13,20 +13,22 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.uncertainty import board_distance, map_over_image, projection_uncertainty
-from camcal.data.observations import Correspondences, SkippedView, View
+from camcal.data.observations import Observations, SkippedView, View
 from camcal.detect import cache, targets
 from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.images import detect_images
 from camcal.detect.listing import natural_order, view_ids
 from camcal.detect.targets.base import Target
 from camcal.errors import CamcalError, DataError
-from camcal.plan.pipeline import calibrate
+from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import Solution
 from camcal.report.charts.base import Chart
 from camcal.report.next_view import drawing, suggest
-from camcal.solve.solution import Solution
 
 #: pictures that must show the same target before it is taken as known
 CERTAIN = 3
+#: what is left out until the camera is known well enough
+_QUICK = {"checks": False, "crosscheck": False, "board_shape": "flat"}
 #: what the first pictures should be, before there is a camera to compute a pose from
 FIRST_POSES = (
     "hold the target in the middle of the picture, over half of its width, turned by about 30 degrees to the left",
@@ -92,7 +94,7 @@ class Watcher:
     def __init__(self, search: Mapping[str, Any], told: Mapping[str, Any]):
         self.search = {name: value for name, value in search.items() if name != "jobs"}
         model = told["model"] if told["model"] != "auto" else "opencv5"
-        self.told = {**told, "model": model, "checks": False, "crosscheck": False, "board_shape": "flat"}
+        self.told = {**told, "model": model, **_QUICK}
         self.target: Target | None = _given(search)
         self.certain = self.target is not None
         self.outcomes: dict[Path, Outcome] = {}
@@ -145,7 +147,7 @@ class Watcher:
         files = sorted(self.outcomes, key=natural_order)
         return dict(zip(files, view_ids(files), strict=True))
 
-    def correspondences(self) -> Correspondences:
+    def observations(self) -> Observations:
         """All pictures so far, as `detect_images` gives them."""
         assert self.target is not None
         ids = self._ids()
@@ -164,7 +166,9 @@ class Watcher:
         files = tuple({"path": str(path), "sha256": self.outcomes[path].sha256} for path in ids)
         quality = {ids[path]: o.quality for path, o in self.outcomes.items() if o.quality}
         described = {**self.target.describe(), "detected": _given(self.search) is None}
-        return Correspondences(tuple(views), size, described, tuple(skipped), files, quality)
+        return Observations.from_views(
+            views, size, target=described, skipped=tuple(skipped), files=files, picture_quality=quality
+        )
 
     # ------------------------------------------------------------------ the camera
     def _update(self, step: Step) -> Step:
@@ -176,7 +180,7 @@ class Watcher:
             self.solution = self.worst = None
             return replace(step, advice=FIRST_POSES[0])
         try:
-            self.solution = calibrate(self.correspondences(), **self.told)
+            self.solution = calibrate(self.observations(), **self.told)
             self.worst, place = worst_uncertainty(self.solution)
             advice = self._advice()
         except CamcalError as error:
@@ -192,10 +196,11 @@ class Watcher:
 
     def _rms(self, name: str) -> float | None:
         assert self.solution is not None
-        for view, residual in zip(self.solution.correspondences.views, self.solution.residuals, strict=True):
-            if view.id == name:
-                return float(np.sqrt(np.nanmean((residual**2).sum(1))))
-        return None
+        data = self.solution.observations
+        if name not in data.view_ids:
+            return None
+        rows = data.slices[data.view_ids.index(name)]
+        return float(np.sqrt(np.nanmean((self.solution.residuals[rows] ** 2).sum(1))))
 
 
 def worst_uncertainty(solution: Solution) -> tuple[float, str]:

@@ -109,7 +109,7 @@ def test_each_picture_brings_something(tmp_path):
     assert (
         nothing.status == "not_found" and nothing.reason and nothing.after == pytest.approx(steps[-1].after)
     )
-    views = seen.correspondences()
+    views = seen.observations()
     assert len(views.views) == 6 and [s.id for s in views.skipped] == ["empty.png"]
     gone = seen.drop(tmp_path / PICTURES[5].name)
     assert gone.views == 5 and gone.after == pytest.approx(steps[4].after)
