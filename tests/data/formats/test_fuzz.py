@@ -108,14 +108,14 @@ def run(name, data, count):
         survives(name, mutated(data, rng))
 
 
-@pytest.mark.parametrize("name, data", samples())
+@pytest.mark.parametrize("name, data", list(samples()))
 def test_mutated_files(name, data, monkeypatch):
     monkeypatch.setattr(os, "system", lambda _: pytest.fail("a file was run"))
     run(name, data, COUNT)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, data", samples())
+@pytest.mark.parametrize("name, data", list(samples()))
 def test_ten_thousand_mutated_files(name, data):
     run(name, data, 10_000)
 
