@@ -9,7 +9,6 @@ import math
 import operator
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -64,7 +63,6 @@ def parts_of(value: Any) -> list[Any]:
     return value.split(",") if isinstance(value, str) else list(value)
 
 
-@dataclass(frozen=True)
 class Switch(Kind):
     """On or off."""
 
@@ -75,13 +73,11 @@ class Switch(Kind):
         raise refuse(value, "true or false")
 
 
-@dataclass(frozen=True)
 class Whole(Kind):
     """A whole number from `low` to `high`, both included."""
 
-    low: int
-    high: int | None = None
-    metavar: str = "WHOLE NUMBER"
+    def __init__(self, low: int, high: int | None = None, metavar: str = "WHOLE NUMBER"):
+        self.low, self.high, self.metavar = low, high, metavar
 
     def convert(self, value: Any) -> int:
         """Return an int."""
@@ -99,15 +95,19 @@ class Whole(Kind):
         return f"a whole number from {self.low} " + ("up" if self.high is None else f"to {self.high}")
 
 
-@dataclass(frozen=True)
 class Real(Kind):
     """A number from `low` to `high`; `above` excludes `low` itself, `infinite` admits infinity."""
 
-    low: float = -math.inf
-    high: float = math.inf
-    above: bool = False
-    infinite: bool = False
-    metavar: str = "NUMBER"
+    def __init__(
+        self,
+        low: float = -math.inf,
+        high: float = math.inf,
+        above: bool = False,
+        infinite: bool = False,
+        metavar: str = "NUMBER",
+    ):
+        self.low, self.high, self.above, self.infinite = low, high, above, infinite
+        self.metavar = metavar
 
     def convert(self, value: Any) -> float:
         """Return a float."""
@@ -135,11 +135,10 @@ class Real(Kind):
 POSITIVE = Real(0, above=True)
 
 
-@dataclass(frozen=True)
 class Text(Kind):
     """Any text; a number in YAML counts as the text that is written."""
 
-    metavar: str = "TEXT"
+    metavar = "TEXT"
 
     def convert(self, value: Any) -> str:
         """Return a str."""
@@ -148,11 +147,10 @@ class Text(Kind):
         raise refuse(value, "text")
 
 
-@dataclass(frozen=True)
 class FilePath(Kind):
     """A file or a folder."""
 
-    metavar: str = "FILE"
+    metavar = "FILE"
 
     def convert(self, value: Any) -> Path:
         """Return a Path."""
@@ -161,16 +159,11 @@ class FilePath(Kind):
         raise refuse(value, "the name of a file")
 
 
-@dataclass(frozen=True)
 class Words(Kind):
     """One of a few words."""
 
-    known: tuple[str, ...]
-
-    @property
-    def metavar(self) -> str:  # type: ignore[override]
-        """The words, with bars between them."""
-        return "|".join(self.known)
+    def __init__(self, known: tuple[str, ...]):
+        self.known, self.metavar = known, "|".join(known)
 
     def convert(self, value: Any) -> str:
         """Return the word."""
@@ -184,11 +177,10 @@ class Words(Kind):
         return list(self.known)
 
 
-@dataclass(frozen=True)
 class Name(Kind):
     """A name of a table, with arguments after a colon: `brown:radial=3`.
 
-    Attributes
+    Parameters
     ----------
     kind : str
         What the table holds, for messages: "model".
@@ -200,11 +192,10 @@ class Name(Kind):
         Whether the name of a report (.yaml, .yml, .json) is good too.
     """
 
-    kind: str
-    table: str
-    also: tuple[str, ...] = ()
-    files: bool = False
-    metavar: str = "NAME"
+    def __init__(
+        self, kind: str, table: str, also: tuple[str, ...] = (), files: bool = False, metavar: str = "NAME"
+    ):
+        self.kind, self.table, self.also, self.files, self.metavar = kind, table, also, files, metavar
 
     def convert(self, value: Any) -> str:
         """Return the text as it is, once its name is known."""
@@ -228,16 +219,16 @@ def is_report(name: Any) -> bool:
     return str(name).lower().endswith((".yaml", ".yml", ".json"))
 
 
-@dataclass(frozen=True)
 class Assignments(Kind):
     """Names with values: `p1,p2,k3=0.1`, or a list or mapping; several of them are merged.
 
     A name without a value gets None, which is refused where `values` says that each needs one.
     """
 
-    metavar: str = "NAME[=VALUE],..."
-    example: str = "p1,p2,k3=0.1"
-    values: bool = False
+    def __init__(
+        self, metavar: str = "NAME[=VALUE],...", example: str = "p1,p2,k3=0.1", values: bool = False
+    ):
+        self.metavar, self.example, self.values = metavar, example, values
 
     def convert(self, value: Any) -> dict[str, float | None]:
         """Return a dict name -> float or None."""
@@ -269,16 +260,11 @@ class Assignments(Kind):
         return name, held if equals else None
 
 
-@dataclass(frozen=True)
 class Several(Kind):
     """Any number of values of one kind: a flag that may be repeated, a list, or a single value."""
 
-    item: Kind
-
-    @property
-    def metavar(self) -> str:  # type: ignore[override]
-        """That of an item."""
-        return self.item.metavar
+    def __init__(self, item: Kind):
+        self.item, self.metavar = item, item.metavar
 
     def convert(self, value: Any) -> tuple[Any, ...]:
         """Return a tuple."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from camcal.errors import UsageError
@@ -124,13 +123,11 @@ class Pixel(Kind):
         return numbers[0], numbers[1]
 
 
-@dataclass(frozen=True)
 class Numbers(Kind):
     """A fixed count of numbers separated by commas, or a list."""
 
-    count: int
-    example: str
-    metavar: str = "NUMBERS"
+    def __init__(self, count: int, example: str, metavar: str = "NUMBERS"):
+        self.count, self.example, self.metavar = count, example, metavar
 
     def convert(self, value: Any) -> tuple[float, ...]:
         """Return the numbers."""

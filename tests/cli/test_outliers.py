@@ -1,10 +1,10 @@
 """Data that lie: each kind is left out or used, but always named in the report and on the screen."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from camcal.data.writing import write_points
 from camcal.model.placement import simulate_poses
@@ -103,12 +103,12 @@ def estimate(camcal, tmp_path):
     """The report, and what is on the screen, of points written to a table."""
 
     def run(data, *more):
-        path, report = tmp_path / "points.csv", tmp_path / "report.json"
+        path, report = tmp_path / "points.csv", tmp_path / "report.yaml"
         write_points(path, data)
         args = ["estimate", path, "--image-size", "640x480", "--no-crosscheck", "--holdout", "0", *more]
         code, out, err = camcal(*args, "-o", report)
         assert code == 0, err
-        return json.loads(report.read_text()), out + err
+        return yaml.safe_load(report.read_text()), out + err
 
     return run
 

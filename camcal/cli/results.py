@@ -1,0 +1,33 @@
+"""Results that are plain documents: to a file, to stdout, and a line that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from camcal.cli.output import emit
+from camcal.cli.verbosity import note
+
+
+def deliver(found: dict[str, Any], options: Mapping[str, Any], what: str, as_table: Callable[[], Any]) -> None:
+    """Write a document to `--output` where it is given, and show it on stdout in `--format`.
+
+    Parameters
+    ----------
+    found : dict
+        What `camcal.report.plain` takes.
+    options : mapping
+        With `output`, `force` and `format`.
+    what : str
+        What was written, for the line on stderr: "Report".
+    as_table : callable
+        See `camcal.cli.output.emit`.
+    """
+    from camcal.report.plain import plain
+    from camcal.report.yaml import save
+
+    if options["output"] is not None:
+        save(plain(found), options["output"], options["force"])
+    emit(found, options["format"], as_table)
+    if options["output"] is not None:
+        note(f"{what} written to {options['output']}.")
