@@ -25,9 +25,7 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     """
     from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures
 
-    output_is_free(options)
-    if save_corners is not None:
-        output_is_free({**options, "output": save_corners})
+    output_is_free({**options, "save_corners": save_corners}, "save_corners")
     return calibrate_and_report(ctx, read_pictures(images, options), options, save_corners)
 
 

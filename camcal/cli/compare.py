@@ -29,11 +29,9 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
     """
     if (b is None) == (options["against"] is None):
         raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")
-    for target in (options["output"], options["junit"]):
-        if target is not None:
-            from camcal.data.writing import check_writable
+    from camcal.cli.job import output_is_free
 
-            check_writable(target, options["force"])
+    output_is_free(options, "junit")
     return _deliver(_comparison(a, b, options), options)
 
 
@@ -73,17 +71,13 @@ def _tolerances(given: dict[str, float]) -> dict[str, float]:
 
 
 def _deliver(found: dict[str, Any], options: dict[str, Any]) -> int:
-    from camcal.cli.output import emit
+    from camcal.cli.results import deliver
     from camcal.data.writing import atomic_write
     from camcal.report import comparison
-    from camcal.report.plain import plain
-    from camcal.report.yaml import save
 
-    if options["output"] is not None:
-        save(plain(found), options["output"], options["force"])
     if options["junit"] is not None:
         atomic_write(options["junit"], comparison.junit(found), options["force"])
-    emit(found, options["format"], lambda: _tables(found))
+    deliver(found, options, "Comparison", lambda: _tables(found))
     if options["annotations"]:
         click.echo(comparison.ANNOTATIONS[options["annotations"]](found), err=True, nl=False)
     for gate in found["gates"]:

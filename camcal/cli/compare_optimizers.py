@@ -34,17 +34,13 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
     The first start is that of the closed form; the others are moved from it at random. An optimizer says that
     it converged where the decrease that the Gauss-Newton model still predicts is negligible.
     """
-    from camcal.cli.job import command_line
-    from camcal.cli.output import emit
-    from camcal.cli.verbosity import note
-    from camcal.data.writing import atomic_write, check_writable
+    from camcal.cli.job import command_line, output_is_free
+    from camcal.cli.results import deliver
+    from camcal.data.writing import atomic_write
     from camcal.report import convergence
     from camcal.report.plain import plain
-    from camcal.report.yaml import save
 
-    for file in (options["output"], options["trace"], options["plot"]):
-        if file is not None:
-            check_writable(file, options["force"])
+    output_is_free(options, "plot")
     if options["plot"] is not None:
         convergence.require_matplotlib()
     runs, problem, model = _run(points, options)
@@ -55,10 +51,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
     found = plain(
         convergence.document(model, count, len(problem.views), options["rotation"], rows, command_line(ctx))
     )
-    emit(found, options["format"], lambda: _table(found))
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-        note(f"Comparison written to {options['output']}.")
+    deliver(found, options, "Comparison", lambda: _table(found))
     if options["trace"] is not None:
         atomic_write(options["trace"], convergence.traces(runs), options["force"])
     if options["plot"] is not None:

@@ -43,15 +43,11 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any]) -> int:
     """Judge a rig; robust estimation and pictures are for single cameras."""
     from camcal.cli.job import GATE_FELL, command_line
-    from camcal.cli.output import emit
-    from camcal.report.document import save
+    from camcal.cli.results import deliver
     from camcal.report.rig_views import evaluation, tables
 
     if options["robust"] != "none":
         note("outliers are not looked for in the points of a rig: --robust none")
     found = evaluation(camera, table, options["max_rms"], command_line(ctx))
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-        note(f"Report written to {options['output']}.")
-    emit(found, options["format"], lambda: tables(found))
+    deliver(found, options, "Report", lambda: tables(found))
     return GATE_FELL if found["verdict"] == "fail" else 0

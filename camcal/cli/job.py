@@ -33,11 +33,14 @@ def _names(settings: type[Settings]) -> list[str]:
     return [option.name for option in settings.command_line()]
 
 
-def output_is_free(options: dict[str, Any]) -> None:
-    """Raise a UsageError where `--output` cannot be written, before any work is done."""
+def output_is_free(options: dict[str, Any], *more: str) -> None:
+    """Raise a UsageError where a file cannot be written, before any work is done.
+
+    These are `--output`, `--trace`, and the options named in `more`.
+    """
     from camcal.data.writing import check_writable
 
-    for path in (options["output"], options.get("trace")):
+    for path in map(options.get, ("output", "trace", *more)):
         if path is not None:
             check_writable(path, options["force"])
     camera_files.check(options)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("lens-fit")
@@ -24,9 +24,8 @@ def command(ctx: click.Context, pairs: Path, **options: Any) -> int:
     squares in px.
     """
     from camcal.cli.job import command_line, output_is_free
-    from camcal.cli.output import emit
+    from camcal.cli.results import deliver
     from camcal.report.camera import camera_document
-    from camcal.report.document import save
 
     output_is_free(options)
     found, count = _fitted(pairs, options)
@@ -39,10 +38,7 @@ def command(ctx: click.Context, pairs: Path, **options: Any) -> int:
         "refined": _figures(found.refined),
     }
     document = camera_document(found.camera, command_line(ctx), lens_fit=figures)
-    if options["output"] is not None:
-        save(document, options["output"], options["force"])
-        note(f"Camera written to {options['output']}.")
-    emit(document, options["format"], lambda: _table(document))
+    deliver(document, options, "Camera", lambda: _table(document))
     return 0
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.verbosity import verbosity_options
 
 FILE = click.Path(path_type=Path)
 
@@ -26,23 +26,21 @@ def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> i
     points allow several poses (three points, a plane seen from afar), all are reported, the best first.
     """
     from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.output import emit
+    from camcal.cli.results import deliver
 
     output_is_free(options)
-    from camcal.report.document import load_camera, save
+    from camcal.report.document import load_camera
 
     report = _report(load_camera(camera), points, options, command_line(ctx))
-    if options["output"] is not None:
-        save(report, options["output"], options["force"])
-        note(f"Report written to {options['output']}.")
-    emit(report, options["format"], lambda: _table(report))
+    deliver(report, options, "Report", lambda: _table(report))
     return GATE_FELL if report["verdict"] == "fail" else 0
 
 
 def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]) -> dict[str, Any]:
     from camcal.data.points import read_points
     from camcal.peers.solve_pnp import against_cv2
-    from camcal.report.routes import camera_entry, document, view_entry
+    from camcal.report.camera import camera_entry
+    from camcal.report.routes import document, view_entry
     from camcal.routes.pose import find
 
     views = read_points(points).views

@@ -9,7 +9,9 @@ from camcal.cli.output import emit
 from camcal.cli.verbosity import note
 
 
-def deliver(found: dict[str, Any], options: Mapping[str, Any], what: str, as_table: Callable[[], Any]) -> None:
+def deliver(
+    found: dict[str, Any], options: Mapping[str, Any], what: str, as_table: Callable[[], Any]
+) -> None:
     """Write a document to `--output` where it is given, and show it on stdout in `--format`.
 
     Parameters

@@ -24,10 +24,10 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     YAML.
     """
     from camcal.cli.job import output_is_free, read_data
-    from camcal.cli.output import emit, progress
+    from camcal.cli.output import progress
+    from camcal.cli.results import deliver
     from camcal.plan.selection import described, select
     from camcal.report.plain import plain
-    from camcal.report.yaml import save
 
     output_is_free(options)
     models = named_models(options["models"])
@@ -39,10 +39,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 
         given = {name: options[name] for name in ("skew", "fix", "robust", "folds", "seed")}
         found = plain(described(select(points, models, on_event=show_event, **given)))
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-        note(f"Selection written to {options['output']}.")
-    emit(found, options["format"], lambda: _table(found))
+    deliver(found, options, "Selection", lambda: _table(found))
     note(f"{found['chosen']}: {found['why']}.")
     return 0
 

@@ -60,15 +60,13 @@ def _write_report(
 ) -> None:
     from camcal.cli.job import command_line
     from camcal.cli.options import resolved_options
-    from camcal.report.document import save, tool
+    from camcal.report.head import head
     from camcal.report.plain import plain
-    from camcal.schema import SCHEMA
+    from camcal.report.yaml import save
     from camcal.track.summary import document
 
     made = {
-        "schema": SCHEMA,
-        "tool": tool(),
-        "command": command_line(ctx),
+        **head(command_line(ctx)),
         "inputs": {"image_size": None, "frames": summary.frames, "points": summary.points},
         "options": resolved_options(ctx),
         **document(summary, follower.estimator, options["method"]),

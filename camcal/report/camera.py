@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from camcal.data.formats.base import CameraFile
 from camcal.data.formats.camcal import rig_entry
 from camcal.model.camera import Camera
-from camcal.report.document import tool
+from camcal.report.head import head
 from camcal.report.plain import plain
-from camcal.schema import SCHEMA
 
 
 def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
@@ -23,25 +22,40 @@ def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) ->
 
 def cameras_document(cameras: CameraFile, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
     """The document of the cameras of a file: `camera`, or `cameras` and, where there are poses, `rig`."""
-    made: dict[str, Any] = {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+    made = head(command)
     if len(cameras.cameras) == 1:
-        made["camera"] = _entry(cameras.cameras[0].camera)
+        made["camera"] = camera_entry(cameras.cameras[0].camera)
     else:
-        made["cameras"] = {c.name: _entry(c.camera) for c in cameras.cameras}
+        made["cameras"] = {c.name: camera_entry(c.camera) for c in cameras.cameras}
         rig = rig_entry(cameras)
         if rig is not None:
             made["rig"] = rig
     return plain(made | more)
 
 
-def _entry(camera: Camera) -> dict[str, Any]:
+def camera_entry(
+    camera: Camera,
+    sigmas: Mapping[str, float | None] | None = None,
+    start: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+) -> dict[str, Any]:
+    """The report's `camera`: value, sigma, start and whether it was held, of each parameter.
+
+    Without `start` that of a parameter is its value, without `sigmas` there are none.
+    """
+    sigmas, start = sigmas or {}, start or {}
     return {
         "model": camera.lens.name,
         "image_size": camera.image_size,
         "pixel_center": "integer",
         "matrix": camera.matrix,
         "parameters": {
-            name: {"value": value, "sigma": None, "start": value, "fixed": False}
+            name: {
+                "value": value,
+                "sigma": None if name in fixed else sigmas.get(name),
+                "start": start.get(name, value),
+                "fixed": name in fixed,
+            }
             for name, value in camera.values.items()
         },
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,16 +17,17 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.plan.solution import Solution
 from camcal.report.bias import section as bias
+from camcal.report.camera import camera_entry
 from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
+from camcal.report.head import head
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
-from camcal.schema import SCHEMA, Report, unknown_key
+from camcal.schema import Report, unknown_key
 from camcal.solve.calibration import Stage
 from camcal.start.base import scaled
-from camcal.version import __version__
 
 __all__ = ["document", "load", "load_camera", "save"]
 
@@ -65,9 +65,7 @@ def document(
     views, places = _views(solution, accuracy)
     fallen = [*solution.failures, *failures]
     made: dict[str, Any] = {
-        "schema": SCHEMA,
-        "tool": tool(),
-        "command": list(command),
+        **head(command),
         "inputs": _inputs(data),
         "options": dict(solution.options) if options is None else options,
         "target": data.target,
@@ -100,18 +98,6 @@ def _checked(made: dict[str, Any]) -> dict[str, Any]:
     return made
 
 
-def tool() -> dict[str, str]:
-    """Versions of what made the report."""
-    import cv2
-
-    return {
-        "camcal": __version__,
-        "opencv": cv2.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-
-
 def _inputs(data: Correspondences) -> dict[str, Any]:
     return {
         "image_size": data.image_size,
@@ -142,21 +128,8 @@ def _camera(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
     # columns of zeros belong to the board's shape, which `target` holds
     free = solution.free[:, solution.free.any(0)]
     fixed = ~np.any(free, axis=1)
-    entry: dict[str, Any] = {
-        "model": camera.lens.name,
-        "image_size": camera.image_size,
-        "pixel_center": "integer",
-        "matrix": camera.matrix,
-        "parameters": {
-            name: {
-                "value": float(camera.params[i]),
-                "sigma": None if fixed[i] else accuracy.sigmas[name],
-                "start": float(solution.start.params[i]),
-                "fixed": bool(fixed[i]),
-            }
-            for i, name in enumerate(camera.lens.names)
-        },
-    }
+    held = [name for name, is_fixed in zip(camera.lens.names, fixed, strict=True) if is_fixed]
+    entry = camera_entry(camera, accuracy.sigmas, solution.start.values, held)
     if not _is_selection(free):
         entry["free_directions"] = free
     entry["correlations"] = [{"pair": [a, b], "value": r} for a, b, r in accuracy.strong_correlations()]

@@ -14,7 +14,8 @@ from camcal.data.formats.base import CameraFile
 from camcal.data.formats.camcal import rig_entry
 from camcal.data.labelled import Labelled, read_labelled
 from camcal.errors import DataError
-from camcal.report.routes import camera_entry, document, pose_entry
+from camcal.report.camera import camera_entry
+from camcal.report.routes import document, pose_entry
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.rig_views import RigPoints, RigView, place
 

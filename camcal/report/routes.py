@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from camcal.geometry import rotations
-from camcal.model.camera import Camera
 from camcal.model.pose import Pose
-from camcal.report.document import tool
+from camcal.report.head import head
 from camcal.report.plain import plain
 from camcal.routes.pose import Found, Solution
-from camcal.schema import SCHEMA
 
 Array = np.ndarray
 
@@ -33,7 +31,7 @@ def document(
         if e["status"] == "fail"
     ]
     failed += failures
-    made: dict[str, Any] = {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+    made = head(command)
     if camera is not None:
         made["camera"] = camera
     return plain(
@@ -46,31 +44,6 @@ def document(
             "failures": failed,
         }
     )
-
-
-def camera_entry(
-    camera: Camera,
-    sigmas: Mapping[str, float | None] | None = None,
-    start: Mapping[str, float] | None = None,
-    fixed: Sequence[str] = (),
-) -> dict[str, Any]:
-    """The report's `camera`: value, sigma, start and whether it was held, of each parameter."""
-    sigmas, start = sigmas or {}, start or {}
-    return {
-        "model": camera.lens.name,
-        "image_size": camera.image_size,
-        "pixel_center": "integer",
-        "matrix": camera.matrix,
-        "parameters": {
-            name: {
-                "value": value,
-                "sigma": None if name in fixed else sigmas.get(name),
-                "start": start.get(name, value),
-                "fixed": name in fixed,
-            }
-            for name, value in camera.values.items()
-        },
-    }
 
 
 def warning(code: str, message: str, hint: str = "") -> dict[str, str]:

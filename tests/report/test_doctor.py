@@ -165,7 +165,9 @@ def test_a_camera_of_which_nothing_was_estimated():
     fix = dict.fromkeys(camera.lens.names)
     solution = refine(camera, solved(views=5).poses, solved(views=5).observations, fix)
     assert remedies.next_views(solution, "r.yaml") is None
-    assert calibration.examine(document(solution), solution, "r.yaml") == []  # and no suggestion to estimate it
+    assert (
+        calibration.examine(document(solution), solution, "r.yaml") == []
+    )  # and no suggestion to estimate it
 
 
 # ------------------------------------------------------------------ pictures

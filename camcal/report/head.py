@@ -1,0 +1,29 @@
+"""What every document of camcal begins with."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.schema import SCHEMA
+from camcal.version import __version__
+
+
+def head(command: Sequence[str]) -> dict[str, Any]:
+    """The entries `schema`, `tool` and `command`; `command` are the words after `camcal`, as typed."""
+    return {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+
+
+def tool() -> dict[str, str]:
+    """Versions of what makes the document."""
+    import cv2
+
+    return {
+        "camcal": __version__,
+        "opencv": cv2.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
