@@ -64,14 +64,14 @@ def test_calibrate_refuses_unknown_keywords_before_it_works():
 
 @pytest.mark.parametrize(("bound", "verdict"), [(1e-6, "fail"), (100.0, "pass"), (None, "pass")])
 def test_max_rms_decides_the_verdict(bound, verdict):
-    data = solved(views=4).correspondences
+    data = solved(views=4).observations
     found = camcal.calibrate(data, checks=False, max_rms=bound)
     assert found.verdict == verdict
     assert bool(found.failures) == (verdict == "fail")
 
 
 def test_options_stand_in_the_solution():
-    found = camcal.calibrate(solved(views=4).correspondences, checks=False, seed=5)
+    found = camcal.calibrate(solved(views=4).observations, checks=False, seed=5)
     assert found.options["seed"] == {"value": 5, "from": "keyword"}
     assert found.options["max_rms"] == {"value": None, "from": "default"}
 
