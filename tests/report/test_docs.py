@@ -24,11 +24,11 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "report.md"
 @pytest.fixture(scope="module")
 def report():
     s = solved("opencv4", views=1, xyz=rig(), shift=0.3, fix={"aspect": None})
-    masks = (np.arange(len(s.inliers[0])) > 1,)
     stage = Stage("dlt", 1.0, s.camera.matrix, 0.1, np.ones((3, 4)), s.camera, s.poses, {"why": "x"})
-    data = replace(s.observations, skipped=(SkippedView("b", "unreadable", "empty"),))
-    s = replace(s, inliers=masks, stages=(stage,), observations=data, weights=(np.ones(60),))
-    return document(replace(s, crosscheck=crosscheck(replace(s, stages=()))))
+    skipped = (SkippedView("b", "unreadable", "empty"),)
+    data = replace(s.observations.with_used(s.observations.point > 1), skipped=skipped, weight=np.ones(60))
+    s = replace(s, stages=(stage,), observations=data)
+    return document(replace(s, crosscheck=crosscheck(s)))
 
 
 def test_the_tables_of_keys_are_current():

@@ -11,10 +11,11 @@ from camcal.data.observations import Correspondences, SkippedView, View
 from camcal.errors import DataError
 from camcal.plan import selection
 from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import of_fit
 from camcal.report.doctor import Finding, Gain, calibration, diagnosis, installation, pictures, remedies
 from camcal.report.doctor.findings import ordered
 from camcal.report.document import document
-from camcal.solve.refine import refine
+from camcal.solve.refine import How, refine
 from tests.solved import SIZE, camera_of, grid, observe, solved, tilted_poses
 
 
@@ -163,7 +164,7 @@ def test_every_grave_code_exists():
 def test_a_camera_of_which_nothing_was_estimated():
     camera = camera_of()
     fix = dict.fromkeys(camera.lens.names)
-    solution = refine(camera, solved(views=5).poses, solved(views=5).observations, fix)
+    solution = of_fit(refine(camera, solved(views=5).poses, solved(views=5).observations, How(fix)))
     assert remedies.next_views(solution, "r.yaml") is None
     assert (
         calibration.examine(document(solution), solution, "r.yaml") == []

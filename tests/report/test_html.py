@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 
 from camcal.assess.warning import CalibrationWarning
-from camcal.data.observations import SkippedView, View
+from camcal.data.observations import SkippedView
 from camcal.errors import UsageError
 from camcal.plan.calibrate import calibrate
+from camcal.plan.solution import of_fit
 from camcal.report.document import document
 from camcal.report.html import page as pages
 from camcal.report.html import scene
 from camcal.report.html.page import page
-from camcal.solve.refine import refine
+from camcal.solve.refine import How, refine
 from tests.report.browser import needs_chromium, open_page
 from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
 
@@ -36,14 +37,14 @@ def full():
     data = replace(
         data, target={"kind": "checkerboard", "columns": 9, "rows": 6, "square": 1.0, "unit": "square"}
     )
-    s = refine(truth, poses, data, board_shape="bowl")
-    masks = (np.arange(54) > 2, *s.inliers[1:])
+    s = of_fit(refine(truth, poses, data, How(board="bowl")))
+    used = np.arange(s.observations.point_count) > 2
     stages = calibrate(data, model="opencv5").stages
     skipped = (SkippedView("lost <b>.jpg", "not_found", "no board & nothing else"),)
     warnings = (CalibrationWarning("poor-coverage", "the points cover <5 %.", "Bring it closer."),)
     return replace(
-        s, inliers=masks, stages=stages, warnings=warnings,
-        observations=replace(s.observations, skipped=skipped),
+        s, stages=stages, warnings=warnings,
+        observations=replace(s.observations.with_used(used), skipped=skipped),
     )  # fmt: skip
 
 
@@ -142,7 +143,7 @@ def test_an_evaluated_camera_has_no_uncertainty():
 def test_what_data_leave_open_is_said_plainly():
     s = solved("pinhole", views=2, tilt=0.0)
     uv = [replace(v, uv=v.uv + 0.0) for v in s.observations.views]
-    found = document(replace(s, observations=s.observations.with_views(tuple(uv))))
+    found = document(replace(s, observations=s.observations.with_views(uv)))
     found["uncertainty"]["maps"][0]["median"] = float("inf")
     assert "do not use it" in page(found, s)
 
@@ -153,12 +154,9 @@ def test_thumbnails(tmp_path, full):
     for name in names[:3]:
         cv2.imwrite(str(tmp_path / name), picture)
     (tmp_path / names[3]).write_bytes(b"no picture")
-    renamed = tuple(
-        View(n, v.xyz, v.uv, v.sigma, v.point_ids)
-        for n, v in zip(names, full.observations.views, strict=True)
-    )
+    renamed = tuple(names)
     files = tuple({"path": f"somewhere/{n}", "sha256": "0"} for n in names)
-    s = replace(full, observations=full.observations.with_views(renamed, files=files))
+    s = replace(full, observations=replace(full.observations, view_ids=renamed, files=files))
     found = page(document(s), s, str(tmp_path / "report.yaml"))
     assert found.count("data:image/jpeg;base64,") == 3
     assert "10 pictures are not shown" in found

@@ -1,0 +1,221 @@
+"""The plan: what is tried, in which order, how often, and for which points the report says so."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from camcal.data.points import read_points
+from camcal.detect.images import detect_images
+from camcal.errors import DataError, EstimationError
+from camcal.plan import calibrate as road
+from camcal.plan import camera as attempts
+from camcal.plan import second_pass
+from camcal.plan.better import Candidate
+from camcal.plan.calibrate import PLAN, calibrate
+from camcal.plan.progress import Attempt, Change, Progress, advance, follow
+from camcal.solve.refine import refine
+from camcal.start import zhang
+from tests.shared_data import DATA, needs_data
+from tests.solved import camera_of, grid, observe, solved, tilted_poses
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+def data_of(views=10, noise=0.2, seed=3, outliers=0):
+    rng = np.random.default_rng(seed)
+    data = observe(camera_of(), tilted_poses(grid(), views, rng), grid(), noise, rng)
+    if outliers:
+        rows = rng.choice(data.point_count, outliers, replace=False)
+        uv = data.uv.copy()
+        uv[rows] += rng.uniform(10, 40, (outliers, 2))
+        data = replace(data, uv=uv)
+    return data
+
+
+def names(solution):
+    return [s.name for s in solution.stages]
+
+
+# ---------------------------------------------------------------------------------------- what it costs
+@pytest.fixture
+def counted(monkeypatch):
+    """How often the closed form and the refinement are run by a calibration."""
+    count = Counter()
+
+    def counting(name, real):
+        def run(*args, **more):
+            count[name] += 1
+            return real(*args, **more)
+
+        return run
+
+    fit = counting("refine", refine)
+    for module in ("camera", "outlying", "boards", "second_pass"):
+        monkeypatch.setattr(f"camcal.plan.{module}.refine", fit)
+    for module in ("camcal.solve.robust", "camcal.solve.starts", "camcal.assess.holdout"):
+        monkeypatch.setattr(f"{module}.refine", fit)
+    monkeypatch.setattr("camcal.start.zhang.estimate", counting("zhang", zhang.estimate))
+    return count
+
+
+def test_the_sample_pictures_cost_one_closed_form_and_four_fits(counted):
+    # 9 closed forms and 22 refinements before the plan was one list
+    found = detect_images([str(SAMPLES / "board")])
+    calibrate(found, robust="auto", refine_points=None)
+    assert counted == {"zhang": 1, "refine": 3}
+
+
+def test_clean_points_cost_one_closed_form_and_one_fit(counted):
+    calibrate(data_of(), robust="auto")
+    assert counted == {"zhang": 1, "refine": 1}
+
+
+def test_every_stage_is_entered_once_and_in_order():
+    """A trace of the observations through a calibration: no attempt runs twice, none calls back into the plan."""
+    entered = []
+
+    def spying(attempt):
+        def make(progress):
+            entered.append(attempt.name)
+            depth = len(entered)
+            change = attempt.make(progress)
+            assert len(entered) == depth  # nothing entered the plan from inside
+            return change
+
+        return Attempt(attempt.name, attempt.applies, make)
+
+    data = data_of(outliers=20)
+    started = Progress(*_begun(data, robust="auto"))
+    follow([spying(a) for a in PLAN], started)
+    assert entered == [
+        "zhang", "least-squares", "agreeing", "zhang", "least-squares", "reweighted", "rejected", "better-poses",
+        "rejected", "without-foreign-views",
+    ]  # fmt: skip
+
+
+def _begun(data, **options):
+    from camcal.model import lenses
+    from camcal.plan.options import Options
+
+    asked = Options.resolve(**options)
+    lens = lenses.make(asked.model, asked.skew)
+    return asked, lens, asked.how(lens), data, data.unweighted()
+
+
+# ---------------------------------------------------------------------------------------- what the report says
+def test_clean_data_show_the_closed_form_and_the_result():
+    assert names(calibrate(data_of())) == ["zhang", "refine"]
+
+
+def test_the_stages_are_of_the_points_that_the_result_rests_on():
+    found = calibrate(data_of(outliers=20), robust="auto", checks=False)
+    assert (~found.used).sum() == 20
+    at = {s.name: s for s in found.stages}
+    plain = at["least-squares"]
+    off = found.observations.uv[found.used] - _projected(plain, found)
+    assert plain.rms_point == pytest.approx(float(np.sqrt(np.square(off).sum(1).mean())), rel=1e-9)
+    # the closed form is made again on the points that were kept, not quoted from those that agreed
+    again = zhang.estimate(found.observations.kept())
+    np.testing.assert_array_equal(at["zhang"].matrix, again.matrix)
+
+
+def _projected(stage, found):
+    views = found.observations.views
+    every = [stage.camera.project(p.apply(v.xyz)) for v, p in zip(views, stage.poses, strict=True)]
+    return np.concatenate(every)[found.used]
+
+
+def test_the_last_stage_names_the_attempt_that_gave_it():
+    assert calibrate(data_of()).stages[-1].info["attempt"] == "least-squares"
+    found = calibrate(data_of(outliers=20), robust="auto", checks=False)
+    assert found.stages[-1].info["attempt"] == "rejected"
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["vaila_ref3d.csv", "wrong-count-1.csv"])
+def test_robust_runs_of_real_data_keep_their_stages_together(name):
+    path = DATA / "cases" / name
+    try:
+        found = calibrate(read_points(path), robust="auto", checks=False)
+    except (EstimationError, DataError, AttributeError):
+        return
+    for stage in found.stages[:-1]:
+        assert not stage.rms_point < 0.5 * found.rms_point, stage.name
+
+
+# ---------------------------------------------------------------------------------------- never worse
+@pytest.mark.parametrize("seed", range(6))
+def test_rejection_never_fits_the_kept_points_worse_than_plain_least_squares(seed):
+    data = data_of(views=6, seed=seed, outliers=8)
+    robust = calibrate(data, robust="auto", checks=False)
+    plain = calibrate(data, robust="none", checks=False)
+    places = [plain.observations.view_ids.index(v) for v in robust.observations.view_ids]
+    again = refine(plain.camera, plain.poses[np.array(places)], robust.observations)
+    assert robust.fit.cost <= again.fit.cost * (1 + 1e-9)
+
+
+def test_the_fit_from_all_points_is_taken_where_it_is_lower():
+    # a fit that pretends to have rejected its way into a worse minimum
+    data = data_of()
+    good = calibrate(data, robust="none", checks=False)
+    worse = replace(good, fit=replace(good.fit, cost=good.fit.cost * 2))
+    asked = _begun(data, robust="auto")
+    plan = [a for a in PLAN if a.name == "from-all-points"]
+    started = Progress(*asked, best=Candidate(worse), plain=good, notes={"begun_from": "x"})
+    assert advance(plan, started).fit.fit.cost == pytest.approx(good.fit.cost, rel=1e-9)
+    # ... and left where it is not
+    started = Progress(*asked, best=Candidate(good), plain=worse, notes={"begun_from": "x"})
+    assert advance(plan, started).fit is good
+
+
+# ---------------------------------------------------------------------------------------- the second pass
+@pytest.mark.parametrize("gain", [+1, -1])
+def test_the_second_pass_is_kept_where_views_held_out_gain(monkeypatch, gain):
+    found = detect_images([str(SAMPLES / "board")])
+    rng = np.random.default_rng(0)
+    worse = replace(found, uv=found.uv + rng.normal(0, 0.05, found.uv.shape))
+    first, second = (worse, found) if gain > 0 else (found, worse)
+    monkeypatch.setattr(second_pass, "refine_images", lambda *_: (second, 0.0))
+    solution = calibrate(first, refine_points=None, checks=False)
+    assert solution.second_pass["kept"] == (gain > 0)
+    kept = np.array_equal(solution.observations.uv, second.uv)
+    assert kept == (gain > 0)
+    # asked for, it is kept whatever it brings
+    assert calibrate(first, refine_points=True, checks=False).second_pass["kept"]
+
+
+# ---------------------------------------------------------------------------------------- the loop itself
+def test_an_attempt_that_fails_leaves_the_rest_to_the_others():
+    def fails(_):
+        raise EstimationError("no camera.", "Try again.")
+
+    data = data_of()
+    started = Progress(*_begun(data))
+    plan = [Attempt("broken", lambda _: True, fails), *attempts.FROM_NOTHING]
+    assert follow(plan, started).fit.rms_point < 0.4
+    with pytest.raises(EstimationError, match="no camera"):
+        follow([Attempt("broken", lambda _: True, fails)], started)
+
+
+def test_a_fit_is_compared_unless_it_is_taken_instead():
+    good = solved(views=8)
+    worse = replace(good, fit=replace(good.fit, cost=2 * good.fit.cost))
+    started = Progress(*_begun(good.observations), best=Candidate(good))
+    for kept in (False, True):
+        change = Change(fit=Candidate(worse), instead=kept)
+        after = advance([Attempt("x", lambda _: True, lambda _, c=change: c)], started)
+        assert (after.fit is worse) == kept
+        assert after.stages[-1].info["kept"] == kept
+    refused = Change(fit=Candidate(worse), instead=True, refused="not significant")
+    after = advance([Attempt("x", lambda _: True, lambda _: refused)], started)
+    assert after.fit is good and after.stages[-1].info["why"] == "not significant"
+
+
+def test_the_plan_is_data_with_a_name_and_a_condition_for_each_attempt():
+    assert all(isinstance(a, Attempt) and a.name for a in road.PLAN)
+    assert {"zhang", "dlt", "central", "radial", "least-squares", "bowl", "free", "second-pass"} <= {
+        a.name for a in road.PLAN
+    }
