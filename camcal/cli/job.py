@@ -70,13 +70,15 @@ def read_pictures(
     with progress("reading pictures") as show:
 
         def tell(event: str, details: Mapping[str, Any]) -> None:
-            if event == "searched":
+            if event in ("searched", "film"):
                 show(details["done"], details["count"])
             elif event == "picture":
                 if on_picture is not None:
                     on_picture(details)
                 if details["status"] != "found":
                     note(f"{details['id']}: {details['reason']}", 1)
+            elif event == "frames":
+                note("{path}: {searched} of {frames} frames are searched".format(**details))
             elif event == "target":
                 note(_recognised(details))
             elif event == "cache":
@@ -87,7 +89,7 @@ def read_pictures(
 
 def _recognised(details: Mapping[str, Any]) -> str:
     """One line: what the pictures show, and what to type to say so."""
-    said = "target: {words}, in {pictures} of {of} pictures".format(**details)
+    said = "target: {words}, in {pictures} of {of} {noun}".format(**details)
     if not details["whole"]:
         said += " (the end of the board is not seen; a part of this size is used)"
     if details["others"]:

@@ -15,7 +15,7 @@ import numpy as np
 Array = np.ndarray
 
 MOST_PIXELS = 400_000_000  #: a picture with more is not decoded
-_FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 class UnreadableError(Exception):
@@ -34,6 +34,29 @@ def decode_gray(data: bytes) -> Array:
     UnreadableError
         With the reason in plain words.
     """
+    size = check_size(data)
+    cut = _truncated(data)
+    if cut:
+        raise UnreadableError(cut)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), FLAGS)
+    except cv2.error as error:
+        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
+    except MemoryError as error:
+        raise UnreadableError("there is not enough memory to decode it") from error
+    if picture is None or picture.size == 0:
+        raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
+    return as_gray(picture)
+
+
+def check_size(data: bytes) -> tuple[int, int] | None:
+    """The size by the header, where there is one.
+
+    Raises
+    ------
+    UnreadableError
+        Where there is nothing, or more pixels than are decoded.
+    """
     if not data:
         raise UnreadableError("the file is empty")
     size = header_size(data)
@@ -41,17 +64,13 @@ def decode_gray(data: bytes) -> Array:
         raise UnreadableError(
             f"{size[0]}x{size[1]} pixels are more than the {MOST_PIXELS // 10**6} million allowed"
         )
-    cut = _truncated(data)
-    if cut:
-        raise UnreadableError(cut)
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS)
-    except cv2.error as error:
-        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
-    except MemoryError as error:
-        raise UnreadableError("there is not enough memory to decode it") from error
-    if picture is None or picture.size == 0:
-        raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
+    return size
+
+
+def as_gray(picture: Array) -> Array:
+    """A decoded picture, of one or several channels, in grey of 8 or 16 bits; colours become their luma."""
+    if picture.ndim == 3 and picture.shape[2] >= 3:
+        picture = cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY)
     return _as_integers(picture if picture.ndim == 2 else picture[..., 0])
 
 

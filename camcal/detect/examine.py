@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 
 from camcal.detect import cache
-from camcal.detect.decode import UnreadableError, decode_gray
+from camcal.detect.decode import UnreadableError
 from camcal.detect.quality import measure
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
+from camcal.detect.sources import fetch, pixels_sha256
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
@@ -29,6 +30,7 @@ class Task:
     target: Target | None
     seconds: float
     cache: Path | None
+    gray: np.ndarray | None = None  #: the picture, where it has been decoded already (a frame of a film)
 
     @property
     def detector(self) -> str:
@@ -43,7 +45,7 @@ class Outcome:
     Attributes
     ----------
     status : str
-        `found`, `not_found` or `unreadable`.
+        `found`, `not_found`, `unreadable`, or `rejected` for a frame that is not kept.
     size : (width, height) or None
     board : (columns, rows) or None
         Size of the grid that was seen, where another one was asked for.
@@ -67,24 +69,25 @@ class Outcome:
 
 def examine(task: Task) -> Outcome:
     """Read a picture and look for the target in it, or take both from the cache."""
+    sha256 = ""
     try:
-        data = task.path.read_bytes()
-    except OSError as error:
-        return Outcome(task.path, "unreadable", f"it cannot be read: {error.strerror or error}")
-    sha256 = hashlib.sha256(data).hexdigest()
-    place = None if task.cache is None else cache.entry(task.cache, sha256, task.detector)
-    if place is not None:
-        known = _from_cache(place, task.path, sha256)
+        sha256, decode = _fetched(task)
+        place = None if task.cache is None else cache.entry(task.cache, sha256, task.detector)
+        known = None if place is None else _from_cache(place, task.path, sha256)
         if known is not None:
             return known
-    try:
-        gray = decode_gray(data)
+        gray = decode()
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
     outcome = _look(task, gray, sha256)
     if place is None or outcome.code == "time":  # a slow moment must not be remembered
         return outcome
     return _into_cache(place, outcome)
+
+
+def _fetched(task: Task) -> tuple[str, Callable[[], np.ndarray]]:
+    gray = task.gray
+    return fetch(task.path) if gray is None else (pixels_sha256(gray), lambda: gray)
 
 
 def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from camcal.data.observations import Observations, SkippedView, View
 from camcal.detect import cache as cache_files
 from camcal.detect import targets
-from camcal.detect.decode import UnreadableError, decode_gray
+from camcal.detect.decode import UnreadableError
 from camcal.detect.examine import Outcome, Task, examine
+from camcal.detect.films import Range, Shown, candidates, left_out
+from camcal.detect.frames import is_film
 from camcal.detect.listing import list_pictures, view_ids
 from camcal.detect.recognition.decide import Answer, answers, board_size, contradiction, unread, words
 from camcal.detect.recognition.families import family_of, read_markers
 from camcal.detect.recognition.look import Sight
 from camcal.detect.recognition.measure import measured
+from camcal.detect.sources import read_gray
 from camcal.detect.targets.base import DEFAULT_SECONDS, Target
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError, UsageError
+from camcal.settings.detection import DEFAULT_FRAMES
 from camcal.settings.sizes import parse_grid, parse_length
 
 #: called with (what happens, details) as the work goes on
@@ -43,12 +51,16 @@ def detect_images(
     seconds: float = DEFAULT_SECONDS,
     on_event: OnEvent | None = None,
     cache: bool = True,
+    frames: int = DEFAULT_FRAMES,
+    every: int | None = None,
+    from_time: float | None = None,
+    to_time: float | None = None,
 ) -> Observations:
     """Find a target in pictures.
 
     Parameters
     ----------
-    paths : folders, files or patterns
+    paths : folders, files, patterns, zip archives, films, or `frame_%04d.png`
     target : str or Target, optional
         A spec such as `charuco:9x7:40mm:20mm:4X4_100`. Without it (and without `board`) the target is
         recognised from all pictures together; of a checkerboard the longer side is the columns.
@@ -62,11 +74,18 @@ def detect_images(
         Time that one picture may take.
     on_event : callable, optional
         Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
-        `("target", {spec, words, pictures, of, whole, others})` where it was recognised,
+        `("film", {path, done, count})` as a film is read and `("frames", {path, frames, searched})` after it,
+        `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
         `("picture", {id, status, reason, done, count, cached})` for each at the end, and `("cache", {reason})`
         where the cache cannot be written.
     cache : bool
         Whether results are kept and reused.
+    frames : int
+        How many frames of films are kept at most.
+    every : int, optional
+        Search every so many frames, in place of the sharpest and stillest ones.
+    from_time, to_time : float, optional
+        Seconds; the part of a film that is searched.
 
     Returns
     -------
@@ -83,17 +102,18 @@ def detect_images(
         Where the target is unknown or contradicts `board` or `square`.
     """
     wanted = _wanted(target, board, square)
-    files = list_pictures(paths)
-    ids = dict(zip(files, view_ids(files), strict=True))
-    run = _Run(files, ids, seconds, jobs, cache_files.default_folder() if cache else None, on_event)
-    run.tell("pictures", count=len(files))
+    folder = cache_files.default_folder() if cache else None
+    run = _Run(list_pictures(paths), seconds, jobs, folder, on_event)
+    run.open_films(Range(from_time or 0.0, np.inf if to_time is None else to_time, every))
+    run.tell("pictures", count=len(run.files))
     if wanted is None:
         target, outcomes = _recognised(run, square)
     else:
-        target, outcomes = wanted, run.examine_all(files, wanted)
+        target, outcomes = wanted, run.examine_all(run.files, wanted)
         _confirm(run, target, outcomes)
+    outcomes = _kept(run, target, outcomes, frames)
     run.tell_pictures(outcomes)
-    return _correspondences(outcomes, target, wanted is None, ids, run)
+    return _correspondences(outcomes, target, wanted is None, run)
 
 
 class _Run:
@@ -102,15 +122,59 @@ class _Run:
     def __init__(
         self,
         files: list[Path],
-        ids: dict[Path, str],
         seconds: float,
         jobs: int | None,
         cache: Path | None,
         on_event: OnEvent | None,
     ):
-        self.files, self.ids, self.seconds, self.jobs, self.cache = files, ids, seconds, jobs, cache
-        self.on_event = on_event
+        self.files, self.seconds, self.jobs, self.cache, self.on_event = files, seconds, jobs, cache, on_event
         self.cache_told = False
+        self.motion: dict[Path, float] = {}  # of each frame of a film
+        self.frame_count = 0
+        self.unreadable: list[Outcome] = []
+
+    def open_films(self, chosen: Range) -> None:
+        """Put the frames that are worth searching in the place of films."""
+        files = []
+        for path in self.files:
+            if not is_film(path):
+                files.append(path)
+                continue
+            try:
+                found, count = candidates(path, chosen, partial(self._tell_film, path))
+            except UnreadableError as error:
+                self.unreadable.append(Outcome(path, "unreadable", str(error)))
+                continue
+            names = {path.with_name(f"{path.name}#{c.number}"): c.motion for c in found}
+            self.motion |= names
+            self.frame_count += count
+            files += names
+            self.tell("frames", path=path, frames=count, searched=len(names))
+        self.files = files
+        if not files:
+            raise _nothing_found("target", self.unreadable, None, self)
+
+    def _tell_film(self, path: Path, done: int, count: int) -> None:
+        self.tell("film", path=path, done=done, count=count)
+
+    @property
+    def ids(self) -> dict[Path, str]:
+        """What each picture is called in the report."""
+        names = [*self.files, *(o.path for o in self.unreadable)]
+        return dict(zip(names, view_ids(names), strict=True))
+
+    @property
+    def noun(self) -> str:
+        """What was searched, in words."""
+        return "frames" if self.motion and len(self.motion) == len(self.files) else "pictures"
+
+    @property
+    def count(self) -> str:
+        """How many pictures or frames were searched, in words."""
+        number = len(self.files) + len(self.unreadable)
+        if self.noun == "frames":
+            return f"{number} of {self.frame_count} frames"
+        return f"{number} picture{'s' * (number != 1)}" + " and frames" * bool(self.motion)
 
     def tell(self, name: str, **details: Any) -> None:
         if self.on_event is not None:
@@ -118,27 +182,34 @@ class _Run:
 
     def examine_all(self, files: list[Path], target: Target | None) -> list[Outcome]:
         """Outcomes in the order of the files."""
-        tasks = [Task(path, target, self.seconds, self.cache) for path in files]
-        outcomes: list[Outcome | None] = [None] * len(tasks)
-        for done, (index, outcome) in enumerate(map_unordered(examine, tasks, self.jobs, _crashed), 1):
+        outcomes: list[Outcome | None] = [None] * len(files)
+        done_by = map_unordered(examine, self._tasks(files, target), self.jobs, _crashed, len(files))
+        for done, (index, outcome) in enumerate(done_by, 1):
             outcomes[index] = outcome
             if outcome.cache_error and not self.cache_told:
                 self.cache_told = True
                 self.tell("cache", reason=outcome.cache_error)
-            self.tell("searched", done=done, count=len(tasks))
+            self.tell("searched", done=done, count=len(files))
         return [o for o in outcomes if o is not None]
+
+    def _tasks(self, files: list[Path], target: Target | None) -> Iterator[Task]:
+        """A task for each picture; frames are decoded here, one after the other."""
+        for path in files:
+            gray = self.read(path) if path in self.motion else None
+            yield Task(path, target, self.seconds, self.cache, gray)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:
         """Say what came out of each picture."""
+        ids = self.ids
         for done, o in enumerate(outcomes, 1):
             values = {"status": o.status, "reason": o.reason, "cached": o.cached}
-            self.tell("picture", id=self.ids[o.path], done=done, count=len(outcomes), **values)
+            self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
 
     def read(self, path: Path) -> Any:
         """A picture in grey, or None where it cannot be read."""
         try:
-            return decode_gray(path.read_bytes())
-        except (OSError, UnreadableError):
+            return read_gray(path)[0]
+        except UnreadableError:
             return None
 
 
@@ -193,7 +264,7 @@ def _recognised(run: _Run, square: str | tuple[float, str] | None) -> tuple[Targ
             "Name the board, as in --target charuco:9x7:40mm:20mm:4X4_100, or take sharper, larger pictures.",
         )
     if best is None:
-        raise _nothing_found("target", looked, None)
+        raise _nothing_found("target", looked, None, run)
     if isinstance(best.target, Checkerboard):
         return _as_checkerboard(run, looked, sights, square)
     target = _with_length(_measured(run, best, looked), square)
@@ -247,7 +318,7 @@ def _tell_target(run: _Run, target: Target, best: Answer, looked: list[Outcome],
     ]
     others = [f"{words(a.target)} ({len(a.pictures)})" for a in rest if isinstance(target, type(a.target))]
     found = {"spec": target.spec, "words": words(target), "pictures": len(best.pictures), "of": len(looked)}
-    run.tell("target", **found, whole=whole, others=others)
+    run.tell("target", **found, whole=whole, others=others, noun=run.noun)
 
 
 def same_size(one: Target, other: Target) -> bool:
@@ -293,14 +364,28 @@ def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
         )
 
 
-def _correspondences(
-    outcomes: list[Outcome], target: Target, detected: bool, ids: dict[Path, str], run: _Run
-) -> Observations:
+def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int) -> list[Outcome]:
+    """The outcomes, the detections of frames that are not kept taken out, and films that cannot be read."""
+    shown, places = [], []
+    for place, o in enumerate(outcomes):
+        if o.detection is not None and o.size is not None and o.path in run.motion:
+            points = target.points[o.detection.point_ids, :2]
+            shown.append(Shown(o.path.name, points, o.detection, o.size, run.motion[o.path]))
+            places.append(place)
+    reasons = {places[i]: reason for i, reason in left_out(shown, count).items()} if shown else {}
+    kept = [
+        replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
+        for i, o in enumerate(outcomes)
+    ]
+    return kept + run.unreadable
+
+
+def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, run: _Run) -> Observations:
+    ids = run.ids
     found = [o for o in outcomes if o.detection is not None]
     if not found:
-        raise _nothing_found(
-            f"{target.columns}x{target.rows} {target.kind}", outcomes, _seen_instead(run, target)
-        )
+        what = f"{target.columns}x{target.rows} {target.kind}"
+        raise _nothing_found(what, outcomes, _seen_instead(run, target), run)
     size = Counter(o.size for o in found).most_common(1)[0][0]
     views, skipped = [], []
     for o in outcomes:
@@ -334,9 +419,9 @@ def _seen_instead(run: _Run, target: Target) -> Answer | None:
     return Answer(shown, best.pictures)
 
 
-def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None) -> DataError:
+def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: _Run) -> DataError:
     """The error for a set of pictures without the target, with the commonest reasons as its hint."""
-    message = f"no {what} was found in {len(outcomes)} picture{'s' * (len(outcomes) != 1)}."
+    message = f"no {what} was found in {run.count}."
     if seen is not None:
         number = len(seen.pictures)
         shown = f"{number} of the pictures show{'s' * (number == 1)} {words(seen.target)}."

@@ -5,9 +5,12 @@ from __future__ import annotations
 import glob
 import os
 import re
+import zipfile
 from collections.abc import Iterable
-from pathlib import Path
+from pathlib import Path, PurePath, PurePosixPath
 
+from camcal.detect.frames import is_film
+from camcal.detect.sources import ARCHIVES, exists, page_count
 from camcal.errors import DataError
 
 #: endings of the files that a folder is searched for
@@ -20,7 +23,8 @@ PICTURES = (
 def list_pictures(paths: Iterable[str | os.PathLike]) -> list[Path]:
     """The files that folders, patterns and names stand for, each once; folders in natural order.
 
-    A file that is named is taken whatever its ending; in a folder those with the ending of a picture are.
+    A file that is named is taken whatever its ending; in a folder (or a zip archive) those with the ending of a
+    picture are, and where there is none, films. Of a TIFF file of several pages each page is one picture.
 
     Raises
     ------
@@ -43,16 +47,51 @@ def natural_order(path: Path) -> tuple:
 
 def _expand(path: Path) -> list[Path]:
     if path.is_dir():
-        return _in_folder(path)
+        return _with_pages(_in_folder(path))
+    if path.is_file() and path.suffix.lower() in ARCHIVES:
+        return _in_archive(path)
     if path.exists():
+        return _with_pages([path])
+    if exists(path):
         return [path]
     if any(c in str(path) for c in "*?["):
         matches = [Path(p) for p in glob.glob(str(path), recursive=True)]  # noqa: PTH207 (any base)
         files = sorted((p for p in matches if p.is_file()), key=natural_order)
         if not files:
             raise DataError(f"no file matches '{path}'.", "Check the pattern; quote it against the shell.")
-        return files
+        return _with_pages(files)
     raise DataError(f"there is no file or folder '{path}'.", "Check the spelling.")
+
+
+def _with_pages(files: list[Path]) -> list[Path]:
+    """The files, and in place of one with several pages each page."""
+    found = []
+    for path in files:
+        pages = page_count(path) if path.suffix.lower() in (".tif", ".tiff") else 1
+        found += [path] if pages == 1 else [path.with_name(f"{path.name}#{n}") for n in range(pages)]
+    return found
+
+
+def _in_archive(archive: Path) -> list[Path]:
+    """The pictures in an archive, named as if it were a folder."""
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            names = [e.filename for e in opened.infolist() if not e.is_dir()]
+    except (OSError, zipfile.BadZipFile) as error:
+        raise DataError(
+            f"the archive '{archive}' cannot be read: {error}.", "Unpack it, and name the folder."
+        ) from None
+    files = [archive / n for n in names if _is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
+    if not files:
+        raise DataError(
+            f"the archive '{archive}' holds no pictures among its {len(names)} files.",
+            "Files such as .jpg, .png or .tif are read.",
+        )
+    return sorted(files, key=natural_order)
+
+
+def _is_picture(path: PurePath) -> bool:
+    return path.suffix.lower() in PICTURES and not path.name.startswith(".")
 
 
 def _in_folder(folder: Path) -> list[Path]:
@@ -60,9 +99,8 @@ def _in_folder(folder: Path) -> list[Path]:
         entries = list(folder.iterdir())
     except OSError as error:
         raise DataError(f"the folder '{folder}' cannot be read: {error.strerror}.") from error
-    files = [
-        p for p in entries if p.suffix.lower() in PICTURES and not p.name.startswith(".") and p.is_file()
-    ]
+    files = [p for p in entries if _is_picture(p) and p.is_file()]
+    files = files or [p for p in entries if is_film(p) and not p.name.startswith(".") and p.is_file()]
     if not files:
         inside = f" among its {len(entries)} entries" if entries else "; it is empty"
         raise DataError(

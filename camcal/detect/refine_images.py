@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,11 +11,12 @@ import numpy as np
 
 from camcal.data.observations import Observations, View
 from camcal.detect.camera_pass import refine_with_camera
-from camcal.detect.decode import UnreadableError, decode_gray
+from camcal.detect.decode import UnreadableError
 from camcal.detect.listing import view_ids
 from camcal.detect.saddle import WIDER_HALF, wider_halves
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.detect.sources import read_gray
 
 Array = np.ndarray
 
@@ -105,10 +105,7 @@ def _read_again(file: Mapping[str, str] | None) -> Array:
     """
     if file is None:
         raise UnreadableError("no picture belongs to it")
-    try:
-        data = Path(file["path"]).read_bytes()
-    except OSError as error:
-        raise UnreadableError(f"'{file['path']}' cannot be read: {error.strerror or error}") from error
-    if hashlib.sha256(data).hexdigest() != file["sha256"]:
+    gray, found = read_gray(Path(file["path"]), file["sha256"])
+    if found != file["sha256"]:
         raise UnreadableError(f"'{file['path']}' has changed since the corners were found")
-    return decode_gray(data)
+    return gray

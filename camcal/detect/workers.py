@@ -7,9 +7,10 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sized
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from itertools import islice
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -18,43 +19,59 @@ R = TypeVar("R")
 ALONE = 0.4  #: s; work of one process before others are thought of
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  #: read once, at the start
 WORTH_IT = 1.5  #: s; starting processes costs about a third of that
+AHEAD = 3  #: items to a process that wait or are worked on; each may hold a picture
+MANY = 10**6  #: stands for a number of items that is not known
 ENDED = 5.0  #: s; a process that was told to end is waited for no longer
 
 
 def map_unordered(
-    function: Callable[[T], R], items: Sequence[T], jobs: int | None, crashed: Callable[[T], R]
+    function: Callable[[T], R],
+    items: Iterable[T],
+    jobs: int | None,
+    crashed: Callable[[T], R],
+    count: int | None = None,
 ) -> Iterator[tuple[int, R]]:
     """Apply a function to items, in other processes where there is enough to do.
+
+    Items are taken as they are needed, so that no more than a few at a time are held.
 
     Parameters
     ----------
     function : callable
         Importable, as the processes are started afresh.
+    items : iterable
     jobs : int or None
         Number of processes; None for one per processor.
     crashed : callable
         What stands for the result of an item that kills its process.
+    count : int, optional
+        Number of items, where these have no length.
 
     Yields
     ------
     index, result : in the order in which they are done
     """
     jobs = jobs or usable_processors()
-    began, index = time.perf_counter(), 0
-    for index, item in enumerate(items):
-        if jobs > 1 and _worth_others(time.perf_counter() - began, index, len(items)):
-            break
-        yield index, function(item)
-    else:
-        return
-    rest = range(index, len(items))
-    lost = yield from _in_pool(function, items, rest, min(jobs, len(rest)))
-    for (
-        number
-    ) in lost:  # one of these killed its process: each alone, so that the others are not lost with it
-        again = yield from _in_pool(function, items, [number], 1)
-        if again:
-            yield number, crashed(items[number])
+    total = count if count is not None else len(items) if isinstance(items, Sized) else MANY
+    numbered = enumerate(items)
+    began, done = time.perf_counter(), 0
+    while not (jobs > 1 and _worth_others(time.perf_counter() - began, done, total)):
+        index, item = next(numbered, (-1, None))
+        if index < 0:
+            return
+        yield index, function(item)  # type: ignore[arg-type]
+        done = index + 1
+    while True:
+        lost = yield from _in_pool(function, numbered, min(jobs, max(1, total - done)))
+        if lost is None:
+            return
+        for (
+            index,
+            item,
+        ) in lost:  # one of these killed its process: each alone, so that no other is lost with it
+            again = yield from _in_pool(function, iter([(index, item)]), 1)
+            if again is not None:
+                yield index, crashed(item)
 
 
 def _worth_others(spent: float, done: int, count: int) -> bool:
@@ -68,28 +85,33 @@ def usable_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _in_pool(function: Callable[[T], R], items: Sequence[T], rest: Sequence[int], jobs: int) -> Any:
-    """Yield (index, result); return the indices that a broken pool has lost."""
+def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
+    """Yield (index, result); return the items that a broken pool has lost, or None where all are done."""
     before = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker)
-    lost: list[int] = []
+    running: dict[Future, tuple[int, T]] = {}
     finished = False
     try:
-        with _one_thread_each():
-            futures: dict[Future, int] = {pool.submit(function, items[i]): i for i in rest}
-        for future in as_completed(futures):
-            try:
-                result = future.result()
-            except BrokenProcessPool:
-                lost.append(futures[future])
-                continue
-            yield futures[future], result
-        finished = True
+        while True:
+            with _one_thread_each():
+                for index, item in islice(numbered, AHEAD * jobs - len(running)):
+                    try:
+                        running[pool.submit(function, item)] = index, item
+                    except BrokenProcessPool:
+                        return [*running.values(), (index, item)]
+            if not running:
+                finished = True
+                return None
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    return sorted(running.values(), key=lambda numbered: numbered[0])
+                yield running.pop(future)[0], result
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
-        if not finished:  # ^C, or the caller has stopped: nothing is left running
+        if not finished:  # ^C, a broken pool, or the caller has stopped: nothing is left running
             _end_children(before)
-    return sorted(lost)
 
 
 def _end_children(before: set[Any]) -> None:

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from typing import Any
 
-from camcal.settings.kinds import POSITIVE, Name, Switch, Whole
+from camcal.settings.kinds import POSITIVE, Kind, Name, Switch, Whole, refuse
 from camcal.settings.option import Option, Settings, setting
 from camcal.settings.sizes import BoardSize, Length, LengthKind
 
 TARGETS = "camcal.detect.targets:TARGETS"
 DEFAULT_SECONDS = 1.0  #: processor time a picture may take unless the caller says otherwise
+DEFAULT_FRAMES = 40  #: frames of films that are kept: a camera gains little from more, and each costs time
+
+
+class FilmTime(Kind):
+    """A time in a film: seconds, or minutes (and hours) and seconds with colons."""
+
+    metavar = "TIME"
+
+    def convert(self, value: Any) -> float:
+        """Return seconds."""
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 0:
+            return float(value)
+        found = re.fullmatch(r"(?:(?:(\d{1,3}):)?(\d{1,3}):)?(\d{1,6}(?:\.\d*)?)s?", str(value).strip())
+        if not found:
+            raise refuse(value, "a time in a film", "Write seconds, or 1:02.5 for a minute and 2.5 seconds.")
+        hours, minutes, seconds = (float(part or 0) for part in found.groups())
+        return 3600 * hours + 60 * minutes + seconds
 
 
 @dataclass(frozen=True)
@@ -38,6 +57,19 @@ class DetectionOptions(Settings):
         DEFAULT_SECONDS,
         metavar="S",
     )
+    frames: int = setting(
+        Whole(1, metavar="N"),
+        "Frames of films that are kept at most: sharp, still ones that show the most.",
+        DEFAULT_FRAMES,
+    )
+    every: int | None = setting(
+        Whole(1, metavar="K"),
+        "Search every K-th frame of a film, in place of the sharpest and stillest ones.",
+    )
+    from_time: float | None = setting(
+        FilmTime(), "Leave out what a film shows before that time: seconds, or 1:02.5.", flag="--from"
+    )
+    to_time: float | None = setting(FilmTime(), "Leave out what it shows after that time.", flag="--to")
     cache: bool = setting(Switch(), "Keep and reuse what was found in a picture.", True, off="--no-cache")
 
 

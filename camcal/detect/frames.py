@@ -1,0 +1,155 @@
+"""Frames of films, by number; whatever cv2's video reader opens."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from camcal.detect.decode import UnreadableError, as_gray
+
+Array = np.ndarray
+
+#: endings that are taken for films without opening the file
+FILMS = (
+    ".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mjpeg", ".mjpg", ".mpg", ".mpeg", ".m2v", ".mts",
+    ".m2ts", ".ts", ".wmv", ".asf", ".flv", ".3gp", ".ogv", ".h264", ".264", ".hevc", ".y4m", ".gif", ".apng",
+)  # fmt: skip
+_NUMBERED = re.compile(r"%0?\d*d")
+SKIPPED = 30  #: frames; a nearer one is reached by reading on, which costs less than entering the film anew
+MOST_FRAMES = 1_000_000_000  #: counts above it, or below 0, are what cv2 returns where the film has none
+
+
+def is_film(path: Path) -> bool:
+    """Whether a name is that of a film, by its ending, or of numbered pictures such as `frame_%04d.png`."""
+    return path.suffix.lower() in FILMS or (_NUMBERED.search(path.name) is not None and not path.exists())
+
+
+class Film:
+    """An open film that is read forward.
+
+    Attributes
+    ----------
+    count : int
+        Frames by the film's own account, or 0 where it has none.
+    rate : float
+        Frames per second, or 0.
+    """
+
+    def __init__(self, path: Path):
+        self.path, self.next, self._capture = path, 0, _opened(path)
+        count, rate = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
+        self.count = int(count) if 0 < count < MOST_FRAMES else 0
+        self.rate = float(rate) if 0 < rate < 1e5 else 0.0
+
+    def skip(self) -> bool:
+        """Pass over one frame; False at the end."""
+        done = bool(self._capture.grab())
+        self.next += done
+        return done
+
+    def read(self) -> Array | None:
+        """The next frame in grey, None at the end."""
+        done, frame = self._capture.read()
+        self.next += bool(done)
+        return as_gray(frame) if done and frame is not None and frame.size else None
+
+    def seek(self, number: int) -> bool:
+        """Go to a frame: by reading on where it is near, else at once where the film allows it."""
+        if self.count and not 0 <= number - self.next <= SKIPPED:
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, number)
+            if round(self._capture.get(cv2.CAP_PROP_POS_FRAMES)) == number:
+                self.next = number
+                return True
+            self.restart()
+        if number < self.next:
+            self.restart()
+        return self.walk(number)
+
+    def walk(self, number: int) -> bool:
+        """Read on to a frame."""
+        while self.next < number:
+            if not self.skip():
+                return False
+        return True
+
+    def restart(self) -> None:
+        """Go back to the first frame."""
+        self.close()
+        self._capture, self.next = _opened(self.path), 0
+
+    def close(self) -> None:
+        """Free the decoder."""
+        self._capture.release()
+
+
+def _opened(path: Path) -> cv2.VideoCapture:
+    if _NUMBERED.search(path.name) is None:
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise UnreadableError("no decoder opens this film; convert it to MP4 (H.264) or to pictures")
+    return capture
+
+
+_last: list[Film] = []  # the film that was read last stays open: frames are mostly asked for in order
+
+
+def read_frame(path: Path, number: int, from_start: bool = False) -> Array:
+    """One frame in grey (height, width).
+
+    Parameters
+    ----------
+    path : Path
+    number : int
+        Counted from 0.
+    from_start : bool
+        Read the film from its first frame on: some are entered at another frame than the one asked for.
+
+    Raises
+    ------
+    UnreadableError
+        Where the film cannot be opened or has no such frame.
+    """
+    if not _last or _last[0].path != path:
+        close_films()
+        _last.append(Film(path))
+    film = _last[0]
+    if from_start:
+        film.restart()
+    there = film.walk(number) if from_start else film.seek(number)
+    gray = film.read() if there else None
+    if gray is None:
+        close_films()
+        raise UnreadableError(f"the film has no frame {number}")
+    return gray
+
+
+def close_films() -> None:
+    """Close the film that `read_frame` keeps open."""
+    while _last:
+        _last.pop().close()
+
+
+def frames(path: Path, every: int = 1) -> Iterator[tuple[int, Array]]:
+    """(number, grey picture) of every so many frames of a film, in order."""
+    film = Film(path)
+    try:
+        while True:
+            number = film.next
+            if number % every:
+                if not film.skip():
+                    return
+                continue
+            gray = film.read()
+            if gray is None:
+                return
+            yield number, gray
+    finally:
+        film.close()

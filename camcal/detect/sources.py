@@ -1,0 +1,156 @@
+"""Where a picture comes from: a file, an entry of an archive, a page of a picture, a frame of a film.
+
+Each has a name that is a path: `left.png`, `pictures.zip/left.png`, `all.tif#2`, `movie.mp4#123`. Pages and frames
+are counted from 0. Whoever has the name can read the picture again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from camcal.detect.decode import FLAGS, UnreadableError, as_gray, check_size, decode_gray
+from camcal.detect.frames import is_film, read_frame
+
+Array = np.ndarray
+
+ARCHIVES = (".zip",)
+MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
+
+
+def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
+    """A picture in grey, and the SHA-256 of its file (of the pixels, for a frame of a film).
+
+    Parameters
+    ----------
+    path : Path
+        A name as in the module's description.
+    sha256 : str, optional
+        What the hash was before: a frame that came out otherwise is looked for again from the start of its
+        film, because not every film can be entered at any frame.
+
+    Raises
+    ------
+    UnreadableError
+        With the reason.
+    """
+    file, number = split(path)
+    if number is not None and is_film(file):
+        gray = read_frame(file, number)
+        found = pixels_sha256(gray)
+        if sha256 is not None and found != sha256:
+            gray = read_frame(file, number, from_start=True)
+            found = pixels_sha256(gray)
+        return gray, found
+    found, decode = fetch(path)
+    return decode(), found
+
+
+def fetch(path: Path) -> tuple[str, Callable[[], Array]]:
+    """The SHA-256 of a picture's file (with the number of a page), and what decodes it.
+
+    Raises
+    ------
+    UnreadableError
+        Where the file cannot be read; the second raises it where it cannot be decoded.
+    """
+    file, number = split(path)
+    if number is not None and is_film(file):
+        gray = read_frame(file, number)
+        return pixels_sha256(gray), lambda: gray
+    data = read_bytes(file)
+    if number is None:
+        return hashlib.sha256(data).hexdigest(), lambda: decode_gray(data)
+    page = hashlib.sha256(data + f"#{number}".encode()).hexdigest()
+    return page, lambda: decode_page(data, number)
+
+
+def split(path: Path) -> tuple[Path, int | None]:
+    """The file of a page or a frame, and its number; `(path, None)` for anything else."""
+    found = re.fullmatch(r"(.+)#(\d{1,9})", path.name)
+    if found is None or path.exists():
+        return path, None
+    file = path.with_name(found[1])
+    known = file.exists() or is_film(file) or archive_of(file) is not None
+    return (file, int(found[2])) if known else (path, None)
+
+
+def archive_of(path: Path) -> Path | None:
+    """The archive of which a name is an entry, or None."""
+    return next((p for p in path.parents if p.suffix.lower() in ARCHIVES and p.is_file()), None)
+
+
+def exists(path: Path) -> bool:
+    """Whether there is such a file, entry, page or frame (the number itself is not checked)."""
+    file, _ = split(path)
+    archive = archive_of(file)
+    if archive is None:
+        return file.exists() or (is_film(file) and file.parent.is_dir())
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            return file.relative_to(archive).as_posix() in opened.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file, or of an entry of an archive.
+
+    Raises
+    ------
+    UnreadableError
+        With the reason.
+    """
+    archive = archive_of(path)
+    try:
+        if archive is None:
+            return path.read_bytes()
+        with zipfile.ZipFile(archive) as opened:
+            entry = opened.getinfo(path.relative_to(archive).as_posix())
+            if entry.file_size > MOST_UNPACKED:
+                raise UnreadableError(f"it would have {entry.file_size:,} bytes unpacked")
+            return opened.read(entry)
+    except OSError as error:
+        raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, KeyError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
+        raise UnreadableError(f"the archive '{archive}' cannot be read: {error}") from error
+
+
+def page_count(path: Path) -> int:
+    """How many pictures a file holds: more than 1 for TIFF files of several pages."""
+    try:
+        with path.open("rb") as stream:
+            if stream.read(4)[:2] not in (b"II", b"MM"):
+                return 1
+        return max(1, int(cv2.imcount(str(path), FLAGS)))
+    except (OSError, cv2.error):
+        return 1
+
+
+def decode_page(data: bytes, number: int) -> Array:
+    """One page of a picture of several.
+
+    Raises
+    ------
+    UnreadableError
+        Where there is no such page, or it is damaged.
+    """
+    check_size(data)
+    try:
+        done, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), FLAGS, range=(number, number + 1))
+    except cv2.error as error:
+        raise UnreadableError(f"page {number} cannot be decoded: {str(error.err).strip()[:80]}") from error
+    if not done or not len(pages):
+        raise UnreadableError(f"page {number} is damaged, or there is none")
+    return as_gray(pages[0])
+
+
+def pixels_sha256(gray: Array) -> str:
+    """The SHA-256 of the pixels of a picture and of its size."""
+    return hashlib.sha256(repr((gray.shape, gray.dtype.str)).encode() + gray.tobytes()).hexdigest()
