@@ -20,7 +20,8 @@ from camcal.cli.verbosity import verbosity_options
 def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | None, **options: Any) -> int:
     """Calibrate a camera from pictures of a checkerboard or another target.
 
-    IMAGES are folders, files or quoted patterns. What target it is, and its size, is found from the pictures
+    IMAGES are folders, files, quoted patterns, zip archives, films (of which frames are chosen, named
+    movie.mp4#123) or numbered frames (frame_%04d.png). What target it is, and its size, is found from the pictures
     where --target and --board do not say it.
     """
     from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures

@@ -18,8 +18,9 @@ from camcal.cli.verbosity import note, verbosity_options
 def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) -> int:
     """Find a target in pictures and write its corners.
 
-    IMAGES are folders, files or quoted patterns. The table is plain: any other detector could have written
-    it. Give the size of the pictures to `camcal estimate` with --image-size.
+    IMAGES are folders, files, quoted patterns, zip archives or films, as for `camcal checkerboard`. The table is
+    plain: any other detector could have written it. Give the size of the pictures to `camcal estimate` with
+    --image-size.
     """
     from camcal.cli.job import read_pictures, save_detections
     from camcal.data.writing import check_writable

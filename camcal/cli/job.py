@@ -66,7 +66,7 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
-    told = {name: options[name] for name in _names(DetectionOptions)}
+    told = {name: options[name] for name in _names(DetectionOptions) if name in options}
     with progress("reading pictures") as show:
 
         def tell(event: str, details: Mapping[str, Any]) -> None:

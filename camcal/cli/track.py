@@ -188,7 +188,9 @@ def _from_pictures(paths: tuple[str, ...], options: dict[str, Any]) -> Iterator[
     from camcal.cli.job import read_pictures
     from camcal.track.frames import from_pictures
 
-    return from_pictures(read_pictures(paths, options))
+    # of a film every frame counts: none is left out for showing what another shows
+    every = options["every"] or 1
+    return from_pictures(read_pictures(paths, {**options, "keep_frames": None, "every": every}))
 
 
 def _format(options: dict[str, Any]) -> str:

@@ -22,10 +22,12 @@ FILE = click.Path(path_type=Path)
 def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     """Take the distortion out of pictures.
 
-    IMAGES are files, folders or quoted patterns. The new pictures keep their names; camera.yaml beside them is
-    the camera that would have taken them. Unreadable pictures are named and left out (exit code 1).
+    IMAGES are files, folders, quoted patterns, films (each frame becomes a picture such as movie_000123.png) or
+    frames of films (movie.mp4#123). The new pictures keep their names; camera.yaml beside them is the camera
+    that would have taken them. Unreadable pictures are named and left out (exit code 1).
     """
     from camcal.cli.job import command_line
+    from camcal.detect.frames import is_film
     from camcal.detect.listing import list_pictures
     from camcal.detect.resample import written_name
     from camcal.model.lenses.undistort import undistortion
@@ -36,21 +38,20 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     if options["image_size"] is not None:
         source = replace(source, image_size=options["image_size"])
     files, folder = list_pictures(images), options["output"]
-    targets = [folder / written_name(f) for f in files]
-    _check(files, targets, folder, options["force"])
+    # how many frames a film has is known at its end only; a frame never overwrites a file, either
+    targets = [folder / written_name(f) for f in files if not is_film(f)]
+    _check(targets, folder, options["force"])
     made = undistortion(source, options["keep"], options["size"], options["projection"])
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"from": str(options["camera"]), "keep": str(options["keep"]), "black": made.black}
     document = camera_document(made.camera, command_line(ctx), undistortion=figures)
     save(document, folder / "camera.yaml", options["force"])
-    failed = _resample_all(files, targets, source.image_size, made, options)
-    note(
-        f"{len(files) - failed} of {len(files)} pictures written to {folder}; {made.black:.1%} of each is black."
-    )
+    failed, count = _resample_all(files, folder, source.image_size, made, options)
+    note(f"{count - failed} of {count} pictures written to {folder}; {made.black:.1%} of each is black.")
     return 1 if failed else 0
 
 
-def _check(files: list[Path], targets: list[Path], folder: Path, force: bool) -> None:
+def _check(targets: list[Path], folder: Path, force: bool) -> None:
     """Refuse what would overwrite something, before any work is done."""
     from camcal.data.writing import check_writable
     from camcal.errors import UsageError
@@ -69,26 +70,27 @@ def _check(files: list[Path], targets: list[Path], folder: Path, force: bool) ->
 
 
 def _resample_all(
-    files: list[Path], targets: list[Path], size: tuple[int, int] | None, made: Any, options: dict[str, Any]
-) -> int:
-    """Resample every picture; the number of those that could not be."""
+    files: list[Path], folder: Path, size: tuple[int, int] | None, made: Any, options: dict[str, Any]
+) -> tuple[int, int]:
+    """Resample every picture; the number of those that could not be, and of all."""
     from camcal.cli.output import progress
     from camcal.detect.decode import UnreadableError
-    from camcal.detect.resample import read_picture, resample, write_picture
+    from camcal.detect.resample import read_pictures, resample, write_picture, written_name
 
-    failed = 0
+    failed = count = 0
     with progress("undistorting") as show:
-        for done, (path, target) in enumerate(zip(files, targets, strict=True), 1):
+        for count, (path, picture) in enumerate(read_pictures(files), 1):
             try:
-                picture = read_picture(path)
+                if isinstance(picture, UnreadableError):
+                    raise picture
                 if picture.shape[1::-1] != size:
                     found = "x".join(map(str, picture.shape[1::-1]))
                     needed = "x".join(map(str, size or ()))
                     raise UnreadableError(f"it is {found}, the camera is for {needed}")
                 out = resample(picture, made.u, made.v, options["interpolation"])
-                write_picture(target, out, options["force"])
+                write_picture(folder / written_name(path), out, options["force"])
             except UnreadableError as reason:
                 failed += 1
                 click.echo(f"{path}: {reason}", err=True)
-            show(done, len(files))
-    return failed
+            show(count, max(count, len(files)))
+    return failed, count

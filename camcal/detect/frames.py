@@ -53,9 +53,14 @@ class Film:
 
     def read(self) -> Array | None:
         """The next frame in grey, None at the end."""
+        frame = self.read_colour()
+        return None if frame is None else as_gray(frame)
+
+    def read_colour(self) -> Array | None:
+        """The next frame (height, width, 3), blue first, None at the end."""
         done, frame = self._capture.read()
         self.next += bool(done)
-        return as_gray(frame) if done and frame is not None and frame.size else None
+        return frame if done and frame is not None and frame.size else None
 
     def seek(self, number: int) -> bool:
         """Go to a frame: by reading on where it is near, else at once where the film allows it."""
@@ -101,8 +106,8 @@ def _opened(path: Path) -> cv2.VideoCapture:
 _last: list[Film] = []  # the film that was read last stays open: frames are mostly asked for in order
 
 
-def read_frame(path: Path, number: int, from_start: bool = False) -> Array:
-    """One frame in grey (height, width).
+def read_frame(path: Path, number: int, from_start: bool = False, colour: bool = False) -> Array:
+    """One frame in grey (height, width), or in colour (height, width, 3), blue first.
 
     Parameters
     ----------
@@ -124,11 +129,11 @@ def read_frame(path: Path, number: int, from_start: bool = False) -> Array:
     if from_start:
         film.restart()
     there = film.walk(number) if from_start else film.seek(number)
-    gray = film.read() if there else None
-    if gray is None:
+    frame = film.read_colour() if there else None
+    if frame is None:
         close_films()
         raise UnreadableError(f"the film has no frame {number}")
-    return gray
+    return frame if colour else as_gray(frame)
 
 
 def close_films() -> None:
@@ -137,19 +142,11 @@ def close_films() -> None:
         _last.pop().close()
 
 
-def frames(path: Path, every: int = 1) -> Iterator[tuple[int, Array]]:
-    """(number, grey picture) of every so many frames of a film, in order."""
+def colour_frames(path: Path) -> Iterator[tuple[int, Array]]:
+    """(number, picture (height, width, 3)) of every frame of a film, in order."""
     film = Film(path)
     try:
-        while True:
-            number = film.next
-            if number % every:
-                if not film.skip():
-                    return
-                continue
-            gray = film.read()
-            if gray is None:
-                return
-            yield number, gray
+        while (frame := film.read_colour()) is not None:
+            yield film.next - 1, frame
     finally:
         film.close()

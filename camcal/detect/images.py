@@ -51,7 +51,7 @@ def detect_images(
     seconds: float = DEFAULT_SECONDS,
     on_event: OnEvent | None = None,
     cache: bool = True,
-    frames: int = DEFAULT_FRAMES,
+    keep_frames: int | None = DEFAULT_FRAMES,
     every: int | None = None,
     from_time: float | None = None,
     to_time: float | None = None,
@@ -80,8 +80,8 @@ def detect_images(
         where the cache cannot be written.
     cache : bool
         Whether results are kept and reused.
-    frames : int
-        How many frames of films are kept at most.
+    keep_frames : int, optional
+        How many frames of films are kept at most; None keeps every one that shows the target.
     every : int, optional
         Search every so many frames, in place of the sharpest and stillest ones.
     from_time, to_time : float, optional
@@ -111,7 +111,7 @@ def detect_images(
     else:
         target, outcomes = wanted, run.examine_all(run.files, wanted)
         _confirm(run, target, outcomes)
-    outcomes = _kept(run, target, outcomes, frames)
+    outcomes = _kept(run, target, outcomes, keep_frames)
     run.tell_pictures(outcomes)
     return _correspondences(outcomes, target, wanted is None, run)
 
@@ -364,7 +364,7 @@ def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
         )
 
 
-def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int) -> list[Outcome]:
+def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int | None) -> list[Outcome]:
     """The outcomes, the detections of frames that are not kept taken out, and films that cannot be read."""
     shown, places = [], []
     for place, o in enumerate(outcomes):
@@ -372,7 +372,8 @@ def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int) -> lis
             points = target.points[o.detection.point_ids, :2]
             shown.append(Shown(o.path.name, points, o.detection, o.size, run.motion[o.path]))
             places.append(place)
-    reasons = {places[i]: reason for i, reason in left_out(shown, count).items()} if shown else {}
+    chosen = left_out(shown, count) if shown and count is not None else {}
+    reasons = {places[i]: reason for i, reason in chosen.items()}
     kept = [
         replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
         for i, o in enumerate(outcomes)
@@ -421,6 +422,7 @@ def _seen_instead(run: _Run, target: Target) -> Answer | None:
 
 def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: _Run) -> DataError:
     """The error for a set of pictures without the target, with the commonest reasons as its hint."""
+    run.tell_pictures(outcomes)
     message = f"no {what} was found in {run.count}."
     if seen is not None:
         number = len(seen.pictures)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from camcal.data.writing import atomic_write
-from camcal.detect.decode import UnreadableError, decode_gray, header_size
+from camcal.detect.decode import UnreadableError, check_size, decode_gray
+from camcal.detect.frames import colour_frames, is_film, read_frame
+from camcal.detect.sources import read_bytes, split
 from camcal.errors import DataError
 
 Array = np.ndarray
@@ -24,22 +27,37 @@ WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 
 
-def read_picture(path: Path) -> Array:
-    """The pixels (height, width) or (height, width, channels) of a file, as they are stored.
+def read_pictures(files: Iterable[Path]) -> Iterator[tuple[Path, Array | UnreadableError]]:
+    """The pixels (height, width) or (height, width, channels) of pictures as they are stored, or the reason.
 
-    Raises
-    ------
-    UnreadableError
-        With the reason.
+    In place of a film comes each of its frames, as `movie.mp4#123`.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UnreadableError(str(error.strerror)) from error
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if header_size(data) or data else None
+    for path in files:
+        try:
+            if is_film(path):
+                for number, frame in colour_frames(path):
+                    yield path.with_name(f"{path.name}#{number}"), frame
+            else:
+                yield path, _read(path)
+        except UnreadableError as reason:
+            yield path, reason
+
+
+def _read(path: Path) -> Array:
+    file, number = split(path)
+    if number is not None and is_film(file):
+        return read_frame(file, number, colour=True)
+    data = read_bytes(file)
+    check_size(data)
+    encoded = np.frombuffer(data, np.uint8)
+    if number is not None:
+        done, pictures = cv2.imdecodemulti(encoded, _FLAGS, range=(number, number + 1))
+        picture = pictures[0] if done and len(pictures) else None
+    else:
+        picture = cv2.imdecode(encoded, _FLAGS)
     if picture is None:
         decode_gray(data)  # raises, with the reason
-        raise UnreadableError("it is not a picture of a known format")
+        raise UnreadableError("it is not a picture of a known format, or has no such page")
     return picture
 
 
@@ -61,7 +79,10 @@ def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") 
 
 
 def written_name(path: Path) -> str:
-    """The name under which a resampled picture is written."""
+    """The name under which a resampled picture is written: `movie_000123.png` for a frame of a film."""
+    file, number = split(path)
+    if number is not None:
+        return f"{file.stem}_{number:06d}.png"
     return path.name if path.suffix.lower() in WRITTEN else path.stem + ".png"
 
 

@@ -32,8 +32,8 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
     path : Path
         A name as in the module's description.
     sha256 : str, optional
-        What the hash was before: a frame that came out otherwise is looked for again from the start of its
-        film, because not every film can be entered at any frame.
+        What the hash was before: a picture that has changed is refused. A frame that came out otherwise is
+        looked for again from the start of its film, because not every film can be entered at any frame.
 
     Raises
     ------
@@ -41,14 +41,12 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
         With the reason.
     """
     file, number = split(path)
-    if number is not None and is_film(file):
-        gray = read_frame(file, number)
-        found = pixels_sha256(gray)
-        if sha256 is not None and found != sha256:
-            gray = read_frame(file, number, from_start=True)
-            found = pixels_sha256(gray)
-        return gray, found
     found, decode = fetch(path)
+    if found != sha256 is not None and number is not None and is_film(file):
+        gray = read_frame(file, number, from_start=True)
+        found, decode = pixels_sha256(gray), lambda: gray
+    if found != sha256 is not None:
+        raise UnreadableError(f"'{path}' has changed since the corners were found")
     return decode(), found
 
 

@@ -278,7 +278,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "compare-optimizers": _COMPARE_OPTIMIZERS,
     "doctor": (_MODEL, IMAGE_SIZE, *BOARD, FORMAT, CONFIG),
     "next": _NEXT,
-    "track": (METHOD, *TrackOptions.command_line(), *RUN, *BOARD),
+    "track": (METHOD, *TrackOptions.command_line(), *RUN, *DetectionOptions.command_line("keep_frames")),
     "board": (
         replace(OUTPUT, help="Where to write; .svg, .pdf or .png.", required=True),
         Option(

@@ -57,10 +57,11 @@ class DetectionOptions(Settings):
         DEFAULT_SECONDS,
         metavar="S",
     )
-    frames: int = setting(
+    keep_frames: int = setting(
         Whole(1, metavar="N"),
         "Frames of films that are kept at most: sharp, still ones that show the most.",
         DEFAULT_FRAMES,
+        flag="--frames",
     )
     every: int | None = setting(
         Whole(1, metavar="K"),
