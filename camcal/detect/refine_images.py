@@ -14,9 +14,9 @@ from camcal.detect.camera_pass import refine_with_camera
 from camcal.detect.decode import UnreadableError
 from camcal.detect.listing import view_ids
 from camcal.detect.saddle import WIDER_HALF, wider_halves
+from camcal.detect.sources import read_gray
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
-from camcal.detect.sources import read_gray
 
 Array = np.ndarray
 
