@@ -16,7 +16,9 @@ from camcal.detect.resample import read_pictures, written_name
 from camcal.detect.targets.base import Detection
 from camcal.detect.view_information import chosen_views, information
 from camcal.errors import DataError
+from camcal.model.pose import Pose
 from tests.detect import drawing
+from tests.detect.scenes import straight_camera
 from tests.shared_data import DATA, needs_data
 
 SIZE, BOARD = (320, 240), (6, 5)
@@ -62,9 +64,11 @@ def test_frames_are_kept_listed_and_read_again(film):
         (same,) = {f"board.avi#{3 * pose}", f"board.avi#{3 * pose + 1}"} & set(reasons)
         assert reasons[same] == f"it shows the target where {kept.pop()} does"
     assert said["target"]["noun"] == "frames" and said["frames"]["searched"] == said["frames"]["frames"] == 24
-    events = []
-    identity = np.full(2, np.nan)
-    refine_images(found, lambda i, px: px + identity, on_event=lambda name, d: events.append(name))
+    events, pose = [], Pose(np.eye(3), np.array([0.0, 0, 10]))
+    camera = straight_camera(SIZE)
+    refine_images(
+        found, camera, {v.id: pose for v in found.views}, on_event=lambda name, d: events.append(name)
+    )
     assert events == ["refined"] * 8
 
 

@@ -4,6 +4,8 @@ import pytest
 
 from camcal.detect.images import detect_images
 from camcal.detect.refine_images import refine_images
+from camcal.model.pose import Pose
+from camcal.study.cameras import example_camera
 from tests.detect import drawing
 
 SIZE, SHAPE = (6, 5), (240, 200)
@@ -19,19 +21,25 @@ def pictures(tmp_path):
     return tmp_path, maps
 
 
-def board(maps, square):
-    def board_from_pixel(i, px):
-        return square * drawing.project(np.linalg.inv(maps[i]), px.reshape(-1, 2)).reshape(px.shape)
-
-    return board_from_pixel
+def camera_and_poses(maps, square=1.0):
+    """The camera of `drawing.homography` and its poses by picture, lengths in units of `square`."""
+    focal = 24 * 3.0 * max(SIZE)
+    values = {"fx": focal, "fy": focal, "cx": 120.0, "cy": 100.0}
+    k = np.array([[focal, 0, 120], [0, focal, 100], [0, 0, 1]])
+    poses = {}
+    for i, h in enumerate(maps):
+        a = np.linalg.inv(k) @ h
+        rotation = np.c_[a[:, :2], np.cross(a[:, 0], a[:, 1])]
+        poses[f"{i}.png"] = Pose(rotation, square * a[:, 2])
+    return example_camera("pinhole", SHAPE, values), poses
 
 
 def test_corners_move_little_and_stop(pictures):
     folder, maps = pictures
     found = detect_images([folder], square="20mm", cache=False)
     events = []
-    new, moved = refine_images(found, board(maps, 20.0), on_event=lambda *e: events.append(e))
-    again, still = refine_images(new, board(maps, 20.0))
+    new, moved = refine_images(found, *camera_and_poses(maps, 20.0), on_event=lambda *e: events.append(e))
+    again, still = refine_images(new, *camera_and_poses(maps, 20.0))
     assert 0 < moved < 0.05
     assert still < 2e-3  # where a fit stops
     for view, h in zip(again.views, maps, strict=True):
@@ -40,10 +48,10 @@ def test_corners_move_little_and_stop(pictures):
     assert [name for name, _ in events] == ["refined", "refined"]
 
 
-def test_a_map_without_values_leaves_the_corners(pictures):
-    folder, _ = pictures
+def test_views_without_a_pose_stay(pictures):
+    folder, maps = pictures
     found = detect_images([folder], cache=False)
-    new, moved = refine_images(found, lambda i, px: np.full(px.shape, np.nan))
+    new, moved = refine_images(found, camera_and_poses(maps)[0], {})
     assert moved == 0 and all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
 
 
@@ -53,7 +61,7 @@ def test_changed_and_lost_pictures_are_said(pictures):
     (folder / "0.png").unlink()
     (folder / "1.png").write_bytes(b"another")
     events = []
-    new, moved = refine_images(found, board(maps, 1.0), on_event=lambda *e: events.append(e))
-    assert moved == 0 and new.views == found.views
+    new, moved = refine_images(found, *camera_and_poses(maps), on_event=lambda *e: events.append(e))
+    assert moved == 0 and all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
     assert [name for name, _ in events] == ["unrefined", "unrefined"]
     assert "changed" in events[1][1]["reason"]
