@@ -186,6 +186,12 @@ def _from_radial(progress: Progress) -> Change | None:
     return Change(fit=Candidate(lowest(found))) if found else None
 
 
+def _wants_nested(progress: Progress) -> bool:
+    """Once for a lens with several minima, of which the one inside a smaller model may be the lower."""
+    again = progress.lens.several_minima and not progress.made("from-nested")
+    return _doubtful(progress) or (again and progress.best is not None)
+
+
 def _from_nested(progress: Progress) -> Change | None:
     """The refinement from the optimum of a model that this one contains."""
     start = progress.start
@@ -222,7 +228,7 @@ FROM_NOTHING: tuple[Attempt, ...] = (
     *STARTS,
     Attempt("least-squares", _begun, _refine),
     Attempt("from-radial", _doubtful, _from_radial),
-    Attempt("from-nested", _doubtful, _from_nested),
+    Attempt("from-nested", _wants_nested, _from_nested),
 )
 
 OTHER_MINIMA = Attempt("other-minima", _several_minima, _from_other_minima)

@@ -22,6 +22,8 @@ Array = np.ndarray
 
 #: below this w, dR/dw is taken from its series, whose error w³ then equals what is lost by cancellation
 SMALL = 1e-4
+#: rad: w to begin from where nothing is known of it; at 45 degrees from the axis it moves a point by 1 %
+FIRST = 0.2
 
 
 class FieldOfView(RadialLens):
@@ -37,9 +39,15 @@ class FieldOfView(RadialLens):
         """The field of view."""
         return {"w": "w"}
 
+    def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
+        """Close to a pinhole camera, but not w = 0, where a refinement would stay: dR/dw is 0 there."""
+        params = super().pinhole(fx, fy, cx, cy, skew)
+        params[self._own] = FIRST
+        return params
+
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
         """From narrow to wide."""
-        return [{"w": w} for w in (0.2, 0.6, 0.95, 1.3, 1.8)]
+        return [{"w": w} for w in (FIRST, 0.6, 0.95, 1.3, 1.8)]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """A lens of 150 degrees and a mild one."""

@@ -27,6 +27,8 @@ class Mei(Lens):
     """`mei`: xi, k1, k2, p1, p2."""
 
     plane = PlaneDistortion(("n1", "n2", "p1", "p2"))
+    #: ξ and k1 can stand for each other: on the set ov_plane minima lie at 0.481 and 0.500 px
+    several_minima = True
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Mei:
