@@ -1,0 +1,129 @@
+"""Points of edges or thin lines joined to chains, and chains to lines over gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from camcal.detect.line_points import LinePoints
+
+Array = np.ndarray
+
+#: px; the next point of a chain is looked for so far ahead, and within so much of there
+STEP, REACH = 1.2, 1.0
+#: the next point's direction is within 25 degrees: the noise of a direction at the threshold is about 10
+NEXT = np.cos(np.radians(25))
+#: px; chains shorter than this have no direction to be continued by
+SHORTEST = 12
+#: px of a chain's end that say how it goes on, and the most px that it may leave out there; of all chains ...
+SHORT = (24.0, 24.0)
+#: ... and then of those that are long enough
+LONG = (80.0, 80.0)
+#: how far from where a chain leads its continuation may begin, as a part of the distance, besides 1 px
+ASIDE = 0.05
+#: ... and how much it may turn
+STRAIGHT_ON = np.cos(np.radians(6))
+
+
+def chains(points: LinePoints) -> list[Array]:
+    """Indices of the points of each chain, in order along it; chains shorter than `SHORTEST` are left out."""
+    if len(points) < SHORTEST:
+        return []
+    tree = cKDTree(points.uv)
+    ahead = _neighbour(points, tree, points.along)
+    behind = _neighbour(points, tree, -points.along)
+    index = np.arange(len(points))
+    # directions have no sign: a link counts where each is a neighbour of the other, either way
+    links = [(i, j) for i, j in ((index, ahead), (index, behind))]
+    start, end = (np.concatenate(part) for part in zip(*links, strict=True))
+    known = end >= 0
+    start, end = start[known], end[known]
+    back = (ahead[end] == start) | (behind[end] == start)
+    groups = _components(start[back], end[back], len(points))
+    return [g for g in (_ordered(points.uv, g) for g in groups) if len(g) >= SHORTEST]
+
+
+def joined(points: LinePoints, parts: list[Array]) -> list[Array]:
+    """Chains joined where one leads on to another: over crossings, corners of a board, and small gaps."""
+    for reach, gap in (SHORT, LONG):
+        parts = [p for p in parts if reach == SHORT[0] or np.ptp(points.uv[p], 0).max() >= reach]
+        while True:
+            pairs = _continuations(points, parts, reach, gap)
+            if not len(pairs):
+                break
+            groups = _components(pairs[:, 0], pairs[:, 1], len(parts))
+            parts = [_ordered(points.uv, np.concatenate([parts[i] for i in g])) for g in groups]
+    return parts
+
+
+def _neighbour(points: LinePoints, tree: cKDTree, along: Array) -> Array:
+    """The point (N,) nearest to a step along the direction, -1 where there is none."""
+    distance, found = tree.query(points.uv + STEP * along, distance_upper_bound=REACH)
+    known = np.isfinite(distance)
+    out = np.where(known, found, 0)
+    same = np.abs((along * points.along[out]).sum(1)) >= NEXT
+    forward = ((points.uv[out] - points.uv) * along).sum(1) > 0
+    return np.where(known & same & forward, out, -1)
+
+
+def _components(start: Array, end: Array, count: int) -> list[Array]:
+    """Members of each connected component."""
+    graph = coo_matrix((np.ones(len(start), bool), (start, end)), (count, count))
+    label = connected_components(graph, directed=False)[1]
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _ordered(uv: Array, members: Array) -> Array:
+    """Members sorted along their longest direction."""
+    if len(members) < 3:
+        return members
+    centred = uv[members] - uv[members].mean(0)
+    main = np.linalg.eigh(centred.T @ centred)[1][:, 1]
+    return members[np.argsort(centred @ main, kind="stable")]
+
+
+def _continuations(points: LinePoints, parts: list[Array], reach: float, gap: float) -> Array:
+    """Pairs (M, 2) of chains of which each is the best continuation of the other."""
+    if len(parts) < 2:
+        return np.zeros((0, 2), int)
+    ends = [_end(points.uv[p[:: 1 if head else -1]], reach) for p in parts for head in (True, False)]
+    place, out = np.stack([e[0] for e in ends]), np.stack([e[1] for e in ends])
+    best = np.full(len(ends), -1)
+    cost = np.full(len(ends), np.inf)
+    near = cKDTree(place).query_pairs(gap, output_type="ndarray")
+    near = near[near[:, 0] // 2 != near[:, 1] // 2]
+    if not len(near):
+        return np.zeros((0, 2), int)
+    i, j = near.T
+    apart = place[j] - place[i]
+    distance = np.linalg.norm(apart, axis=1)
+    aside = np.maximum(np.abs(_cross(out[i], apart)), np.abs(_cross(out[j], apart)))
+    on = (out[i] * apart).sum(1) > -2.0
+    facing = (out[i] * out[j]).sum(1) <= -STRAIGHT_ON
+    good = on & facing & (aside <= 1 + ASIDE * distance)
+    for a, b, value in zip(i[good], j[good], (distance + 10 * aside)[good], strict=True):
+        for one, other in ((a, b), (b, a)):
+            if value < cost[one]:
+                cost[one], best[one] = value, other
+    mutual = np.flatnonzero((best >= 0) & (best[best] == np.arange(len(best))))
+    pairs = np.stack([mutual, best[mutual]], 1) // 2
+    return pairs[pairs[:, 0] < pairs[:, 1]]
+
+
+def _end(uv: Array, reach: float) -> tuple[Array, Array]:
+    """Where a chain ends and the unit vector out of it, for points that run from its end inwards."""
+    part = uv[np.linalg.norm(uv - uv[0], axis=1) <= reach]
+    if len(part) < 3:
+        part = uv[:3]
+    centre = part.mean(0)
+    main = np.linalg.eigh((part - centre).T @ (part - centre))[1][:, 1]
+    if main @ (part[0] - centre) < 0:
+        main = -main
+    return centre + main * (main @ (part[0] - centre)), main
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,0 +1,128 @@
+"""Candidates for images of straight lines in a picture: strings, grid lines, edges of buildings and boards."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.detect.line_chains import chains, joined
+from camcal.detect.line_points import RIDGE_SIGMA, LinePoints, edges, ridges
+
+Array = np.ndarray
+
+#: a candidate is at least this part of the picture's diagonal long: shorter ones hardly bend
+LEAST_LENGTH = 0.1
+#: Two candidates are one line where one smooth curve follows both as closely as each its own (this many times, and
+#: px), and the gap between them is at most this part of the shorter one.
+AS_CLOSE, CLOSE, LARGEST_GAP = 1.3, 0.02, 0.6
+#: cosine of the turn between two parts of one line that a lens bends: 30 degrees
+BENT = 0.86
+#: px; an edge beside a thin line is that line's own border: four widths of the ridge filter
+BORDER = 4 * RIDGE_SIGMA
+#: order of the polynomial along a line that its points follow, whatever the lens
+SMOOTH = 5
+#: px; a line's points stray less from that: beyond it, it is no single edge
+ROUGHEST = 1.0
+#: px; points of a line are averaged over runs of this length, which takes off most of their noise and, for lines bent to
+#: a radius of 1000 px, moves them by 0.003 px (Tang et al., High-precision camera distortion measurements with a
+#: calibration harp, 2012, smooth and thin their edge points likewise)
+RUN = 8.0
+#: points of a run at least: half of those that an edge has there
+LEAST_IN_RUN = 4
+#: robust standard deviations beyond which a point belongs to something else
+FAR = 4.0
+
+
+def find_lines(gray: Array) -> list[Array]:
+    """Points (N, 2) of each candidate, px, in order along it; the longest first.
+
+    Thin lines, dark or bright whichever there are more of, and edges that are not the border of one.
+    """
+    least = LEAST_LENGTH * float(np.hypot(*gray.shape[:2]))
+    thin = max((_lines(ridges(gray, dark), least) for dark in (True, False)), key=_length)
+    other = _lines(edges(gray), least)
+    if thin:
+        tree = cKDTree(np.concatenate(thin))
+        other = [uv for uv in other if np.median(tree.query(uv)[0]) > BORDER]
+    return sorted(map(_averaged, thin + other), key=_extent, reverse=True)
+
+
+def _lines(points: LinePoints, least: float) -> list[Array]:
+    parts = joined(points, chains(points))
+    smooth = (_smooth(points.uv[p]) for p in parts if _extent(points.uv[p]) >= least)
+    return _merged([found for found in smooth if found is not None and _extent(found[0]) >= least])
+
+
+def _smooth(uv: Array) -> tuple[Array, float] | None:
+    """The points that follow one smooth curve, in order, and their robust deviation, px; None where they stray."""
+    centred = uv - uv.mean(0)
+    main = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
+    along, across = (centred @ main).T
+    order = np.argsort(along, kind="stable")
+    uv, along, across = uv[order], along[order], across[order]
+    scaled = along / np.abs(along).max()
+    good, sigma = np.ones(len(uv), bool), np.inf
+    for _ in range(3):
+        if good.sum() < 2 * SMOOTH:
+            return None
+        curve = np.polynomial.chebyshev.chebfit(scaled[good], across[good], SMOOTH)
+        off = np.abs(across - np.polynomial.chebyshev.chebval(scaled, curve))
+        sigma = 1.4826 * float(np.median(off[good]))
+        good = off <= max(FAR * sigma, 1e-6)
+    return (uv[good], sigma) if sigma <= ROUGHEST else None
+
+
+def _merged(lines: list[tuple[Array, float]]) -> list[Array]:
+    """Lines of which parts had been found, whole."""
+    lines = sorted(lines, key=lambda item: -_extent(item[0]))
+    at = 0
+    while at < len(lines):
+        found = next((m for other in lines[at + 1 :] if (m := _joint(lines[at], other)) is not None), None)
+        if found is None:
+            at += 1
+            continue
+        whole, part = found
+        lines[at] = whole
+        lines = [item for item in lines if item is not part]
+    return [uv for uv, _ in lines]
+
+
+def _joint(
+    first: tuple[Array, float], second: tuple[Array, float]
+) -> tuple[tuple[Array, float], tuple[Array, float]] | None:
+    """Two candidates as one, with the second; None where they are two."""
+    (a, sigma_a), (b, sigma_b) = first, second
+    apart = np.linalg.norm(a[[0, 0, -1, -1]] - b[[0, -1, 0, -1]], axis=1)
+    if apart.min() > LARGEST_GAP * _extent(b):
+        return None
+    both = _smooth(np.concatenate([a, b])) if _lead_on(a, b) else None
+    close = AS_CLOSE * max(sigma_a, sigma_b) + CLOSE
+    # all of both, end to end: beside one another they would be longer apart than together
+    longer = both is not None and _extent(both[0]) >= 0.98 * (_extent(a) + _extent(b))
+    if both is None or not longer or both[1] > close or len(both[0]) < 0.98 * (len(a) + len(b)):
+        return None
+    return both, second
+
+
+def _lead_on(a: Array, b: Array) -> bool:
+    """Whether the chord of one has the direction of the other's and of the line between their middles, roughly."""
+    chords = [uv[-1] - uv[0] for uv in (a, b)] + [b.mean(0) - a.mean(0)]
+    first, second, between = (c / max(np.linalg.norm(c), 1e-9) for c in chords)
+    return bool(abs(first @ second) > BENT and abs(first @ between) > BENT)
+
+
+def _averaged(uv: Array) -> Array:
+    """The mean points of runs along a line; its points are in order."""
+    run = np.floor(np.linalg.norm(uv - uv[0], axis=1) / RUN).astype(int)
+    counts = np.bincount(run)
+    sums = np.stack([np.bincount(run, uv[:, k]) for k in (0, 1)], 1)
+    full = counts >= LEAST_IN_RUN
+    return sums[full] / counts[full, None]
+
+
+def _extent(uv: Array) -> float:
+    return float(np.linalg.norm(uv[-1] - uv[0]))
+
+
+def _length(lines: list[Array]) -> float:
+    return sum(map(_extent, lines))

@@ -1,0 +1,124 @@
+"""Where a lens from lines begins, and which candidates are one straight line in space.
+
+A division model is fitted first: its domain has no end for barrel distortion, and one coefficient bends lines as far
+as fisheye lenses do. The lens asked for is then regressed to its rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from camcal.errors import DataError
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.regress import regress
+from camcal.model.pose import Array
+from camcal.routes.lines import LineFit, Lines, distances, fit, held, nominal
+
+BRIDGE = "division:2"
+#: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Between
+#: neighbours the straightness changes so little that the fit finds its way from the best.
+SHAPES = (-4.0, -2.0, -1.0, -0.5, -0.25, -0.12, 0.0, 0.12, 0.25)
+#: A candidate is one straight line where its rms is below this many times the median of all: rms values of right
+#: lines of the same picture differ by half or so with their contrast.
+FAR = 3.0
+#: px; lines this straight are not told apart: detected points have no less noise
+FINE = 0.05
+ROUNDS = 6
+
+
+def estimate(lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: bool) -> LineFit:
+    """The lens whose lines are straightest, and with `robust` which of the candidates are straight lines.
+
+    Raises
+    ------
+    DataError, EstimationError
+        As `fit`; where fewer than two candidates agree.
+    """
+    assert lines.image_size is not None
+    short = np.bincount(lines.line, minlength=len(lines)) < 4
+    used = ~short
+    bridge = _shaped(lines, used, fix, robust)
+    for _ in range(ROUNDS):
+        chosen = lines.take(used)
+        bridge = fit(chosen, bridge, _held_for(bridge.lens, fix)).camera
+        again = _straight(bridge, lines, short) if robust else used
+        if (again == used).all():
+            break
+        used = again
+    found = _of_model(lines, used, bridge, lens, fix)
+    for _ in range(ROUNDS if robust else 0):
+        again = _straight(found.camera, lines, short)
+        if (again == used).all():
+            break
+        used = again
+        found = _of_model(lines, used, found.camera, lens, fix)
+    object.__setattr__(found, "used", used)
+    return found
+
+
+def _held_for(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:
+    """What is held of the division model: what the user holds that it has, too."""
+    return held(lens, {n: v for n, v in fix.items() if n in lens.names[:4]})
+
+
+def _shaped(lines: Lines, used: Array, fix: Mapping[str, float | None], robust: bool) -> Camera:
+    """The division model of one coefficient whose lines are straightest, by their median or their mean square."""
+    lens = lenses.make(BRIDGE)
+    assert lines.image_size is not None
+    plain = nominal(lens, lines.image_size, {n: v for n, v in fix.items() if n in lens.names[:4]})
+    chosen, best = lines.take(used), (np.inf, plain)
+    scale = (plain.params[0] / max(lines.image_size)) ** 2
+    for shape in SHAPES:
+        params = plain.params.copy()
+        params[lens.index("l1")] = shape * scale
+        trial = Camera(lens, params, lines.image_size)
+        rms = line_rms(trial, chosen)
+        score = float(np.median(rms) if robust else np.sqrt(np.mean(rms**2)))
+        if score < best[0]:
+            best = score, trial
+    return best[1]
+
+
+def _of_model(lines: Lines, used: Array, known: Camera, lens: Lens, fix: Mapping[str, float | None]) -> LineFit:
+    """The lens asked for, from the rays of a known one."""
+    what = held(lens, fix)
+    assert lines.image_size is not None
+    if lens == known.lens:
+        start = known
+    else:
+        pinhole = nominal(lens, lines.image_size, fix)
+        shared = {n: known.values[n] for n in ("cx", "cy") if n not in what}
+        params = pinhole.params.copy()
+        for name, value in shared.items():
+            params[lens.index(name)] = value
+        rays = known.unproject(lines.uv)
+        keep = np.isfinite(rays).all(1) & used[lines.line]
+        found = regress(lens, rays[keep], lines.uv[keep], lines.image_size, list(what), params)
+        # a model that cannot bend so far begins without distortion
+        start = Camera(lens, found.params if found.covered.all() else params, lines.image_size)
+    return fit(lines.take(used), start, what)
+
+
+def _straight(camera: Camera, lines: Lines, short: Array) -> Array:
+    """The lines (L,) that are straight beside the rest."""
+    rms = line_rms(camera, lines)
+    bound = max(FAR * float(np.median(rms[~short])), FINE)
+    chosen = ~short & (rms <= bound)
+    if chosen.sum() < 2:
+        raise DataError(
+            f"of {len(lines)} lines found, {int(chosen.sum())} can be straight lines in space; 2 are needed.",
+            "Give pictures of long straight lines: taut strings, a printed grid, edges of buildings.",
+        )
+    return chosen
+
+
+def line_rms(camera: Camera, lines: Lines) -> Array:
+    """rms (L,) of the distances of each line's points from the image of a straight line, px; inf outside the domain."""
+    off = distances(camera, lines)
+    counts = np.maximum(np.bincount(lines.line, minlength=len(lines)), 1)
+    rms = np.sqrt(np.bincount(lines.line, np.nan_to_num(off, nan=np.inf) ** 2, len(lines)) / counts)
+    return np.where(np.isfinite(rms), rms, np.inf)
