@@ -14,6 +14,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "watch": ("camcal.cli.watch:command", "Calibrate while pictures arrive; say what to take next."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Judge a camera on data it was not calibrated with."),
+    "lines": ("camcal.cli.lines:command", "Find the distortion of a lens from straight lines."),
     "pose": ("camcal.cli.pose:command", "Find where a known camera stood, with all solutions."),
     "triangulate": ("camcal.cli.triangulate:command", "Find points in space that several cameras see."),
     "uncertainty": ("camcal.cli.uncertainty:command", "Say how far noise moves what a camera projects."),

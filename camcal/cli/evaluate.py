@@ -22,11 +22,14 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
     each view is fitted anew, and what remains is reported as after a calibration. Of a rig, the table names the
-    camera of each point in a column `camera`, and each view has one pose for all cameras.
+    camera of each point in a column `camera`, and each view has one pose for all cameras. With --lines the data are
+    straight lines, and the report says how straight they become.
     """
-    from camcal.cli.job import deliver_solution, output_is_free, read_data
+    from camcal.cli.job import command_line, deliver_solution, output_is_free, read_data
 
     output_is_free(options)
+    if options["lines"]:
+        return _straightness(camera, data, options, command_line(ctx))
     from camcal.plan.calibrate import usable
     from camcal.plan.known_camera import evaluate
     from camcal.report.document import load_camera
@@ -51,3 +54,16 @@ def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any])
     found = evaluation(camera, table, options["max_rms"], command_line(ctx))
     deliver(found, options, "Report", lambda: tables(found))
     return GATE_FELL if found["verdict"] == "fail" else 0
+
+
+def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:
+    from camcal.cli.lines import tables
+    from camcal.cli.output import emit
+    from camcal.report.document import load_camera, save
+    from camcal.report.lines import evaluation
+
+    found = evaluation(load_camera(camera), data, words)
+    if options["output"] is not None:
+        save(found, options["output"], options["force"])
+    emit(found, options["format"], lambda: tables(found))
+    return 0

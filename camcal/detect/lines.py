@@ -23,9 +23,9 @@ BORDER = 4 * RIDGE_SIGMA
 SMOOTH = 5
 #: px; a line's points stray less from that: beyond it, it is no single edge
 ROUGHEST = 1.0
-#: px; points of a line are averaged over runs of this length, which takes off most of their noise and, for lines bent to
-#: a radius of 1000 px, moves them by 0.003 px (Tang et al., High-precision camera distortion measurements with a
-#: calibration harp, 2012, smooth and thin their edge points likewise)
+#: px; points of a line are averaged over runs of this length, which takes off most of their noise and moves them by
+#: 0.003 px where a line is bent to a radius of 1000 px (Tang et al., High-precision camera distortion measurements
+#: with a calibration harp, 2012, smooth and thin their edge points likewise)
 RUN = 8.0
 #: points of a run at least: half of those that an edge has there
 LEAST_IN_RUN = 4

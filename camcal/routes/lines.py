@@ -14,7 +14,7 @@ the focal length given (the longer side of the picture by default).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,12 +68,14 @@ class Lines:
         place = np.full(len(self), -1)
         place[index] = np.arange(len(index))
         rows = place[self.line] >= 0
-        return Lines(self.uv[rows], place[self.line[rows]], tuple(self.names[i] for i in index), self.image_size)
+        return Lines(
+            self.uv[rows], place[self.line[rows]], tuple(self.names[i] for i in index), self.image_size
+        )
 
 
 @dataclass(frozen=True)
 class LineFit:
-    """A lens and the planes of the lines.
+    """A lens from lines.
 
     Attributes
     ----------
@@ -84,7 +86,6 @@ class LineFit:
         Of the lens parameters; inf on the diagonal where undetermined.
     undetermined : tuple of str
         Parameters that the lines leave undetermined.
-    normals : (L, 3) array
     distances : (N,) array
         Of the points from the images of their lines, px.
     inflation : float
@@ -93,6 +94,8 @@ class LineFit:
         Which lines of those given took part.
     iterations : int
     converged : bool
+    fixed : tuple of str
+        Parameters that were held.
     """
 
     camera: Camera
@@ -100,13 +103,12 @@ class LineFit:
     free: Array
     covariance: Array
     undetermined: tuple[str, ...]
-    normals: Array
     distances: Array
     inflation: float
     used: Array
     iterations: int
     converged: bool
-    fixed: tuple[str, ...] = field(default=())
+    fixed: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -270,7 +272,12 @@ def _covariance(reduced: Array, free: Array) -> tuple[Array, Array]:
 
 
 def _finished(
-    lines: Lines, start: Camera, free: Array, fix: Mapping[str, float | None], fitted: Fitted[_State], total: int
+    lines: Lines,
+    start: Camera,
+    free: Array,
+    fix: Mapping[str, float | None],
+    fitted: Fitted[_State],
+    total: int,
 ) -> LineFit:
     camera = replace(start, params=fitted.state.params)
     at = _rays(camera, lines.uv)
@@ -284,13 +291,27 @@ def _finished(
     names = camera.lens.names
     # a parameter is undetermined where an undetermined direction moves it noticeably
     share = np.abs(lost).max(1, initial=0) if lost.size else np.zeros(len(names))
-    loose = tuple(n for n, s in zip(names, share, strict=True) if s > 1e-3 * max(share.max(), 1e-300)) if lost.size else ()
+    loose = (
+        tuple(n for n, s in zip(names, share, strict=True) if s > 1e-3 * max(share.max(), 1e-300))
+        if lost.size
+        else ()
+    )
     for name in loose:
         covariance[names.index(name), names.index(name)] = np.inf
     fixed = tuple(n for n, row in zip(names, free, strict=True) if not row.any())
     everybody = np.ones(len(lines), bool)
     return LineFit(
-        camera, start, free, covariance, loose, fitted.state.normals, off, factor, everybody, total, fitted.converged, fixed
+        camera,
+        start,
+        free,
+        covariance,
+        loose,
+        off,
+        factor,
+        everybody,
+        total,
+        fitted.converged,
+        fixed,
     )
 
 

@@ -21,7 +21,7 @@ class Straightness:
 
 
 def undistorted(camera: Camera, uv: Array) -> Array:
-    """Pixels (N, 2) without the distortion, at the scale of the picture about the optical axis; NaN beyond 90 degrees."""
+    """Pixels (N, 2) without the distortion, at the picture's scale about the optical axis; NaN beyond 90 degrees."""
     rays = camera.unproject(uv)
     axis, d_xyz, _, _ = camera.lens.jacobians(camera.params, np.array([[0.0, 0, 1]]))
     with np.errstate(invalid="ignore", divide="ignore"):

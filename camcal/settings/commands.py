@@ -32,6 +32,7 @@ from camcal.settings.run import (
     POINTS3D,
     REPORT,
     RESULT,
+    SWITCH,
     TRACE,
 )
 from camcal.settings.simulation import SIMULATIONS
@@ -183,7 +184,15 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         FORCE,
         CONFIG,
     ),
-    "evaluate": (*BOARD, IMAGE_SIZE, _OF["robust"], _OF["max_rms"], _OF["seed"], *REPORT),
+    "evaluate": (
+        Option("lines", SWITCH, "The data are straight lines: pictures of them, or tables line,u,v.", False),
+        *BOARD,
+        IMAGE_SIZE,
+        _OF["robust"],
+        _OF["max_rms"],
+        _OF["seed"],
+        *REPORT,
+    ),
     "uncertainty": (
         Option("at", Several(Pixel()), "A pixel; may be given several times.", repeated=True),
         Option(
@@ -195,6 +204,22 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         replace(_PX, help="A gate: exit code 1 where a sigma is larger."),
         FORMAT,
         CONFIG,
+    ),
+    "lines": (
+        _MODEL,
+        replace(
+            _OF["fix"],
+            help="Hold parameters; fx=VALUE sets the focal length, which lines leave open to choice.",
+        ),
+        IMAGE_SIZE,
+        replace(
+            _OF["robust"],
+            kind=Words(("auto", "none", "lines")),
+            help="lines leaves out those that are not straight beside the others; auto does so in pictures.",
+            metavar="auto|none|lines",
+        ),
+        _OF["crosscheck"],
+        *REPORT,
     ),
     "pose": (
         replace(

@@ -1,0 +1,56 @@
+"""`camcal lines`: a lens from straight lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from camcal.cli.options import options
+from camcal.cli.verbosity import note, verbosity_options
+
+
+@click.command("lines")
+@click.argument("data", nargs=-1, required=True, metavar="IMAGES|LINES...")
+@options("lines")
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
+    """Find the distortion of a lens from straight lines, without a target.
+
+    The lines are found in pictures (taut strings, printed grids, edges of buildings and boards), or given in
+    tables line,u,v[,view]. Lines do not say how long the focal length is: it is held at the longer side of the
+    picture, or where --fix fx=VALUE puts it.
+    """
+    from camcal.cli.job import GATE_FELL, command_line, output_is_free
+    from camcal.cli.output import emit
+
+    output_is_free(options)
+    from camcal.report.document import save
+    from camcal.report.lines import report
+
+    given = {name: options[name] for name in ("model", "image_size", "fix", "robust", "crosscheck")}
+    found = report(data, **given, command=command_line(ctx))
+    for warning in found["warnings"]:
+        note(f"{warning['message']} {warning['hint']}")
+    if options["output"] is not None:
+        save(found, options["output"], options["force"])
+        note(f"Report written to {options['output']}.")
+    emit(found, options["format"], lambda: tables(found))
+    return GATE_FELL if found["verdict"] == "fail" else 0
+
+
+def tables(found: dict[str, Any]) -> Any:
+    """Return what is shown of a report with `straightness`."""
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import table
+
+    made = found["straightness"]
+    rows = [[name, made[name]["rms"], made[name]["max"]] for name in ("before", "after", "in_picture")]
+    title = f"{len(made['lines'])} of {made['lines_given']} lines, distances from straight, px"
+    parameters = [[n, p["value"], p["sigma"]] for n, p in found["camera"]["parameters"].items()]
+    return Group(
+        table(["", "rms", "max"], rows, title), Text(""), table(["parameter", "value", "sigma"], parameters)
+    )
