@@ -22,7 +22,8 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     """Calibrate a camera from points of known position and where they were seen.
 
     POINTS are tables with the columns view, X, Y, Z, u, v (a header may name them otherwise and add sigma
-    and id), or .npz files. Several files are several views, unless they have a view column.
+    and id), or .npz files. Several files are several views, unless they have a view column. With --distortion
+    the lens that `camcal lines` found is held, and the joint solution is reported beside.
     """
     from camcal.cli.job import calibrate_and_report, output_is_free
 
@@ -30,4 +31,10 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     from camcal.data.points import read_points
 
     given = {name: options[name] for name in ("points3d", "points2d", "image_size")}
-    return calibrate_and_report(ctx, read_points(*points, **given), options)
+    data = read_points(*points, **given)
+    if options["distortion"] is None:
+        return calibrate_and_report(ctx, data, options)
+    from camcal.cli.distortion_first import held_options
+
+    options, section = held_options(options["distortion"], data, options)
+    return calibrate_and_report(ctx, data, options, sections={"distortion_first": section})

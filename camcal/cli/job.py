@@ -110,6 +110,7 @@ def calibrate_and_report(
     correspondences: Correspondences,
     options: dict[str, Any],
     save_corners: Path | None = None,
+    sections: Mapping[str, Any] | None = None,
 ) -> int:
     """Calibrate, write the report and show it; return 1 where the verdict is `fail`, else 0.
 
@@ -120,6 +121,8 @@ def calibrate_and_report(
         come from pictures that are read again.
     save_corners : Path, optional
         Where to write the final points.
+    sections : mapping, optional
+        Further entries of the report.
     """
     told = {name: options[name] for name in _names(CalibrationOptions)}
     if is_report(told["board_shape"]):
@@ -127,10 +130,10 @@ def calibrate_and_report(
 
         correspondences = on_known_board(correspondences, told["board_shape"])
         told["board_shape"] = "flat"
-    selection = None
+    sections = dict(sections or {})
     if told["model"] == "auto":
-        selection = selected(correspondences, told)
-        told["model"] = selection["chosen"]
+        sections["selection"] = selected(correspondences, told)
+        told["model"] = sections["selection"]["chosen"]
     from camcal.plan.calibrate import calibrate
 
     if "refine_corners" in options:
@@ -138,7 +141,7 @@ def calibrate_and_report(
     solution = calibrate(correspondences, on_event=_on_event, **told)
     if save_corners is not None and solution.points is not None:
         save_detections(solution.points, save_corners, options["force"])
-    return deliver_solution(ctx, solution, options, selection)
+    return deliver_solution(ctx, solution, options, sections)
 
 
 def selected(correspondences: Correspondences, told: dict[str, Any]) -> dict[str, Any]:
@@ -164,11 +167,11 @@ def deliver_solution(
     ctx: click.Context,
     solution: Solution,
     options: dict[str, Any],
-    selection: Mapping[str, Any] | None = None,
+    sections: Mapping[str, Any] | None = None,
 ) -> int:
     """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code.
 
-    `selection` says how the model was chosen, where the user left that open.
+    `sections` are further entries of the report, such as `selection`: how the model was chosen.
     """
     from camcal.report.document import document, save
     from camcal.report.table import summary, tables
@@ -176,10 +179,10 @@ def deliver_solution(
     # the gates of the verdict stand among the options
     solution = replace(solution, options=resolved_options(ctx))
     report = document(solution, command=command_line(ctx))
-    if selection is not None:
+    if sections:
         from camcal.report.plain import plain
 
-        report["selection"] = plain(selection)
+        report |= plain(sections)
     output = options["output"] if camera_files.is_report(options["output"], options) else None
     if output is not None:
         save(report, output, options["force"])

@@ -44,6 +44,8 @@ def estimate(lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: 
     short = np.bincount(lines.line, minlength=len(lines)) < 4
     used = ~short
     bridge = _shaped(lines, used, fix, robust)
+    if robust:
+        used = _straight(bridge, lines, short)
     for _ in range(ROUNDS):
         chosen = lines.take(used)
         bridge = fit(chosen, bridge, _held_for(bridge.lens, fix)).camera
@@ -99,7 +101,9 @@ def _of_model(
         for name, value in shared.items():
             params[lens.index(name)] = value
         rays = known.unproject(lines.uv)
-        if getattr(lens, "free_centre", False):  # in focal lengths from the principal point: a shift of the plane
+        if getattr(
+            lens, "free_centre", False
+        ):  # in focal lengths from the principal point: a shift of the plane
             for axis, (name, at, f) in enumerate((("xc", "cx", "fx"), ("yc", "cy", "fy"))):
                 if name not in fix:
                     shift = (known.values[at] - pinhole.values[at]) / pinhole.values[f]

@@ -32,6 +32,9 @@ ROUNDS, SETTLED = 12, 1e-3
 #: a direction of the parameters is undetermined where it moves the lines by less than this part of the direction
 #: that moves them most, each parameter in its own unit
 UNDETERMINED = 1e-7
+#: px; a parameter is undetermined where a change by its unit (1 px of the principal point, 1 of a coefficient, one
+#: focal length of a centre) moves the lines by less than this, rms
+DEAD = 1e-6
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None]) -> LineFit
                 f"points lie outside the domain of model '{lens.name}' at its start.", "Try another model."
             )
         state, total = fitted.state, total + fitted.iterations
-        sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free)[0])))
+        sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free, len(lines.uv))[0])))
         moved = np.abs(state.params - before)
         scale = np.sqrt(2 * fitted.normal.cost / len(lines.uv)) * sigma
         if (moved <= SETTLED * scale + 1e-12 * np.abs(before)).all():
@@ -261,14 +264,18 @@ def distances(camera: Camera, lines: Lines) -> Array:
     return (n[lines.line] * at[0]).sum(1) / _slopes(at, n[lines.line])
 
 
-def _covariance(reduced: Array, free: Array) -> tuple[Array, Array]:
+def _covariance(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:
     """Unscaled covariance (P, P) of the parameters, and the undetermined directions (P, U)."""
-    scale = np.sqrt(np.maximum(np.diagonal(reduced), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(reduced / np.outer(scale, scale))
-    known = values > UNDETERMINED**2 * values[-1] if len(values) else np.zeros(0, bool)
-    basis = free @ (vectors / scale[:, None])
+    diagonal = np.maximum(np.diagonal(reduced), 0)
+    alive = np.sqrt(diagonal / points) > DEAD
+    scale = np.sqrt(diagonal[alive])
+    values, vectors = np.linalg.eigh(reduced[np.ix_(alive, alive)] / np.outer(scale, scale))
+    known = values > UNDETERMINED**2 * values.max(initial=0)
+    basis = free[:, alive] @ (vectors / scale[:, None])
     covariance = (basis[:, known] / values[known]) @ basis[:, known].T
-    return covariance, basis[:, ~known]
+    lost = basis[:, ~known]
+    lost = lost / np.maximum(np.linalg.norm(lost, axis=0), np.finfo(float).tiny)
+    return covariance, np.c_[lost, free[:, ~alive]]
 
 
 def _finished(
@@ -284,7 +291,7 @@ def _finished(
     assert at is not None
     n = fitted.state.normals[lines.line]
     off = (n * at[0]).sum(1) / _slopes(at, n)
-    covariance, lost = _covariance(fitted.normal.reduced(), free)
+    covariance, lost = _covariance(fitted.normal.reduced(), free, len(lines.uv))
     factor = inflation(off, lines.line)
     freedom = len(off) - 2 * len(lines) - free.shape[1]
     covariance = covariance * (off @ off / freedom) * factor

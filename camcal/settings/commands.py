@@ -173,7 +173,18 @@ _IMAGES = (
 
 #: command, or group and sub-command -> its options
 OPTIONS: dict[str, tuple[Option, ...]] = {
-    "estimate": (POINTS3D, POINTS2D, IMAGE_SIZE, *CALIBRATION, *RESULT),
+    "estimate": (
+        POINTS3D,
+        POINTS2D,
+        Option(
+            "distortion",
+            FILE,
+            "A camera whose distortion is held, such as `camcal lines` writes; sets --model.",
+        ),
+        IMAGE_SIZE,
+        *CALIBRATION,
+        *RESULT,
+    ),
     "checkerboard": _IMAGES,
     "images": _IMAGES,
     "batch": (*BATCH, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),

@@ -1,0 +1,42 @@
+"""`camcal estimate --distortion`: the distortion is known, the rest calibrated, the joint solution beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from camcal.data.observations import Correspondences
+
+
+def held_options(
+    path: Path, data: Correspondences, options: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The options of a calibration that holds a known distortion, and the report's `distortion_first`.
+
+    A pinhole camera is calibrated on undistorted points; at its focal length the known lens has other
+    coefficients, and these are held. The joint solution of the same model and points stands beside it.
+    """
+    from dataclasses import replace
+
+    from camcal.errors import UsageError
+    from camcal.plan.calibrate import calibrate
+    from camcal.report.document import load_camera
+    from camcal.routes.distortion_first import at_focal_length, held_parameters, without_distortion
+
+    known = load_camera(path)
+    if known.image_size is None:
+        if data.image_size is None:
+            raise UsageError(f"'{path}' does not say how large the picture is.", "Give --image-size WxH.")
+        known = replace(known, image_size=data.image_size)
+    told = {"robust": options["robust"], "seed": options["seed"], "checks": False, "crosscheck": False}
+    flat = calibrate(without_distortion(known, data), model="pinhole", fix={"aspect": None}, **told)
+    lens = at_focal_length(known, float(flat.camera.params[0]))
+    joint = calibrate(data, model=lens.lens.name, fix={"aspect": None}, **told)
+    section = {
+        "from": str(path),
+        "undistorted": {"rms_point": flat.rms_point, "parameters": flat.camera.values},
+        "joint": {"rms_point": joint.rms_point, "parameters": joint.camera.values},
+    }
+    fix = {**held_parameters(lens), **options["fix"]}
+    return {**options, "model": lens.lens.name, "fix": fix}, section
