@@ -157,14 +157,18 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None]) -> LineFit
     state = _State(start.params, best_normals(start, lines))
     fitted: Fitted[_State] | None = None
     total = 0
-    for _ in range(ROUNDS):
+    moving = _moving(lines, lens, free, state)
+    for number in range(ROUNDS):
         before = state.params
-        fitted = _round(lines, lens, free, state)
+        # what moves nothing at the start (the centre of a lens without distortion) waits for the rest
+        fitted = _round(lines, lens, free if number or not len(moving) else free[:, moving], state)
         if fitted is None:
             raise EstimationError(
                 f"points lie outside the domain of model '{lens.name}' at its start.", "Try another model."
             )
         state, total = fitted.state, total + fitted.iterations
+        if number == 0 and len(moving) < free.shape[1]:
+            continue
         sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free, len(lines.uv))[0])))
         moved = np.abs(state.params - before)
         scale = np.sqrt(2 * fitted.normal.cost / len(lines.uv)) * sigma
@@ -182,6 +186,16 @@ def _check(lines: Lines) -> None:
             "needed to say how a lens bends them.",
             "Give more lines.",
         )
+
+
+def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
+    """Which free parameters (F,) move the lines at the start."""
+    at = _rays(Camera(lens, state.params), lines.uv)
+    if at is None:
+        return np.arange(free.shape[1])
+    n = state.normals[lines.line]
+    by_params = np.einsum("ni,nip->np", n, at[2]) @ free / _slopes(at, n)[:, None]
+    return np.flatnonzero(np.sqrt(np.square(by_params).mean(0)) > DEAD)
 
 
 def _round(lines: Lines, lens: Lens, free: Array, state: _State) -> Fitted[_State] | None:
