@@ -58,12 +58,10 @@ def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any])
 
 def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:
     from camcal.cli.lines import tables
-    from camcal.cli.output import emit
-    from camcal.report.document import load_camera, save
+    from camcal.cli.results import deliver
+    from camcal.report.document import load_camera
     from camcal.report.lines import evaluation
 
     found = evaluation(load_camera(camera), data, words)
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-    emit(found, options["format"], lambda: tables(found))
+    deliver(found, options, "Report", lambda: tables(found))
     return 0

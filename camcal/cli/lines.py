@@ -23,20 +23,16 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     picture, or where --fix fx=VALUE puts it.
     """
     from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.output import emit
+    from camcal.cli.results import deliver
 
     output_is_free(options)
-    from camcal.report.document import save
     from camcal.report.lines import report
 
     given = {name: options[name] for name in ("model", "image_size", "fix", "robust", "crosscheck")}
     found = report(data, **given, command=command_line(ctx))
     for warning in found["warnings"]:
         note(f"{warning['message']} {warning['hint']}")
-    if options["output"] is not None:
-        save(found, options["output"], options["force"])
-        note(f"Report written to {options['output']}.")
-    emit(found, options["format"], lambda: tables(found))
+    deliver(found, options, "Report", lambda: tables(found))
     return GATE_FELL if found["verdict"] == "fail" else 0
 
 

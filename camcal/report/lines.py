@@ -10,7 +10,8 @@ import numpy as np
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.peers.undistort_points import against_cv2
-from camcal.report.routes import camera_entry, document, warning
+from camcal.report.camera import camera_entry
+from camcal.report.routes import document, warning
 from camcal.routes import straightness
 from camcal.routes.line_start import estimate
 from camcal.routes.lines import LineFit, Lines
