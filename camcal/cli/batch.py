@@ -30,12 +30,19 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     their own. Options given here hold for every job that does not have its own. A job that fails stops no
     other. The exit code is 1 where a job failed or one of its gates fell.
     """
+    from camcal.batch.ci import checks, markdown
     from camcal.batch.fleet import controls, csv_text, with_fleet
     from camcal.batch.jobs import read_jobs
     from camcal.batch.page import counts, page
     from camcal.batch.run import run
     from camcal.batch.storage import Storage
+    from camcal.cli.output import write_for_ci
+    from camcal.data.writing import check_writable
     from camcal.detect.workers import usable_processors
+    from camcal.report.ci import append_summary
+
+    if options["junit"] is not None:
+        check_writable(options["junit"], options["force"])
 
     jobs = read_jobs(source, _given(ctx, options))
     rows = run(
@@ -52,6 +59,9 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     storage = Storage(output)
     storage.write("summary.csv", csv_text(rows))
     storage.write("summary.html", page(rows, charts))
+    write_for_ci("camcal batch", source, checks(rows, output), options)
+    if options["summary"] is not None:
+        append_summary(options["summary"], markdown(rows, source, output))
     numbers = counts(rows)
     note(", ".join(f"{count} {what}" for what, count in numbers.items()) + ".")
     _name_bad(rows)

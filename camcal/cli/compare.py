@@ -71,15 +71,15 @@ def _tolerances(given: dict[str, float]) -> dict[str, float]:
 
 
 def _deliver(found: dict[str, Any], options: dict[str, Any]) -> int:
+    from camcal.cli.output import write_for_ci
     from camcal.cli.results import deliver
-    from camcal.data.writing import atomic_write
     from camcal.report import comparison
+    from camcal.report.ci import append_summary
 
-    if options["junit"] is not None:
-        atomic_write(options["junit"], comparison.junit(found), options["force"])
     deliver(found, options, "Comparison", lambda: _tables(found))
-    if options["annotations"]:
-        click.echo(comparison.ANNOTATIONS[options["annotations"]](found), err=True, nl=False)
+    write_for_ci("camcal compare", comparison.pair(found), comparison.checks(found), options)
+    if options["summary"] is not None:
+        append_summary(options["summary"], comparison.markdown(found))
     for gate in found["gates"]:
         note(f"{'ok' if gate['passed'] else 'FAILED'}: {comparison.sentence(gate)}")
     return 0 if found["verdict"] == "pass" else 1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -91,3 +91,16 @@ def number(value: Any, digits: int = 6) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def write_for_ci(command: str, suite: str, checks: Sequence[Any], options: Mapping[str, Any]) -> None:
+    """Write what --junit and --annotations ask for."""
+    if options["junit"] is not None:
+        from camcal.data.writing import atomic_write
+        from camcal.report.ci import junit
+
+        atomic_write(options["junit"], junit(command, suite, checks), options["force"])
+    if options["annotations"]:
+        from camcal.report.ci import ANNOTATIONS
+
+        click.echo(ANNOTATIONS[options["annotations"]](command, checks), err=True, nl=False)

@@ -1,4 +1,4 @@
-"""Comparisons read and written: sides from files, JUnit XML and annotations for CI jobs."""
+"""Comparisons read and written: sides from files, gates as checks for CI systems."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from camcal.assess.comparison import Side
 from camcal.data.formats.files import recognised
 from camcal.data.formats.source import Source
+from camcal.report import ci
+from camcal.report.ci import Check
 from camcal.report.loading import from_document, load_camera
 from camcal.report.yaml import read_document
 
@@ -31,28 +32,31 @@ def load_side(path: str | os.PathLike) -> Side:
     return Side(str(path), load_camera(path))
 
 
-def junit(comparison: Document) -> str:
-    """The gates as JUnit XML: a test case each, or one for the comparison itself where none was asked for."""
-    pair = f"{comparison['a']['name']} against {comparison['b']['name']}"
-    gates = comparison["gates"]
-    fallen = [g for g in gates if not g["passed"]]
-    suites = ElementTree.Element(
-        "testsuites",
-        name="camcal compare",
-        tests=str(max(len(gates), 1)),
-        failures=str(len(fallen)),
-        errors="0",
-    )
-    suite = ElementTree.SubElement(suites, "testsuite", {**suites.attrib, "name": pair, "skipped": "0"})
-    for gate in gates or [{"name": "comparison", "passed": True}]:
-        case = ElementTree.SubElement(
-            suite, "testcase", classname="camcal.compare", name=_title(gate), time="0"
-        )
-        if not gate["passed"]:
-            failure = ElementTree.SubElement(case, "failure", type="tolerance", message=sentence(gate))
-            failure.text = f"{sentence(gate)}\n{pair}"
-    ElementTree.indent(suites)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(suites, "unicode") + "\n"
+def checks(comparison: Document) -> list[Check]:
+    """The gates of a comparison; one that passes where none was asked for."""
+    gates = [
+        Check(_title(gate), gate["passed"], sentence(gate), file=comparison["b"]["name"])
+        for gate in comparison["gates"]
+    ]
+    return gates or [Check("comparison", True, file=comparison["b"]["name"])]
+
+
+def pair(comparison: Document) -> str:
+    """What was compared, in words."""
+    return f"{comparison['a']['name']} against {comparison['b']['name']}"
+
+
+def markdown(comparison: Document) -> str:
+    """A job summary: the differences of projection, and the gates that fell."""
+    header = ("distance", "max px", "rms px", "median px", "max sigma")
+    rows = [
+        [f"{p['distance']:g}", *("-" if p[k] is None else f"{p[k]:.4g}" for k in _FIGURES)]
+        for p in comparison["projection"]
+    ]
+    return ci.markdown(f"camcal compare: {pair(comparison)}", header, rows, checks(comparison))
+
+
+_FIGURES = ("max_px", "rms_px", "median_px", "max_sigma")
 
 
 def _title(gate: Document) -> str:
@@ -64,25 +68,3 @@ def sentence(gate: Document) -> str:
     unit = f" {gate['unit']}" if gate["unit"] else ""
     verdict = "is within" if gate["passed"] else "exceeds"
     return f"{gate['name']}: {gate['value']:.4g}{unit} {verdict} {gate['bound']:g}{unit}"
-
-
-def github(comparison: Document) -> str:
-    """Workflow commands that make annotations of the gates on a page of GitHub Actions."""
-    name = comparison["b"]["name"]
-    file = f",file={_escaped(name, True)}" if Path(name).is_file() else ""
-    lines = []
-    for gate in comparison["gates"]:
-        level = "notice" if gate["passed"] else "error"
-        lines.append(f"::{level} title=camcal compare{file}::{_escaped(sentence(gate))}")
-    return "".join(line + "\n" for line in lines)
-
-
-def _escaped(text: str, inside: bool = False) -> str:
-    """As the workflow commands want it: percent signs and line ends; in properties commas and colons too."""
-    for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        text = text.replace(character, code)
-    return text.replace(":", "%3A").replace(",", "%2C") if inside else text
-
-
-#: how `--annotations` may be written
-ANNOTATIONS = {"github": github}

@@ -20,6 +20,7 @@ from camcal.settings.kinds import (
 )
 from camcal.settings.option import Option
 from camcal.settings.run import (
+    CI,
     CONFIG,
     FILE,
     FORCE,
@@ -69,12 +70,7 @@ _COMPARE = (
         {},
         repeated=True,
     ),
-    Option("junit", FILE, "Write the gates to FILE as JUnit XML."),
-    Option(
-        "annotations",
-        Words(("github",)),
-        "Write the gates to stderr as annotations of GitHub's workflows.",
-    ),
+    *CI,
     *REPORT,
 )
 
@@ -187,7 +183,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "checkerboard": _IMAGES,
     "images": _IMAGES,
-    "batch": (*BATCH, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
+    "batch": (*BATCH, *CI, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "watch": (*WATCH, *BOARD, REFINE_CORNERS, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "detect": (
         replace(OUTPUT, help="The table (CSV): file, id, X, Y, Z, u, v, sigma.", required=True),

@@ -49,6 +49,17 @@ MODELS = Option(
     metavar="A;B;C|auto|all",
 )
 
+#: for CI systems
+CI = (
+    Option("junit", FILE, "Write the gates to FILE as JUnit XML."),
+    Option(
+        "annotations",
+        Words(("github",)),
+        "Write the gates to stderr as annotations of GitHub's workflows.",
+    ),
+    Option("summary", FILE, "Add a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY."),
+)
+
 #: where results go and where options come from
 REPORT = (OUTPUT, FORCE, FORMAT, CONFIG)
 #: the same of the main jobs

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from camcal.report.comparison import github, junit
+from camcal.report.ci import github, junit
+from camcal.report.comparison import checks, pair
 
 RIG = Path(__file__).resolve().parents[2] / "sample_data" / "rig.csv"
 
@@ -103,7 +104,7 @@ DOCUMENT = {
 
 
 def test_junit_to_the_letter():
-    assert junit(DOCUMENT) == (
+    assert junit("camcal compare", pair(DOCUMENT), checks(DOCUMENT)) == (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<testsuites name="camcal compare" tests="2" failures="1" errors="0">\n'
         '  <testsuite name="a.yaml against b.yaml" tests="2" failures="1" errors="0" skipped="0">\n'
@@ -118,7 +119,7 @@ def test_junit_to_the_letter():
 
 
 def test_annotations_to_the_letter():
-    assert github(DOCUMENT) == (
+    assert github("camcal compare", checks(DOCUMENT)) == (
         "::error title=camcal compare::projection at infinity: 0.25 px exceeds 0.1 px\n"
         "::notice title=camcal compare::parameter fx: 0.5 is within 1\n"
     )
