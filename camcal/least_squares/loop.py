@@ -113,7 +113,8 @@ class _Run:
     def arrived(self, predicted: Array) -> Array | None:
         """Let members go whose step promises too little, or that never had any; the mask of those."""
         cost = self.equations.cost
-        enough = self.tolerance * cost + self.rounding
+        with np.errstate(invalid="ignore"):  # 0 times inf
+            enough = self.tolerance * cost + self.rounding
         small = (predicted <= enough) & (cost < np.inf)
         lost = ~(np.isfinite(predicted) | (cost < np.inf))
         if not (small | lost).any():
@@ -129,6 +130,8 @@ class _Run:
 
     def remaining(self, some: Array, damped: Array) -> Array:
         """The decreases that the model predicts without damping for some; the damped ones where it is unsolvable."""
+        if not some.any():
+            return damped
         state, equations = rows_of(self.state, some), rows_of(self.equations, some)
         found = damped.copy()
         undamped = self.problem.solve(state, equations, np.zeros(int(some.sum())))[1]
@@ -162,7 +165,7 @@ class _Run:
         """Let members go whose rejected step was the last."""
         cost = self.equations.cost
         tiny = rejected & (predicted <= NOISE * cost)
-        rounding = tiny & (self.remaining(tiny, predicted) <= LOST * cost) if tiny.any() else tiny
+        rounding = tiny & (self.remaining(tiny, predicted) <= LOST * cost)
         stuck = rejected & (self.damping.value > LARGEST)
         why = np.where(np.isfinite(predicted), STUCK, SINGULAR)
         reasons = np.select([rounding, stuck], [ROUNDING, why], "")

@@ -184,7 +184,7 @@ def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array,
     """
     count, n = gradient.shape
     diagonal = matrix.reshape(count, n * n)[:, :: n + 1]
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # a parameter that moves nothing stays
+    scale = 1.0 / np.sqrt(np.where(diagonal == 0, 1.0, diagonal))  # a parameter that moves nothing stays
     scaled = matrix * scale[:, :, None]
     scaled *= scale[:, None, :]
     # the rounding of the products: a matrix that is singular but for it stays solvable
