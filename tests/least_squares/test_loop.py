@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from camcal.least_squares import EDGE, Normal, Options, Small, minimise, negligible
-from camcal.least_squares.loop import LEAST_GAIN, LOST, NOISE, UNDAMPED
 from camcal.least_squares.problem import CONVERGED, INVALID, ROUNDING, SINGULAR, STUCK
+
+# written out once more: a test of a decision has to notice where the number that decides it has changed
+LEAST_GAIN, NOISE, LOST, UNDAMPED = 1e-4, 1e-12, 1e-10, 10.0
 
 
 class Scripted(Small):
@@ -99,6 +101,14 @@ def test_ends_where_no_step_helps():
     reason, found = run(Scripted((1.0, 1.0)), damping=1.0)
     assert reason == STUCK and not found.stats.converged[0]
     assert found.state[0, 0] == 0 and found.stats.invalid[0] == 0
+    # λ = 10, 200, 8e3, 6.4e5, 1e8, 3.3e10, 2.1e13 > 1e12
+    assert found.stats.iterations[0] == 7 and found.stats.evaluations[0] == 8
+
+
+def test_ends_after_two_hundred_steps():
+    slow = [(1.0 - 1e-3 * i, 1.0) for i in range(300)]
+    reason, found = run(Scripted(*slow))
+    assert reason == "iterations" and found.stats.iterations[0] == 200
 
 
 def test_equations_that_cannot_be_solved():
