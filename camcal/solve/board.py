@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,10 @@ from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array, Poses
-from camcal.solve.problem import Blocks, Group, Problem, State, products
+from camcal.solve.cameras import Assembly
+from camcal.solve.groups import Group
+from camcal.solve.problem import Problem, Seen
+from camcal.solve.state import Blocks, State
 
 #: a point seen in fewer views than this keeps its ideal place: its offset would only absorb noise
 LEAST_VIEWS = 3
@@ -186,24 +190,22 @@ class BoardProblem(Problem):
 
     def __init__(
         self,
-        lens: Lens,
+        lens: Lens | Sequence[Lens],
         views: Sequence[View],
-        free: Array,
+        free: Array | Sequence[Array],
         board: Board,
         weights: Sequence[Array] | None = None,
         normalise: bool = True,
+        seen: Seen | None = None,
     ):
-        super().__init__(lens, views, free, weights, normalise)
+        super().__init__(lens, views, free, weights, normalise, seen)
         self.board = board
         self.groups = [replace(g, ids=self._padded_ids(g)) for g in self.groups]
 
-    def reweighted(self, weights: Sequence[Array]) -> BoardProblem:
-        """The same problem with other weights."""
-        return BoardProblem(self.lens, self.views, self.free, self.board, weights, self.normalise)
-
-    def normalised(self) -> BoardProblem:
-        """The same problem with `normalise`."""
-        return BoardProblem(self.lens, self.views, self.free, self.board, self.weights)
+    def _like(self, **changes: Any) -> BoardProblem:
+        lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
+        given = {"weights": self.weights, "normalise": self.normalise, "seen": self.seen} | changes
+        return BoardProblem(lenses, self.views, frees, self.board, **given)
 
     @property
     def point_coordinates(self) -> Array | None:
@@ -212,8 +214,8 @@ class BoardProblem(Problem):
 
     @property
     def variables(self) -> int:
-        """Number of free parameters of the camera and of the shape."""
-        return self.free.shape[1] + self.board.size
+        """Number of the variables of cameras, rig and shape."""
+        return self.rigid + self.board.size
 
     def _padded_ids(self, group: Group) -> Array:
         """(G, N) ids; points that only fill a view up go to a slot of their own, M."""
@@ -222,9 +224,9 @@ class BoardProblem(Problem):
             row[: len(self.board.ids[member])] = self.board.ids[member]
         return ids
 
-    def state(self, params: Array, poses: Poses) -> State:
+    def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:
         """Begin with the ideal board."""
-        return replace(super().state(params, poses), shape=np.zeros(self.board.size))
+        return replace(super().state(params, poses, rig), shape=np.zeros(self.board.size))
 
     def points(self, group: Group, state: State) -> Array:
         """Ideal points and their offsets."""
@@ -232,77 +234,81 @@ class BoardProblem(Problem):
         return group.xyz + offsets[group.ids].transpose(0, 2, 1)
 
     def linearise(self, state: State) -> Blocks | None:
-        """The normal equations of camera, shape and poses; None where a point leaves the lens's domain."""
-        sums, scratch = _PointSums(self), self.scratch()
-        normal = np.empty((len(self.views), self.rows, self.rows))
-        with np.errstate(all="ignore"):
-            for group in self.groups:
-                block = self.fill(group, state, scratch)
-                if block is None:
-                    return None
-                normal[group.members] = products(block)
-                sums.add(group, block, state.rotations[group.members])
-        blocks = self.blocks(normal, state)
-        return None if blocks is None else sums.extend(blocks)
+        """The normal equations of cameras, rig, shape and poses; None where a point leaves a lens's domain."""
+        sums = _PointSums(self, state)
+        found = self.assembled(state, sums.add)
+        if found is None:
+            return None
+        sums.extend(found)
+        return found.blocks()
 
     def free_rows(self, group: Group, state: State) -> Array | None:
-        """Rows of camera, shape, pose and residual; see `Problem.free_rows`."""
-        block = super().free_rows(group, state)
-        if block is None:
+        """Rows of all variables, those of the shape before the pose; see `Problem.free_rows`."""
+        block = self.fill(group, state)
+        rows = super().free_rows(group, state)
+        if rows is None or block is None:
             return None
-        f, m = self.free.shape[1], len(self.board.points)
         assert group.ids is not None
-        shape = np.empty((len(block), self.board.size, block.shape[2]))
-        for g, (view, at) in enumerate(zip(group.members, group.ids, strict=True)):
-            d = state.rotations[view].T @ block[g, f + 3 : f + 6]  # d X = Rᵀ d x_cam, (3, 2 N)
-            columns = np.zeros((block.shape[2], m + 1, 3))
-            columns[np.arange(block.shape[2]), np.tile(at, 2)] = d.T
+        p, m, f = self.cameras[group.camera].lens.size, len(self.board.points), self.rigid
+        turned, _ = self.cameras[group.camera].placed(state, self.seen.instant[group.members])
+        d_cam = block[:, p + 3 : p + 6].reshape(len(block), 3, -1)
+        shape = np.empty((len(rows), self.board.size, rows.shape[2]))
+        for g, at in enumerate(group.ids):
+            columns = np.zeros((rows.shape[2], m + 1, 3))
+            columns[np.arange(rows.shape[2]), np.tile(at, 2)] = (turned[g].T @ d_cam[g]).T
             shape[g] = self.board.fold(columns[:, :m].reshape(-1, 3 * m)).T
-        return np.concatenate([block[:, :f], shape, block[:, f:]], 1)
+        return np.concatenate([rows[:, :f], shape, rows[:, f:]], 1)
 
 
 class _PointSums:
     """The blocks of JᵀJ that involve the board's points, added up over the views."""
 
-    def __init__(self, problem: BoardProblem):
-        self.problem = problem
+    def __init__(self, problem: BoardProblem, state: State):
+        self.problem, self.state = problem, state
         slots = len(problem.board.points) + 1
-        self.camera = np.zeros((problem.lens.size, 3, slots))
+        self.cameras = np.zeros((len(problem.free), 3, slots))
         self.poses = np.zeros((len(problem.views), 6, 3, slots))
         self.gradient = np.zeros((3, slots))
         self.own = np.zeros((3, 3, slots))
 
-    def add(self, group: Group, block: Array, rotation: Array) -> None:
+    def add(self, group: Group, block: Array) -> None:
         """Take a group's rows (G, P + 6 + 1, 2, N); d X = Rᵀ d x_cam."""
         assert group.ids is not None
-        p = self.problem.lens.size
+        camera = self.problem.cameras[group.camera]
+        p, params = camera.lens.size, self.cameras[camera.params]
+        rotation, _ = camera.placed(self.state, self.problem.seen.instant[group.members])
         d_cam = block[:, p + 3 : p + 6]
         d = (rotation.transpose(0, 2, 1) @ d_cam.reshape(len(d_cam), 3, -1)).reshape(d_cam.shape)
         cross = block[:, :, 0, None] * d[:, None, :, 0] + block[:, :, 1, None] * d[:, None, :, 1]
         own = d[:, :, 0, None] * d[:, None, :, 0] + d[:, :, 1, None] * d[:, None, :, 1]
         for g, view in enumerate(group.members):
             at = group.ids[g]
-            self.camera[..., at] += cross[g, :p]
+            params[..., at] += cross[g, :p]
             self.poses[view][..., at] = cross[g, p : p + 6]
             self.gradient[..., at] += cross[g, -1]
             self.own[..., at] += own[g]
 
-    def extend(self, blocks: Blocks) -> Blocks:
-        """The blocks with the shape's parameters after the camera's."""
-        board, free = self.problem.board, self.problem.free
-        m = len(board.points)
+    def _flat(self, a: Array) -> Array:
+        """(..., 3, M + 1) -> (..., B)"""
+        m = len(self.problem.board.points)
+        return self.problem.board.fold(np.swapaxes(a[..., :m], -1, -2).reshape(*a.shape[:-2], 3 * m))
 
-        def flat(a: Array) -> Array:  # (..., 3, M + 1) -> (..., B)
-            return board.fold(np.swapaxes(a[..., :m], -1, -2).reshape(*a.shape[:-2], 3 * m))
-
-        mixed = free.T @ flat(self.camera)
-        square = board.fold_blocks(np.moveaxis(self.own[..., :m], -1, 0))
-        return replace(
-            blocks,
-            intrinsics=np.block([[blocks.intrinsics, mixed], [mixed.T, square]]),
-            coupling=np.concatenate([blocks.coupling, flat(self.poses).transpose(0, 2, 1)], 1),
-            gradient=np.concatenate([blocks.gradient, flat(self.gradient)]),
-        )
+    def extend(self, found: Assembly) -> None:
+        """Write what involves the shape's parameters, which are the last."""
+        problem, shape = self.problem, slice(self.problem.rigid, None)
+        m = len(problem.board.points)
+        mixed = np.zeros((problem.rigid, problem.board.size))
+        mixed[: problem.free.shape[1]] = problem.free.T @ self._flat(self.cameras)
+        for camera in problem.cameras:
+            by_view = self._flat(self.poses[camera.views])  # (views, 6, B), by the composite poses
+            maps = camera.maps(self.state, camera.instants)
+            if maps is not None:
+                mixed[camera.extrinsics] = (maps.by_rig.transpose(0, 2, 1) @ by_view).sum(0)
+                by_view = maps.by_instant.T @ by_view
+            found.coupling[camera.instants, shape] += by_view.transpose(0, 2, 1)
+        found.intrinsics[: problem.rigid, shape], found.intrinsics[shape, : problem.rigid] = mixed, mixed.T
+        found.intrinsics[shape, shape] = problem.board.fold_blocks(np.moveaxis(self.own[..., :m], -1, 0))
+        found.gradient[shape] = self._flat(self.gradient)
 
 
 def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses]:

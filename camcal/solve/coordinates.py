@@ -27,7 +27,7 @@ class OtherRotations:
 
     def __init__(self, problem: Problem, kind: str):
         self.problem, self.kind = problem, kind
-        self.lens, self.views, self.free = problem.lens, problem.views, problem.free
+        self.parameters, self.views, self.free = problem.parameters, problem.views, problem.free
         self.rounding, self.normalise = problem.rounding, problem.normalise
         self.point_coordinates = None  # for comparisons: always the poses first
 

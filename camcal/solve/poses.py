@@ -66,18 +66,18 @@ def solve_poses(problem: Problem, state: State, max_iterations: int = 100) -> So
 
 
 class _Placed(NamedTuple):
-    """Rotations (M, 3, 3) and centres (M, 3) of some views, as in `State`."""
+    """Rotations (M, 3, 3) and centres (M, 3) of some instants, as in `State`."""
 
     rotations: Array
     centres: Array
 
 
 class _PosesAlone(Small):
-    """The views of a problem, each with its pose."""
+    """The instants of a problem, each with its pose."""
 
     def __init__(self, problem: Problem, state: State):
         self.problem, self.rest = problem, state
-        self.count, self.rounding = len(problem.views), problem.view_rounding
+        self.count, self.rounding = problem.instants, problem.instant_rounding
 
     def linearise(self, state: _Placed, members: Array) -> Normal:
         """The pose's part of the normal equations."""

@@ -2,162 +2,159 @@
 
     minimise  ½ Σ_views Σ_points w |project(params, exp(δ) R x + t) − u|²                                 (1)
 
-The Jacobian is never stored. Views are taken a few at a time; their derivatives are written as rows of an
-array (views, parameters + 6 + 1, 2, points) that stays in the cache, the last row being the residual, and a
+of one camera or of a rig, whose unknowns act through the composite pose (R, t) of each view alone
+(camcal.solve.cameras). The Jacobian is never stored. Views are taken a few at a time; their derivatives are written as
+rows of an array (views, parameters + 6 + 1, 2, points) that stays in the cache, the last row being the residual, and a
 batched product of that array with its own transpose gives every normal matrix, gradient and cost at once.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from camcal.data.observations import View
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.pose import Poses
 from camcal.solve import local
-from camcal.solve.calibration import NormalBlocks
+from camcal.solve.cameras import Assembly, CameraPart
+from camcal.solve.groups import Group, make_groups, products
+from camcal.solve.state import Blocks, State, Step
+
+__all__ = ["Blocks", "Group", "Problem", "Seen", "State", "Step", "products"]
 
 Array = np.ndarray
-
-#: numbers in the Jacobian rows of a group of views; as doubles they fill a second-level cache of 1 MB, and each
-#: numpy call is long enough that its own cost hardly counts
-_ROW_BUDGET = 120_000
+#: called with a group and its rows, which the next group's overwrite
+OnRows = Callable[[Group, Array], None]
 
 
 @dataclass(frozen=True)
-class State:
-    """Where the iteration stands.
+class Seen:
+    """Which camera took each of B views, and when.
 
     Attributes
     ----------
-    params : (P,) array
-    rotations : (V, 3, 3) array
-    centres : (V, 3) array
-        The centroid of each view's points in the camera's frame.
-    shape : (B,) array
-        Coordinates of the board's shape, where that is estimated too.
+    camera : (B,) int array
+        Index of the camera; 0 is the reference, whose frame is the rig's.
+    instant : (B,) int array
+        Views of the same instant share the pose rig_from_board; all of 0, 1, ... occur, and no camera has two views of
+        one. Boards that move on their own are instants of their own.
     """
 
-    params: Array
-    rotations: Array
-    centres: Array
-    shape: Array = field(default_factory=lambda: np.zeros(0))
+    camera: Array
+    instant: Array
 
-
-@dataclass(frozen=True)
-class Step:
-    """A step in the free parameters (F,), those of the board's shape last, and in the poses (V, 6) =
-    (rotation on the left, translation).
-    """
-
-    intrinsics: Array
-    poses: Array
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """The normal equations at a state, by blocks: `JᵀJ` and the gradient `Jᵀr` of half the cost's square.
-
-    Attributes
-    ----------
-    cost : float
-        ½ Σ w |r|².
-    intrinsics : (F, F) array
-    coupling : (V, F, 6) array
-    poses : (V, 6, 6) array
-    gradient : (F,) array
-    pose_gradients : (V, 6) array
-    view_costs : (V,) array
-    """
-
-    cost: float
-    intrinsics: Array
-    coupling: Array
-    poses: Array
-    gradient: Array
-    pose_gradients: Array
-    view_costs: Array
-
-    def normal(self) -> NormalBlocks:
-        """The part that a covariance needs."""
-        return NormalBlocks(self.intrinsics, self.coupling, self.poses)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Views that are worked on together; shorter ones are filled up with points of weight 0."""
-
-    members: Array  #: (G,) indices of the views
-    xyz: Array  #: (G, 3, N) points relative to the view's centroid
-    uv: Array  #: (G, 2, N)
-    weights: Array | None  #: (G, 1, 1, N) square roots of the weights, None = 1
-    ids: Array | None = None  #: (G, N) which point of the board each is, where that has a shape
-
-    def alone(self, index: int) -> Group:
-        """One of the views as a group."""
-        at = slice(index, index + 1)
-        return Group(
-            self.members[at],
-            self.xyz[at],
-            self.uv[at],
-            None if self.weights is None else self.weights[at],
-            None if self.ids is None else self.ids[at],
-        )
+    @classmethod
+    def alone(cls, views: int) -> Seen:
+        """Of one camera, each view at an instant of its own."""
+        return cls(np.zeros(views, int), np.arange(views))
 
 
 class Problem:
-    """Correspondences and a lens model as a least squares problem.
+    """Correspondences and a lens model, or several, as a least squares problem.
+
+    A camera alone is a rig of one; there is no other code for it. A rig solver makes
+
+        problem = Problem([left, right], views, [free_left, free_right], seen=Seen(camera, instant))
+        state = problem.state(np.concatenate([params_left, params_right]), rig_from_board, cam_from_rig)
+        result = optimizers.make("lm")(problem, state)
+        problem.params(result.state), problem.poses(result.state), result.state.rig     # cameras, instants, rig
+
+    and finds the variables of `result.blocks` in the order of `Step`; `camera.columns` and `camera.extrinsics` of
+    `problem.cameras` say where those of a camera are.
 
     Parameters
     ----------
-    lens : Lens
-    views : sequence of View
-    free : (P, F) array
+    lens : Lens, or sequence of C
+    views : sequence of B View
+    free : (P, F) array, or sequence of C
         d params / d free parameters. A row of zeros fixes a parameter, several entries in a column tie them.
     weights : sequence of (N,) arrays, optional
         Weight of each point's squared residual; default 1 / sigma² where a view has sigmas, else 1.
     normalise : bool
         False to leave each view's points where they are, so that a rotation turns about the data's origin in
-        place of the view's centroid, and to damp and solve without scaling the columns: for comparison.
+        place of the instant's centroid, and to damp and solve without scaling the columns: for comparison.
+    seen : Seen, optional
+        Without it one camera took all views, each at an instant of its own.
     """
 
     def __init__(
         self,
-        lens: Lens,
+        lens: Lens | Sequence[Lens],
         views: Sequence[View],
-        free: Array,
+        free: Array | Sequence[Array],
         weights: Sequence[Array] | None = None,
         normalise: bool = True,
+        seen: Seen | None = None,
     ):
-        self.lens = lens
-        self.views = tuple(views)
-        self.free = np.asarray(free, float)
+        lenses = [lens] if isinstance(lens, Lens) else list(lens)
+        frees = [np.asarray(f, float) for f in ([free] if isinstance(lens, Lens) else free)]
+        self.views, self.normalise = tuple(views), normalise
+        self.seen = Seen.alone(len(self.views)) if seen is None else seen
+        self.instants = int(self.seen.instant.max(initial=-1)) + 1
         self.weights = weights if weights is not None else _default_weights(self.views)
-        self.normalise = normalise
-        self.offsets = np.array([v.xyz.sum(0) / len(v) for v in self.views]).reshape(-1, 3)
+        self.free = frees[0] if len(frees) == 1 else block_diag(*frees)
+        self.cameras = _parts(lenses, frees, self.seen, self.instants)
+        self.offsets = self._centroids()
         if not normalise:
             self.offsets[:] = 0.0
-        self.rows = lens.size + 7
-        self.groups = self._make_groups()
-        self._largest = max((g.uv.size for g in self.groups), default=0) * self.rows
+        shifts = self.offsets[self.seen.instant]
+        self.groups = [
+            group
+            for camera in self.cameras
+            for group in make_groups(
+                camera.index, camera.views, camera.lens.size + 7, self.views, shifts, self.weights
+            )
+        ]
+        self._largest = max(
+            (g.uv.size * (self.cameras[g.camera].lens.size + 7) for g in self.groups), default=0
+        )
         scale = max((float(np.abs(g.uv).max()) for g in self.groups), default=1.0)
-        #: a cost that rounding alone produces: a few units in the last place of each coordinate; of each view
-        self.view_rounding = np.array([len(v) for v in self.views]) * (4 * np.finfo(float).eps * scale) ** 2
-        self.rounding = float(self.view_rounding.sum())
+        rounding = np.array([len(v) for v in self.views]) * (4 * np.finfo(float).eps * scale) ** 2
+        #: a cost that rounding alone produces: a few units in the last place of each coordinate; of each instant
+        self.instant_rounding = np.bincount(self.seen.instant, rounding, self.instants)
+        self.rounding = float(rounding.sum())
+
+    def _centroids(self) -> Array:
+        """The centroid (V, 3) of each instant's points, of all cameras."""
+        sums, counts = np.zeros((self.instants, 3)), np.zeros((self.instants, 1))
+        for view, instant in zip(self.views, self.seen.instant, strict=True):
+            sums[instant] += view.xyz.sum(0)
+            counts[instant] += len(view)
+        return sums / counts
+
+    def _like(self, **changes: Any) -> Problem:
+        """The same problem with other arguments."""
+        lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
+        given = {"weights": self.weights, "normalise": self.normalise, "seen": self.seen} | changes
+        return Problem(lenses, self.views, frees, **given)
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
         """The same problem with other weights."""
-        return Problem(self.lens, self.views, self.free, weights, self.normalise)
+        return self._like(weights=weights)
 
     def normalised(self) -> Problem:
         """The same problem with `normalise`."""
-        return Problem(self.lens, self.views, self.free, self.weights)
+        return self._like(normalise=True)
+
+    @property
+    def lens(self) -> Lens:
+        """That of the only camera; ValueError for a rig, whose lenses are those of `cameras`."""
+        (only,) = self.cameras
+        return only.lens
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """What each of the parameters of all cameras is."""
+        return [p for camera in self.cameras for p in camera.lens.parameters]
 
     @property
     def point_coordinates(self) -> Array | None:
@@ -165,89 +162,146 @@ class Problem:
         return None
 
     @property
+    def rigid(self) -> int:
+        """Number of the variables of cameras and rig."""
+        return self.free.shape[1] + 6 * (len(self.cameras) - 1)
+
+    @property
     def variables(self) -> int:
-        """Number of free parameters F, those of the board's shape included."""
-        return self.free.shape[1]
+        """Number F of the variables, those of the board's shape included and those of the instants' poses not."""
+        return self.rigid
 
     # ------------------------------------------------------------------ states
-    def state(self, params: Array, poses: Poses) -> State:
-        """Begin at these parameters and poses (cam_from_board)."""
+    def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:
+        """Begin at the parameters of all cameras, poses rig_from_board of the instants and cam_from_rig."""
         centres = np.einsum("vij,vj->vi", poses.rotations, self.offsets) + poses.translations
-        return State(np.array(params, float), np.array(poses.rotations, float), centres)
+        begin = State(np.array(params, float), np.array(poses.rotations, float), centres)
+        return begin if rig is None else replace(begin, rig=rig)
 
     def poses(self, state: State) -> Poses:
-        """The poses (cam_from_board) of a state."""
+        """The poses of a state's instants: rig_from_board, of a camera alone cam_from_board."""
         shift = np.einsum("vij,vj->vi", state.rotations, self.offsets)
         return Poses(state.rotations, state.centres - shift)
+
+    def params(self, state: State) -> list[Array]:
+        """The parameters of each camera."""
+        return [state.params[c.params] for c in self.cameras]
 
     def retract(self, state: State, step: Step) -> State:
         """Move: params + T δ, exp(δ) R, t + δ."""
         own = self.free.shape[1]
+        rig = state.rig
+        if len(self.cameras) > 1:
+            by_camera = np.r_[np.zeros(6), step.intrinsics[own : self.rigid]].reshape(-1, 6)
+            turn, shift = by_camera[:, :3], by_camera[:, 3:]
+            rig = Poses(rotations.exp(turn) @ rig.rotations, rig.translations + shift)
         return State(
             state.params + self.free @ step.intrinsics[:own],
             rotations.exp(step.poses[:, :3]) @ state.rotations,
             state.centres + step.poses[:, 3:],
-            state.shape + step.intrinsics[own:],
+            state.shape + step.intrinsics[self.rigid :],
+            rig,
         )
 
     # ------------------------------------------------------------------ evaluation
     def linearise(self, state: State) -> Blocks | None:
-        """The normal equations at a state; None where a point leaves the lens's domain."""
-        if self.lens.local:
-            sums = local.products(self.lens, state.params, state.rotations, state.centres, self._all_points)
-            return None if sums is None else self._assembled(*sums, state)
-        normal = self.view_normals(state)
-        return None if normal is None else self.blocks(normal, state)
+        """The normal equations at a state; None where a point leaves a lens's domain."""
+        found = self.assembled(state)
+        return None if found is None else found.blocks()
+
+    def assembled(self, state: State, each: OnRows | None = None) -> Assembly | None:
+        """The normal equations before they are handed out; `each` gets the rows of every group on the way."""
+        assembly = Assembly(self.variables, self.instants, len(self.views))
+        scratch = self.scratch()
+        for camera in self.cameras:
+            sparse = camera.lens.local and each is None
+            sums = self._local_sums(camera, state) if sparse else self._sums(camera, state, scratch, each)
+            if sums is None:
+                return None
+            assembly.add(camera, state, *sums)
+        return assembly
+
+    def _sums(
+        self, camera: CameraPart, state: State, scratch: Array, each: OnRows | None
+    ) -> tuple[Array, Array, Array] | None:
+        """What `Assembly.add` takes, from the rows of the camera's views."""
+        normal, p = self._normals(camera, state, scratch, each), camera.lens.size
+        return None if normal is None else (normal[:, :p, :p].sum(0), normal[:, :p, p:], normal[:, p:, p:])
+
+    def _local_sums(self, camera: CameraPart, state: State) -> tuple[Array, Array, Array] | None:
+        """The same for a lens whose parameters act locally."""
+        placed = camera.placed(state, camera.instants)
+        return local.products(camera.lens, state.params[camera.params], *placed, self._points[camera.index])
 
     @cached_property
-    def _all_points(self) -> local.Points:
-        xyz = [v.xyz - offset for v, offset in zip(self.views, self.offsets, strict=True)]
-        return local.Points.of(xyz, [v.uv for v in self.views], self.weights)
+    def _points(self) -> list[local.Points]:
+        found = []
+        for camera in self.cameras:
+            views = [self.views[i] for i in camera.views]
+            xyz = [self.views[i].xyz - self.offsets[self.seen.instant[i]] for i in camera.views]
+            weights = None if self.weights is None else [self.weights[i] for i in camera.views]
+            found.append(local.Points.of(xyz, [v.uv for v in views], weights))
+        return found
+
+    def _normals(
+        self, camera: CameraPart, state: State, scratch: Array, each: OnRows | None = None
+    ) -> Array | None:
+        """Products of the rows of each of a camera's views, (B, R, R); None outside the lens's domain."""
+        rows = camera.lens.size + 7
+        normal = np.empty((len(self.views), rows, rows))
+        with np.errstate(all="ignore"):
+            for group in self.groups:
+                if group.camera == camera.index:
+                    block = self.fill(group, state, scratch)
+                    if block is None:
+                        return None
+                    if each is not None:
+                        each(group, block)
+                    normal[group.members] = products(block)
+        return normal if len(camera.views) == len(normal) else normal[camera.views]
 
     def view_normals(self, state: State) -> Array | None:
-        """Products of the rows (parameters, rotation, translation, residual) of each view, (V, R, R).
+        """Products of the rows of each view of the only camera, (V, R, R): parameters, rotation, translation, residual.
 
         None where a point leaves the lens's domain.
         """
-        normal = np.empty((len(self.views), self.rows, self.rows))
-        scratch = self.scratch()
-        with np.errstate(all="ignore"):
-            for group in self.groups:
-                block = self.fill(group, state, scratch)
-                if block is None:
-                    return None
-                normal[group.members] = products(block)
-        return normal
+        (only,) = self.cameras
+        return self._normals(only, state, self.scratch())
 
     def pose_normals(self, state: State, members: Array) -> Array:
-        """Products of the rows (rotation, translation, residual) of some views (M,), (M, 7, 7).
+        """Products of the rows (rotation, translation, residual) of some instants (M,), (M, 7, 7).
 
-        NaN for a view where a point leaves the lens's domain.
+        NaN for an instant at which a point leaves a lens's domain.
         """
-        normal = np.full((len(self.views), 7, 7), np.nan)
-        wanted = np.zeros(len(self.views), bool)
+        normal = np.zeros((self.instants, 7, 7))
+        wanted = np.zeros(self.instants, bool)
         wanted[members] = True
         scratch = self.scratch()
         with np.errstate(all="ignore"):
             for group in self.groups:
-                if wanted[group.members].any():
-                    for part, block in self._inside(group, state, scratch):
-                        normal[part.members] = products(block[:, self.lens.size :])
+                if wanted[self.seen.instant[group.members]].any():
+                    normal[self.seen.instant[group.members]] += self._by_instant(group, state, scratch)
         return normal[members]
 
-    def _inside(self, group: Group, state: State, scratch: Array) -> Iterator[tuple[Group, Array]]:
-        """The rows of a group; where a point leaves the lens's domain, those of each view that stays inside."""
+    def _by_instant(self, group: Group, state: State, scratch: Array) -> Array:
+        """Products (G, 7, 7) of the pose's and the residual's rows of a group's views, by the instants' poses."""
+        camera, found = self.cameras[group.camera], np.full((len(group.members), 7, 7), np.nan)
         block = self.fill(group, state, scratch)
         if block is not None:
-            yield group, block
-            return
-        for alone in map(group.alone, range(len(group.members))):
-            block = self.fill(alone, state, scratch)
-            if block is not None:
-                yield alone, block
+            found = products(block[:, camera.lens.size :])
+        elif len(group.members) > 1:  # the views that stay inside
+            for index in range(len(group.members)):
+                found[index] = self._by_instant(group.alone(index), state, scratch)[0]
+            return found
+        maps = camera.maps(state, self.seen.instant[group.members])
+        if maps is not None:
+            chain = np.eye(7)
+            chain[:6, :6] = maps.by_instant
+            found = chain.T @ found @ chain
+        return found
 
     def points(self, group: Group, state: State) -> Array:
-        """Points (G, 3, N) of a group relative to their views' centroids."""
+        """Points (G, 3, N) of a group relative to their instants' centroids."""
         return group.xyz
 
     def scratch(self) -> Array:
@@ -255,18 +309,21 @@ class Problem:
         return np.empty(self._largest)
 
     def fill(self, group: Group, state: State, scratch: Array | None = None) -> Array | None:
-        """The rows (G, P + 6 + 1, 2, N) of a group: parameters, rotation, translation, residual.
+        """The rows (G, P + 6 + 1, 2, N) of a group: the camera's parameters, its composite pose, residual.
 
         None where a point leaves the lens's domain. The rows lie in `scratch` where that is given.
         """
-        size, p = group.uv.shape, self.lens.size
-        shape = size[0], self.rows, 2, size[2]
+        camera = self.cameras[group.camera]
+        lens, size, p = camera.lens, group.uv.shape, camera.lens.size
+        shape = size[0], p + 7, 2, size[2]
         block = np.empty(shape) if scratch is None else scratch[: math.prod(shape)].reshape(shape)
-        turned = state.rotations[group.members] @ self.points(group, state)
-        cam = turned + state.centres[group.members][:, :, None]
+        rotation, centre = camera.placed(state, self.seen.instant[group.members])
+        turned = rotation @ self.points(group, state)
+        cam = turned + centre[:, :, None]
         x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))
         d_xyz = block[:, p + 3 : p + 6]
-        if not self.lens.linearise(state.params, x, y, z, block[:, -1], d_xyz, block[:, :p]):
+        params = state.params[camera.params]
+        if not lens.linearise(params, x, y, z, block[:, -1], d_xyz, block[:, :p]):
             return None
         block[:, -1] -= group.uv
         # x_cam moves by δ x (R x): the rotation's columns are (R x) x d_xyz
@@ -280,99 +337,56 @@ class Problem:
         return block
 
     def free_rows(self, group: Group, state: State) -> Array | None:
-        """The rows (G, F + 6 + 1, 2 N) of a group: free parameters, rotation, translation, residual."""
+        """The rows (G, F + 6 + 1, 2 N) of a group: all variables, pose of the instant, residual."""
         block = self.fill(group, state)
         if block is None:
             return None
-        p = self.lens.size
-        own = np.einsum("pf,gpdn->gfdn", self.free, block[:, :p])
-        return np.concatenate([own, block[:, p:]], 1).reshape(len(block), own.shape[1] + 7, -1)
+        camera, p = self.cameras[group.camera], self.cameras[group.camera].lens.size
+        rows = np.zeros((len(block), self.rigid + 7, *block.shape[2:]))
+        rows[:, camera.columns] = np.einsum("pf,gpdn->gfdn", camera.free, block[:, :p])
+        rows[:, self.rigid :] = block[:, p:]
+        maps = camera.maps(state, self.seen.instant[group.members])
+        if maps is not None:
+            pose = block[:, p : p + 6]
+            rows[:, camera.extrinsics] = np.einsum("gij,gidn->gjdn", maps.by_rig, pose)
+            rows[:, self.rigid : self.rigid + 6] = np.einsum("ij,gidn->gjdn", maps.by_instant, pose)
+        return rows.reshape(len(block), self.rigid + 7, -1)
 
-    def blocks(self, normal: Array, state: State) -> Blocks | None:
-        """Add the views up and pass to the free parameters."""
-        p = self.lens.size
-        return self._assembled(normal[:, :p, :p].sum(0), normal[:, :p, p:], normal[:, p:, p:], state)
-
-    def _assembled(self, intrinsics: Array, coupling: Array, poses: Array, state: State) -> Blocks | None:
-        """From sums over the parameters (P, P), and by view with pose and residual (V, P, 7), (V, 7, 7)."""
-        free = self.free
-        view_costs = 0.5 * poses[:, -1, -1]
-        cost, gradient = float(view_costs.sum()), coupling[:, :, -1].sum(0)
-        prior = self.lens.prior(state.params)
-        if prior is not None:
-            r, j = prior
-            cost += 0.5 * float(r @ r)
-            intrinsics, gradient = intrinsics + j.T @ j, gradient + j.T @ r
-        if not np.isfinite(cost):
+    def prior(self, state: State) -> tuple[Array, Array] | None:
+        """Residuals (K,) of the lenses' own and their derivatives (K, F) by the variables; None without any."""
+        found = [(c, c.lens.prior(state.params[c.params])) for c in self.cameras]
+        parts = [(c, *prior) for c, prior in found if prior is not None]
+        if not parts:
             return None
-        return Blocks(
-            cost,
-            free.T @ intrinsics @ free,
-            free.T @ coupling[:, :, :6],
-            poses[:, :6, :6],
-            free.T @ gradient,
-            poses[:, :6, -1],
-            view_costs,
-        )
+        rows = [np.zeros((len(r), self.variables)) for _, r, _ in parts]
+        for row, (camera, _, j) in zip(rows, parts, strict=True):
+            row[:, camera.columns] = j @ camera.free
+        return np.concatenate([r for _, r, _ in parts]), np.concatenate(rows)
 
-    # ------------------------------------------------------------------ groups
-    def _make_groups(self) -> list[Group]:
-        order = np.argsort([len(v) for v in self.views], kind="stable")
-        groups, begin = [], 0
-        while begin < len(order):
-            longest = len(self.views[order[begin]])
-            end = begin + 1
-            while end < len(order):
-                longest = max(longest, len(self.views[order[end]]))
-                if (end + 1 - begin) * longest * 2 * self.rows > _ROW_BUDGET:
-                    break
-                end += 1
-            groups.append(self._group(order[begin:end]))
-            begin = end
-        return groups
 
-    def _group(self, members: Array) -> Group:
-        chosen = [self.views[i] for i in members]
-        counts = np.array([len(v) for v in chosen])
-        xyz = _stacked([v.xyz for v in chosen], counts)
-        if self.weights is None and (counts == counts[0]).all():
-            root = None
-        else:
-            given = (
-                [np.ones(c) for c in counts] if self.weights is None else [self.weights[i] for i in members]
+def _parts(
+    lenses: Sequence[Lens], frees: Sequence[Array], seen: Seen, instants: int
+) -> tuple[CameraPart, ...]:
+    sizes, columns = (np.cumsum([0, *n]).tolist() for n in zip(*(f.shape for f in frees), strict=True))
+    parts = []
+    for index, (lens, free) in enumerate(zip(lenses, frees, strict=True)):
+        views = np.flatnonzero(seen.camera == index)
+        when = seen.instant[views]
+        every = np.array_equal(when, np.arange(instants))
+        outside = slice(*(columns[-1] + 6 * max(i, 0) for i in (index - 1, index)))
+        parts.append(
+            CameraPart(
+                index=index,
+                lens=lens,
+                free=free,
+                params=slice(sizes[index], sizes[index + 1]),
+                columns=slice(columns[index], columns[index + 1]),
+                extrinsics=outside,
+                views=views,
+                instants=slice(None) if every else when,
             )
-            padded = np.zeros((len(members), counts.max()))
-            for row, w in zip(padded, given, strict=True):
-                row[: len(w)] = np.sqrt(w)
-            root = None if (padded == 1.0).all() else padded[:, None, None, :]
-        return Group(
-            members,
-            np.ascontiguousarray((xyz - self.offsets[members][:, None]).transpose(0, 2, 1)),
-            np.ascontiguousarray(_stacked([v.uv for v in chosen], counts).transpose(0, 2, 1)),
-            root,
         )
-
-
-def products(block: Array) -> Array:
-    """Products (G, R, R) of the rows (G, R, 2, N) of each view.
-
-    The last row is left out on one side: a product of a matrix with its own transpose goes to BLAS's syrk, which
-    for matrices as small as these takes twice the time of a general one.
-    """
-    flat = block.reshape(*block.shape[:2], -1)
-    found = np.empty((len(flat), flat.shape[1], flat.shape[1]))
-    np.matmul(flat[:, :-1], flat.transpose(0, 2, 1), out=found[:, :-1])
-    found[:, -1, :-1] = found[:, :-1, -1]
-    last = flat[:, -1]
-    found[:, -1, -1] = (last[:, None] @ last[:, :, None])[:, 0, 0]
-    return found
-
-
-def _stacked(arrays: list[Array], counts: Array) -> Array:
-    """Arrays (N, d) of views as one (G, max N, d), the shorter ones filled up with their first row."""
-    if (counts == counts[0]).all():
-        return np.stack(arrays)
-    return np.stack([np.r_[a, np.repeat(a[:1], counts.max() - len(a), 0)] for a in arrays])
+    return tuple(parts)
 
 
 def _default_weights(views: Sequence[View]) -> list[Array] | None:

@@ -24,17 +24,6 @@ def by_group(problem: Problem, state: State) -> Iterator[tuple[Group, Array | No
             yield group, problem.free_rows(group, state)
 
 
-def prior(problem: Problem, state: State) -> tuple[Array, Array] | None:
-    """Residuals (K,) and Jacobian (K, F) of the lens's prior, or None."""
-    found = problem.lens.prior(state.params)
-    if found is None:
-        return None
-    r, j = found
-    free = np.zeros((len(r), problem.variables))
-    free[:, : problem.free.shape[1]] = j @ problem.free
-    return r, free
-
-
 def count(problem: Problem) -> int:
     """Number of rows, those of the prior left out."""
     return sum(2 * g.uv.shape[0] * g.uv.shape[2] for g in problem.groups)
@@ -47,7 +36,7 @@ def residuals(problem: Problem, state: State) -> Array | None:
         if rows is None or not np.isfinite(rows[:, -1]).all():
             return None
         parts += list(rows[:, -1])
-    own = prior(problem, state)
+    own = problem.prior(state)
     return np.concatenate(parts if own is None else [*parts, own[0]])
 
 
@@ -63,21 +52,21 @@ def jacobian(problem: Problem, state: State, turn: Array | None = None, sparse: 
     sparse : bool
         Return a scipy CSR array in place of a dense one.
     """
-    free, views = problem.variables, len(problem.views)
+    free, instants = problem.variables, problem.instants
     blocks = []
     for group, rows in by_group(problem, state):
         if rows is None:
             return None
-        for view, row in zip(group.members, rows, strict=True):
+        for view, row in zip(problem.seen.instant[group.members], rows, strict=True):
             pose = row[free : free + 6].T
             blocks.append((view, row[:free].T.copy(), pose.copy() if turn is None else pose @ turn[view]))
-    own = prior(problem, state)
+    own = problem.prior(state)
     if sparse:
         left = sparse_.csr_array(np.concatenate([b[1] for b in blocks] + ([] if own is None else [own[1]])))
-        right = _pose_columns(blocks, views, 0 if own is None else len(own[0]))
+        right = _pose_columns(blocks, instants, 0 if own is None else len(own[0]))
         return sparse_.hstack([left, right], format="csr")
     length = sum(len(b[1]) for b in blocks) + (0 if own is None else len(own[0]))
-    out = np.zeros((length, free + 6 * views))
+    out = np.zeros((length, free + 6 * instants))
     at = 0
     for view, left, right in blocks:
         out[at : at + len(left), :free] = left
@@ -88,10 +77,10 @@ def jacobian(problem: Problem, state: State, turn: Array | None = None, sparse: 
     return out
 
 
-def _pose_columns(blocks: list[tuple[int, Array, Array]], views: int, more: int) -> Any:
+def _pose_columns(blocks: list[tuple[int, Array, Array]], instants: int, more: int) -> Any:
     """The pose columns as a CSR array, with `more` empty rows at the end."""
     data = np.concatenate([b[2].ravel() for b in blocks])
     columns = np.concatenate([np.tile(6 * v + np.arange(6), len(b)) for v, _, b in blocks])
     length = sum(len(b) for _, _, b in blocks)
     starts = np.r_[6 * np.arange(length + 1), np.full(more, 6 * length)]
-    return sparse_.csr_array((data, columns, starts), shape=(length + more, 6 * views))
+    return sparse_.csr_array((data, columns, starts), shape=(length + more, 6 * instants))

@@ -33,7 +33,7 @@ class SquareRoot:
     Attributes
     ----------
     views : (V, K, K) array
-        Upper triangles of each view's rows, columns in the order pose (6), camera (F), residual (1).
+        Upper triangles of each instant's rows, columns in the order pose (6), camera (F), residual (1).
     prior : (M, F + 1) array
         Rows of the lens model's own, camera and residual.
     """
@@ -47,11 +47,16 @@ class SquareRoot:
         free = problem.variables
         size = free + 7
         order = np.r_[free : free + 6, :free, free + 6]
-        views = np.empty((len(problem.views), size, size))
+        views = np.zeros((problem.instants, size, size))
+        seen = np.zeros(problem.instants, bool)
         for group, block in rows.by_group(problem, state):
             assert block is not None  # the caller has linearised here
-            views[group.members] = triangles(block[:, order].transpose(0, 2, 1))
-        own = rows.prior(problem, state)
+            found, at = triangles(block[:, order].transpose(0, 2, 1)), problem.seen.instant[group.members]
+            again = seen[at]
+            if again.any():  # by another camera
+                found[again] = triangles(np.concatenate([views[at[again]], found[again]], 1))
+            views[at], seen[at] = found, True
+        own = problem.prior(state)
         prior = np.zeros((0, free + 1)) if own is None else np.c_[own[1], own[0]]
         return cls(views, prior)
 

@@ -201,7 +201,7 @@ def test_members_go_their_own_ways():
 
 
 def test_a_member_without_a_chance_does_not_stop_the_others():
-    truth, y = decays(3)
+    _, y = decays(3)
     y[1] = np.nan
     found = minimise(Decays(y), Decay(np.ones((3, 1)), np.ones((3, 1))))
     assert list(found.stats.converged) == [True, False, True]

@@ -15,7 +15,7 @@ from tests.solve.problems import problem_of
 def test_the_same_as_dense(views, skew):
     fix = {} if skew else dict.fromkeys(("fx", "left"))  # with all columns free, and without some
     problem, state = problem_of("spline:6x5", fix, skew, **views)
-    dense = problem.blocks(problem.view_normals(state), state)
+    dense = problem.assembled(state, lambda group, block: None).blocks()
     sparse = problem.linearise(state)
     for field in fields(dense):
         want, got = getattr(dense, field.name), getattr(sparse, field.name)

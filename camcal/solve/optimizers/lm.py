@@ -150,9 +150,7 @@ def _elsewhere(problem: Problem, state: State) -> Iterator[State]:
     Distortion that pushes its pole against the outermost points is an over-parameterised model's; with its
     sign turned, poles are gone or lie elsewhere, and so does the minimum that is reached from there.
     """
-    own = [
-        i for i, p in enumerate(problem.lens.parameters) if p.group == "distortion" and problem.free[i].any()
-    ]
+    own = [i for i, p in enumerate(problem.parameters) if p.group == "distortion" and problem.free[i].any()]
     for factor in _FACTORS:
         params = state.params.copy()
         params[own] *= factor

@@ -35,9 +35,9 @@ class _Function:
     def __init__(self, problem: Problem, state: State, recorder: Recorder):
         self.problem, self.start, self.recorder = problem, state, recorder
         self.evaluations, self.iteration = 1, 0
-        self.best = np.zeros(problem.variables + 6 * len(problem.views))
+        self.best = np.zeros(problem.variables + 6 * problem.instants)
         self.free = problem.variables
-        self.sparse = rows.count(problem) * (self.free + 6 * len(problem.views)) > _DENSE
+        self.sparse = rows.count(problem) * (self.free + 6 * problem.instants) > _DENSE
 
     def state(self, x: Array) -> State:
         """The state of a vector."""

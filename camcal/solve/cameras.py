@@ -1,0 +1,155 @@
+"""The cameras of a problem, and how a rig's unknowns move what each of them sees.
+
+A point reaches camera c through the composite pose cam_from_board = cam_from_rig · rig_from_board alone,
+
+    R = R_c R_v,    m = R_c m_v + t_c        (m: the centroid of the points of instant v)                  (1)
+
+and its Jacobian rows are taken by the composite's own perturbation δ, exp(δ_R) R and m + δ_m. Perturbed likewise,
+rig_from_board (δ_v, about m_v) and cam_from_rig (δ_c, about the camera's centre) give
+
+    δ = [ R_c  0  ] δ_v + [  I         0 ] δ_c                                                             (2)
+        [ 0   R_c ]       [ −[m − t_c]×  I ]
+
+The first camera is the reference: its cam_from_rig is the identity, has no unknowns and maps nothing, so that a camera
+alone is a rig of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from camcal.geometry import rotations
+from camcal.model.lenses.base import Lens
+from camcal.solve.state import Blocks, State
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class CameraPart:
+    """One camera of a problem.
+
+    Attributes
+    ----------
+    index : int
+        0 = the reference.
+    lens : Lens
+    free : (P, F) array
+        d params / d free parameters.
+    params, columns : slice
+        Where its parameters and its free ones are among those of all cameras.
+    extrinsics : slice
+        Where its cam_from_rig is among the variables; empty for the reference.
+    views : (B,) int array
+        Which of the problem's views are its own.
+    instants : (B,) int array, or slice
+        When they were taken; a slice where it sees every instant once, in order.
+    """
+
+    index: int
+    lens: Lens
+    free: Array
+    params: slice
+    columns: slice
+    extrinsics: slice
+    views: Array
+    instants: Array | slice
+
+    def placed(self, state: State, instants: Array | slice) -> tuple[Array, Array]:
+        """Rotations and centres of (1) at some instants."""
+        turned, centres = state.rotations[instants], state.centres[instants]
+        if self.index == 0:
+            return turned, centres
+        own, shift = state.rig.rotations[self.index], state.rig.translations[self.index]
+        return own @ turned, centres @ own.T + shift
+
+    def maps(self, state: State, instants: Array | slice) -> Maps | None:
+        """(2) at some instants; None for the reference."""
+        if self.index == 0:
+            return None
+        own = state.rig.rotations[self.index]
+        by_instant = np.zeros((6, 6))
+        by_instant[:3, :3] = by_instant[3:, 3:] = own
+        arms = state.centres[instants] @ own.T
+        by_rig = np.tile(np.eye(6), (len(arms), 1, 1))
+        by_rig[:, 3:, :3] = -rotations.skew(arms)
+        return Maps(by_instant, by_rig)
+
+
+class Maps(NamedTuple):
+    """d (composite pose) / d (pose of the instant), (6, 6), and / d (cam_from_rig), (B, 6, 6)."""
+
+    by_instant: Array
+    by_rig: Array
+
+
+class Assembly:
+    """The normal equations, added up camera by camera."""
+
+    def __init__(self, variables: int, instants: int, views: int):
+        self.intrinsics, self.gradient = np.zeros((variables, variables)), np.zeros(variables)
+        self.coupling = np.zeros((instants, variables, 6))
+        self.poses, self.pose_gradients = np.zeros((instants, 6, 6)), np.zeros((instants, 6))
+        self.view_costs, self.prior_cost = np.zeros(views), 0.0
+
+    def add(self, camera: CameraPart, state: State, intrinsics: Array, coupling: Array, poses: Array) -> None:
+        """Take a camera's sums of products.
+
+        Parameters
+        ----------
+        intrinsics : (P, P) array
+            Of the parameters, over all its views.
+        coupling : (B, P, 7) array
+            By view, of the parameters with the composite pose and the residual.
+        poses : (B, 7, 7) array
+            By view, of the composite pose and the residual.
+        """
+        free, at = camera.free, camera.instants
+        self.view_costs[camera.views] = 0.5 * poses[:, -1, -1]
+        gradient = coupling[:, :, -1].sum(0)
+        prior = camera.lens.prior(state.params[camera.params])
+        if prior is not None:
+            r, j = prior
+            self.prior_cost += 0.5 * float(r @ r)
+            intrinsics, gradient = intrinsics + j.T @ j, gradient + j.T @ r
+        self.intrinsics[camera.columns, camera.columns] = free.T @ intrinsics @ free
+        self.gradient[camera.columns] = free.T @ gradient
+        across, own, pull = free.T @ coupling[:, :, :6], poses[:, :6, :6], poses[:, :6, -1]
+        maps = camera.maps(state, at)
+        if maps is not None:
+            across, own, pull = self._add_extrinsics(camera, maps, across, own, pull)
+        self.coupling[at, camera.columns] = across
+        self.poses[at] += own
+        self.pose_gradients[at] += pull
+
+    def _add_extrinsics(
+        self, camera: CameraPart, maps: Maps, across: Array, own: Array, pull: Array
+    ) -> tuple[Array, Array, Array]:
+        """Pass on to cam_from_rig; what is left to pass on to the instants."""
+        by_instant, by_rig = maps
+        back, e = by_rig.transpose(0, 2, 1), camera.extrinsics
+        mixed = (across @ by_rig).sum(0)
+        self.intrinsics[camera.columns, e], self.intrinsics[e, camera.columns] = mixed, mixed.T
+        self.intrinsics[e, e] = (back @ own @ by_rig).sum(0)
+        self.gradient[e] = np.einsum("bij,bi->j", by_rig, pull)
+        moved = own @ by_instant
+        self.coupling[camera.instants, e] = back @ moved
+        return across @ by_instant, by_instant.T @ moved, pull @ by_instant
+
+    def blocks(self) -> Blocks | None:
+        """All together; None where the cost is not finite."""
+        cost = float(self.view_costs.sum()) + self.prior_cost
+        if not np.isfinite(cost):
+            return None
+        return Blocks(
+            cost,
+            self.intrinsics,
+            self.coupling,
+            self.poses,
+            self.gradient,
+            self.pose_gradients,
+            self.view_costs,
+        )

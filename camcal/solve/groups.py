@@ -1,0 +1,118 @@
+"""Views of one camera that are worked on together, so that their rows stay in the processor's cache."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.observations import View
+
+Array = np.ndarray
+
+#: numbers in the Jacobian rows of a group of views; as doubles they fill a second-level cache of 1 MB, and each
+#: numpy call is long enough that its own cost hardly counts
+_ROW_BUDGET = 120_000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Views of a camera; shorter ones are filled up with points of weight 0."""
+
+    camera: int  #: which of the problem's
+    members: Array  #: (G,) indices of the views
+    xyz: Array  #: (G, 3, N) points relative to the centroid of the view's instant
+    uv: Array  #: (G, 2, N)
+    weights: Array | None  #: (G, 1, 1, N) square roots of the weights, None = 1
+    ids: Array | None = None  #: (G, N) which point of the board each is, where that has a shape
+
+    def alone(self, index: int) -> Group:
+        """One of the views as a group."""
+        at = slice(index, index + 1)
+        return Group(
+            self.camera,
+            self.members[at],
+            self.xyz[at],
+            self.uv[at],
+            None if self.weights is None else self.weights[at],
+            None if self.ids is None else self.ids[at],
+        )
+
+
+def make_groups(
+    camera: int,
+    members: Array,
+    rows: int,
+    views: Sequence[View],
+    offsets: Array,
+    weights: Sequence[Array] | None,
+) -> list[Group]:
+    """The groups of a camera's views, the shortest first.
+
+    Parameters
+    ----------
+    members : (B,) int array
+        Which of the views are the camera's.
+    rows : int
+        Number of Jacobian rows: parameters, pose and residual.
+    offsets : (len(views), 3) array
+        Taken off each view's points.
+    """
+    order = members[np.argsort([len(views[i]) for i in members], kind="stable")]
+    groups, begin = [], 0
+    while begin < len(order):
+        longest, end = len(views[order[begin]]), begin + 1
+        while end < len(order):
+            longest = max(longest, len(views[order[end]]))
+            if (end + 1 - begin) * longest * 2 * rows > _ROW_BUDGET:
+                break
+            end += 1
+        groups.append(_group(camera, order[begin:end], views, offsets, weights))
+        begin = end
+    return groups
+
+
+def _group(
+    camera: int, members: Array, views: Sequence[View], offsets: Array, weights: Sequence[Array] | None
+) -> Group:
+    chosen = [views[i] for i in members]
+    counts = np.array([len(v) for v in chosen])
+    xyz = _stacked([v.xyz for v in chosen], counts)
+    if weights is None and (counts == counts[0]).all():
+        root = None
+    else:
+        given = [np.ones(c) for c in counts] if weights is None else [weights[i] for i in members]
+        padded = np.zeros((len(members), counts.max()))
+        for row, w in zip(padded, given, strict=True):
+            row[: len(w)] = np.sqrt(w)
+        root = None if (padded == 1.0).all() else padded[:, None, None, :]
+    return Group(
+        camera,
+        members,
+        np.ascontiguousarray((xyz - offsets[members][:, None]).transpose(0, 2, 1)),
+        np.ascontiguousarray(_stacked([v.uv for v in chosen], counts).transpose(0, 2, 1)),
+        root,
+    )
+
+
+def products(block: Array) -> Array:
+    """Products (G, R, R) of the rows (G, R, 2, N) of each view.
+
+    The last row is left out on one side: a product of a matrix with its own transpose goes to BLAS's syrk, which
+    for matrices as small as these takes twice the time of a general one.
+    """
+    flat = block.reshape(*block.shape[:2], -1)
+    found = np.empty((len(flat), flat.shape[1], flat.shape[1]))
+    np.matmul(flat[:, :-1], flat.transpose(0, 2, 1), out=found[:, :-1])
+    found[:, -1, :-1] = found[:, :-1, -1]
+    last = flat[:, -1]
+    found[:, -1, -1] = (last[:, None] @ last[:, :, None])[:, 0, 0]
+    return found
+
+
+def _stacked(arrays: list[Array], counts: Array) -> Array:
+    """Arrays (N, d) of views as one (G, max N, d), the shorter ones filled up with their first row."""
+    if (counts == counts[0]).all():
+        return np.stack(arrays)
+    return np.stack([np.r_[a, np.repeat(a[:1], counts.max() - len(a), 0)] for a in arrays])
