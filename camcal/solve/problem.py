@@ -126,9 +126,8 @@ class Problem:
     def _centroids(self) -> Array:
         """The centroid (V, 3) of each instant's points, of all cameras."""
         sums, counts = np.zeros((self.instants, 3)), np.zeros((self.instants, 1))
-        for view, instant in zip(self.views, self.seen.instant, strict=True):
-            sums[instant] += view.xyz.sum(0)
-            counts[instant] += len(view)
+        np.add.at(sums, self.seen.instant, np.array([v.xyz.sum(0) for v in self.views]).reshape(-1, 3))
+        np.add.at(counts, self.seen.instant, np.array([[len(v)] for v in self.views]).reshape(-1, 1))
         return sums / counts
 
     def _like(self, **changes: Any) -> Problem:
