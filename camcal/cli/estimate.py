@@ -22,15 +22,20 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     """Calibrate a camera from points of known position and where they were seen.
 
     POINTS are tables with the columns view, X, Y, Z, u, v (a header may name them otherwise and add sigma
-    and id), or .npz files. Several files are several views, unless they have a view column. With --distortion
-    the lens that `camcal lines` found is held, and the joint solution is reported beside.
+    and id), .npz files, or files of other programs: corners of mrcal (.vnl), OpenCV's image_points,
+    PhotonVision's observations, OpenDroneMap's gcp_list.txt. Several files are several views, unless they
+    have a view column. With --distortion the lens that `camcal lines` found is held, and the joint solution is
+    reported beside.
     """
     from camcal.cli.job import calibrate_and_report, output_is_free
 
     output_is_free(options)
     from camcal.data.points import read_points
 
-    given = {name: options[name] for name in ("points3d", "points2d", "image_size")}
+    given = {name: options[name] for name in ("points3d", "points2d", "image_size", "board")}
+    square = options["square"]
+    if square is not None:
+        given["square"] = square.value
     data = read_points(*points, **given)
     if options["distortion"] is None:
         return calibrate_and_report(ctx, data, options)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
     from camcal.plan.solution import Solution
 
-TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
+TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl", ".yml", ".yaml", ".xml", ".json")
 GATE_FELL = 1
 
 OnPicture = Callable[[Mapping[str, Any]], Any]
@@ -53,7 +53,13 @@ def read_data(
     if all(Path(path).suffix.lower() in TABLES for path in paths):
         from camcal.data.points import read_points
 
-        return read_points(*paths, image_size=options["image_size"])
+        square = options.get("square")
+        return read_points(
+            *paths,
+            image_size=options["image_size"],
+            board=options.get("board"),
+            square=1.0 if square is None else square.value,
+        )
     return read_pictures(paths, options, on_picture)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from camcal.data.columns import plain
+from camcal.data.dltdv import as_long, is_xypts
 from camcal.data.layout import find_separator, is_number
 from camcal.errors import DataError
 
@@ -85,6 +86,8 @@ def read_labelled(
     lines = _lines(source)
     separator = find_separator(lines[0][1]) or " "
     rows = [(n, _fields(line, separator)) for n, line in lines]
+    if is_xypts(rows[0][1]):
+        rows = as_long(rows)
     columns = _columns(rows[0][1], [*text, *numbers], [*text, *numbers, *optional], f"{source}:{rows[0][0]}")
     names = [c for c in columns if c not in numbers and c != "sigma"]
     found: dict[str, list] = {c: [] for c in columns}

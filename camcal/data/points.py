@@ -11,12 +11,21 @@ import numpy as np
 
 from camcal.data.archive import read_archive
 from camcal.data.columns import POINTS
+from camcal.data.formats.files import damage
+from camcal.data.formats.source import Source
 from camcal.data.observations import Correspondences, View
 from camcal.data.pairs import read_pair
+from camcal.data.point_files import POINT_FILES
+from camcal.data.point_files.base import Board, Reader
 from camcal.data.table import Table, read_table
 from camcal.data.table_checks import check_duplicates, check_not_swapped
 from camcal.errors import DataError, UsageError
+from camcal.registry import load
 
+#: endings of files that may be another program's points
+FOREIGN = (".vnl", ".yml", ".yaml", ".xml", ".json")
+#: bytes of a .txt that say whether it is a table or a gcp_list
+HEAD = 4096
 Array = np.ndarray
 PathLike = str | os.PathLike
 
@@ -26,6 +35,8 @@ def read_points(
     points3d: PathLike | None = None,
     points2d: PathLike | None = None,
     image_size: tuple[int, int] | None = None,
+    board: tuple[int, int] | None = None,
+    square: float = 1.0,
 ) -> Correspondences:
     """Read correspondences of 3D points and pixels.
 
@@ -38,6 +49,10 @@ def read_points(
         Instead: two tables whose rows correspond, one of points in the world and one of pixels.
     image_size : (width, height), optional
         Of the pictures, px. An archive may bring its own.
+    board : (columns, rows), optional
+        Inner corners of the board, for files that list corners without their place on it (.vnl).
+    square : float
+        Side of a square of that board.
 
     Returns
     -------
@@ -68,11 +83,32 @@ def read_points(
             raise UsageError(f"'{path}' is given twice.", "Each file is read once.")
         if path.lower().endswith(".npz"):
             table, own_size = read_archive(path)
-            image_size = _same_size(image_size, own_size, path)
         else:
-            table = read_table(path, POINTS)
+            table, own_size = _read_text(path, Board(board, square))
+        image_size = _same_size(image_size, own_size, path)
         tables.append(table)
     return _collect(tables, tables, image_size)
+
+
+def _read_text(path: str, board: Board) -> tuple[Table, tuple[int, int] | None]:
+    """A table of points, or another program's file of points."""
+    for reader in _readers(Path(path)):
+        source = Source(Path(path))
+        with damage(source, reader.title):
+            if reader.sniff(source):
+                return reader.read(source, board)
+    return read_table(path, POINTS), None
+
+
+def _readers(path: Path) -> list[Reader]:
+    """The readers of other programs' points that a file may be for; a table is not read into memory for that."""
+    if path.suffix.lower() == ".txt" and path.is_file():
+        with path.open("rb") as stream:
+            start = Source(path, stream.read(HEAD))
+        return [r for r in map(load, POINT_FILES.values()) if r.sniff(start)]
+    return (
+        [load(r) for r in POINT_FILES.values()] if path.suffix.lower() in FOREIGN and path.is_file() else []
+    )
 
 
 def _same_size(

@@ -77,7 +77,8 @@ def write_points(
 ) -> None:
     """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma`; `id` and `sigma` where the views have them.
 
-    `view_column` heads the first column: `file` for what was found in pictures.
+    `view_column` heads the first column: `file` for what was found in pictures. A path that ends in `.npz` gets an
+    archive, one in `.vnl` the corners in mrcal's form.
     `camcal.data.points.read_points` reads back the same numbers to the last bit.
 
     Raises
@@ -88,6 +89,13 @@ def write_points(
     """
     check_writable(path, force)
     views = correspondences.views
+    suffix = Path(path).suffix.lower()
+    if suffix in (".npz", ".vnl"):
+        from camcal.data.point_files import written
+
+        make = written.archive if suffix == ".npz" else written.vnl
+        atomic_write(path, make(correspondences), force)
+        return
     with_id = _all_or_none(views, "point_ids", "ids")
     with_sigma = _all_or_none(views, "sigma", "sigmas")
     out = io.StringIO()

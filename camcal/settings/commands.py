@@ -177,6 +177,11 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             FILE,
             "A camera whose distortion is held, such as `camcal lines` writes; sets --model.",
         ),
+        replace(
+            DetectionOptions.options()["board"],
+            help="Inner corners of the board of a .vnl file, columns x rows.",
+        ),
+        replace(DetectionOptions.options()["square"], help="Side of a square of that board, such as 25mm."),
         IMAGE_SIZE,
         *CALIBRATION,
         *RESULT,
@@ -186,7 +191,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "batch": (*BATCH, *CI, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "watch": (*WATCH, *BOARD, REFINE_CORNERS, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "detect": (
-        replace(OUTPUT, help="The table (CSV): file, id, X, Y, Z, u, v, sigma.", required=True),
+        replace(OUTPUT, help="The table (CSV: file, id, X, Y, Z, u, v, sigma; .npz; .vnl).", required=True),
         *BOARD,
         FORCE,
         CONFIG,

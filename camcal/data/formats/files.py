@@ -81,7 +81,7 @@ def recognised(source: Source) -> Format:
         Where no format is recognised.
     """
     for form in formats():
-        with _damage(source, form.title):
+        with damage(source, form.title):
             if form.sniff(source):
                 return form
     raise DataError(
@@ -92,7 +92,7 @@ def recognised(source: Source) -> Format:
 
 def parsed(form: Format, source: Source) -> CameraFile:
     """The checked cameras of a file of a known format."""
-    with _damage(source, form.title):
+    with damage(source, form.title):
         found = form.read(source)
         if not found.cameras:
             raise DataError("no camera in it.", "Is it the right file?")
@@ -101,7 +101,7 @@ def parsed(form: Format, source: Source) -> CameraFile:
 
 
 @contextmanager
-def _damage(source: Source, title: str) -> Iterator[None]:
+def damage(source: Source, title: str) -> Iterator[None]:
     """Say of any error of a reader which file it is about, and of missing entries that it is damaged."""
     try:
         yield

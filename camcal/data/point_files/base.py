@@ -1,0 +1,74 @@
+"""What a reader of another program's points gives: a table like any other."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.formats.source import Source
+from camcal.data.table import Table
+from camcal.errors import DataError
+
+Array = np.ndarray
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Board:
+    """What the command line says of a board: inner corners, columns x rows, and the side of a square."""
+
+    grid: Size | None = None
+    square: float = 1.0
+
+    def points(self, count: int, source: str) -> Array:
+        """The points (count, 3) of a board whose corners are listed row by row.
+
+        Without a size, a square number of corners is a square board.
+
+        Raises
+        ------
+        DataError
+            Where the size is not known, or another than the number of corners.
+        """
+        columns, rows = self.grid or (round(count**0.5),) * 2
+        if columns * rows != count:
+            found = f"{count} corners a picture"
+            needed = f"{columns}x{rows} = {columns * rows}" if self.grid else "the size of the board"
+            raise DataError(f"{source}: {found}; {needed} is needed.", "Give --board COLUMNSxROWS.")
+        x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+        return np.c_[x.ravel(), y.ravel(), np.zeros(count)] * self.square
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How a kind of file is recognised and read into a table and the size of the pictures."""
+
+    title: str
+    sniff: Callable[[Source], bool]
+    read: Callable[[Source, Board], tuple[Table, Size | None]]
+
+
+def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | None]]) -> Table:
+    """A table from (name, xyz (N, 3), uv (N, 2), ids (N,) or None) of each view.
+
+    Raises
+    ------
+    DataError
+        Where no view has a point, or a coordinate is not finite.
+    """
+    kept = [v for v in views if len(v[1])]
+    if not kept:
+        raise DataError(f"{source.path}: no picture with points.", "Is it the right file?")
+    with_ids = all(ids is not None for *_, ids in kept)
+    columns = ("X", "Y", "Z", "u", "v", *(("id",) if with_ids else ()))
+    blocks = [np.c_[xyz, uv, ids] if with_ids else np.c_[xyz, uv] for _, xyz, uv, ids in kept]
+    values = np.concatenate(blocks).astype(float)
+    if not np.isfinite(values).all():
+        raise DataError(f"{source.path}: a coordinate that is not finite.", "Remove that point.")
+    index = np.repeat(np.arange(len(kept)), [len(b) for b in blocks])
+    names = tuple(name for name, *_ in kept)
+    digest = hashlib.sha256(source.data).hexdigest()
+    return Table(str(source.path), digest, columns, values, names, index, shape=(len(values),))
