@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from camcal.detect.polynomials import CUBIC, LINEAR, QUADRATIC, monomials
 from camcal.geometry.homography import homographies
 
 Array = np.ndarray
@@ -19,9 +20,8 @@ BoardFromPixel = Callable[[Array], Array]
 
 SPAN = 5  #: corners to each side of the block from which a corner's map is made
 STEEPEST = 4.0  #: largest ratio of depths for which one homography is trusted
-MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 RIDGE = 1e-9  #: keeps the equations solvable where corners are missing in a line
-CUBIC, QUADRATIC, LINEAR = 10, 6, 3  #: number of monomials
+FOR_CUBIC, FOR_QUADRATIC = 14, 8  #: corners that a polynomial of that degree needs: 1.4 for each coefficient
 
 
 def board_from_corners(uv: Array) -> BoardFromPixel:
@@ -42,7 +42,7 @@ def board_from_corners(uv: Array) -> BoardFromPixel:
 
     def map_pixels(pixels: Array) -> Array:
         offset = flat(pixels) - centre[:, None]
-        return _powers(offset) @ coefficients
+        return _powers(offset).transpose(0, 2, 1) @ coefficients
 
     return map_pixels
 
@@ -69,34 +69,31 @@ def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
     height, width = min(SPAN, rows), min(SPAN, columns)
     top = np.clip(at[:, 0] - height // 2, 0, rows - height)
     left = np.clip(at[:, 1] - width // 2, 0, columns - width)
-    r = (top[:, None, None] + np.arange(height)[None, :, None] + np.zeros((1, 1, width), int)).reshape(
-        len(at), -1
-    )
-    c = (left[:, None, None] + np.arange(width)[None, None, :] + np.zeros((1, height, 1), int)).reshape(
-        len(at), -1
-    )
-    weight = present[r, c].astype(float)
+    block = (np.arange(height)[:, None] * columns + np.arange(width)).ravel()
+    k = (top * columns + left)[:, None] + block
+    known = present.ravel()[k]
     centre = near[present]
-    x = np.where(weight[..., None] > 0, near[r, c] - centre[:, None], 0.0)
-    y = np.where(weight[..., None] > 0, board[r, c], 0.0)
-    degree = _terms(weight.sum(1), min(height, width))
-    design = _powers(x) * weight[..., None]
-    coefficients = np.zeros((len(at), len(MONOMIALS), 2))
+    x = np.where(known[..., None], near.reshape(-1, 2)[k] - centre[:, None], 0.0)
+    y = np.where(known[..., None], board.reshape(-1, 2)[k], 0.0)
+    degree = _terms(known.sum(1), min(height, width))
+    design = _powers(x) * known[:, None]
+    coefficients = np.zeros((len(at), CUBIC, 2))
     for terms in np.unique(degree):
         k = np.flatnonzero(degree == terms)
-        a = design[k][..., :terms]
-        transposed = a.transpose(0, 2, 1)
-        coefficients[k, :terms] = np.linalg.solve(transposed @ a + RIDGE * np.eye(terms), transposed @ y[k])
+        a = design[k, :terms]
+        normal = a @ a.transpose(0, 2, 1) + RIDGE * np.eye(terms)
+        coefficients[k, :terms] = np.linalg.solve(normal, a @ y[k])
     return centre, coefficients
 
 
 def _terms(number: Array, side: int) -> Array:
     """How many monomials so many corners, in a block of so many to the side, can carry."""
-    terms = np.where(number >= 14, CUBIC, np.where(number >= 8, QUADRATIC, LINEAR))
+    terms = np.where(number >= FOR_CUBIC, CUBIC, np.where(number >= FOR_QUADRATIC, QUADRATIC, LINEAR))
     return np.minimum(terms, CUBIC if side >= 4 else QUADRATIC if side >= 3 else LINEAR)
 
 
-def _powers(x: Array) -> Array:
-    """Monomials (..., 10) of the points (..., 2)."""
-    a, b = x[..., 0], x[..., 1]
-    return np.stack([a**i * b**j for i, j in MONOMIALS], -1)
+def _powers(points: Array) -> Array:
+    """Monomials (K, 10, P) of points (K, P, 2)."""
+    out = np.empty((len(points), CUBIC, points.shape[1]))
+    monomials(points[..., 0], points[..., 1], out)
+    return out

@@ -14,7 +14,8 @@ from camcal.detect.windows import Windows
 Array = np.ndarray
 
 LEAST_CORNERS = 12  #: for a quadratic surface; fewer carry a plane, fewer than half of it nothing
-ROUNDS = 3
+ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
+HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
 
 
 def slopes(uv: Array, offset: Array, contrast: Array) -> Array:
@@ -45,13 +46,12 @@ def slopes(uv: Array, offset: Array, contrast: Array) -> Array:
 
 def _robust_fit(design: Array, values: Array) -> Array:
     """Least squares with Huber's weights, the scale from the median deviation."""
-    weight = np.ones(len(values))
+    weighted = design
     for _ in range(ROUNDS):
-        root = np.sqrt(weight)[:, None]
-        solution = np.linalg.lstsq(design * root, values * root[:, 0], rcond=None)[0]
+        solution = np.linalg.solve(weighted.T @ design, weighted.T @ values)
         residual = np.abs(values - design @ solution)
-        limit = 2.0 * max(float(np.median(residual)), 1e-9)
-        weight = np.minimum(1, limit / np.maximum(residual, 1e-12))
+        limit = HUBER * max(float(np.median(residual)), 1e-9)
+        weighted = design * np.minimum(1, limit / np.maximum(residual, 1e-12))[:, None]
     return solution
 
 

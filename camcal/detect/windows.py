@@ -7,17 +7,18 @@ pixels near its two edges are kept: the others say nothing about where the edges
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from camcal.detect.local_map import BoardFromPixel
+from camcal.detect.polynomials import CUBIC, monomials
 
 Array = np.ndarray
 
-LARGEST = 20  #: px; half the side of the largest window
-STENCIL = np.linspace(-1, 1, 5)  #: of the half-width; where the map to the board is asked for
-UNUSED = np.float32(1)  #: their grey value, which is at no limit
+LARGEST = 20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
+SIDE = 5  #: points to each side of a window where the map to the board is asked for; a cubic needs 4
+UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
 
 
@@ -68,89 +69,64 @@ def cut(
     largest : float
         px; half the side of the largest window.
     """
-    share = _limited(half, sides, largest)
-    base = np.rint(uv)
-    arms = sides * share[:, None, None]
-    bands = [_Band.along(arms[:, i], arms[:, 1 - i], reach) for i in (0, 1)]
-    first, second = (band.pixels() for band in bands)
-    x, y = np.concatenate([first, second], 2)
-    counts = np.ones(x.shape, bool)
-    counts[:, first.shape[2] :] = ~bands[0].covers(*second)  # what both bands hold is taken once
+    share = limited(half, sides, largest)
+    base = np.rint(uv).astype(int)
     shift = (base - uv).astype(np.float32)
-    q = np.stack([x + shift[:, :1], y + shift[:, 1:]], 1)
-    inverse = np.linalg.inv(sides.transpose(0, 2, 1)).astype(np.float32)  # px -> squares
-    square = inverse @ q
-    np.abs(square, out=square)
-    counts &= square.max(1) < share.astype(np.float32)[:, None]
-    columns, rows = (
-        x.astype(np.int32) + base[:, :1].astype(np.int32),
-        y.astype(np.int32) + base[:, 1:].astype(np.int32),
-    )
-    within = (columns >= 0) & (columns < gray.shape[1]) & (rows >= 0) & (rows < gray.shape[0])
-    total = np.maximum(counts.sum(1), 1)
-    counts &= within
-    value = gray.ravel()[np.where(counts, rows * gray.shape[1] + columns, 0)].astype(np.float32)
+    extent = np.ceil((np.abs(sides).sum(1) * share[:, None]).max(0, initial=1.0))
+    x, y = (np.arange(-n, n + 1, dtype=np.float32) for n in extent)  # pixels of a box around each corner
+    across, px = _across(x, y, shift, sides * share[:, None, None])
+    wanted = across.max(0) < 1
+    np.minimum(across[0], across[1] * (px[:, 0] / px[:, 1])[:, None, None], out=across[0])
+    wanted &= across[0] < (reach * px[:, 0]).astype(np.float32)[:, None, None]
+    pixel, counts = _packed(wanted.reshape(len(uv), -1))
+    dx, dy = np.tile(x, len(y))[pixel], np.repeat(y, len(x))[pixel]
+    q = np.stack([dx + shift[:, :1], dy + shift[:, 1:]], 1)
+    column, row = (d.astype(np.int32) + base[:, i, None] for i, d in enumerate((dx, dy)))
+    total = counts.sum(1)
+    if ((base - extent < 0) | (base + extent >= gray.shape[1::-1])).any():
+        counts &= (column >= 0) & (column < gray.shape[1]) & (row >= 0) & (row < gray.shape[0])
     unused = ~counts
+    place = row * gray.shape[1] + column
+    place[unused] = 0
+    value = gray.ravel()[place].astype(np.float32)
+    value[unused] = UNUSED
     np.copyto(q, FAR, where=unused[:, None])
-    np.copyto(value, UNUSED, where=unused)
-    return Windows(uv, q, value, counts, counts.sum(1) / total)
+    return Windows(uv, q, value, counts, counts.sum(1) / np.maximum(total, 1))
 
 
-@dataclass(frozen=True)
-class _Band:
-    """The pixels along an edge through each of K corners, up to `width` to both sides, counted along x or y.
+def _across(x: Array, y: Array, shift: Array, axes: Array) -> tuple[Array, Array]:
+    """How far pixels x (I,), y (J,), moved by `shift` (K, 2), are from the two edges of each corner.
 
-    Attributes
-    ----------
-    steep : (K, 1) bool array
-        Whether the edge runs along y rather than along x.
-    slope : (K, 1) float32 array
-        px across for a px along.
-    length : (K, 1) array
-        px to each side of the corner.
+    Returns
+    -------
+    across : (2, K, J, I) float32 array
+        From the edge along the columns and from that along the rows, of the half-widths `axes` (K, 2, 2).
+    px : (K, 2) float32 array
+        How much that is for one px across the edges.
     """
-
-    steep: Array
-    slope: Array
-    length: Array
-    width: int
-
-    @classmethod
-    def along(cls, half_edge: Array, other: Array, reach: Array | float) -> _Band:
-        """Within `reach` px of the edge from -`half_edge` to `half_edge` (K, 2), inside the window."""
-        steep = np.abs(half_edge[:, 1]) > np.abs(half_edge[:, 0])
-        major = np.where(steep, half_edge[:, 1], half_edge[:, 0])
-        minor = np.where(steep, half_edge[:, 0], half_edge[:, 1])
-        slope = minor / np.where(major == 0, 1, major)
-        # across is counted along x or y, to which the edge lies at up to 45 degrees
-        width = int(np.ceil(np.max(reach * np.sqrt(1 + slope**2), initial=1.0)))
-        beyond = np.minimum(np.abs(np.where(steep, other[:, 1], other[:, 0])), width)
-        length = np.abs(major) + beyond
-        return cls(steep[:, None], slope[:, None].astype(np.float32), length[:, None], width)
-
-    def pixels(self) -> Array:
-        """x and y (2, K, P), whole numbers as float32."""
-        reach = int(np.ceil(self.length.max(initial=1.0)))
-        along = np.arange(-reach, reach + 1, dtype=np.float32)
-        across = np.arange(-self.width, self.width + 1, dtype=np.float32)
-        minor = (np.rint(self.slope * along)[:, :, None] + across).reshape(len(self.slope), -1)
-        major = np.broadcast_to(np.repeat(along, len(across)), minor.shape)
-        return np.stack([np.where(self.steep, minor, major), np.where(self.steep, major, minor)])
-
-    def covers(self, x: Array, y: Array) -> Array:
-        """Whether pixels (K, P) are among those of the band."""
-        major, minor = np.where(self.steep, y, x), np.where(self.steep, x, y)
-        reach = np.ceil(self.length.max(initial=1.0))
-        near = np.abs(minor - np.rint(self.slope * major)) <= self.width
-        return near & (np.abs(major) <= reach)
+    inverse = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32)
+    across = np.empty((2, len(axes), len(y), len(x)), np.float32)
+    for i in range(2):
+        by_x = inverse[:, i, :1] * (x + shift[:, :1])
+        by_y = inverse[:, i, 1:] * (y + shift[:, 1:])
+        np.add(by_y[:, :, None], by_x[:, None], out=across[i])
+    return np.abs(across, out=across), np.linalg.norm(inverse, axis=2)
 
 
-def _limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:
+def _packed(wanted: Array) -> tuple[Array, Array]:
+    """Indices (K, P) of the true entries of each row (K, N), padded with 0, and which are no padding."""
+    number = wanted.sum(1)
+    row, pixel = np.nonzero(wanted)
+    first = np.cumsum(number) - number
+    packed = np.zeros((len(wanted), int(number.max(initial=1))), int)
+    packed[row, np.arange(len(row)) - np.repeat(first, number)] = pixel
+    return packed, np.arange(packed.shape[1]) < number[:, None]
+
+
+def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:
     """Half-widths (K,) of the windows as shares of the squares, so that none is larger than `largest` px."""
     longest = np.linalg.norm(sides, axis=2).max(1)
-    return np.minimum(
-        np.broadcast_to(np.asarray(half, float), len(sides)), largest / np.maximum(longest, 1e-9)
-    )
+    return np.minimum(half, largest / np.maximum(longest, 1e-9))
 
 
 def straightened(
@@ -169,29 +145,28 @@ def straightened(
     board_from_pixel : callable
         px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
     """
-    share = _limited(half, sides)
-    stencil = np.stack(np.meshgrid(STENCIL, STENCIL), -1).reshape(-1, 2)
-    offset = (stencil * share[:, None, None]) @ sides
+    axes = sides * limited(half, sides)[:, None, None]  # of a window: half its width along columns and rows
+    offset = STENCIL @ axes
     board = board_from_pixel(windows.origin[:, None] + offset)
     known = np.asarray(np.isfinite(board).reshape(len(board), -1).all(1))
     board = np.where(known[:, None, None], board, offset)
-    scale = share * np.linalg.norm(sides, axis=2).max(1)
-    x, y = np.moveaxis(offset / scale[:, None, None], -1, 0)
-    design = np.stack([x**0, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], -1)
-    transposed = design.transpose(0, 2, 1)
-    cubic = np.linalg.solve(transposed @ design, transposed @ board)
-    derivative = cubic[:, 1:3].transpose(0, 2, 1)
-    bend = np.linalg.solve(derivative, cubic[:, 3:].transpose(0, 2, 1)) * scale[:, None, None]
-    return Windows(windows.origin, _bent(windows, scale, bend), windows.value, windows.counts, windows.inside)
+    cubic = THROUGH_STENCIL @ board
+    px_from_board = axes.transpose(0, 2, 1) @ np.linalg.inv(cubic[:, 1:3].transpose(0, 2, 1))
+    bend = (px_from_board @ cubic[:, 3:].transpose(0, 2, 1)).astype(np.float32)
+    place = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32) @ windows.q
+    place *= windows.counts[:, None]
+    terms = np.empty((len(place), CUBIC - 3, place.shape[2]), np.float32)
+    monomials(place[:, 0], place[:, 1], terms, 3)
+    return replace(windows, q=windows.q + bend @ terms)
 
 
-def _bent(windows: Windows, scale: Array, bend: Array) -> Array:
-    """Add the quadratic and cubic terms, `bend` (K, 2, 7) times monomials of q / `scale`, to q."""
-    x, y = np.moveaxis(windows.q * np.where(windows.counts, 1 / scale[:, None], 0)[:, None], 1, 0)
-    x, y = x.astype(np.float32), y.astype(np.float32)
-    terms = np.empty((len(x), 7, x.shape[1]), np.float32)
-    for i, (a, b) in enumerate(((x, x), (x, y), (y, y))):
-        np.multiply(a, b, out=terms[:, i])
-    for i, (a, b) in enumerate(((0, x), (0, y), (2, x), (2, y)), 3):
-        np.multiply(terms[:, a], b, out=terms[:, i])
-    return windows.q + np.matmul(bend.astype(np.float32), terms)
+def _stencil() -> tuple[Array, Array]:
+    """Points (25, 2) of a window from -1 to 1, and the matrix (10, 25) of the cubic through values there."""
+    line = np.linspace(-1, 1, SIDE)
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    terms = np.empty((CUBIC, x.size))
+    monomials(x, y, terms)
+    return np.stack([x, y], -1), np.linalg.pinv(terms.T)
+
+
+STENCIL, THROUGH_STENCIL = _stencil()
