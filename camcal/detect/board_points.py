@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from camcal.detect import saddle
+from camcal.detect.corners import Corners
 from camcal.detect.edge_model import COUNT
 from camcal.geometry import homography
 
@@ -51,12 +51,12 @@ class Known:
         return np.flatnonzero(self.good)
 
     @property
-    def corners(self) -> saddle.Corners:
+    def corners(self) -> Corners:
         """The good points as fitted corners."""
         k = self.rows
-        return saddle.Corners(self.uv[k], self.covariance[k], self.params[k], self.noise[k], ("",) * len(k))
+        return Corners(self.uv[k], self.covariance[k], self.params[k], self.noise[k], ("",) * len(k))
 
-    def add(self, ids: Array, found: saddle.Corners, jacobian: Array) -> int:
+    def add(self, ids: Array, found: Corners, jacobian: Array) -> int:
         """Take the good ones of newly fitted points; how many those are."""
         good = found.good
         rows = ids[good]

@@ -16,7 +16,9 @@ from camcal.detect.polynomials import CUBIC, monomials
 
 Array = np.ndarray
 
-LARGEST = 20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
+LARGEST = (
+    20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
+)
 SIDE = 5  #: points to each side of a window where the map to the board is asked for; a cubic needs 4
 UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.detect import saddle
-from camcal.detect.grid_fit import fit_reduced, sharp_corners
+from camcal.detect.grid_fit import sharp_corners
 from camcal.detect.pyramid import grey_span
 from camcal.detect.search import Found, search
 from camcal.detect.squares import oriented
@@ -21,8 +20,6 @@ from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 
-COARSE = 4.0  #: px; a picture reduced by more is fitted first itself
-COARSE_ERROR = 0.25  #: px; of a corner before it is fitted
 LEAST_UNASKED = 12  #: corners; a smaller grid is believed only where its size was asked for
 SURE = 0.75  #: share of its corners that must stand the fit
 LEAST_GOOD = 0.5  #: share of the corners that must stand the fit
@@ -100,13 +97,8 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     turned = oriented(found.picture, found.lattice.scaled(1 / found.factor), columns, rows)
     if turned is None:
         raise ValueError(f"a grid of {found.lattice.size} cannot be numbered as {columns}x{rows}")
-    blur = saddle.START_BLUR
-    if found.factor > COARSE:
-        turned = fit_reduced(found.picture, turned)
-    else:
-        blur = max(blur, COARSE_ERROR * found.factor)
     lattice = turned.scaled(found.factor)
-    ids, corners, reasons = sharp_corners(gray, lattice, blur)
+    ids, corners, reasons = sharp_corners(gray, lattice, found.factor, found.picture)
     everywhere = range(columns * rows)
     rejected = {i: reasons.get(i, "not seen") for i in everywhere if i not in set(ids.tolist())}
     if len(ids) < max(4, LEAST_GOOD * columns * rows):
