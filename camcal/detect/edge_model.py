@@ -120,3 +120,26 @@ def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tupl
     terms += variance
     terms *= both
     return terms, both, turned
+
+
+def residuals(
+    q: Array, value: Array, counts: Array, params: Array, limits: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Residuals (K, P), model - value, and their derivatives (K, 7, P); 0 for pixels that say nothing.
+
+    Parameters
+    ----------
+    q, params
+        As for `evaluate`.
+    value : (K, P) array
+        Grey values.
+    counts : (K, P) bool array
+        Which of them are to be looked at.
+    limits : (low, high)
+        Grey values at which the picture is cut off: a pixel there says only that the value is at least so extreme.
+    """
+    model, jacobian = evaluate(q, params)
+    residual = model - value
+    low, high = limits
+    says = counts & ~((value >= high) & (residual > 0)) & ~((value <= low) & (residual < 0))
+    return residual * says, jacobian * says[:, None]

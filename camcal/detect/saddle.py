@@ -16,7 +16,7 @@ from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import first_guess, fit
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
-from camcal.detect.shading import evened, slopes
+from camcal.detect.shading import evened, slopes, with_slopes
 from camcal.detect.windows import Windows, cut, straightened
 
 Array = np.ndarray
@@ -158,4 +158,5 @@ def sharpen(
     start = known.params.copy()
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    return tested(windows, as_seen(fit(windows, start, limits), shape), sides, half, grey_span(gray))
+    fits = with_slopes(windows, fit(windows, start, limits), limits)
+    return tested(windows, as_seen(fits, shape), sides, half, grey_span(gray))

@@ -7,12 +7,20 @@ shift; all of them together can.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from camcal.detect import edge_model as model
+from camcal.detect.fit import Fits
 from camcal.detect.windows import Windows
 
 Array = np.ndarray
 
+#: times the median of a picture's corners; residuals above show what the model does not hold. In photographs 1 in 10
+#: corners has 1.4 at most
+UNUSUAL = 1.5
+SIGNIFICANT = 5.0  #: sigmas by which a slope of the shading must move a corner to count; JPEG blocks make 4
 LEAST_CORNERS = 12  #: for a quadratic surface; fewer carry a plane, fewer than half of it nothing
 ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
 HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
@@ -78,3 +86,37 @@ def evened(
     value = np.clip(ink + share * range_, low + 1e-3, high - 1e-3)
     value = np.where(cut_off, windows.value, value).astype(np.float32)
     return Windows(windows.origin, windows.q, value, windows.counts, windows.inside)
+
+
+def with_slopes(windows: Windows, fits: Fits, limits: tuple[float, float]) -> Fits:
+    """Fits whose covariance holds by how much a slope of the shading within a window, as beside a glare, moves a corner.
+
+    Only corners with unusual residuals are looked at. The slope g that these show is that of least squares over the
+    fit's own parameters and two more: with residuals r, derivatives J, the pixels' coordinates G and X = (J Jᵀ)⁻¹ J Gᵀ
+
+        (G Gᵀ - G Jᵀ X) g = -G r,    the corner moves by the first two rows of -X g
+
+    Parameters
+    ----------
+    windows : Windows
+    fits : Fits
+        Of the windows.
+    limits : (low, high)
+        Grey values at which the picture is cut off.
+    """
+    rows = np.flatnonzero(fits.noise > UNUSUAL * np.median(fits.noise))
+    if not len(rows):
+        return fits
+    some = windows.take(rows)
+    found = model.residuals(some.q, some.value, some.counts, fits.params[rows], limits)
+    residual, jacobian = (a.astype(float) for a in found)
+    place = np.where(jacobian[:, [model.OFFSET]] != 0, some.q, 0).astype(float)
+    both, right = jacobian @ place.transpose(0, 2, 1), place @ residual[..., None]
+    reaction = np.linalg.pinv(jacobian @ jacobian.transpose(0, 2, 1), hermitian=True) @ both
+    own = place @ place.transpose(0, 2, 1) - both.transpose(0, 2, 1) @ reaction
+    move = (reaction @ (np.linalg.pinv(own, hermitian=True) @ right))[:, :2, 0]
+    variance = 0.5 * np.trace(fits.covariance[rows], axis1=1, axis2=2)
+    clear = (move**2).sum(1) > SIGNIFICANT**2 * variance
+    covariance = fits.covariance.copy()
+    covariance[rows[clear]] += move[clear, :, None] * move[clear, None, :]
+    return replace(fits, covariance=covariance)
