@@ -110,21 +110,24 @@ def _sectors(smooth: Array, xy: Array, radius: float) -> tuple[Array, Array, Arr
     follows the first is bright.
     """
     samples = 8 * int(np.ceil(2 * np.pi * radius / SPACING / 8))
-    theta = np.arange(samples) * (2 * np.pi / samples)
     if not len(xy):
         return np.zeros(0, int), np.zeros((0, 4)), np.zeros(0)
-    x, y = ((xy[:, i, None] + radius * f(theta)).astype(np.float32) for i, f in ((0, np.cos), (1, np.sin)))
-    values = cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    high, low = values.max(1), values.min(1)
-    values -= (0.5 * (high + low))[:, None]
+    theta = np.arange(samples, dtype=np.float32) * np.float32(2 * np.pi / samples)
+    x, y = (
+        xy[:, i].astype(np.float32) + np.float32(radius) * f(theta)[:, None]
+        for i, f in enumerate((np.cos, np.sin))
+    )
+    values = cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # (samples, N)
+    high, low = values.max(0), values.min(0)
+    values -= 0.5 * (high + low)
     changes = np.signbit(values)
-    changes = changes != np.roll(changes, -1, 1)
-    four = np.flatnonzero(np.add.reduce(changes, 1, dtype=np.uint8) == 4)
-    values = values[four]
-    opposite = np.einsum("np,np->n", values, np.roll(values, samples // 2, 1))
-    alike = opposite > OPPOSITE * np.einsum("np,np->n", values, values)
-    four, values = four[alike], values[alike]
-    index = np.nonzero(changes[four])[1].reshape(-1, 4)
+    changes = changes != np.concatenate([changes[1:], changes[:1]])
+    four = np.flatnonzero(np.add.reduce(changes, 0, dtype=np.uint8) == 4)
+    values = values[:, four]
+    opposite = 2 * (values[: samples // 2] * values[samples // 2 :]).sum(0)
+    alike = opposite > OPPOSITE * (values * values).sum(0)
+    four, values = four[alike], values[:, alike].T
+    index = np.nonzero(changes[:, four].T)[1].reshape(-1, 4)
     rows = np.arange(len(four))[:, None]
     before, after = values[rows, index], values[rows, (index + 1) % samples]
     rays = (index + before / (before - after)) * (2 * np.pi / samples)

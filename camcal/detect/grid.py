@@ -8,7 +8,7 @@ no plane is assumed, so that a grid is found through a fisheye and on a bent she
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,21 +74,25 @@ def neighbours(
     if count < LEAST_NODES:
         return np.full((count, 4), -1), np.zeros((count, 4), int)
     near = np.asarray(cKDTree(marks.xy).query(marks.xy, k=min(NEAREST + 1, count))[1])[:, 1:]
-    step = marks.xy[near] - marks.xy[:, None]
-    step /= np.linalg.norm(step, axis=2, keepdims=True)
-    own = step @ marks.rays.transpose(0, 2, 1)  # cosines (N, k, 4)
-    its = -np.einsum("nkc,nkrc->nkr", step, marks.rays[near])
-    ray, back = own.argmax(2), its.argmax(2)
-    fits = (own.max(2) > np.cos(ANGLE)) & (its.max(2) > np.cos(ANGLE))
-    fits &= np.abs(np.log(marks.size[near] / marks.size[:, None])) < np.log(marks.spread)
+    x, y = (marks.xy[:, i][near] - marks.xy[:, i, None] for i in (0, 1))
+    distance = np.hypot(x, y)
+    x, y, rays = x / distance, y / distance, marks.rays.transpose(1, 2, 0)
+    ray, own = _closest(x * cos[:, None] + y * sin[:, None] for cos, sin in rays)
+    its_ray, its = _closest(-x * cos[near] - y * sin[near] for cos, sin in rays)
+    size = np.log(marks.size)
+    fits = (np.minimum(own, its) > np.cos(ANGLE)) & (
+        np.abs(size[near] - size[:, None]) < np.log(marks.spread)
+    )
     if marks.alternating:
-        fits &= (ray + back) % 2 == 1
-    # the marks are in order of distance: the first that fits on a ray is the nearest
-    on_ray = fits[:, :, None] & (ray[:, :, None] == np.arange(4))
-    first = on_ray.argmax(1)
-    rows = np.arange(count)[:, None]
-    other = np.where(on_ray.any(1), near[rows, first], -1)
-    back = back[rows, first]
+        fits &= (ray + its_ray) % 2 == 1
+    rows = np.arange(count)
+    other, back = np.full((count, 4), -1), np.zeros((count, 4), int)
+    for i in range(4):  # the marks are in order of distance: the first that fits on a ray is the nearest
+        here = fits & (ray == i)
+        first = here.argmax(1)
+        other[:, i] = np.where(here[rows, first], near[rows, first], -1)
+        back[:, i] = its_ray[rows, first]
+    rows = rows[:, None]
     other[other[other, back] != rows] = -1  # both must agree; -1 looks up the last row and stays -1
     if shown is not None:
         i, along = np.nonzero(other > rows)
@@ -97,6 +101,17 @@ def neighbours(
         other[other[i, along], back[i, along]] = -1
         other[i, along] = -1
     return _in_squares(other, back) if marks.closed else other, back
+
+
+def _closest(cosines: Iterable[Array]) -> tuple[Array, Array]:
+    """Which of several arrays is largest at each place, and its value there."""
+    every = iter(cosines)
+    largest = next(every)
+    which = np.zeros(largest.shape, int)
+    for i, cosine in enumerate(every, 1):
+        which[cosine > largest] = i
+        largest = np.maximum(largest, cosine)
+    return which, largest
 
 
 def _in_squares(other: Array, back: Array) -> Array:

@@ -93,10 +93,13 @@ def refine(
     return tested(windows, as_seen(fits, shape), sides, half, span or grey_span(gray))
 
 
-def wider_halves(columns: int, rows: int) -> Array:
-    """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, of a square."""
-    half = np.full((rows, columns), WIDER_HALF)
-    half[1:-1, 1:-1] = INNER_HALF
+def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
+    """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, of a square.
+
+    Corners at the rim have at most `WIDER_HALF`, as outer squares may be cut narrower.
+    """
+    half = np.full((rows, columns), min(inner, WIDER_HALF))
+    half[1:-1, 1:-1] = inner
     return half.ravel()
 
 
