@@ -66,7 +66,7 @@ class _Layout:
         rows, columns = np.nonzero(self.index >= 0)
         if self.staggered and (((rows + columns) % 2).any() or self.index.shape[1] % 2):
             return False
-        return len(rows) >= max(FULL * self.size[0] * self.size[1], LEAST_DISCS)
+        return len(rows) >= LEAST_DISCS and len(rows) / (self.size[0] * self.size[1]) >= FULL
 
     def rightward(self, discs: Discs) -> float:
         """How nearly the rows run to the right of the picture: cosine of the angle."""

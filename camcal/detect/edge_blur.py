@@ -11,6 +11,7 @@ Array = np.ndarray
 
 SAMPLES = 33  #: across an edge; the place of an edge between them is random, and means of many edges unbiased
 ACROSS = 0.45  #: of a square, to each side of an edge: the next edges are half a square farther
+LINEAR = 1 / 6  #: px²; the variance of linear interpolation, t (1 - t) on average
 ENDS = 5  #: samples at each end that show the colours of the squares
 LEAST_STEP = 0.1  #: of the median step from black to white; a fainter edge is covered
 
@@ -50,4 +51,7 @@ def _blurs(gray: Array, start: Array, end: Array, across_start: Array, across_en
     share = (value[clear] - low[clear, None]) / step[clear, None]
     width = np.abs(edge[:, 0] * across[:, 1] - edge[:, 1] * across[:, 0]) / np.linalg.norm(edge, axis=1)
     integral = (share * (1 - share)).mean(1) * 2 * ACROSS * width[clear]
-    return max(float(np.sqrt(np.pi) * np.median(integral)), 0.0) if clear.any() else 0.0
+    if not clear.any():
+        return 0.0
+    blur = max(float(np.sqrt(np.pi) * np.median(integral)), 0.0)
+    return float(np.sqrt(max(blur**2 - LINEAR, 0.0)))

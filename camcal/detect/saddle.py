@@ -16,7 +16,7 @@ from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import first_guess, fit
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
-from camcal.detect.shading import evened, slopes, with_slopes
+from camcal.detect.shading import evened, slopes, unusual, with_slopes
 from camcal.detect.windows import Windows, cut, straightened
 
 Array = np.ndarray
@@ -156,7 +156,8 @@ def sharpen(
     limits = grey_limits(gray, windows)
     windows = straightened(windows, sides, share, board_from_pixel)
     offset = known.params[:, model.OFFSET]
-    windows = evened(windows, slopes(known.uv, offset, known.contrast), offset, known.contrast, limits)
+    slope = slopes(known.uv, offset, known.contrast, ~unusual(known.noise))
+    windows = evened(windows, slope, offset, known.contrast, limits)
     windows, seen = rounded(windows, sides, shape)
     start = known.params.copy()
     if shape is not None:

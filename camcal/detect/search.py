@@ -17,9 +17,9 @@ from camcal.detect.targets.base import Miss, clock
 
 Array = np.ndarray
 
-#: px; what the longer side of the picture is reduced to, in the order of trial. 250 finds boards of large,
+#: px; what the longer side of the picture is reduced to, in the order of trial. 250 and 130 find boards of large,
 #: blurred squares, 1600 and 3200 those of small ones
-LONG_SIDES = (400, 800, 250, 1600, 3200)
+LONG_SIDES = (400, 800, 250, 130, 1600, 3200)
 ENLARGED = 1000  #: px; a picture of no longer side is enlarged twice at last, for squares of a few px
 SLOWER = 2.0  #: how much longer a pixel may take than at the level before
 LEAST_PIXELS = 16  #: to each side; a smaller picture is not looked at

@@ -59,8 +59,8 @@ def test_slopes_of_the_light():
     black = 30 + 0.01 * uv[:, 0]
     offset, contrast = (white + black) / 2, (white - black) / 2
     contrast[5] += 40  # a reflection
-    found = slopes(uv, offset, contrast)
     sound = np.arange(54) != 5
+    found = slopes(uv, offset, contrast, np.ones(54, bool))
     assert np.abs(found[sound, 0, 0] - 0.05).max() < 0.01
     assert np.abs(found[sound, 0, 1] + 2e-4 * uv[sound, 1]).max() < 0.02
     assert np.abs(found[sound, 1, 0] - 0.01).max() < 0.01
