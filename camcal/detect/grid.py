@@ -87,15 +87,14 @@ def neighbours(
         fits &= (ray + its_ray) % 2 == 1
     rows = np.arange(count)
     other, back = np.full((count, 4), -1), np.zeros((count, 4), int)
-    for i in range(4):  # the marks are in order of distance: the first that fits on a ray is the nearest
-        here = fits & (ray == i)
+    for r in range(4):  # the marks are in order of distance: the first that fits on a ray is the nearest
+        here = fits & (ray == r)
         first = here.argmax(1)
-        other[:, i] = np.where(here[rows, first], near[rows, first], -1)
-        back[:, i] = its_ray[rows, first]
-    rows = rows[:, None]
-    other[other[other, back] != rows] = -1  # both must agree; -1 looks up the last row and stays -1
+        other[:, r] = np.where(here[rows, first], near[rows, first], -1)
+        back[:, r] = its_ray[rows, first]
+    other[other[other, back] != rows[:, None]] = -1  # both must agree; -1 looks up the last row and stays -1
     if shown is not None:
-        i, along = np.nonzero(other > rows)
+        i, along = np.nonzero(other > rows[:, None])
         false = ~shown(i, along, other[i, along])
         i, along = i[false], along[false]
         other[other[i, along], back[i, along]] = -1
