@@ -17,6 +17,7 @@ CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a
 #: standard deviations of its parameters within which a fit stops: adds half a percent to a corner's error
 SETTLED = 0.1
 STILL = 0.01  #: px; a corner with less to move when the iterations run out counts as converged all the same
+ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
 MOST_BLUR = 30.0  #: px
 
@@ -60,7 +61,7 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     pixels = windows.counts.sum(1)
     options = Options(negligible(settled, pixels, model.COUNT), ITERATIONS)
     params, normal, stats = minimise(problem, start, options)
-    noise = np.sqrt(2 * normal.cost / np.maximum(pixels - model.COUNT, 1))
+    noise = np.sqrt(np.maximum(2 * normal.cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2))
     covariance = np.linalg.pinv(normal.matrix, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
     converged = stats.converged
     if not converged.all():

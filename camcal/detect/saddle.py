@@ -30,7 +30,7 @@ FIRST_SEEN = 3.0  #: blurs; the same where the picture is blurred
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
 MOST_START = 0.2  #: of a square; a larger blur at the start hides that there are two edges
-ROUGH = 0.5  #: standard deviations within which a first fit stops: the second begins there
+ROUGH = 2.0  #: standard deviations within which a first fit stops: the second begins there
 CLEAR = 2.5  #: blurs that a window keeps away from the next edge: 1 % of that edge is left
 LEAST_HALF = 0.25  #: of a square
 #: share of a window's pixels with grey values between black and white; a pixel's own area makes that of an edge
