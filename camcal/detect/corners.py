@@ -140,7 +140,7 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
         "not where its neighbours say": shift > np.maximum(MOST_SHIFT * half * shortest, START_ERROR),
         "edges do not follow the board": turn > MOST_TURN,
         "does not look like a corner": misfit > max(MOST_MISFIT, RARE * float(np.median(misfit))),
-        "uncertain": ~fits.converged | ~(variance < MOST_SIGMA**2),
+        "uncertain": ~fits.converged | ~((variance > 0) & (variance < MOST_SIGMA**2)),
     }
     reasons = np.select(list(tests.values()), list(tests), "")
     uv = windows.origin + params[:, :2]

@@ -18,6 +18,7 @@ CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a
 SETTLED = 0.1
 STILL = 0.01  #: px; a corner with less to move when the iterations run out counts as converged all the same
 ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
+PRODUCTS = 1e-5  #: of a diagonal of 1; the rounding of a sum of some hundred products in float32
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
 MOST_BLUR = 30.0  #: px
 
@@ -62,12 +63,20 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     options = Options(negligible(settled, pixels, model.COUNT), ITERATIONS)
     params, normal, stats = minimise(problem, start, options)
     noise = np.sqrt(np.maximum(2 * normal.cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2))
-    covariance = np.linalg.pinv(normal.matrix, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
+    covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     converged = stats.converged
     if not converged.all():
         step = problem.solve(params, normal, np.zeros(len(start)))[0]
         converged |= np.abs(step[:, :2]).max(1) < STILL
     return Fits(params, covariance, noise, converged)
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverses of JᵀJ (K, n, n), positive definite though the products are rounded to float32."""
+    diagonal = np.diagonal(matrix, axis1=1, axis2=2)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    both = scale[:, :, None] * scale[:, None, :]
+    return np.linalg.inv(matrix * both + PRODUCTS * np.eye(model.COUNT)) * both
 
 
 class _Corners(Small):

@@ -2,66 +2,77 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.data.observations import View
+from camcal.detect.camera_pass import WINDOWS, refine_in_windows
 from camcal.detect.images import detect_images
-from camcal.detect.refine_images import refine_images
-from camcal.model.pose import Pose
-from camcal.study.cameras import example_camera
-from tests.detect import drawing
+from camcal.detect.refine_images import on_board, refine_images
+from tests.detect.scenes import make, picture, pose, straight_camera
 
-SIZE, SHAPE = (6, 5), (240, 200)
+TARGET = make("checkerboard:6x5:20mm")
+POSES = [pose([0.5, 0.3, 0.2], [-55, -40, 330]), pose([-0.4, 0.2, 0.1], [-52, -40, 340])]
 
 
 @pytest.fixture
 def pictures(tmp_path):
-    maps = []
-    for i in range(2):
-        h = drawing.homography(SIZE, (120, 100), square=24, turn=0.3 * i, tilt=0.6, about=0.5 + i)
-        cv2.imwrite(str(tmp_path / f"{i}.png"), drawing.picture(h, SIZE, SHAPE, noise=2.0, seed=i))
-        maps.append(h)
-    return tmp_path, maps
-
-
-def camera_and_poses(maps, square=1.0):
-    """The camera of `drawing.homography` and its poses by picture, lengths in units of `square`."""
-    focal = 24 * 3.0 * max(SIZE)
-    values = {"fx": focal, "fy": focal, "cx": 120.0, "cy": 100.0}
-    k = np.array([[focal, 0, 120], [0, focal, 100], [0, 0, 1]])
-    poses = {}
-    for i, h in enumerate(maps):
-        a = np.linalg.inv(k) @ h
-        rotation = np.c_[a[:, :2], np.cross(a[:, 0], a[:, 1])]
-        poses[f"{i}.png"] = Pose(rotation, square * a[:, 2])
-    return example_camera("pinhole", SHAPE, values), poses
+    camera, rng = straight_camera((320, 260), 600.0), np.random.default_rng(0)
+    for i, at in enumerate(POSES):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(TARGET, camera, at, rng, blur=1.0, noise=2.0))
+    return tmp_path, camera, {f"{i}.png": at for i, at in enumerate(POSES)}
 
 
 def test_corners_move_little_and_stop(pictures):
-    folder, maps = pictures
+    folder, camera, poses = pictures
     found = detect_images([folder], square="20mm", cache=False)
     events = []
-    new, moved = refine_images(found, *camera_and_poses(maps, 20.0), on_event=lambda *e: events.append(e))
-    again, still = refine_images(new, *camera_and_poses(maps, 20.0))
+    new, moved = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
+    again, still = refine_images(new, camera, poses)
     assert 0 < moved < 0.05
-    assert still < 2e-3  # where a fit stops
-    for view, h in zip(again.views, maps, strict=True):
-        error = np.linalg.norm(view.uv - drawing.corners(SIZE, h)[view.point_ids], axis=1)
-        assert np.median(error / view.sigma) < 2.0  # 1.2 for a Gaussian, 30 corners
+    assert still < 0.1 * np.median(new.views[0].sigma)  # where a fit stops
+    for view in again.views:
+        true = camera.project(poses[view.id].apply(TARGET.points))
+        nearest = np.linalg.norm(view.uv[:, None] - true, axis=2).min(1)
+        assert np.median(nearest / view.sigma) < 2.0  # 1.2 for a Gaussian, 30 corners
     assert [name for name, _ in events] == ["refined", "refined"]
 
 
 def test_views_without_a_pose_stay(pictures):
-    folder, maps = pictures
-    found = detect_images([folder], cache=False)
-    new, moved = refine_images(found, camera_and_poses(maps)[0], {})
-    assert moved == 0 and all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
+    folder, camera, poses = pictures
+    found = detect_images([folder], square="20mm", cache=False)
+    new, moved = refine_images(found, camera, {"0.png": poses["0.png"]})
+    assert moved > 0 and (found.views[1].uv == new.views[1].uv).all()
+    assert (found.views[0].uv != new.views[0].uv).any()
 
 
 def test_changed_and_lost_pictures_are_said(pictures):
-    folder, maps = pictures
+    folder, camera, poses = pictures
     found = detect_images([folder], cache=False)
     (folder / "0.png").unlink()
     (folder / "1.png").write_bytes(b"another")
     events = []
-    new, moved = refine_images(found, *camera_and_poses(maps), on_event=lambda *e: events.append(e))
+    new, moved = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
     assert moved == 0 and all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
     assert [name for name, _ in events] == ["unrefined", "unrefined"]
     assert "changed" in events[1][1]["reason"]
+
+
+def test_wider_windows_have_less_noise():
+    """On a perfect board each window brings what the bound promises; the corners of all are independent of the start."""
+    camera, rng = straight_camera((480, 400), 700.0), np.random.default_rng(3)
+    target = make("checkerboard:9x7:20mm")
+    at = pose([0.3, -0.2, 0.1], [-80, -60, 420])
+    gray = picture(target, camera, at, rng, blur=1.0, noise=6.0)
+    true = camera.project(at.apply(target.points))
+    start = true + rng.normal(0, 0.1, true.shape)
+    view = View("", target.points, start, None, np.arange(len(true)))
+    views = refine_in_windows(gray, view, lambda px: on_board(camera, at, px), 20.0)
+    error = [np.sqrt(np.square(v.uv - true).sum(1).mean()) for v in views]
+    assert len(views) == len(WINDOWS) and error[0] > 1.2 * error[2] > 1.2 * 0.9 * error[-1]
+    for v, e in zip(views, error, strict=True):  # 63 corners, so 9 % of scatter
+        assert e == pytest.approx(np.sqrt(2 * np.square(v.sigma).mean()), rel=0.3)
+
+
+def test_a_map_without_values_leaves_the_corners():
+    gray = np.zeros((50, 60), np.uint8)
+    view = View("", np.zeros((4, 3)), np.full((4, 2), 20.0), np.ones(4), np.arange(4))
+    for new in refine_in_windows(gray, view, lambda px: np.full(px.shape, np.nan), 1.0):
+        assert (new.uv == view.uv).all() and (new.sigma == view.sigma).all()
