@@ -56,7 +56,7 @@ def test_changed_and_lost_pictures_are_said(pictures):
 
 
 def test_wider_windows_have_less_noise():
-    """On a perfect board each window brings what the bound promises; the corners of all are independent of the start."""
+    """On a perfect board each window brings what its sigmas say, wherever its corners started."""
     camera, rng = straight_camera((480, 400), 700.0), np.random.default_rng(3)
     target = make("checkerboard:9x7:20mm")
     at = pose([0.3, -0.2, 0.1], [-80, -60, 420])
