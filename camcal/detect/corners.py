@@ -8,6 +8,7 @@ import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits
+from camcal.detect.ranks import median
 from camcal.detect.windows import Windows
 
 Array = np.ndarray
@@ -139,7 +140,7 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
         "blurred away": params[:, model.BLUR] > MOST_BLUR * shortest,
         "not where its neighbours say": shift > np.maximum(MOST_SHIFT * half * shortest, START_ERROR),
         "edges do not follow the board": turn > MOST_TURN,
-        "does not look like a corner": misfit > max(MOST_MISFIT, RARE * float(np.median(misfit))),
+        "does not look like a corner": misfit > max(MOST_MISFIT, RARE * median(misfit)),
         "uncertain": ~fits.converged | ~((variance > 0) & (variance < MOST_SIGMA**2)),
     }
     reasons = np.select(list(tests.values()), list(tests), "")

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from camcal.detect.lattice import Lattice
+from camcal.detect.ranks import median
 
 Array = np.ndarray
 
@@ -47,11 +48,11 @@ def _blurs(gray: Array, start: Array, end: Array, across_start: Array, across_en
     value = cv2.remap(gray, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
     low, high = value[:, :ENDS].mean(1), value[:, -ENDS:].mean(1)
     step = high - low
-    clear = np.abs(step) > LEAST_STEP * np.median(np.abs(step))
+    clear = np.abs(step) > LEAST_STEP * median(np.abs(step))
     share = (value[clear] - low[clear, None]) / step[clear, None]
     width = np.abs(edge[:, 0] * across[:, 1] - edge[:, 1] * across[:, 0]) / np.linalg.norm(edge, axis=1)
     integral = (share * (1 - share)).mean(1) * 2 * ACROSS * width[clear]
     if not clear.any():
         return 0.0
-    blur = max(float(np.sqrt(np.pi) * np.median(integral)), 0.0)
+    blur = max(float(np.sqrt(np.pi) * median(integral)), 0.0)
     return float(np.sqrt(max(blur**2 - LINEAR, 0.0)))

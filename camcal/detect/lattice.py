@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.detect.ranks import median
+
 Array = np.ndarray
 
 #: share of the usual number of points of a row; a row at the rim that holds fewer is not part of the board
@@ -138,7 +140,7 @@ def trim(present: Array) -> tuple[slice, slice]:
         for axis in (0, 1):
             number = part.sum(1 - axis)
             if len(number) > LEAST_SIDE:
-                shares[axis] = number[[0, -1]] / max(np.median(number), 1.0)
+                shares[axis] = number[[0, -1]] / max(median(number), 1.0)
         axis, end = divmod(int(shares.argmin()), 2)
         if shares[axis, end] >= SPARSE:
             return slice(*bounds[0]), slice(*bounds[1])

@@ -49,7 +49,7 @@ def board_from_corners(uv: Array) -> BoardFromPixel:
 
 def _perspective(uv: Array, board: Array) -> Callable[[Array], Array]:
     """The homography from the picture to the board; an affinity where that is too steep to trust."""
-    h = homographies(uv[None], board[None])[0]
+    h = homographies(uv[None], board[None], steps=0)[0]
     depth = uv @ h[2, :2] + h[2, 2]
     if not np.isfinite(h).all() or depth.min() <= 0 or depth.max() > STEEPEST * depth.min():
         design = np.c_[uv, np.ones(len(uv))]

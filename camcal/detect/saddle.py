@@ -16,6 +16,7 @@ from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import first_guess, fit
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
+from camcal.detect.ranks import median
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
 from camcal.detect.windows import Windows, cut, straightened
 
@@ -120,7 +121,7 @@ def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corn
     params = known.params.copy()
     params[~good] = np.median(known.params[good], axis=0)
     params[~good, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(sides[~good])
-    params[~good, model.CONTRAST] = sign * parity[~good] * np.median(known.contrast[good])
+    params[~good, model.CONTRAST] = sign * parity[~good] * median(known.contrast[good])
     at = np.where(good[:, None], known.uv, uv)
     return replace(known, uv=at, params=params, reasons=("",) * len(at))
 

@@ -12,6 +12,7 @@ from camcal.detect.candidates import find_candidates
 from camcal.detect.lattice import Lattice
 from camcal.detect.no_board import why_nothing
 from camcal.detect.pyramid import as_float, grey_range, reduced
+from camcal.detect.ranks import median
 from camcal.detect.squares import Squares, complete, shown_edges
 from camcal.detect.targets.base import Miss, clock
 
@@ -71,11 +72,12 @@ class Found:
     @property
     def area(self) -> float:
         """px² that the grid covers: what hangs in front counts, not its image on a screen behind."""
-        step = self.lattice.steps()[self.lattice.usable]
+        steps, present = self.lattice.steps(), self.lattice.present
+        step = steps[present & np.isfinite(steps).all((-1, -2))]
         if not len(step):
             return 0.0
         square = step[:, 0, 0] * step[:, 1, 1] - step[:, 0, 1] * step[:, 1, 0]
-        return float(self.lattice.present.sum() * abs(np.median(square)))
+        return float(present.sum() * abs(median(square)))
 
     def fits(self, size: tuple[int, int] | None) -> bool:
         """Whether it is a board of that size (columns, rows), either way round; of any size a whole one."""
@@ -140,12 +142,12 @@ def _at_level(picture: Array, factor: float, size: tuple[int, int] | None) -> li
             continue
         goes_on = _open_ended(cut, picture.shape) or _half_rows(full, cut)
         found.append(Found(cut.scaled(factor), factor, goes_on, picture))
-    return sorted(found, key=lambda f: -f.area)
+    return sorted(found, key=lambda f: -f.area) if len(found) > 1 else found
 
 
 def _in_the_background(found: Found, largest: Found) -> bool:
     """Whether a grid is so much smaller than another whole one that it is no board held up to the camera."""
-    return largest.whole and found.area < BACKGROUND * largest.area
+    return found is not largest and largest.whole and found.area < BACKGROUND * largest.area
 
 
 def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:

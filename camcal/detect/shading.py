@@ -13,6 +13,7 @@ import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits
+from camcal.detect.ranks import lower_quartile, median
 from camcal.detect.windows import Windows
 
 Array = np.ndarray
@@ -28,7 +29,7 @@ HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corne
 
 def unusual(noise: Array) -> Array:
     """Which corners (K,) have larger residuals than the model of a corner leaves in most."""
-    return noise > UNUSUAL * np.percentile(noise, 25) if len(noise) else np.zeros(0, bool)
+    return noise > UNUSUAL * lower_quartile(noise)
 
 
 def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
@@ -65,7 +66,7 @@ def _robust_fit(design: Array, values: Array) -> Array:
     for _ in range(ROUNDS):
         solution = np.linalg.solve(weighted.T @ design, weighted.T @ values)
         residual = np.abs(values - design @ solution)
-        limit = HUBER * max(float(np.median(residual)), 1e-9)
+        limit = HUBER * max(median(residual), 1e-9)
         weighted = design * np.minimum(1, limit / np.maximum(residual, 1e-12))[:, None]
     return solution
 

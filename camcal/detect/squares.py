@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from camcal.detect.candidates import Candidates
 from camcal.detect.grid import Marks
 from camcal.detect.lattice import Lattice, predicted
+from camcal.detect.ranks import median
 
 Array = np.ndarray
 
@@ -54,7 +55,7 @@ class Squares:
         even = np.indices(self.value.shape).sum(0) % 2 == 0
         known = np.isfinite(self.value)
         one, other = self.value[known & even], self.value[known & ~even]
-        return float(np.median(one) - np.median(other)) if len(one) and len(other) else 0.0
+        return median(one) - median(other) if len(one) and len(other) else 0.0
 
     def alternation(self) -> float:
         """Share of neighbouring squares that are as unlike as the colours of a checkerboard should be."""
@@ -63,7 +64,7 @@ class Squares:
         )
         steps = np.concatenate([(value[:, :-1] + value[:, 1:]).ravel(), (value[:-1] + value[1:]).ravel()])
         known = steps[np.isfinite(steps)]
-        usual = np.median(known) if len(known) else 0.0
+        usual = median(known) if len(known) else 0.0
         return float((known > UNLIKE * usual).mean()) if usual > 0 else 0.0
 
 

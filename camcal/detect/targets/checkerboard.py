@@ -6,6 +6,7 @@ import numpy as np
 
 from camcal.detect.grid_fit import sharp_corners
 from camcal.detect.pyramid import grey_span
+from camcal.detect.ranks import median
 from camcal.detect.search import Found, search
 from camcal.detect.squares import oriented
 from camcal.detect.targets.base import (
@@ -107,10 +108,10 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     scale = 255 / grey_span(gray)
     info = {
         "rejected": rejected,
-        "square_px": float(np.median(np.linalg.norm(steps, axis=2))),
-        "blur_px": float(np.median(corners.blur)),
-        "contrast": float(np.median(corners.contrast) * scale),
-        "noise": float(np.median(corners.noise) * scale),
+        "square_px": median(np.linalg.norm(steps, axis=2)),
+        "blur_px": median(corners.blur),
+        "contrast": median(corners.contrast) * scale,
+        "noise": median(corners.noise) * scale,
         "covariance": corners.covariance,
         "fit": corners.params,
         "sides": steps,
