@@ -29,7 +29,7 @@ from tables import markdown, update
 
 from camcal.data.observations import View
 from camcal.detect import edge_model, saddle
-from camcal.detect.camera_pass import refine_with_camera
+from camcal.detect.camera_pass import refine_in_windows
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.windows import cut, straightened
@@ -228,8 +228,8 @@ def add_camcal(
     nearest, error = matched(found.uv, scene.uv)
     scores["camcal, first pass"].add(error, found.info["covariance"])
     view = View("", BOARD.points[nearest], found.uv, found.sigma, nearest)
-    for half in predicted:
-        second, _ = refine_with_camera(scene.gray, view, scene.board_from_pixel, 1.0, half)
+    views = refine_in_windows(scene.gray, view, scene.board_from_pixel, 1.0, list(predicted))
+    for half, second in zip(predicted, views, strict=True):
         covariance = np.eye(2) * (second.sigma**2)[:, None, None]
         scores[f"camcal, second pass {half}"].add(second.uv - scene.uv[nearest], covariance)
         predicted[half].append(bound(scene, nearest, half))

@@ -22,26 +22,8 @@ STEP = 0.5  #: px; of the differences that give the board's directions in the pi
 #: half-widths of the windows that are tried, of a square. Where board and print are perfect the widest has the least
 #: noise; on sheets of paper the middle ones are best, and at .9 the next edge would be inside for a blur of 2 px
 WINDOWS = (0.35, 0.5, 0.65, 0.8, 0.9)
-
-
-def refine_with_camera(
-    gray: Array,
-    view: View,
-    board_from_pixel: Callable[[Array], Array],
-    cell: float,
-    half: float | Array = saddle.WIDER_HALF,
-) -> tuple[View, float]:
-    """Fit the corners of a view again, in windows of one size; see `refine_in_windows`.
-
-    Returns
-    -------
-    view : View
-        With new `uv` and `sigma`; a corner that cannot be fitted this way keeps what it had.
-    moved : float
-        Root mean square of the corners' moves, px.
-    """
-    new = refine_in_windows(gray, view, board_from_pixel, cell, [half])[0]
-    return new, float(np.sqrt(np.square(new.uv - view.uv).sum(1).mean()))
+LARGEST = 60  #: px; half the side of the largest window, three times that of a first pass: .6 of its sigma
+WIDER = 1.02  #: ratio of windows below which the larger is not worth a fit: 1 % of its sigma
 
 
 def refine_in_windows(
@@ -76,13 +58,14 @@ def refine_in_windows(
     rows = np.flatnonzero(known)
     first = saddle.refine(gray, view.uv[rows], sides[rows])
     rows, corners = rows[first.good], first.take(first.good)
-    views = []
+    views, widest = [], np.zeros(len(rows))
     for half in halves:
-        share = np.broadcast_to(half, len(view.uv))[rows]
-        new = saddle.sharpen(gray, corners, sides[rows], board_from_pixel, share)
-        good = new.good
-        view = _moved(view, rows[good], new.take(good))
-        corners = corners.updated(new)
+        half = np.broadcast_to(half, len(view.uv))[rows]
+        share = saddle.shares(corners, sides[rows], half, LARGEST)
+        if (share > WIDER * widest).any():
+            new = saddle.sharpen(gray, corners, sides[rows], board_from_pixel, half, largest=LARGEST)
+            view = _moved(view, rows[new.good], new.take(new.good))
+            corners, widest = corners.updated(new), share
         views.append(view)
     return views
 

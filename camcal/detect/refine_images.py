@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from camcal.data.observations import Observations, View
-from camcal.detect.camera_pass import refine_with_camera
+from camcal.detect.camera_pass import refine_in_windows
 from camcal.detect.decode import UnreadableError
 from camcal.detect.listing import view_ids
-from camcal.detect.saddle import WIDER_HALF, wider_halves
+from camcal.detect.saddle import INNER_HALF, WIDER_HALF, wider_halves
 from camcal.detect.sources import read_gray
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
@@ -25,57 +25,59 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 def refine_images(
-    correspondences: Observations,
+    found: Observations,
     camera: Camera,
     poses: Mapping[str, Pose],
     cell: float | None = None,
     on_event: OnEvent | None = None,
-) -> tuple[Observations, float]:
-    """Fit the corners of all pictures again; see `targets.camera_pass`.
+    windows: Sequence[float] = (INNER_HALF,),
+) -> list[Observations]:
+    """Fit the corners of all pictures again, each picture read once; see `camera_pass`.
 
     Parameters
     ----------
-    correspondences : Observations
+    found : Observations
         As `detect_images` gives them, `files` included.
     camera : Camera
     poses : mapping of view id -> Pose
         cam_from_board; a view without one stays as it is.
     cell : float, optional
-        Side of a square in that unit; that of the target where left out.
+        Side of a square in the unit of the board; that of the target where left out.
     on_event : callable, optional
         Called with `("refined", {id, moved_px})`, and with `("unrefined", {id, reason})` where a picture
         has gone or changed; its view stays as it is.
+    windows : sequence of float
+        Half-widths of the windows, of a square, ascending; `camera_pass.WINDOWS` are worth a trial.
 
     Returns
     -------
-    correspondences : Observations
-    moved : float
-        Root mean square of the moves over all corners, px.
+    list of Observations
+        One for each of `windows`.
     """
-    target = correspondences.target or {}
+    target = found.target or {}
     cell = float(cell if cell is not None else target.get("square", 1.0))
-    paths = [Path(f["path"]) for f in correspondences.files]
-    files = dict(zip(view_ids(paths), correspondences.files, strict=True))
-    views, total, count = [], 0.0, 0
-    for view in correspondences.views:
+    files = dict(zip(view_ids([Path(f["path"]) for f in found.files]), found.files, strict=True))
+    tell = on_event or (lambda *_: None)
+    versions = []
+    for view in found.views:
+        new = [view] * len(windows)
         pose = poses.get(view.id)
-        if pose is None:
-            views.append(view)
-            continue
-        try:
-            gray = _read_again(files.get(view.id))
-        except UnreadableError as error:
-            views.append(view)
-            if on_event is not None:
-                on_event("unrefined", {"id": view.id, "reason": str(error)})
-            continue
-        from_pixel = partial(on_board, camera, pose)
-        new, moved = refine_with_camera(gray, view, from_pixel, cell, _half(target, view))
-        views.append(new)
-        total, count = total + moved**2 * len(view), count + len(view)
-        if on_event is not None:
-            on_event("refined", {"id": view.id, "moved_px": moved})
-    return correspondences.with_views(views), float(np.sqrt(total / max(count, 1)))
+        if pose is not None:
+            try:
+                gray = _read_again(files.get(view.id))
+            except UnreadableError as error:
+                tell("unrefined", {"id": view.id, "reason": str(error)})
+            else:
+                halves = [_half(target, view, w) for w in windows]
+                new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves)
+                tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0].uv)})
+        versions.append(new)
+    return [found.with_views(views) for views in zip(*versions, strict=True)]
+
+
+def rms_move(before: Array, after: Array) -> float:
+    """Root mean square distance of points (N, 2), px; 0 of none."""
+    return float(np.sqrt(np.square(after - before).sum(1).mean())) if len(before) else 0.0
 
 
 def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
@@ -88,11 +90,11 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
     return np.where((reach > 0)[..., None], place, np.nan)
 
 
-def _half(target: Mapping[str, Any], view: View) -> float | Array:
-    """Half-widths of the windows, of a square: wider inside a checkerboard, where no edge is cut."""
+def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array:
+    """Half-widths of the windows, of a square: at the rim of a checkerboard squares may be cut."""
     if target.get("kind") != "checkerboard" or view.point_ids is None:
-        return WIDER_HALF
-    return wider_halves(target["columns"], target["rows"])[view.point_ids]
+        return min(window, WIDER_HALF)
+    return wider_halves(target["columns"], target["rows"], window)[view.point_ids]
 
 
 def _read_again(file: Mapping[str, str] | None) -> Array:

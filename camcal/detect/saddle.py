@@ -18,7 +18,7 @@ from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
 from camcal.detect.ranks import median
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
-from camcal.detect.windows import Windows, cut, straightened
+from camcal.detect.windows import LARGEST, Windows, cut, limited, straightened
 
 Array = np.ndarray
 
@@ -126,6 +126,12 @@ def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corn
     return replace(known, uv=at, params=params, reasons=("",) * len(at))
 
 
+def shares(known: Corners, sides: Array, half: float | Array, largest: float = LARGEST) -> Array:
+    """Half-widths (K,) of the windows of a second fit, of a square: clear of the next edges, and not too large."""
+    shortest = np.linalg.norm(sides, axis=2).min(1)
+    return limited(np.clip(1 - CLEAR * known.blur / shortest, LEAST_HALF, half), sides, largest)
+
+
 def sharpen(
     gray: Array,
     known: Corners,
@@ -133,6 +139,7 @@ def sharpen(
     board_from_pixel: BoardFromPixel,
     half: float | Array = WIDER_HALF,
     shape: Array | None = None,
+    largest: float = LARGEST,
 ) -> Corners:
     """Fit corners again, with the edges' curvature and the slope of the shading known.
 
@@ -148,12 +155,13 @@ def sharpen(
         Half-width of the windows, of a square.
     shape : (2, 2) array, optional
         As for `refine`.
+    largest : float
+        px; half the side of the largest window.
     """
     if not len(known):
         return known
-    shortest = np.linalg.norm(sides, axis=2).min(1)
-    share = np.clip(1 - CLEAR * known.blur / shortest, LEAST_HALF, half)
-    windows = cut(gray, known.uv, sides, share, SEEN * known.blur + 1)
+    share = shares(known, sides, half, largest)
+    windows = cut(gray, known.uv, sides, share, SEEN * known.blur + 1, largest)
     limits = grey_limits(gray, windows)
     windows = straightened(windows, sides, share, board_from_pixel)
     offset = known.params[:, model.OFFSET]

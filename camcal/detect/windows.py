@@ -143,11 +143,13 @@ def straightened(
     Parameters
     ----------
     sides, half
-        As for `cut`.
+        As for `cut`, none larger than its `largest`.
     board_from_pixel : callable
         px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
     """
-    axes = sides * limited(half, sides)[:, None, None]  # of a window: half its width along columns and rows
+    axes = (
+        sides * np.broadcast_to(half, len(sides))[:, None, None]
+    )  # of a window: half its width along columns and rows
     offset = STENCIL @ axes
     board = board_from_pixel(windows.origin[:, None] + offset)
     known = np.asarray(np.isfinite(board).reshape(len(board), -1).all(1))

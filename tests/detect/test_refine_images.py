@@ -5,7 +5,7 @@ import pytest
 from camcal.data.observations import View
 from camcal.detect.camera_pass import WINDOWS, refine_in_windows
 from camcal.detect.images import detect_images
-from camcal.detect.refine_images import on_board, refine_images
+from camcal.detect.refine_images import on_board, refine_images, rms_move
 from tests.detect.scenes import make, picture, pose, straight_camera
 
 TARGET = make("checkerboard:6x5:20mm")
@@ -24,10 +24,10 @@ def test_corners_move_little_and_stop(pictures):
     folder, camera, poses = pictures
     found = detect_images([folder], square="20mm", cache=False)
     events = []
-    new, moved = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
-    again, still = refine_images(new, camera, poses)
-    assert 0 < moved < 0.05
-    assert still < 0.1 * np.median(new.views[0].sigma)  # where a fit stops
+    (new,) = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
+    (again,) = refine_images(new, camera, poses)
+    assert 0 < rms_move(found.uv, new.uv) < 0.05
+    assert rms_move(new.uv, again.uv) < 0.1 * np.median(new.views[0].sigma)  # where a fit stops
     for view in again.views:
         true = camera.project(poses[view.id].apply(TARGET.points))
         nearest = np.linalg.norm(view.uv[:, None] - true, axis=2).min(1)
@@ -35,11 +35,26 @@ def test_corners_move_little_and_stop(pictures):
     assert [name for name, _ in events] == ["refined", "refined"]
 
 
+def test_several_windows_of_one_reading(pictures):
+    folder, camera, poses = pictures
+    found = detect_images([folder], square="20mm", cache=False)
+    several = refine_images(found, camera, poses, windows=WINDOWS)
+    assert len(several) == len(WINDOWS)
+    row, column = np.divmod(several[0].views[0].point_ids, 6)
+    rim = (row % 4 == 0) | (column % 5 == 0)
+    sigmas = [np.median(o.views[0].sigma[~rim]) for o in several]
+    assert sorted(sigmas, reverse=True) == sigmas and sigmas[-1] < 0.8 * sigmas[0]
+    assert (
+        several[1].views[0].uv[rim] == several[4].views[0].uv[rim]
+    ).all()  # outer squares may be cut narrower
+    assert (several[1].views[0].uv[~rim] != several[4].views[0].uv[~rim]).any()
+
+
 def test_views_without_a_pose_stay(pictures):
     folder, camera, poses = pictures
     found = detect_images([folder], square="20mm", cache=False)
-    new, moved = refine_images(found, camera, {"0.png": poses["0.png"]})
-    assert moved > 0 and (found.views[1].uv == new.views[1].uv).all()
+    (new,) = refine_images(found, camera, {"0.png": poses["0.png"]})
+    assert (found.views[1].uv == new.views[1].uv).all()
     assert (found.views[0].uv != new.views[0].uv).any()
 
 
@@ -49,8 +64,8 @@ def test_changed_and_lost_pictures_are_said(pictures):
     (folder / "0.png").unlink()
     (folder / "1.png").write_bytes(b"another")
     events = []
-    new, moved = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
-    assert moved == 0 and all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
+    (new,) = refine_images(found, camera, poses, on_event=lambda *e: events.append(e))
+    assert all((a.uv == b.uv).all() for a, b in zip(found.views, new.views, strict=True))
     assert [name for name, _ in events] == ["unrefined", "unrefined"]
     assert "changed" in events[1][1]["reason"]
 
