@@ -44,10 +44,10 @@ def test_several_windows_of_one_reading(pictures):
     rim = (row % 4 == 0) | (column % 5 == 0)
     sigmas = [np.median(o.views[0].sigma[~rim]) for o in several]
     assert sorted(sigmas, reverse=True) == sigmas and sigmas[-1] < 0.8 * sigmas[0]
-    assert (
-        several[1].views[0].uv[rim] == several[4].views[0].uv[rim]
-    ).all()  # outer squares may be cut narrower
-    assert (several[1].views[0].uv[~rim] != several[4].views[0].uv[~rim]).any()
+    # outer squares may be cut narrower: only the shading, which all corners show, changes something there
+    half, most = several[1].views[0], several[4].views[0]
+    assert half.sigma[rim] == pytest.approx(most.sigma[rim], rel=0.02)
+    assert np.abs(half.uv[rim] - most.uv[rim]).max() < 0.1 * np.abs(half.uv[~rim] - most.uv[~rim]).max()
 
 
 def test_views_without_a_pose_stay(pictures):
