@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import sparse
 
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.forms import LocalRows
@@ -83,6 +82,8 @@ def products(
 
 
 def _summed(rows: Array, local: LocalRows, view: Array, half: int) -> tuple[Array, Array, Array]:
+    from scipy import sparse  # for splines alone: importing it takes longer than calibrating most cameras
+
     own = len(rows) - 7
     starts = np.searchsorted(view, np.arange(view[-1] + 2))
     basis = sparse.csr_array(

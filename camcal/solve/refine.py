@@ -91,7 +91,7 @@ def refine(
     result: Result = optimizers.make(how.optimizer)(
         problem, problem.state(params, poses), how.stopping, on_step
     )
-    found = replace(start, params=start.lens.normalise(result.state.params))
+    found = replace(start, params=result.state.params)
     final, board = problem.poses(result.state), None
     if isinstance(problem, BoardProblem):
         shape = problem.board

@@ -139,10 +139,6 @@ class Lens(Parameters, ABC):
         """As `linearise`, for models with many coefficients of which each point feels a few; see `local`."""
         raise NotImplementedError
 
-    def normalise(self, params: Array) -> Array:
-        """The same camera with its gauge fixed, where a model has one; else the parameters as they are."""
-        return params
-
     # ------------------------------------------------------------------ which models contain which
     def smaller(self) -> tuple[str, ...]:
         """Specs of the next smaller models of the same family, the closest first."""

@@ -20,9 +20,9 @@ from camcal.model.lenses.curve import cached
 
 Array = np.ndarray
 
-#: directions about the axis in which the extent of the domain is looked for, every 15 degrees, and radii along each,
-#: even in angle: the domain ends up to a step, under a degree, before its fold
-SPOKES, STEPS = 24, 100
+#: directions about the axis in which the extent of the domain is looked for, every 15 degrees; radii along each, even
+#: in angle, and between two of these: the domain ends at most 1/32 of a step, under 0.03 degrees, before its fold
+SPOKES, STEPS, FINER = 24, 100, 33
 #: cells of the table of radii over 180 degrees, a third of a degree each: less than what the asymmetry leaves
 CELLS = 512
 #: Newton stops after a step this small in units of the focal length: the next would be its square, below the rounding
@@ -53,14 +53,13 @@ class InverseLens(Lens):
     @cached
     def _extent(self, k: Array) -> tuple[Array, Array]:
         """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of even mean angles, (CELLS + 1,)."""
-        turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
         radius = np.tan(np.linspace(0, np.arctan(self.farthest(k)), STEPS))
-        p, q = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
-        x, a, b = self.ray(k, p, q)
-        known = self.pixel_inside(p, q, k)
-        ahead = (_triple(x, a, b) > 0) | ~known  # a border is not a fold, and is looked after by itself
-        ends = np.where(ahead.all(0), STEPS, ahead.argmin(0))
-        reach = radius[np.maximum(ends, 1) - 1]
+        coarse = np.broadcast_to(radius[:, None], (STEPS, SPOKES))
+        ends, x, known = self._until_fold(k, coarse)
+        # once more between the last place before the fold and the first beyond
+        last, beyond = (radius[np.clip(ends - back, 0, STEPS - 1)] for back in (1, 0))
+        fine = last + np.linspace(0, 1, FINER)[:, None] * (beyond - last)
+        reach = np.take_along_axis(fine, np.maximum(self._until_fold(k, fine)[0], 1)[None] - 1, 0)[0]
         angle = np.arctan2(np.hypot(x[0], x[1]), x[2])
         angle[(np.arange(STEPS)[:, None] >= ends) | ~known] = np.nan
         count = np.isfinite(angle).sum(1)
@@ -68,6 +67,15 @@ class InverseLens(Lens):
         used = count > 0
         even = np.linspace(0, np.pi, CELLS + 1)
         return reach, np.interp(even, np.maximum.accumulate(mean[used]), radius[used])
+
+    def _until_fold(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
+        """How many of the radii (R, SPOKES) lie before the fold; the rays there, and where they are known."""
+        turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
+        p, q = radius * np.cos(turn), radius * np.sin(turn)
+        x, a, b = self.ray(k, p, q)
+        known = self.pixel_inside(p, q, k)
+        ahead = (_triple(x, a, b) > 0) | ~known  # a border is not a fold, and is looked after by itself
+        return np.where(ahead.all(0), len(radius), ahead.argmin(0)), x, known
 
     def pixel_inside(self, p: Array, q: Array, k: Array) -> Array:
         """Where the model says anything; everywhere, unless it has borders."""
