@@ -1,4 +1,4 @@
-"""Poses from which a camera sees a whole object, spread over picture, directions and distances."""
+"""Poses from which a camera sees a whole object, spread over the picture, the directions and the distances."""
 
 from __future__ import annotations
 
@@ -13,8 +13,19 @@ from camcal.model.pose import Pose, Poses
 
 Array = np.ndarray
 
+#: rad: successive azimuths at this angle never come close to repeating (H. Vogel 1979)
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-LEAST_SHARE = 0.75  #: of the size that was asked for; an object that has to be smaller is not what was meant
+#: rad: standard deviation of the azimuths about these, a quarter of the distance of neighbours in 13 views
+SCATTER = 0.1
+#: part of the size that was asked for: an object that has to be smaller is refused
+LEAST_SHARE = 0.75
+#: attempts at a place in the picture, each with an object smaller by this factor until `LEAST_SHARE`, and closer to the
+#: middle by at least this part: after forty, 1e-4 of the way is left
+ATTEMPTS, SMALLER, TOWARDS = 40, 0.97, 0.2
+#: fill is met to this part; the search for the distance takes six steps for most lenses, and at most so many
+FILL_ERROR, STEPS = 0.005, 30
+#: factor by which an object that leaves the lens's domain is moved away, and the range of a step of the search
+AWAY, STEP_RANGE = 1.5, (0.7, 1.4)
 #: steps of the additive recurrence that fills a square evenly (Roberts 2018, "R2", from the plastic number)
 R2_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -51,8 +62,8 @@ def simulate_poses(
 ) -> Poses:
     """Choose poses that keep all points in the picture.
 
-    The directions of tilt go round by the golden angle, and the places in the picture follow a sequence of
-    low discrepancy, so that few views already cover both; a little chance is added to each.
+    The azimuths of the tilt follow the golden angle, and the places in the picture a low-discrepancy sequence, so that
+    few views already cover both. A small random part is added to each.
 
     Parameters
     ----------
@@ -82,7 +93,7 @@ def simulate_poses(
     tilts, fills = (low + (high - low) * rng.permutation(steps) for low, high in (spread.tilt, spread.fill))
     made = []
     for i in range(views):
-        azimuth = turn + i * GOLDEN_ANGLE + rng.normal(0, 0.1)
+        azimuth = turn + i * GOLDEN_ANGLE + rng.normal(0, SCATTER)
         roll = np.deg2rad(rng.uniform(-spread.roll, spread.roll))
         axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         turned = rotations.exp(np.deg2rad(tilts[i]) * axis) @ rotations.exp(np.array([0, 0, roll])) @ base
@@ -97,8 +108,8 @@ def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: f
     size = np.array(camera.image_size, float)
     low, high = margin * size - 0.5, (1 - margin) * size - 0.5
     pixel = -0.5 + place * size
-    for attempt in range(40):
-        pose = _at_pixel(points, camera, rotation, pixel, fill * max(0.97**attempt, LEAST_SHARE))
+    for attempt in range(ATTEMPTS):
+        pose = _at_pixel(points, camera, rotation, pixel, fill * max(SMALLER**attempt, LEAST_SHARE))
         if pose is not None:
             uv = camera.project(pose.apply(points))
             lack = np.maximum(low - uv.min(0), 0) - np.maximum(uv.max(0) - high, 0)
@@ -106,9 +117,9 @@ def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: f
                 return pose
             middle = (size - 1) / 2 - pixel
             # as far as what sticks out, but at least a little, toward the middle
-            pixel = pixel + np.where(np.abs(lack) > 0.2 * np.abs(middle), lack, 0.2 * middle)
+            pixel = pixel + np.where(np.abs(lack) > TOWARDS * np.abs(middle), lack, TOWARDS * middle)
         else:
-            pixel = pixel + 0.2 * ((size - 1) / 2 - pixel)
+            pixel = pixel + TOWARDS * ((size - 1) / 2 - pixel)
     raise UsageError(
         f"no pose shows the whole object at a size of {fill:.0%} of the picture.",
         "Ask for smaller views or less tilt: --fill 0.3,0.5 --tilt 5,30",
@@ -125,17 +136,17 @@ def _at_pixel(points: Array, camera: Camera, rotation: Array, pixel: Array, fill
     centre = (points.min(0) + points.max(0)) / 2
     extent = float(np.linalg.norm(points - centre, axis=1).max())
     distance, known = 3.0 * extent, None
-    for _ in range(30):
+    for _ in range(STEPS):
         pose = Pose(facing, ray * distance - facing @ centre)
         uv = camera.project(pose.apply(points))
         if not np.isfinite(uv).all():
-            distance *= 1.5
+            distance *= AWAY
             continue
         known = pose
         ratio = float((np.ptp(uv, axis=0) / camera.image_size).max()) / fill
-        if abs(ratio - 1) < 0.005:
+        if abs(ratio - 1) < FILL_ERROR:
             break
-        distance *= np.clip(ratio, 0.7, 1.4)
+        distance *= np.clip(ratio, *STEP_RANGE)
     return known
 
 

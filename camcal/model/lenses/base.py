@@ -68,7 +68,7 @@ class Lens(Parameters, ABC):
     def __hash__(self) -> int:
         return hash((type(self), self.name, self.has_skew))
 
-    # ------------------------------------------------------------------ what a model has to say
+    # ------------------------------------------------------------------ what a model states
     @classmethod
     @abstractmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
@@ -105,7 +105,7 @@ class Lens(Parameters, ABC):
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """Which points lie in the domain: in view, before the first fold or pole."""
 
-    # ------------------------------------------------------------------ what a model may say
+    # ------------------------------------------------------------------ what a model may override
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
         """Realistic cameras (params, image_size) that every contract test runs on."""

@@ -36,7 +36,7 @@ LONG, SPAN = 0.1, 0.2
 class InverseLens(Lens):
     """A lens of equation (1); (p, q) are pixels with the camera matrix taken off."""
 
-    # ------------------------------------------------------------------ what a model has to say
+    # ------------------------------------------------------------------ what a model states
     @abstractmethod
     def ray(self, k: Array, p: Array, q: Array) -> Array:
         """X, its derivatives by p and by q: (3, 3, ...), first axis (X, dX/dp, dX/dq), second (x, y, z)."""

@@ -28,7 +28,7 @@ ALMOST_PI = np.pi - 1e-8
 class RadialLens(Lens):
     """A lens of equation (1)."""
 
-    # ------------------------------------------------------------------ what a curve has to say
+    # ------------------------------------------------------------------ what a model states
     @abstractmethod
     def curve(self, k: Array, r: Array, z: Array) -> Array:
         """The image radius R of rays, without a look at the domain."""

@@ -17,24 +17,31 @@ from camcal.model.lenses.containment import embed
 
 Array = np.ndarray
 
-#: where a start does not hold all rays, the fit takes them in from the axis outwards
+#: parts of the rays, by their angle, that a fit takes in one after the other where its start does not hold all: the
+#: inner two fifths suit every model, and each further cone is one that the fit before it nearly holds
 CONES = (0.4, 0.7, 0.9, 1.0)
-#: Levenberg-Marquardt steps for all rays, and for those of a cone on the way
+#: fits to a cone: each may bring more of its rays into the domain; after three the rest lies outside the model
+ROUNDS = 3
+#: steps for all rays, where flat valleys (mei, opencv8) take some forty, and for a cone, which gives a start only
 LAST_STEPS, STEPS = 50, 12
 #: part of the cost to which a fit approaches its minimum
 SETTLED = 1e-9
-#: px; with an error this small no other start is tried. The double sphere, for one, has two minima.
+#: px, far below what corners are found to: with an error this small no other start is tried
 EXACT = 1e-6
-#: results whose parameters agree to this part are the same minimum: see `SETTLED`
+#: results whose parameters agree to this part are the same minimum: `SETTLED` leaves sqrt(1e-9) = 3e-5 of them
+#: undetermined, more in flat valleys
 SAME = 1e-3
-#: pairs that a fit needs at most: a model has few parameters, a spline some hundred
-ENOUGH = 700
-#: a start from which the fit finds its way covers this part of the rays, with an error of this part of the
-#: image's extent
+#: pairs that a fit is given at most, and the outermost ones that are always among them: 1400 equations for the 20
+#: parameters of a model, or the hundred of a spline
+ENOUGH, OUTERMOST = 700, 20
+#: a linear solution that covers this part of the rays, with an error of this part of the image's extent (13 px of 640),
+#: is the only start: an ordinary lens bends its picture by no more
 COVERED, NEAR = 0.97, 0.02
 #: a ray whose pixel is missed by more than this part of the image's extent counts as not covered: a
 #: perspective model throws rays of nearly 90 degrees anywhere, and would give up all others for them
 MISSED = 0.2
+#: rays from which the camera matrix is found linearly: two unknowns in a coordinate, three with skew, and one to spare
+LEAST_RAYS = 4
 
 
 @dataclass(frozen=True)
@@ -75,8 +82,8 @@ def regress(
 ) -> Regression:
     """Find the parameters with which a lens projects given rays to given pixels.
 
-    Least squares in px. Without a start, from the shapes that the model suggests, each
-    with its camera matrix found linearly, and from the models that it nests.
+    Least squares in px. Without a start, from the shapes that the model suggests, each with its camera matrix found
+    linearly, and from the optimum of a smaller model of its family.
 
     Parameters
     ----------
@@ -126,8 +133,8 @@ def minima(
 def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
     """As many pairs as are enough, the outermost always among them."""
     order = np.argsort(rays[:, 2])  # from the rim inwards
-    step = len(rays) / (ENOUGH - 20)
-    chosen = np.unique(np.r_[order[:20], order[(np.arange(ENOUGH - 20) * step).astype(int)]])
+    even = (np.arange(ENOUGH - OUTERMOST) * len(rays) / (ENOUGH - OUTERMOST)).astype(int)
+    chosen = np.unique(np.r_[order[:OUTERMOST], order[even]])
     return rays[chosen], uv[chosen]
 
 
@@ -172,7 +179,7 @@ def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) ->
     m, valid = lens.project(params, rays)  # the neutral matrix is the identity
     angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     valid &= angle <= np.quantile(angle, CONES[0])
-    if valid.sum() < 4:
+    if valid.sum() < LEAST_RAYS:
         return params
     m, known = m[valid], uv[valid]
     one = np.ones(len(m))
@@ -191,8 +198,8 @@ def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Reg
     best = result = measure(lens, params, rays, uv)
     for part in CONES[-1:] if result.covered.all() else CONES:
         chosen = result.covered & (angle <= np.quantile(angle, part))
-        for _ in range(3):  # a fit to what is covered may cover more
-            if 2 * chosen.sum() < free.sum():
+        for _ in range(ROUNDS):
+            if 2 * chosen.sum() < free.sum():  # fewer equations than unknowns
                 break
             steps = LAST_STEPS if part == CONES[-1] else STEPS
             params = _fit(lens, params, rays[chosen], uv[chosen], free, steps)
