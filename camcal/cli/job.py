@@ -85,6 +85,12 @@ def read_pictures(
                     note(f"{details['id']}: {details['reason']}", 1)
             elif event == "frames":
                 note("{path}: {searched} of {frames} frames are searched".format(**details))
+            elif event == "turned":
+                note(
+                    "{count} of {of} pictures were held another way: used as the sensor saw them".format(
+                        **details
+                    )
+                )
             elif event == "target":
                 note(_recognised(details))
             elif event == "cache":

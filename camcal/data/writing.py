@@ -46,6 +46,15 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
         raise UsageError(f"cannot write '{target}': the file is read-only.", "Choose another name.")
 
 
+def readable(text: str) -> str:
+    """The text as UTF-8 can hold it: bytes of a file's name that are none become `\\xe9`."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return text
+
+
 def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = False) -> None:
     """Write a file so that it is there in full or not at all.
 
@@ -59,7 +68,7 @@ def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = Fa
         As `check_writable`, or where the system refuses to write (a full disk).
     """
     check_writable(path, force)
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    data = readable(content).encode("utf-8") if isinstance(content, str) else content
     target = Path(path)
     try:
         if is_special(target):

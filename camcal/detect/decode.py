@@ -2,19 +2,25 @@
 
 The EXIF orientation is ignored on purpose: it is how the camera was held, not a property of its lens, and
 turned pixels would have another principal point. A picture without colour is read as it is; a colour
-picture becomes its luma.
+picture becomes its luma. The mosaic of a raw colour picture is brought to one level (`mosaic.py`).
 """
 
 from __future__ import annotations
 
+import io
 import struct
+from importlib import import_module
 
 import cv2
 import numpy as np
 
+from camcal.detect.mosaic import evened, levels
+
 Array = np.ndarray
 
 MOST_PIXELS = 400_000_000  #: a picture with more is not decoded
+JPEG = b"\xff\xd8"
+HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
 
@@ -45,8 +51,40 @@ def decode_gray(data: bytes) -> Array:
     except MemoryError as error:
         raise UnreadableError("there is not enough memory to decode it") from error
     if picture is None or picture.size == 0:
-        raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
-    return as_gray(picture)
+        heic = _from_heic(data) if _is_heic(data) else None
+        if heic is None:
+            raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
+        picture = heic
+    gray = as_gray(picture)
+    # JPEG would not keep a mosaic
+    phases = levels(gray) if picture.ndim == 2 and not data.startswith(JPEG) else None
+    return gray if phases is None else evened(gray, phases)
+
+
+def _is_heic(data: bytes) -> bool:
+    """Whether it is a picture of the HEIF family, as telephones make them (ISO/IEC 23008-12, brands)."""
+    return data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
+
+
+def _from_heic(data: bytes) -> Array:
+    """Decode a HEIC picture with pillow-heif.
+
+    Raises
+    ------
+    UnreadableError
+        Where that is not installed, or cannot decode it.
+    """
+    try:
+        pillow_heif = import_module("pillow_heif")
+    except ImportError:
+        raise UnreadableError(
+            "it is a HEIC picture, which OpenCV does not read: convert it to JPEG or PNG, or install pillow-heif"
+        ) from None
+    try:
+        picture = np.asarray(pillow_heif.open_heif(io.BytesIO(data), convert_hdr_to_8bit=False))
+    except Exception as error:  # of a decoder of damaged files: of any kind
+        raise UnreadableError(f"it is a damaged HEIC picture: {str(error)[:80]}") from error
+    return picture if picture.ndim == 2 else picture[..., 2::-1]  # blue first, as OpenCV has it
 
 
 def check_size(data: bytes) -> tuple[int, int] | None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,11 @@ import numpy as np
 
 from camcal.detect import cache
 from camcal.detect.decode import UnreadableError
+from camcal.detect.exif import UNKNOWN, Taken
 from camcal.detect.quality import measure
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
-from camcal.detect.sources import fetch, pixels_sha256
+from camcal.detect.sources import fetch, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
@@ -49,6 +49,8 @@ class Outcome:
     size : (width, height) or None
     board : (columns, rows) or None
         Size of the grid that was seen, where another one was asked for.
+    taken : Taken
+        What the file says of the camera.
     sight : Sight or None
         What the picture shows, where a target of any kind was looked for.
     """
@@ -63,6 +65,7 @@ class Outcome:
     sight: Sight | None = None
     code: str = ""
     quality: dict[str, Any] = field(default_factory=dict)
+    taken: Taken = UNKNOWN
     cached: bool = False
     cache_error: str = ""
 
@@ -71,23 +74,19 @@ def examine(task: Task) -> Outcome:
     """Read a picture and look for the target in it, or take both from the cache."""
     sha256 = ""
     try:
-        sha256, decode = _fetched(task)
+        fetched = fetch(task.path) if task.gray is None else of_pixels(task.gray)
+        sha256 = fetched.sha256
         place = None if task.cache is None else cache.entry(task.cache, sha256, task.detector)
         known = None if place is None else _from_cache(place, task.path, sha256)
         if known is not None:
-            return known
-        gray = decode()
+            return replace(known, taken=fetched.taken)
+        gray = fetched.decode()
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
-    outcome = _look(task, gray, sha256)
+    outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
     if place is None or outcome.code == "time":  # a slow moment must not be remembered
         return outcome
     return _into_cache(place, outcome)
-
-
-def _fetched(task: Task) -> tuple[str, Callable[[], np.ndarray]]:
-    gray = task.gray
-    return fetch(task.path) if gray is None else (pixels_sha256(gray), lambda: gray)
 
 
 def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
@@ -119,7 +118,7 @@ def _into_cache(place: Path, outcome: Outcome) -> Outcome:
         arrays |= {k: v for k, v in found.info.items() if isinstance(v, np.ndarray)}
         values["info"] = {k: v for k, v in found.info.items() if not isinstance(v, np.ndarray)}
     error = cache.store(place, arrays, values)
-    return outcome if error is None else Outcome(**{**outcome.__dict__, "cache_error": error})
+    return outcome if error is None else replace(outcome, cache_error=error)
 
 
 def _from_cache(place: Path, path: Path, sha256: str) -> Outcome | None:

@@ -17,6 +17,7 @@ from camcal.detect import cache as cache_files
 from camcal.detect import targets
 from camcal.detect.decode import UnreadableError
 from camcal.detect.examine import Outcome, Task, examine
+from camcal.detect.exif import Taken
 from camcal.detect.films import Range, Shown, candidates, left_out
 from camcal.detect.frames import is_film
 from camcal.detect.listing import list_pictures, view_ids
@@ -39,6 +40,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 MOST_REASONS = 3  #: that are named where no picture shows the target
 FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
 ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be asked
+SAME_FOCAL = 0.005  #: share by which focal lengths of one setting may differ; EXIF gives three digits
 CONFIRMED_IN = 6  #: pictures in which the markers are compared with the target that was asked for
 
 
@@ -76,6 +78,7 @@ def detect_images(
         Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
         `("film", {path, done, count})` as a film is read and `("frames", {path, frames, searched})` after it,
         `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
+        `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor saw them),
         `("picture", {id, status, reason, done, count, cached})` for each at the end, and `("cache", {reason})`
         where the cache cannot be written.
     cache : bool
@@ -388,12 +391,17 @@ def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, ru
         what = f"{target.columns}x{target.rows} {target.kind}"
         raise _nothing_found(what, outcomes, _seen_instead(run, target), run)
     size = Counter(o.size for o in found).most_common(1)[0][0]
+    camera = _commonest_camera([o.taken for o in found if o.size == size])
+    _tell_turned(run, found)
     views, skipped = [], []
     for o in outcomes:
         if o.detection is None:
             skipped.append(SkippedView(ids[o.path], o.status, o.reason))
         elif o.size != size:
             skipped.append(SkippedView(ids[o.path], "rejected", _other_size(o.size, size)))
+        elif camera is not None and _other_camera(o.taken, camera):
+            reason = f"it was taken by {o.taken}, most of the others by {camera}: calibrate each camera alone"
+            skipped.append(SkippedView(ids[o.path], "rejected", reason))
         else:
             d = o.detection
             views.append(View(ids[o.path], target.points[d.point_ids], d.uv, d.sigma, d.point_ids))
@@ -405,9 +413,32 @@ def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, ru
     )
 
 
+def _commonest_camera(taken: list[Taken]) -> Taken | None:
+    """Camera, focal length and zoom of most pictures that say so; None where none does."""
+    known = Counter(replace(t, orientation=1) for t in taken if t.camera or t.focal)
+    return known.most_common(1)[0][0] if known else None
+
+
+def _other_camera(taken: Taken, camera: Taken) -> bool:
+    """Whether a picture says that it is of another camera, focal length or zoom; one that says nothing is not."""
+    named = bool(taken.camera and camera.camera) and taken.camera != camera.camera
+    focal = bool(taken.focal and camera.focal) and abs(taken.focal / camera.focal - 1) > SAME_FOCAL
+    return named or focal or taken.zoom != camera.zoom
+
+
+def _tell_turned(run: _Run, found: list[Outcome]) -> None:
+    """Say where pictures were held another way: they are used as the sensor saw them."""
+    turned = sum(o.taken.orientation != 1 for o in found)
+    if turned:
+        run.tell("turned", count=turned, of=len(found))
+
+
 def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -> str:
     words = ["x".join(map(str, s or ())) for s in (found, needed)]
-    return f"the picture has {words[0]} pixels, most of the others {words[1]}"
+    said = f"the picture has {words[0]} pixels, most of the others {words[1]}"
+    if found and needed and found == needed[::-1]:
+        said += ": it was turned by a program; take the file as the camera wrote it"
+    return said
 
 
 def _seen_instead(run: _Run, target: Target) -> Answer | None:

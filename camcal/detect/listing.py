@@ -5,19 +5,26 @@ from __future__ import annotations
 import glob
 import os
 import re
+import shlex
 import zipfile
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePath, PurePosixPath
 
+from camcal.data.writing import readable
 from camcal.detect.frames import is_film
-from camcal.detect.sources import ARCHIVES, exists, page_count
+from camcal.detect.sources import ARCHIVES, RAW, exists, page_count
 from camcal.errors import DataError
 
 #: endings of the files that a folder is searched for
 PICTURES = (
-    ".jpg", ".jpeg", ".jpe", ".jp2", ".png", ".tif", ".tiff", ".bmp", ".dib",
+    ".jpg", ".jpeg", ".jpe", ".jfif", ".jp2", ".heic", ".heif", ".hif", ".png", ".tif", ".tiff", ".bmp", ".dib",
     ".webp", ".avif", ".pgm", ".ppm", ".pbm", ".pnm", ".pfm", ".exr", ".hdr", ".sr", ".ras",
 )  # fmt: skip
+
+#: first bytes of JPEG, PNG, TIFF, BMP, binary PGM and PPM
+BEGINNINGS = (b"\xff\xd8\xff", b"\x89PNG\r\n", b"II*\0", b"MM\0*", b"BM", b"P5", b"P6")
+MOST_NAMED = 6  #: folders that an error names
 
 
 def list_pictures(paths: Iterable[str | os.PathLike]) -> list[Path]:
@@ -99,18 +106,60 @@ def _in_folder(folder: Path) -> list[Path]:
         entries = list(folder.iterdir())
     except OSError as error:
         raise DataError(f"the folder '{folder}' cannot be read: {error.strerror}.") from error
-    files = [p for p in entries if _is_picture(p) and p.is_file()]
-    files = files or [p for p in entries if is_film(p) and not p.name.startswith(".") and p.is_file()]
-    if not files:
-        inside = f" among its {len(entries)} entries" if entries else "; it is empty"
-        raise DataError(
-            f"the folder '{folder}' holds no pictures{inside}.",
-            "Name a folder with files such as .jpg, .png or .tif.",
+    files = [p for p in entries if not p.name.startswith(".") and p.is_file()]
+    for kind in (_is_picture, _begins_like_a_picture, is_film, _is_raw):
+        chosen = [p for p in files if kind(p)]
+        if chosen:
+            return sorted(chosen, key=natural_order)
+    raise _no_pictures(folder, entries)
+
+
+def _begins_like_a_picture(path: Path) -> bool:
+    """Whether a file without an ending is a picture by its first bytes."""
+    if path.suffix:
+        return False
+    try:
+        with path.open("rb") as stream:
+            return stream.read(12).startswith(BEGINNINGS)
+    except OSError:
+        return False
+
+
+def _is_raw(path: Path) -> bool:
+    return path.suffix.lower() in RAW
+
+
+def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
+    """The error for a folder without pictures; its folders are named where they hold some."""
+    inside = sorted((p for p in entries if p.is_dir() and _holds_pictures(p)), key=natural_order)
+    if len(inside) == 1:
+        return DataError(
+            f"the folder '{folder}' holds no pictures itself.", f"Its folder does. Try: '{inside[0]}'"
         )
-    return sorted(files, key=natural_order)
+    if inside:
+        names = ", ".join(p.name for p in inside[:MOST_NAMED]) + ", ..." * (len(inside) > MOST_NAMED)
+        pairs = " ".join(shlex.quote(f"{p.name}={p}") for p in inside[:MOST_NAMED])
+        return DataError(
+            f"the folder '{folder}' holds no pictures itself; the folders inside it do: {names}.",
+            f"They look like those of several cameras. Try: camcal rig {pairs} -o rig.yaml, or one folder at a time "
+            f"(for pictures of one camera: '{folder}/*/*').",
+        )
+    among = f" among its {len(entries)} entries" if entries else "; it is empty"
+    return DataError(
+        f"the folder '{folder}' holds no pictures{among}.",
+        "Name a folder with files such as .jpg, .png or .tif.",
+    )
+
+
+def _holds_pictures(folder: Path) -> bool:
+    try:
+        return any(_is_picture(p) for p in folder.iterdir())
+    except OSError:
+        return False
 
 
 def view_ids(paths: list[Path]) -> list[str]:
     """What each picture is called in the report: its name, with its folder where two have the same name."""
     names = [p.name for p in paths]
-    return [str(p) if names.count(p.name) > 1 else p.name for p in paths]
+    twice = {name for name, count in Counter(names).items() if count > 1}
+    return [readable(str(p) if p.name in twice else p.name) for p in paths]

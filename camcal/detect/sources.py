@@ -11,16 +11,20 @@ import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from camcal.detect.decode import FLAGS, UnreadableError, as_gray, check_size, decode_gray
+from camcal.detect.exif import UNKNOWN, Taken, read_exif
 from camcal.detect.frames import is_film, read_frame
 
 Array = np.ndarray
 
 ARCHIVES = (".zip",)
+#: raw pictures of cameras: cv2 would read the small preview in some of them
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw")
 MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
 
 
@@ -41,32 +45,50 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
         With the reason.
     """
     file, number = split(path)
-    found, decode = fetch(path)
-    if found != sha256 is not None and number is not None and is_film(file):
-        gray = read_frame(file, number, from_start=True)
-        found, decode = pixels_sha256(gray), lambda: gray
-    if found != sha256 is not None:
+    fetched = fetch(path)
+    if fetched.sha256 != sha256 is not None and number is not None and is_film(file):
+        fetched = of_pixels(read_frame(file, number, from_start=True))
+    if fetched.sha256 != sha256 is not None:
         raise UnreadableError(f"'{path}' has changed since the corners were found")
-    return decode(), found
+    return fetched.decode(), fetched.sha256
 
 
-def fetch(path: Path) -> tuple[str, Callable[[], Array]]:
-    """The SHA-256 of a picture's file (with the number of a page), and what decodes it.
+class Fetched(NamedTuple):
+    """A picture that is not decoded yet.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of its file (with the number of a page), or of the pixels of a frame.
+    decode : callable
+        Gives the grey picture, or raises UnreadableError.
+    taken : Taken
+        What the file says of the camera.
+    """
+
+    sha256: str
+    decode: Callable[[], Array]
+    taken: Taken = UNKNOWN
+
+
+def fetch(path: Path) -> Fetched:
+    """Read the file of a picture.
 
     Raises
     ------
     UnreadableError
-        Where the file cannot be read; the second raises it where it cannot be decoded.
+        Where it cannot be read.
     """
     file, number = split(path)
     if number is not None and is_film(file):
-        gray = read_frame(file, number)
-        return pixels_sha256(gray), lambda: gray
+        return of_pixels(read_frame(file, number))
+    if file.suffix.lower() in RAW:
+        raise UnreadableError(f"it is a raw picture of a camera ({file.suffix}): export it to TIFF or PNG")
     data = read_bytes(file)
     if number is None:
-        return hashlib.sha256(data).hexdigest(), lambda: decode_gray(data)
+        return Fetched(hashlib.sha256(data).hexdigest(), lambda: decode_gray(data), read_exif(data))
     page = hashlib.sha256(data + f"#{number}".encode()).hexdigest()
-    return page, lambda: decode_page(data, number)
+    return Fetched(page, lambda: decode_page(data, number))
 
 
 def split(path: Path) -> tuple[Path, int | None]:
@@ -149,6 +171,7 @@ def decode_page(data: bytes, number: int) -> Array:
     return as_gray(pages[0])
 
 
-def pixels_sha256(gray: Array) -> str:
-    """The SHA-256 of the pixels of a picture and of its size."""
-    return hashlib.sha256(repr((gray.shape, gray.dtype.str)).encode() + gray.tobytes()).hexdigest()
+def of_pixels(gray: Array) -> Fetched:
+    """A picture that has been decoded already: its SHA-256 is that of its size and its pixels."""
+    head = repr((gray.shape, gray.dtype.str)).encode()
+    return Fetched(hashlib.sha256(head + gray.tobytes()).hexdigest(), lambda: gray)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.writing import readable
+
 
 def plain(value: Any) -> Any:
     """Mappings, sequences, arrays, numpy's scalars, paths and dataclasses as dict, list, str and numbers.
@@ -20,16 +22,18 @@ def plain(value: Any) -> Any:
     TypeError
         For anything else: a report must not hold the `repr` of an object.
     """
-    if value is None or isinstance(value, (str, bool)) or type(value) in (int, float):
+    if isinstance(value, str):
+        return readable(value)
+    if value is None or isinstance(value, bool) or type(value) in (int, float):
         return value
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {readable(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist())
     if isinstance(value, (list, tuple, set, frozenset)):
         return [plain(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
     if isinstance(value, PurePath):
-        return str(value)
+        return readable(str(value))
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, (int, float)):  # subclasses: enums and the like
