@@ -24,8 +24,10 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     movie.mp4#123) or numbered frames (frame_%04d.png). What target it is, and its size, is found from the pictures
     where --target and --board do not say it.
     """
+    from camcal.cli.inputs import refuse_tables
     from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures
 
+    refuse_tables(images)
     output_is_free({**options, "save_corners": save_corners}, "save_corners")
     return calibrate_and_report(ctx, read_pictures(images, options), options, save_corners)
 

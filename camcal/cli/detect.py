@@ -22,9 +22,11 @@ def command(images: tuple[str, ...], output: Path, force: bool, **options: Any) 
     plain: any other detector could have written it. Give the size of the pictures to `camcal estimate` with
     --image-size.
     """
+    from camcal.cli.inputs import refuse_tables
     from camcal.cli.job import read_pictures, save_detections
     from camcal.data.writing import check_writable
 
+    refuse_tables(images)
     check_writable(output, force)
     found = read_pictures(images, options)
     save_detections(found, output, force)

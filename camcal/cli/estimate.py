@@ -27,9 +27,11 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     have a view column. With --distortion the lens that `camcal lines` found is held, and the joint solution is
     reported beside.
     """
+    from camcal.cli.inputs import refuse_pictures
     from camcal.cli.job import calibrate_and_report, output_is_free
 
     output_is_free(options)
+    refuse_pictures(points)
     from camcal.data.points import read_points
 
     given = {name: options[name] for name in ("points3d", "points2d", "image_size", "board")}

@@ -88,7 +88,7 @@ def _in_archive(archive: Path) -> list[Path]:
         raise DataError(
             f"the archive '{archive}' cannot be read: {error}.", "Unpack it, and name the folder."
         ) from None
-    files = [archive / n for n in names if _is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
+    files = [archive / n for n in names if is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
     if not files:
         raise DataError(
             f"the archive '{archive}' holds no pictures among its {len(names)} files.",
@@ -97,7 +97,8 @@ def _in_archive(archive: Path) -> list[Path]:
     return sorted(files, key=natural_order)
 
 
-def _is_picture(path: PurePath) -> bool:
+def is_picture(path: PurePath) -> bool:
+    """Whether a name ends as that of a picture."""
     return path.suffix.lower() in PICTURES and not path.name.startswith(".")
 
 
@@ -107,7 +108,7 @@ def _in_folder(folder: Path) -> list[Path]:
     except OSError as error:
         raise DataError(f"the folder '{folder}' cannot be read: {error.strerror}.") from error
     files = [p for p in entries if not p.name.startswith(".") and p.is_file()]
-    for kind in (_is_picture, _begins_like_a_picture, is_film, _is_raw):
+    for kind in (is_picture, _begins_like_a_picture, is_film, _is_raw):
         chosen = [p for p in files if kind(p)]
         if chosen:
             return sorted(chosen, key=natural_order)
@@ -131,7 +132,7 @@ def _is_raw(path: Path) -> bool:
 
 def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
     """The error for a folder without pictures; its folders are named where they hold some."""
-    inside = sorted((p for p in entries if p.is_dir() and _holds_pictures(p)), key=natural_order)
+    inside = sorted((p for p in entries if p.is_dir() and holds_pictures(p)), key=natural_order)
     if len(inside) == 1:
         return DataError(
             f"the folder '{folder}' holds no pictures itself.", f"Its folder does. Try: '{inside[0]}'"
@@ -151,9 +152,10 @@ def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
     )
 
 
-def _holds_pictures(folder: Path) -> bool:
+def holds_pictures(folder: Path) -> bool:
+    """Whether a folder holds pictures itself."""
     try:
-        return any(_is_picture(p) for p in folder.iterdir())
+        return any(is_picture(p) for p in folder.iterdir())
     except OSError:
         return False
 

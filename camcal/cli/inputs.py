@@ -1,0 +1,35 @@
+"""Whether an input is of the kind that a command takes: pictures or tables of points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from camcal.cli.job import TABLES
+from camcal.errors import DataError
+
+
+def refuse_tables(paths: Sequence[str | Path]) -> None:
+    """Raise a DataError that names the right command where a table of points stands among pictures."""
+    tables = [str(p) for p in paths if Path(p).suffix.lower() in TABLES]
+    if tables:
+        raise DataError(
+            f"'{tables[0]}' is a table of points; pictures are needed.",
+            f"Try: camcal estimate {' '.join(tables)}",
+        )
+
+
+def refuse_pictures(paths: Sequence[str | Path]) -> None:
+    """Raise a DataError that names the right command where a picture, a film or a folder of them is no table."""
+    others = [Path(p) for p in paths if Path(p).suffix.lower() not in TABLES]
+    if not others:
+        return
+    from camcal.detect.frames import is_film
+    from camcal.detect.listing import holds_pictures, is_picture
+
+    for path in others:
+        if is_picture(path) or is_film(path) or (path.is_dir() and holds_pictures(path)):
+            what = "a folder of pictures" if path.is_dir() else "a film" if is_film(path) else "a picture"
+            raise DataError(
+                f"'{path}' is {what}; a table of points is needed.", f"Try: camcal checkerboard {path}"
+            )
