@@ -13,13 +13,14 @@ from __future__ import annotations
 import base64
 import binascii
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from camcal.data.observations import NO_ID, Observations
 from camcal.errors import DataError
+from camcal.schema.views import Data
 
 Array = np.ndarray
 
@@ -54,12 +55,12 @@ def encode(data: Observations, places: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def decode(data: Mapping[str, Any], ids: Sequence[str]) -> tuple[Observations, list[int]]:
+def decode(data: Data, ids: Sequence[str]) -> tuple[Observations, list[int]]:
     """The observations of a `data` entry and the places of their views in the report; the inverse of `encode`.
 
     Parameters
     ----------
-    data : mapping
+    data : Data
     ids : sequence of str
         The ids of the report's `views`.
 
@@ -88,22 +89,27 @@ def decode(data: Mapping[str, Any], ids: Sequence[str]) -> tuple[Observations, l
     return found.with_used(table["used"] > 0), places
 
 
-def _table(data: Mapping[str, Any]) -> dict[str, Array]:
-    try:
-        if data["encoding"] != ENCODING or data["dtype"] != "float64":
-            found = f"{data['encoding']} of {data['dtype']}"
-            raise DataError(
-                f"the report's data are {found}; {ENCODING} of float64 is needed.", "Try a newer camcal."
-            )
-        columns, rows = list(data["columns"]), int(data["rows"])
-        raw = zlib.decompress(base64.b64decode(data["text"]))
-        values = np.frombuffer(raw, "<f8").astype(float).reshape(len(columns), rows)
-        missing = [c for c in COLUMNS if c not in columns]
-    except (KeyError, TypeError, ValueError, binascii.Error, zlib.error) as error:
-        raise DataError(
-            f"the report's data are damaged ({type(error).__name__}: {error}).",
-            "Is the file cut off?",
-        ) from error
+def _table(data: Data) -> dict[str, Array]:
+    missing = [c for c in COLUMNS if c not in data.columns]
     if missing:
         raise DataError(f"the report's data lack the column '{missing[0]}'.", "The file is damaged.")
-    return dict(zip(columns, values, strict=True))
+    count = len(data.columns) * data.rows
+    try:
+        packed = base64.b64decode(data.text)
+        # no more than the rows need: a few bytes could stand for more than fits in memory
+        raw = zlib.decompressobj().decompress(packed, 8 * count + 1)
+    except (ValueError, binascii.Error, zlib.error) as error:
+        raise DataError(f"the report's data are damaged ({error}).", "Is the file cut off?") from error
+    if len(raw) != 8 * count:
+        raise DataError(
+            f"the report's data are damaged: not {data.rows} rows of {len(data.columns)} columns.",
+            "Is the file cut off?",
+        )
+    values = np.frombuffer(raw, "<f8").astype(float).reshape(len(data.columns), data.rows)
+    table = dict(zip(data.columns, values, strict=True))
+    for name in (c for c in COLUMNS if c != "sigma"):
+        if not np.isfinite(table[name]).all():
+            raise DataError(
+                f"the report's data hold a value of '{name}' that is not finite.", "The file is damaged."
+            )
+    return table

@@ -22,6 +22,10 @@ from camcal.plan.solution import Solution
 from camcal.report.embedded import decode
 from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
+from camcal.schema import report as schema
+from camcal.schema.camera import Camera as Section
+from camcal.schema.kinds import UNSET
+from camcal.schema.views import Shape, Target, View
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.problem import Problem
@@ -53,15 +57,16 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             f"'{source}' is a report of `camcal track`: it holds a camera, but no views that could be judged.",
             "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
         )
-    structure(Report, found, source)
+    report = structure(Report, found, source)
+    if not isinstance(report.camera, Section):
+        raise DataError(f"'{source}' is damaged: 'camera' is missing.", "Make the report again.")
     with _damage(source):
-        camera = camera_of_entry(found["camera"])
-        start, free = _start_and_free(found["camera"], camera)
-        entries = found["views"]
-        seen, places = decode(found["data"], [e["id"] for e in entries])
-        poses = _poses([entries[i] for i in places])
-        data = _with_inputs(seen, found, entries)
-        board = _board(found["target"], data)
+        camera = camera_of_entry(found["camera"], source)
+        start, free = _start_and_free(report.camera, camera)
+        seen, places = decode(report.data, [v.id for v in report.views])
+        poses = _poses([report.views[i] for i in places])
+        data = _with_inputs(seen, report, found)
+        board = _board(report.target, data)
         normal = _normal(camera, free, poses, data, board)
         return Solution(
             camera=camera,
@@ -71,9 +76,9 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             start=start,
             free=np.c_[free, np.zeros((len(free), len(normal.intrinsics) - free.shape[1]))],
             normal=normal,
-            fit=_fit(found["fit"]),
-            stages=tuple(_stage(s) for s in found["stages"]),
-            warnings=tuple(CalibrationWarning(w["code"], w["message"], w["hint"]) for w in found["warnings"]),
+            fit=_fit(report.fit),
+            stages=tuple(_stage(s) for s in report.stages),
+            warnings=tuple(CalibrationWarning(w.code, w.message, w.hint) for w in report.warnings),
             options=found["options"],
             crosscheck=tuple(found["crosscheck"]),
             holdout=found["holdout"],
@@ -104,48 +109,52 @@ def _damage(source: str) -> Any:
         raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
 
 
-def _start_and_free(entry: Mapping[str, Any], camera: Camera) -> tuple[Camera, Array]:
-    given = [entry["parameters"][name] for name in camera.lens.names]
-    start = np.array([p["start"] for p in given], float)
-    free = np.eye(len(given))[:, [not p["fixed"] for p in given]]
-    if "free_directions" in entry:
-        free = np.array(entry["free_directions"], float).reshape(len(given), -1)
+def _start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
+    given = [section.parameters[name] for name in camera.lens.names]
+    start = np.array([p.start for p in given])
+    free = np.eye(len(given))[:, [not p.fixed for p in given]]
+    if section.free_directions is not UNSET:
+        free = np.array(section.free_directions, float).reshape(len(given), -1)
     return Camera(camera.lens, start, camera.image_size), free
 
 
-def _poses(entries: Sequence[Mapping[str, Any]]) -> Poses:
-    given = [e["cam_from_board"] for e in entries]
-    vectors = np.array([g["rotation_vector"] for g in given], float).reshape(-1, 3)
-    return Poses(rotations.exp(vectors), np.array([g["translation"] for g in given], float).reshape(-1, 3))
+def _poses(views: Sequence[View]) -> Poses:
+    given = [v.cam_from_board for v in views if v.cam_from_board is not None]
+    if len(given) < len(views):
+        name = next(v.id for v in views if v.cam_from_board is None)
+        raise DataError(
+            f"the view '{name}' has points that were used, but no pose.", "Make the report again."
+        )
+    vectors = np.array([g.rotation_vector for g in given]).reshape(-1, 3)
+    return Poses(rotations.exp(vectors), np.array([g.translation for g in given]).reshape(-1, 3))
 
 
-def _with_inputs(seen: Observations, found: Mapping[str, Any], entries: list) -> Observations:
-    inputs, size = found["inputs"], found["inputs"]["image_size"]
+def _with_inputs(seen: Observations, report: Report, found: Mapping[str, Any]) -> Observations:
     return replace(
         seen,
-        image_sizes=(None if size is None else (int(size[0]), int(size[1])),),
+        image_sizes=(report.inputs.image_size,),
         target=found["target"],
         skipped=tuple(
-            SkippedView(e["id"], e["status"], e["reason"], e["points"], e["rms_point"])
-            for e in entries
-            if e["status"] != "used"
+            SkippedView(v.id, v.status, v.reason or "", v.points, v.rms_point)
+            for v in report.views
+            if v.status != "used"
         ),
-        files=tuple(inputs["files"]),
-        picture_quality={e["id"]: e["quality"] for e in entries if "quality" in e},
+        files=tuple(found["inputs"]["files"]),
+        picture_quality={v.id: v.quality for v in report.views if isinstance(v.quality, dict)},
     )
 
 
-def _board(target: Mapping[str, Any] | None, seen: Observations) -> ShapedBoard | None:
+def _board(target: Target | None, seen: Observations) -> ShapedBoard | None:
     """The estimated shape of the board, where the report has one; a given shape is part of the points."""
-    shape = (target or {}).get("shape") or {}
-    if shape.get("kind") not in KINDS:
+    shape = UNSET if target is None else target.shape
+    if not isinstance(shape, Shape) or shape.kind not in KINDS:
         return None
-    square = float((target or {}).get("square") or 1.0)
-    points, ideal = (np.array(shape[k], float) * square for k in ("points", "ideal"))
+    square = target.square if target is not None and isinstance(target.square, float) else 1.0
+    points, ideal = (np.array(p, float).reshape(-1, 3) * square for p in (shape.points, shape.ideal))
     # what a shape may do follows from the ideal board, so that it is the same as in the calibration
     flat = on_board(seen.kept(), points, ideal)
-    board = make_board(flat.views, shape["kind"])
-    return ShapedBoard(shape["kind"], ideal, points, board.size, board.basis)
+    board = make_board(flat.views, shape.kind)
+    return ShapedBoard(shape.kind, ideal, points, board.size, board.basis)
 
 
 def _normal(
@@ -167,29 +176,28 @@ def _normal(
     return blocks.normal()
 
 
-def _fit(entry: Mapping[str, Any]) -> Fit:
+def _fit(section: schema.Fit) -> Fit:
+    nan = float("nan")
     return Fit(
-        entry["optimizer"],
-        entry["loss"],
-        entry["iterations"],
-        entry["evaluations"],
-        entry["converged"],
-        entry["stop_reason"],
-        entry["cost"],
-        entry["seconds"],
-        info=entry["info"] or {},
+        section.optimizer,
+        section.loss,
+        section.iterations,
+        section.evaluations,
+        section.converged,
+        section.stop_reason,
+        nan if section.cost is None else section.cost,
+        nan if section.seconds is None else section.seconds,
+        info=section.info or {},
     )
 
 
-def _stage(entry: Mapping[str, Any]) -> Stage:
-    def array(value: Any) -> Array | None:
-        return None if value is None else np.array(value, float)
-
+def _stage(section: schema.Stage) -> Stage:
+    matrix, projection = section.matrix, section.projection_matrix
     return Stage(
-        entry["name"],
-        float("nan") if entry["rms_point"] is None else entry["rms_point"],
-        array(entry["matrix"]),
-        entry["seconds"],
-        array(entry.get("projection_matrix")),
-        info=entry.get("info", {}),
+        section.name,
+        float("nan") if section.rms_point is None else section.rms_point,
+        None if matrix is None else np.array(matrix),
+        float("nan") if section.seconds is None else section.seconds,
+        None if projection is UNSET else np.array(projection),
+        info=section.info if isinstance(section.info, dict) else {},
     )

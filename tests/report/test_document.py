@@ -1,7 +1,9 @@
 """The report: its keys, its exactness, reading back."""
 
+import base64
 import copy
 import json
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -297,6 +299,38 @@ class TestBadFiles:
         path.write_text(text[: text.index("\ndata:") + 600])
         with pytest.raises(DataError, match=r"damaged|not a YAML file"):
             load(path)
+
+    @pytest.mark.parametrize(
+        ("column", "value", "message"),
+        [
+            ("view", 4.0, "name a view that it does not list"),
+            ("view", -1.0, "name a view that it does not list"),
+            ("view", np.nan, "hold a value of 'view' that is not finite"),
+            ("u", np.inf, "hold a value of 'u' that is not finite"),
+        ],
+    )
+    def test_damaged_observations(self, tmp_path, solution, column, value, message):
+        made = copy.deepcopy(document(solution))
+        table = np.frombuffer(zlib.decompress(base64.b64decode(made["data"]["text"])), "<f8").copy()
+        table[made["data"]["columns"].index(column) * made["data"]["rows"]] = value
+        made["data"]["text"] = base64.b64encode(zlib.compress(table.tobytes())).decode()
+        save(made, tmp_path / "r.yaml")
+        with pytest.raises(DataError, match=message):
+            load(tmp_path / "r.yaml")
+
+    def test_observations_that_unpack_to_more_than_their_rows(self, tmp_path, solution):
+        made = copy.deepcopy(document(solution))
+        made["data"]["text"] = base64.b64encode(zlib.compress(bytes(1 << 24))).decode()
+        save(made, tmp_path / "r.yaml")
+        with pytest.raises(DataError, match="data are damaged: not 216 rows of 9 columns"):
+            load(tmp_path / "r.yaml")
+
+    def test_a_used_view_without_a_pose(self, tmp_path, solution):
+        made = copy.deepcopy(document(solution))
+        made["views"][1]["cam_from_board"] = None
+        save(made, tmp_path / "r.yaml")
+        with pytest.raises(DataError, match=f"the view '{made['views'][1]['id']}' has points that were used"):
+            load(tmp_path / "r.yaml")
 
     def test_a_report_is_not_overwritten_unasked(self, tmp_path, solution):
         path = tmp_path / "r.yaml"
