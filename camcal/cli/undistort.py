@@ -10,12 +10,13 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.errors import UsageError
 
 FILE = click.Path(path_type=Path)
 
 
 @click.command("undistort")
-@click.argument("images", nargs=-1, required=True, metavar="IMAGES...")
+@click.argument("images", nargs=-1, metavar="IMAGES...")
 @options("undistort")
 @verbosity_options
 @click.pass_context
@@ -24,7 +25,8 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
 
     IMAGES are files, folders, quoted patterns, films (each frame becomes a picture such as movie_000123.png) or
     frames of films (movie.mp4#123). The new pictures keep their names; camera.yaml beside them is the camera
-    that would have taken them. Unreadable pictures are named and left out (exit code 1).
+    that would have taken them, with the largest rectangle without black (`undistortion: crop`). Unreadable
+    pictures are named and left out (exit code 1). With --maps, no pictures are needed.
     """
     from camcal.cli.job import command_line
     from camcal.detect.frames import is_film
@@ -37,24 +39,58 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     source = load_camera(options["camera"])
     if options["image_size"] is not None:
         source = replace(source, image_size=options["image_size"])
-    files, folder = list_pictures(images), options["output"]
+    if not images and not options["maps"]:
+        raise UsageError(
+            "no pictures are given.", "Name pictures or a folder, or ask for the maps alone: --maps maps.npz"
+        )
+    files, folder = list_pictures(images) if images else [], options["output"]
     # how many frames a film has is known at its end only; a frame never overwrites a file, either
     targets = [folder / written_name(f) for f in files if not is_film(f)]
     _check(targets, folder, options["force"])
+    _check_maps(options)
     made = undistortion(source, options["keep"], options["size"], options["projection"])
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"from": str(options["camera"]), "keep": str(options["keep"]), "black": made.black}
+    figures["crop"] = _write_maps(made, source.image_size, options)
     document = camera_document(made.camera, command_line(ctx), undistortion=figures)
     save(document, folder / "camera.yaml", options["force"])
     failed, count = _resample_all(files, folder, source.image_size, made, options)
+    if not images:
+        return 0
     note(f"{count - failed} of {count} pictures written to {folder}; {made.black:.1%} of each is black.")
     return 1 if failed else 0
+
+
+def _check_maps(options: dict[str, Any]) -> None:
+    from camcal.data.remap_files import check_ending, names
+    from camcal.data.writing import check_writable
+
+    for path in options["maps"]:
+        check_ending(path)
+        for file in names(path):
+            check_writable(file, options["force"])
+
+
+def _write_maps(made: Any, size: tuple[int, int] | None, options: dict[str, Any]) -> dict[str, int] | None:
+    """Write --maps; the rectangle without black, for the document."""
+    import numpy as np
+
+    from camcal.data.remap_files import contents, crop_box
+    from camcal.data.writing import atomic_write
+
+    assert size is not None  # or there would be no map
+    box = crop_box(made.u, made.v, size)
+    more = {"matrix": made.camera.matrix, "crop": np.array(box or (0, 0, 0, 0))}
+    for path in options["maps"]:
+        for file, data in contents(path, made.u, made.v, size, **more).items():
+            atomic_write(file, data, options["force"])
+            note(f"Map written to {file}.")
+    return None if box is None else dict(zip(("x", "y", "width", "height"), box, strict=True))
 
 
 def _check(targets: list[Path], folder: Path, force: bool) -> None:
     """Refuse what would overwrite something, before any work is done."""
     from camcal.data.writing import check_writable
-    from camcal.errors import UsageError
 
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"'{folder}' is a file; a folder is needed.", "Try: -o undistorted")

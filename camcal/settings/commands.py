@@ -128,6 +128,12 @@ _UNDISTORT = (
         "Between pixels.",
         "linear",
     ),
+    Option(
+        "maps",
+        Several(FILE),
+        "Write the map too: .npz (u, v, matrix, crop), .exr (STMap) or .pgm (two files for ffmpeg's remap).",
+        repeated=True,
+    ),
     IMAGE_SIZE,
     FORCE,
     CONFIG,

@@ -128,3 +128,30 @@ def test_undistort_refuses(camcal, kb4, keep, words):
     cv2.imwrite("a.png", np.zeros((800, 1280), np.uint8))
     code, _, err = camcal("undistort", "a.png", "-c", kb4, "-o", "out", "--keep", keep)
     assert code == 2 and words in err and not Path("out").exists()
+
+
+def test_undistort_writes_maps_alone(camcal, kb4):
+    code, out, err = camcal(
+        "undistort",
+        "-c",
+        kb4,
+        "-o",
+        "out",
+        "--size",
+        "320x200",
+        "--maps",
+        "m.npz",
+        "--maps",
+        "m.exr",
+        "--maps",
+        "m.pgm",
+    )
+    assert (code, out) == (0, ""), err
+    assert all(Path(name).exists() for name in ("m.npz", "m.exr", "m-x.pgm", "m-y.pgm", "out/camera.yaml"))
+    with np.load("m.npz") as maps:
+        assert maps["u"].shape == (200, 320)
+        crop = yaml.safe_load(Path("out/camera.yaml").read_text())["undistortion"]["crop"]
+        assert list(crop.values()) == maps["crop"].tolist()
+    assert camcal("undistort", "-c", kb4, "-o", "other", "--maps", "m.npz")[0] == 2  # it exists
+    code, _, err = camcal("undistort", "-c", kb4, "-o", "other")
+    assert code == 2 and "--maps" in err
