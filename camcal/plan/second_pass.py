@@ -2,12 +2,13 @@
 
 A first calibration tells where each pixel lies on the board. Corners are fitted again on edges that are
 straight there, discs get the bias of their centre taken off, and the camera is refined until the points
-stay where they are. The new points are kept where the one rule for what is better says so.
+stay where they are. How large the windows may be depends on how flat the board is: several sizes are tried. The
+new points are kept where the one rule for what is better says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,9 @@ import numpy as np
 from camcal.assess.holdout import HoldOut, hold_out
 from camcal.data.observations import Observations, View
 from camcal.detect import targets
+from camcal.detect.camera_pass import WINDOWS
 from camcal.detect.refine_images import refine_images
+from camcal.detect.saddle import INNER_HALF
 from camcal.detect.targets.circles import Circles
 from camcal.model.pose import Pose
 from camcal.plan.better import Candidate, better
@@ -42,9 +45,10 @@ def _applies(progress: Progress) -> bool:
 
 def _second_pass(progress: Progress) -> Change:
     first, found = progress.fit, progress.given
-    current, points, rounds, change = first, found, 0, np.inf
+    window, points, current = _in_best_windows(progress)
+    rounds, change = 1, _projections_moved(first, current)
     while rounds < ROUNDS and change > SETTLED:
-        points, rounds = _again(points if rounds else found, found, current), rounds + 1
+        points, rounds = _again(points, found, current, (window,))[0], rounds + 1
         new = _refitted(current, points, progress)
         change, current = _projections_moved(current, new), new
     before, after = hold_out(first, progress.how), hold_out(current, progress.how)
@@ -53,6 +57,7 @@ def _second_pass(progress: Progress) -> Change:
         kept, why = better(Candidate(current, after), Candidate(first, before))
     notes: dict[str, Any] = {
         "rounds": rounds,
+        "window": window,
         "moved_px": float(np.sqrt(np.square(points.uv - found.uv).sum(1).mean())),
         "holdout_before": _rms(before),
         "holdout_after": _rms(after),
@@ -64,6 +69,21 @@ def _second_pass(progress: Progress) -> Change:
     return Change(
         fit=Candidate(current), instead=True, given=points, stage=stage, notes={"second_pass": notes}
     )
+
+
+def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibration]:
+    """The size of windows that is better than the usual one, or that; the points in them, and the fit to these."""
+    first, found = progress.fit, progress.given
+    tried = [
+        (window, points, Candidate(fit, hold_out(fit, progress.how)))
+        for window, points in zip(WINDOWS, _again(found, found, first, WINDOWS), strict=False)
+        for fit in [_refitted(first, points, progress)]
+    ]
+    usual = next((t for t in tried if t[0] == INNER_HALF), tried[0])
+    for other in sorted(tried, key=lambda t: _rms(t[2].holdout) or np.inf):
+        if other is usual or better(other[2], usual[2])[0]:
+            return other[0], other[1], other[2].calibration
+    return usual[0], usual[1], usual[2].calibration
 
 
 def _rms(held: HoldOut | None) -> float | None:
@@ -78,12 +98,17 @@ def _refitted(fit: Calibration, points: Observations, progress: Progress) -> Cal
     return refine(fit.camera, fit.poses, data, progress.how)
 
 
-def _again(points: Observations, found: Observations, fit: Calibration) -> Observations:
-    """The points as the camera of a fit makes them; views without a pose stay as they are."""
+def _again(
+    points: Observations, found: Observations, fit: Calibration, windows: Sequence[float]
+) -> list[Observations]:
+    """The points as the camera of a fit makes them, for each size of windows; discs have none.
+
+    Views without a pose stay as they are.
+    """
     poses = dict(zip(fit.observations.view_ids, fit.poses, strict=True))
     if str((found.target or {}).get("kind", "")).endswith("circles"):
-        return _centred(found, fit, poses)
-    return refine_images(points, fit.camera, poses)[0]
+        return [_centred(found, fit, poses)]
+    return refine_images(points, fit.camera, poses, windows=windows)
 
 
 def _projections_moved(old: Calibration, new: Calibration) -> float:

