@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erf
 
+from camcal.detect.aliasing import white_level
 from camcal.detect.discs import Discs
-from camcal.detect.saddle import white_level
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
 
 Array = np.ndarray

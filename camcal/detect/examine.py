@@ -19,7 +19,7 @@ from camcal.detect.sources import fetch, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
-DETECTOR = 4  #: raise it when a detector comes to find something else in the same picture
+DETECTOR = 9  #: raise it when a detector comes to find something else in the same picture
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.detect import edge_model as model
+from camcal.detect.aliasing import grey_limits, with_sampling
 from camcal.detect.blur_shape import as_seen, rounded
 from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import first_guess, fit
@@ -18,7 +19,7 @@ from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
 from camcal.detect.ranks import median
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
-from camcal.detect.windows import LARGEST, Windows, cut, limited, straightened
+from camcal.detect.windows import LARGEST, cut, limited, straightened
 
 Array = np.ndarray
 
@@ -34,25 +35,6 @@ MOST_START = 0.2  #: of a square; a larger blur at the start hides that there ar
 ROUGH = 2.0  #: standard deviations within which a first fit stops: the second begins there
 CLEAR = 2.5  #: blurs that a window keeps away from the next edge: 1 % of that edge is left
 LEAST_HALF = 0.25  #: of a square
-#: share of a window's pixels with grey values between black and white; a pixel's own area makes that of an edge
-#: 1 px wide, of the 4 px to 5 px of the band of a first fit. With less the picture has no anti-aliasing
-BETWEEN = 0.05
-
-
-def white_level(gray: Array) -> float:
-    """Grey value at which a picture is cut off: full scale, of 16 bits the largest that occurs."""
-    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
-
-
-def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
-    """Grey values at which a picture is cut off, so that a pixel there is at least so dark or so bright.
-
-    Where hardly any pixel is between the two, black and white are what they seem to be, and the limits lie beyond.
-    """
-    high = white_level(gray)
-    between = windows.counts & (windows.value > 0) & (windows.value < high)
-    cut_off = bool(between.sum() >= BETWEEN * windows.counts.sum())
-    return (0.0, high) if cut_off else (-1.0, high + 1.0)
 
 
 def refine(
@@ -86,11 +68,14 @@ def refine(
         return Corners.none()
     shortest = np.linalg.norm(sides, axis=2).min(1)
     half = np.clip(LEAST_PX / np.maximum(shortest, 1e-9), HALF, WIDER_HALF) if half is None else half
-    windows = cut(gray, uv, sides, half, SEEN * blur + START_ERROR, max(FIRST_LARGEST, FIRST_SEEN * blur))
+    largest = max(FIRST_LARGEST, FIRST_SEEN * blur)
+    windows = cut(gray, uv, sides, half, SEEN * blur + START_ERROR, largest)
     limits = grey_limits(gray, windows)
     windows, seen = rounded(windows, sides, shape)
     guess = first_guess(windows, edge_normals(seen), np.minimum(blur, MOST_START * shortest))
     fits = fit(windows, guess, limits, settled=ROUGH)
+    if limits[0] < 0:
+        fits = with_sampling(fits, sides * limited(half, sides, largest)[:, None, None])
     return tested(windows, as_seen(fits, shape), sides, half, span or grey_span(gray))
 
 
@@ -172,4 +157,6 @@ def sharpen(
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
     fits = with_slopes(windows, fit(windows, start, limits), limits)
+    if limits[0] < 0:
+        fits = with_sampling(fits, sides * share[:, None, None])
     return tested(windows, as_seen(fits, shape), sides, half, grey_span(gray))

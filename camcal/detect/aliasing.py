@@ -1,0 +1,58 @@
+"""Pictures without anti-aliasing, as simple renderers make them: each pixel is black or white."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.detect.fit import Fits
+from camcal.detect.windows import Windows
+
+Array = np.ndarray
+
+#: share of a window's pixels with grey values between black and white; a pixel's own area makes that of an edge
+#: 1 px wide, of the 4 px to 5 px of the band of a first fit. With less the picture has no anti-aliasing
+BETWEEN = 0.05
+SAMPLING = 0.29  #: px; 1/sqrt(12), of an edge that lies anywhere between two rows of pixels
+
+
+def white_level(gray: Array) -> float:
+    """Grey value at which a picture is cut off: full scale, of 16 bits the largest that occurs."""
+    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
+
+
+def is_aliased(gray: Array, windows: Windows) -> bool:
+    """Whether hardly any pixel of the windows is between black and white."""
+    between = windows.counts & (windows.value > 0) & (windows.value < white_level(gray))
+    return bool(between.sum() < BETWEEN * windows.counts.sum())
+
+
+def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
+    """Grey values at which a picture is cut off, so that a pixel there is at least so dark or so bright.
+
+    Without anti-aliasing black and white are what they seem to be, and the limits lie beyond.
+    """
+    high = white_level(gray)
+    return (-1.0, high + 1.0) if is_aliased(gray, windows) else (0.0, high)
+
+
+def with_sampling(fits: Fits, axes: Array) -> Fits:
+    """Fits of an aliased picture, whose covariance holds how little its edges say of where they are.
+
+    An edge that crosses n rows or columns of pixels moves by 1 / (n + 1) px before a pixel changes.
+
+    Parameters
+    ----------
+    fits : Fits
+    axes : (K, 2, 2) array
+        Half-widths of the windows along columns and rows, px.
+    """
+    length = np.linalg.norm(axes, axis=2, keepdims=True)
+    normal = (
+        np.stack([-axes[:, ::-1, 1], axes[:, ::-1, 0]], -1) / length[:, ::-1]
+    )  # of the edges along rows, columns
+    crossed = 2 * np.abs(axes[:, ::-1]).min(2)
+    inverse = np.linalg.inv(normal)
+    across = inverse * (SAMPLING / (1 + crossed))[:, None, :]
+    return replace(fits, covariance=fits.covariance + across @ across.transpose(0, 2, 1))
