@@ -38,7 +38,7 @@ def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
 
 
 def with_sampling(fits: Fits, axes: Array) -> Fits:
-    """Fits of an aliased picture, whose covariance holds how little its edges say of where they are.
+    """Fits of an aliased picture, whose covariance holds how far its edges are undetermined.
 
     An edge that crosses n rows or columns of pixels moves by 1 / (n + 1) px before a pixel changes.
 

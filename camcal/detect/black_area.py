@@ -15,7 +15,7 @@ from camcal.detect.targets.base import Pattern
 Array = np.ndarray
 
 
-class Ink:
+class BlackArea:
     """The blackness of a pattern, ready to be averaged over boxes."""
 
     def __init__(self, pattern: Pattern):

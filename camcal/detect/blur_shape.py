@@ -21,7 +21,7 @@ ROUND = (
 
 
 def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
-    """The matrix A (2, 2), of determinant 1; None where the blur is round, as far as the edges can tell.
+    """The matrix A (2, 2), of determinant 1; None where the blur is round, as far as the edges show.
 
     Parameters
     ----------

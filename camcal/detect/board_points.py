@@ -1,4 +1,4 @@
-"""Where the points of a board lie in a picture, told by those that are known already.
+"""Where the points of a board lie in a picture, from those that are known already.
 
 No lens is assumed: a point's place comes from the homography of its nearest known neighbours, which holds
 closely enough through a wide angle and on a bent sheet.
@@ -18,10 +18,14 @@ from camcal.geometry import homography
 
 Array = np.ndarray
 
-LOCAL_POINTS = 12  #: known points whose homography says where another is
-LEAST_GAP = 1e-3  #: of a homography's equations; below it the points stand in a row
-STRAY = 0.5  #: of the room around a point; farther off than that, a fitted point is another corner
-SUPPORT = 4  #: markers that say where a corner is
+LOCAL_POINTS = (
+    12  #: known points whose homography gives another's place: a block of 3x4, three times what it needs
+)
+LEAST_GAP = (
+    1e-3  #: of a homography's equations (its second singular value); below it the points stand in a row
+)
+STRAY = 0.5  #: of the space around a point; a fitted point that is farther off is another corner
+SUPPORT = 4  #: markers whose corners give a point's place: those around it
 
 
 @dataclass

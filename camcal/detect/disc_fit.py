@@ -2,10 +2,10 @@
 
     I(d) = (a + b Φ(s(d) / σ)) (1 + g·d),    s = (|L d| - 1) / |∇|L d||,    d = pixel - centre
 
-a is the ink, b the step to the paper, g the slope of the light, which brightens both in proportion, Φ the
+a is the black, b the step to the white, g the slope of the shading, in proportion to both, Φ the
 normal distribution function, s the signed distance from the ellipse |L d| = 1 (to first order) and σ the
 blur. Ten parameters: centre (2), L symmetric (3), a, g (2), b, σ. The blurred edge counts, not a threshold
-on it, so that a slope of the light hardly moves the centre; and unlike a centroid nothing depends on where
+on it, so that a slope of the shading hardly moves the centre; and unlike a centroid nothing depends on where
 a window ends.
 """
 
@@ -180,18 +180,18 @@ def _evaluate(band: _Band, params: Array) -> tuple[Array, Array]:
     bell = p[:, STEP] * np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * p[:, BLUR])
     along = bell / slope  # d I / d |L d|; the change of the slope itself vanishes on the outline
     jacobian = np.empty((len(params), COUNT, band.x.shape[1]))
-    grey, light = p[:, OFFSET] + p[:, STEP] * edge, 1 + p[:, GX] * x + p[:, GY] * y
-    along *= light
+    grey, shading = p[:, OFFSET] + p[:, STEP] * edge, 1 + p[:, GX] * x + p[:, GY] * y
+    along *= shading
     jacobian[:, CX] = -along * (p[:, L11] * nx + p[:, L12] * ny) - grey * p[:, GX]
     jacobian[:, CY] = -along * (p[:, L12] * nx + p[:, L22] * ny) - grey * p[:, GY]
     jacobian[:, L11] = along * nx * x
     jacobian[:, L12] = along * (nx * y + ny * x)
     jacobian[:, L22] = along * ny * y
-    jacobian[:, OFFSET] = light
+    jacobian[:, OFFSET] = shading
     jacobian[:, GX], jacobian[:, GY] = grey * x, grey * y
-    jacobian[:, STEP] = edge * light
-    jacobian[:, BLUR] = -bell * light * z
-    residual = grey * light - band.value
+    jacobian[:, STEP] = edge * shading
+    jacobian[:, BLUR] = -bell * shading * z
+    residual = grey * shading - band.value
     counts = band.counts & ~((band.value >= band.white) & (residual > 0))
     return np.where(counts, residual, 0.0), jacobian * counts[:, None]
 

@@ -1,4 +1,4 @@
-"""The sub-pixel corners of a whole grid: first each for itself, then with what they say of each other."""
+"""The sub-pixel corners of a whole grid: first each for itself, then with the shape of the grid known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from camcal.detect.local_map import board_from_corners
 
 Array = np.ndarray
 
-LEAST_CORNERS = 4  #: fewer say nothing of each other
+LEAST_CORNERS = 4  #: fewer have no shape
 COARSE = 4.0  #: px; a picture reduced by more is fitted first itself, its error being too large for a window
 ERROR = 0.25  #: px of the reduced picture; of a corner before it is fitted
 LEAST_BLUR = 0.5  #: px; to start from, about that of a sharp lens and of a pixel's area

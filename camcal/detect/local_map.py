@@ -18,8 +18,10 @@ Array = np.ndarray
 #: from px (K, P, 2) near each of K corners to coordinates (K, P, 2) in which edges are straight, in squares
 BoardFromPixel = Callable[[Array], Array]
 
-SPAN = 5  #: corners to each side of the block from which a corner's map is made
-STEEPEST = 4.0  #: largest ratio of depths for which one homography is trusted
+SPAN = 5  #: corners to each side of the block from which a corner's map is made; a cubic needs 4
+STEEPEST = (
+    4.0  #: largest ratio of depths for which one homography is trusted: a board of its own length away has 2
+)
 RIDGE = 1e-9  #: keeps the equations solvable where corners are missing in a line
 FOR_CUBIC, FOR_QUADRATIC = 14, 8  #: corners that a polynomial of that degree needs: 1.4 for each coefficient
 

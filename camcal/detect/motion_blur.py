@@ -1,4 +1,4 @@
-"""Which way a picture is smeared: the blur across edges of many directions."""
+"""Motion blur: its direction, from the blur across edges of many directions."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from camcal.detect.windows import cut
 
 Array = np.ndarray
 
-MOST_CORNERS = 24  #: so many corners tell it well enough
-STEPS = 4
+MOST_CORNERS = 24  #: of a picture; their blurs scatter by 2 %
+STEPS = 4  #: of Gauss-Newton; the fits' common blur is off by a factor of 2 at most
 LARGEST = 12  #: px; half the side of the largest window
-LEAST_BLUR, MOST_BLUR = 0.28, 30.0  #: px
-CLEAR = 0.05  #: of the mean variance; a smaller one comes of noise
+LEAST_BLUR, MOST_BLUR = 0.28, 30.0  #: px; a pixel's own area, and more than any window holds
+LEAST_VARIANCE = 0.05  #: of the mean; a smaller one along the narrow axis is noise
 
 
 def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[Array, Array]:
@@ -25,7 +25,7 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
 
         erf(u1 / √2 s1) erf(u2 / √2 s2) + n1ᵀ S n2 erf'(u1 / √2 s1) erf'(u2 / √2 s2)
 
-    (the tetrachoric series, Pearson 1901). Both edges alone would not tell a smear along the squares' diagonal.
+    (the tetrachoric series, Pearson 1901). The two edges alone do not show motion along the squares' diagonal.
     Gauss-Newton on these three numbers, from the common blur of the corners' fits.
 
     Parameters
@@ -73,8 +73,8 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
     return pairs, np.c_[blurs**2, mixed]
 
 
-def smear(directions: Array, products: Array) -> tuple[float, float] | None:
-    """Which way a picture is smeared.
+def blur_ellipse(directions: Array, products: Array) -> tuple[float, float] | None:
+    """The ratio of the axes of a blur, and the direction of the longer.
 
     Parameters
     ----------
@@ -96,4 +96,4 @@ def smear(directions: Array, products: Array) -> tuple[float, float] | None:
     if mean <= 0:
         return None
     direction = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])) % 180
-    return float(np.sqrt(values[1] / max(values[0], CLEAR * mean))), float(direction)
+    return float(np.sqrt(values[1] / max(values[0], LEAST_VARIANCE * mean))), float(direction)

@@ -1,4 +1,4 @@
-"""Why a picture shows no board, as far as its grey values can tell."""
+"""Why a picture shows no board, as far as its grey values show."""
 
 from __future__ import annotations
 

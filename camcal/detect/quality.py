@@ -8,19 +8,21 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from camcal.detect.motion_blur import corner_blurs, smear
+from camcal.detect.motion_blur import blur_ellipse, corner_blurs
 from camcal.detect.targets.base import Detection
 
 Array = np.ndarray
 
-SMEARED = 1.5  #: ratio of the blurs in two directions that speaks of motion
-SMEARED_PX = 1.2  #: px; a smaller blur is the sensor's and the lens's own, and seldom round
-SOFT = 0.2  #: blur as a share of a square's side from which on neighbouring edges run together
-SOFT_PX = 2.5  #: px; blur from which on corners lose much on squares of any size
-SATURATED = 0.25  #: share of the board's squares' pixels at full scale
-FLAT = 20.0  #: grey levels of 255; least difference of black and white
-ROUGH = 0.15  #: residual as a share of half that difference
-SMALL = 0.02  #: share of the picture that the board covers
+MOTION_RATIO = (
+    1.5  #: ratio of the blurs in two directions from which on it is motion: lenses have 1.2 at their rim
+)
+MOTION_PX = 1.2  #: px; a smaller blur is that of the sensor and the lens, and seldom round
+SOFT = 0.2  #: blur as a share of a square's side, from which on neighbouring edges overlap: 2.5 sigma each
+SOFT_PX = 2.5  #: px; blur at which the sigma of a corner has doubled against a blur of 0.6 px
+SATURATED = 0.25  #: share of pixels at full scale: half of the white squares
+FLAT = 20.0  #: grey levels of 255; difference of black and white below which rounding is 1.5 % of it
+ROUGH = 0.15  #: residual as a share of half that difference: noise of 9 levels on a usual contrast of 60
+SMALL = 0.02  #: share of the picture; a board that covers less is 1/7 as wide as it, and shows no distortion
 
 
 def measure(gray: Array, found: Detection) -> dict[str, Any]:
@@ -35,11 +37,10 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
     Returns
     -------
     dict
-        `blur_px`: width (σ) of the edges; `blur_ratio` and `blur_direction_deg`: of the widest against the
-        narrowest edges, and which way the picture is smeared (0 = along x, clockwise), where the corners
-        tell; `saturated`, `black`: shares of pixels at full scale and at 0 around the board; `contrast`,
-        `noise`: grey levels of 255; `square_px`; `coverage`: share of the picture that the points' hull
-        covers; `warnings`: list of words.
+        `blur_px`: width (σ) of the edges; `blur_ratio` and `blur_direction_deg`: of the widest against the narrowest
+        edges, and the direction of motion (0 = along x, clockwise), where the corners show them; `saturated`,
+        `black`: shares of pixels at full scale and at 0 around the board; `contrast`, `noise`: grey levels of 255;
+        `square_px`; `coverage`: share of the picture that the points' hull covers; `warnings`: list of words.
     """
     info = found.info
     names = {"blur_px": "blur_px", "square_px": "square_px", "contrast": "contrast", "noise": "residual"}
@@ -47,9 +48,9 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
     figures |= _exposure(gray, found.uv)
     figures["coverage"] = round(coverage(found.uv, (gray.shape[1], gray.shape[0])), 4)
     if "fit" in info and "sides" in info and len(found):
-        smeared = smear(*corner_blurs(gray, found.uv, info["fit"], info["sides"]))
-        if smeared is not None:
-            figures["blur_ratio"], figures["blur_direction_deg"] = round(smeared[0], 3), round(smeared[1], 1)
+        ellipse = blur_ellipse(*corner_blurs(gray, found.uv, info["fit"], info["sides"]))
+        if ellipse is not None:
+            figures["blur_ratio"], figures["blur_direction_deg"] = round(ellipse[0], 3), round(ellipse[1], 1)
     figures["warnings"] = warnings(figures)
     return figures
 
@@ -83,7 +84,7 @@ def warnings(figures: Mapping[str, Any]) -> list[str]:
     if blur is not None and square is not None and (blur > SOFT_PX or blur > SOFT * square):
         said.append(f"blurred: the edges are {blur:.1f} px wide (sigma) on squares of {square:.0f} px")
     ratio, direction = figures.get("blur_ratio", 1.0), figures.get("blur_direction_deg", 0.0)
-    if blur is not None and blur > SMEARED_PX and ratio > SMEARED:
+    if blur is not None and blur > MOTION_PX and ratio > MOTION_RATIO:
         said.append(f"motion: {ratio:.1f} times as blurred along {direction:.0f} degrees as across")
     if figures["saturated"] > SATURATED:
         said.append(f"overexposed: {figures['saturated']:.0%} of the board is at full scale")

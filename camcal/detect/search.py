@@ -170,7 +170,7 @@ def _half_rows(full: Lattice, cut: Lattice) -> bool:
 
 
 def _why_not(best: Found, size: tuple[int, int]) -> Miss:
-    """What to say of a grid that is not the board that was looked for."""
+    """The reason why a grid is not the board that was looked for."""
     wanted, seen, total = f"{size[0]}x{size[1]}", int(best.lattice.present.sum()), size[0] * size[1]
     columns, rows = sorted(best.lattice.size, reverse=True)
     if best.open_ended and seen < total:

@@ -1,7 +1,7 @@
-"""Uneven light: how the white and the black of a board change over a picture, from the fits of its corners.
+"""Shading: how the white and the black of a board change over a picture, from the fits of its corners.
 
-A slope of the light across a corner's window pulls the corner towards the brighter side: 10 % over a
-picture of 640 px and a blur of 1.2 px make about 0.003 px. One corner cannot tell such a slope from a
+A slope of the shading across a corner's window pulls the corner towards the brighter side: 10 % over a
+picture of 640 px and a blur of 1.2 px make about 0.003 px. One corner does not separate such a slope from a
 shift; all of them together can.
 """
 
@@ -22,7 +22,9 @@ Array = np.ndarray
 #: nine corners of ten have 1.2 to 1.5
 UNUSUAL = 1.5
 SIGNIFICANT = 5.0  #: sigmas by which a slope of the shading must move a corner to count; JPEG blocks make 4
-LEAST_CORNERS = 12  #: for a quadratic surface; fewer carry a plane, fewer than half of it nothing
+LEAST_CORNERS = (
+    12  #: for a quadratic surface, two a coefficient; fewer carry a plane, fewer than half of it nothing
+)
 ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
 HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
 
@@ -74,7 +76,7 @@ def _robust_fit(design: Array, values: Array) -> Array:
 def evened(
     windows: Windows, slope: Array, offset: Array, contrast: Array, limits: tuple[float, float]
 ) -> Windows:
-    """The windows as they would be under the light of their corners.
+    """The windows as they would be with the shading of their corners everywhere.
 
     Parameters
     ----------
@@ -86,12 +88,12 @@ def evened(
     """
     position = np.where(windows.counts[:, None], windows.q, 0)
     white, black = (np.einsum("kc,kcp->kp", slope[:, i], position) for i in (0, 1))
-    ink = (offset - contrast)[:, None]
+    dark = (offset - contrast)[:, None]
     range_ = 2 * contrast[:, None]
-    share = (windows.value - ink - black) / np.maximum(range_ + white - black, 0.2 * range_)
+    share = (windows.value - dark - black) / np.maximum(range_ + white - black, 0.2 * range_)
     low, high = limits
     cut_off = (windows.value <= low) | (windows.value >= high)
-    value = np.clip(ink + share * range_, low + 1e-3, high - 1e-3)
+    value = np.clip(dark + share * range_, low + 1e-3, high - 1e-3)
     value = np.where(cut_off, windows.value, value).astype(np.float32)
     return Windows(windows.origin, windows.q, value, windows.counts, windows.inside)
 

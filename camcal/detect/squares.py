@@ -1,4 +1,4 @@
-"""What the grey values of a picture say of a grid of corners: black and white squares in turn."""
+"""Black and white squares in turn: whether the grey values of a picture agree with a grid of corners."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 A window is a parallelogram in the picture, a share of a square to each side of the corner along the board's
 own directions, so that it holds no other edge however the board is tilted. Of a large window only the
-pixels near its two edges are kept: the others say nothing about where the edges are.
+pixels near its two edges are kept: the others do not depend on where the edges are.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from camcal.detect.black_area import Ink
+from camcal.detect.black_area import BlackArea
 from camcal.detect.targets.base import Pattern
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
@@ -113,8 +113,10 @@ def exposure(
     width, height = camera.image_size
     margin = int(np.ceil(4 * look.blur)) + 1
     sheet = np.array(pattern.extent, float)
-    ink = Ink(pattern)
-    paper = Ink(Pattern((sheet[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2),), np.zeros((0, 3)), pattern.extent))
+    ink = BlackArea(pattern)
+    paper = BlackArea(
+        Pattern((sheet[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2),), np.zeros((0, 3)), pattern.extent)
+    )
 
     rays = pixel_rays(camera, width, height, margin + 1)  # one more for the differences at the rim
     scene = _Scene(ink, paper, cam_from_board.inverse(), surface, look)
@@ -170,8 +172,8 @@ def _nodes(values: Array) -> Array:
 class _Scene:
     """A sheet with ink on it, seen from a camera."""
 
-    ink: Ink
-    paper: Ink
+    ink: BlackArea
+    paper: BlackArea
     board_from_cam: Pose
     surface: Surface | None
     look: Look

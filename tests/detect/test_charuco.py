@@ -23,11 +23,11 @@ def test_layout_is_that_of_opencv(size, legacy):
     # the marker's 7 cells of 20 / 7 mm each cover whole pixels at 7 px to 2.5 mm
     width, height = 112 * size[0], 112 * size[1]
     theirs = board.generateImage((width, height), marginSize=0, borderBits=1)
-    from camcal.detect.black_area import Ink
+    from camcal.detect.black_area import BlackArea
 
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     at = np.stack([x, y], -1) * 40.0 / 112
-    ours = 255 * (1 - Ink(target.pattern()).mean(at, np.full_like(at, 40.0 / 112)))
+    ours = 255 * (1 - BlackArea(target.pattern()).mean(at, np.full_like(at, 40.0 / 112)))
     assert (np.abs(ours - theirs) > 1).mean() < 0.002
 
 

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from camcal.detect.motion_blur import smear
+from camcal.detect.motion_blur import blur_ellipse
 from camcal.detect.quality import coverage, measure
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.checkerboard import Checkerboard
@@ -62,11 +62,11 @@ def test_faults_are_named(word, look):
     assert any(w.startswith(word) for w in figures(as_picture(light(**look), 0.5))["warnings"])
 
 
-def test_smear_of_a_known_variance():
+def test_ellipse_of_a_known_variance():
     directions = np.random.default_rng(3).uniform(0, np.pi, (20, 3, 2))
     s = np.array([[4.0, 1.0], [1.0, 2.0]])
     n = np.stack([np.cos(directions), np.sin(directions)], -1)
-    ratio, direction = smear(directions, np.einsum("kpi,ij,kpj->kp", n[..., 0, :], s, n[..., 1, :]))
+    ratio, direction = blur_ellipse(directions, np.einsum("kpi,ij,kpj->kp", n[..., 0, :], s, n[..., 1, :]))
     values, vectors = np.linalg.eigh(s)
     assert ratio == pytest.approx(np.sqrt(values[1] / values[0]))
     assert direction == pytest.approx(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])) % 180)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from camcal.detect import saddle
-from camcal.detect.black_area import Ink
+from camcal.detect.black_area import BlackArea
 from camcal.detect.targets.base import Pattern
 from camcal.study.render import Look, exposure, pixel_rays, render
 from tests.detect.scenes import camera, make, pose, straight_camera
@@ -148,10 +148,10 @@ def test_rays_between_the_nodes():
 def test_ink_is_exact():
     """Mean blackness of boxes over rectangles and over a polygon of another shape."""
     square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    ink = Ink(Pattern((square, square + 1.0), np.zeros((0, 3)), (-1, -1, 3, 3)))
+    ink = BlackArea(Pattern((square, square + 1.0), np.zeros((0, 3)), (-1, -1, 3, 3)))
     boxes = np.array([[0.5, 0.5], [1.0, 1.0], [1.0, 0.5], [2.0, 2.5], [0.9, 0.3]])
     assert ink.mean(boxes, np.full((5, 2), 0.5)) == pytest.approx([1, 0.5, 0.5, 0, 0.7])
-    triangle = Ink(Pattern((np.array([[0.0, 0], [4, 0], [0, 4]]),), np.zeros((0, 3)), (0, 0, 4, 4)))
+    triangle = BlackArea(Pattern((np.array([[0.0, 0], [4, 0], [0, 4]]),), np.zeros((0, 3)), (0, 0, 4, 4)))
     x, y = np.meshgrid((np.arange(200) + 0.5) / 50, (np.arange(200) + 0.5) / 50)
     area = triangle.mean(np.stack([x, y], -1), np.full((200, 200, 2), 0.02)).sum() / 2500
     assert area == pytest.approx(8.0, rel=1e-3)

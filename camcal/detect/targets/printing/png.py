@@ -8,7 +8,7 @@ import zlib
 import cv2
 import numpy as np
 
-from camcal.detect.black_area import Ink, RectangleIntegral, is_rectangle
+from camcal.detect.black_area import BlackArea, RectangleIntegral, is_rectangle
 from camcal.detect.targets.base import Pattern
 from camcal.detect.targets.printing.sheet import LINE, Sheet
 from camcal.errors import UsageError
@@ -76,4 +76,6 @@ def _add_disc(black: Array, disc: Array, size: float) -> None:
     i0, i1 = (int(np.clip(np.floor(v / size), 0, black.shape[1])) for v in (x - r - size, x + r + 2 * size))
     j0, j1 = (int(np.clip(np.floor(v / size), 0, black.shape[0])) for v in (y - r - size, y + r + 2 * size))
     at = np.stack(np.meshgrid((np.arange(i0, i1) + 0.5) * size, (np.arange(j0, j1) + 0.5) * size), -1)
-    black[j0:j1, i0:i1] += Ink(Pattern((), disc[None], (0.0, 0.0, 0.0, 0.0))).mean(at, np.full_like(at, size))
+    black[j0:j1, i0:i1] += BlackArea(Pattern((), disc[None], (0.0, 0.0, 0.0, 0.0))).mean(
+        at, np.full_like(at, size)
+    )
