@@ -22,6 +22,7 @@ from typing import Any
 from camcal.batch.storage import is_remote
 from camcal.errors import DataError, UsageError
 from camcal.registry import suggestion
+from camcal.settings.batch import COMPACT, FLEET_PRIOR
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.option import Option, readable
@@ -65,7 +66,7 @@ class Job:
 @cache
 def options_of(kind: str) -> Mapping[str, Option]:
     """The options that a job of a kind may have, by name."""
-    own = dict(CalibrationOptions.options())
+    own = {**CalibrationOptions.options(), COMPACT.name: COMPACT, FLEET_PRIOR.name: FLEET_PRIOR}
     if kind == POINTS:
         return {**own, IMAGE_SIZE.name: IMAGE_SIZE}
     found = {name: option for name, option in DetectionOptions.options().items() if name != "jobs"}

@@ -68,14 +68,14 @@ class State:
         """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
         import yaml
 
-        from camcal.report.loading import from_document
+        from camcal.data.formats.camcal import camera_of_entry
 
         try:
             report = yaml.load(
                 self.storage.read(f"{name}.yaml") or "", getattr(yaml, "CSafeLoader", yaml.SafeLoader)
             )
             digest = report["options"][JOB]["value"]
-            row = summary_row(report, distortion_px(from_document(report).camera))
+            row = summary_row(report, distortion_px(camera_of_entry(report["camera"])))
         except (CamcalError, yaml.YAMLError, KeyError, TypeError, ValueError):
             return None
         return {"name": name, "type": "", "digest": digest, "seconds": None, **row}

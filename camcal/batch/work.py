@@ -38,11 +38,13 @@ def run_job(job: Job, storage: Storage) -> Row:
     began = time.perf_counter()
     row: Row = {"name": job.name, "type": job.type, "digest": job.digest}
     try:
-        report, distortion = _report(job)
+        report, solution = _report(job)
         from camcal.report.yaml import dump_yaml
 
         storage.write(f"{job.name}.yaml", dump_yaml(report))
-        row |= summary_row(report, distortion)
+        row |= summary_row(report, distortion_px(solution.camera))
+        if job.options.get("fleet_prior"):
+            row |= _for_prior(report, solution)
     except CamcalError as error:
         row |= {"status": FAILED, "reason": f"{error.message} {error.hint or ''}".strip()}
     except MemoryError:
@@ -55,8 +57,8 @@ def run_job(job: Job, storage: Storage) -> Row:
     return row
 
 
-def _report(job: Job) -> tuple[dict[str, Any], float]:
-    from camcal.report.document import document
+def _report(job: Job) -> tuple[dict[str, Any], Solution]:
+    from camcal.report.document import compact_document, document
     from camcal.report.plain import plain
 
     values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
@@ -69,10 +71,11 @@ def _report(job: Job) -> tuple[dict[str, Any], float]:
     }
     described[JOB] = {"value": job.digest, "from": "batch"}
     solution = replace(solution, options=described)
-    report = document(solution, command=["batch", job.name])
+    command = ["batch", job.name]
+    report = compact_document(solution, command) if values["compact"] else document(solution, command=command)
     if selection is not None:
         report["selection"] = plain(selection)
-    return report, distortion_px(solution.camera)
+    return report, solution
 
 
 def _calibrate(
@@ -137,7 +140,7 @@ def summary_row(report: dict[str, Any], distortion: float = float("nan")) -> Row
         "warnings": ",".join(w["code"] for w in report["warnings"]),
         "model": camera["model"],
         "image_size": "x".join(map(str, camera["image_size"] or ())),
-        "views": sum(v["status"] == "used" for v in report["views"]),
+        "views": report["inputs"]["views"] if "views" not in report else _used(report),
         "points": fit["points_used"],
         "holdout": (report["holdout"] or {}).get("rms_point"),
         "distortion": distortion if np.isfinite(distortion) else None,
@@ -150,6 +153,21 @@ def summary_row(report: dict[str, Any], distortion: float = float("nan")) -> Row
     for name in ("cx", "cy"):
         row[name], row[f"sigma_{name}"] = values[name], sigmas[name]
     return row
+
+
+def _for_prior(report: dict[str, Any], solution: Solution) -> Row:
+    """What `prior.py` needs: the camera, its free parameters, and the covariance of these."""
+    from camcal.assess.covariance import covariance
+
+    accuracy = covariance(solution)
+    free = [name for name, entry in report["camera"]["parameters"].items() if not entry["fixed"]]
+    places = [accuracy.names.index(name) for name in free]
+    matrix = accuracy.matrix[np.ix_(places, places)]
+    return {"camera": report["camera"], "free": free, "covariance": matrix.tolist()}
+
+
+def _used(report: dict[str, Any]) -> int:
+    return sum(view["status"] == "used" for view in report["views"])
 
 
 def _grade(report: dict[str, Any]) -> str:

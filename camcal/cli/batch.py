@@ -34,6 +34,8 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     from camcal.batch.fleet import controls, csv_text, with_fleet
     from camcal.batch.jobs import read_jobs
     from camcal.batch.page import counts, page
+    from camcal.batch.prior import FOLDER as FLEET
+    from camcal.batch.prior import write_fleet
     from camcal.batch.run import run
     from camcal.batch.storage import Storage
     from camcal.cli.output import write_for_ci
@@ -59,6 +61,9 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     storage = Storage(output)
     storage.write("summary.csv", csv_text(rows))
     storage.write("summary.html", page(rows, charts))
+    if options["fleet_prior"]:
+        written = write_fleet(rows, storage)
+        note(f"{written} cameras with the prior of their type: {output}/{FLEET}")
     write_for_ci("camcal batch", source, checks(rows, output), options)
     if options["summary"] is not None:
         append_summary(options["summary"], markdown(rows, source, output))

@@ -79,7 +79,8 @@ def document(
         "fit": _fit(solution, accuracy),
         "uncertainty": uncertainty(solution, accuracy),
         "holdout": solution.holdout,
-        "bias": bias(solution, accuracy),
+        # tests of the residuals are checks, and the slowest part of a report
+        "bias": None if solution.option("checks") is False else bias(solution, accuracy),
         "coverage": coverage(solution),
         "crosscheck": list(solution.crosscheck),
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
@@ -88,6 +89,25 @@ def document(
         "data": encode(data, places),
     }
     return _checked(plain(made))
+
+
+def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[str, Any]:
+    """The camera, its error figures and the verdict alone: a camera file, not a report that can be looked into."""
+    accuracy = beyond_linear(solution, covariance(solution))
+    data = solution.observations
+    inputs = {**_inputs(data), "views": len(solution.poses)}
+    made = {
+        **head(command),
+        "inputs": inputs,
+        "options": dict(solution.options),
+        "camera": _camera(solution, accuracy),
+        "fit": _fit(solution, accuracy),
+        "holdout": solution.holdout,
+        "warnings": [_warning(w) for w in solution.warnings],
+        "verdict": solution.verdict,
+        "failures": solution.failures,
+    }
+    return plain(made)
 
 
 def _checked(made: dict[str, Any]) -> dict[str, Any]:

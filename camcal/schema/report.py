@@ -138,7 +138,7 @@ class Report(Head, kw_only=True):
         Bias | None,
         key(
             "whether the residuals look like noise, and what each view does to the camera; null of more than "
-            "10,000 points"
+            "10,000 points and without checks"
         ),
     ] = None
     coverage: Annotated[

@@ -88,7 +88,7 @@ def _parts(kind: Any, value: Any) -> list[tuple[str | int, Any, Any]]:
     """The parts of a value as (name, type, part); a required part that is missing is `NODEFAULT`."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct) and isinstance(value, Mapping):
         hints = hints_of(kind)
-        required = {f.encode_name for f in msgspec.structs.fields(kind) if f.required}
+        required = _required(kind)
         return [
             (name, hint, value.get(name, msgspec.NODEFAULT))
             for name, hint in hints.items()
@@ -111,8 +111,16 @@ def hints_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
     return {field.encode_name: hints[field.name] for field in msgspec.structs.fields(kind)}
 
 
+@cache
+def _required(kind: type[msgspec.Struct]) -> frozenset[str]:
+    """The keys that a section must have."""
+    return frozenset(field.encode_name for field in msgspec.structs.fields(kind) if field.required)
+
+
 def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
     """Return the path to the first key of a plain document that the schema does not have, or None."""
+    if not isinstance(value, (Mapping, list, tuple)):
+        return None
     kind, _ = _bare(kind, value)
     section = isinstance(kind, type) and issubclass(kind, Section)
     if section and isinstance(value, Mapping) and not kind.open:

@@ -31,6 +31,19 @@ BATCH = (
     ),
     Option("fail_on_outlier", _SWITCH, "Exit code 1 also where a camera is unlike its type.", False),
 )
+#: of a job: what its report holds
+COMPACT = Option(
+    "compact",
+    _SWITCH,
+    "Reports without views, points, maps and stages: the camera, its error figures and the verdict.",
+    False,
+)
+FLEET_PRIOR = Option(
+    "fleet_prior",
+    _SWITCH,
+    "Write OUT/fleet/NAME.yaml too: each camera with the others of its type as a prior.",
+    False,
+)
 #: of `camcal watch`
 WATCH = (
     replace(OUTPUT, required=True),

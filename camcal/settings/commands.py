@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from camcal.settings.batch import BATCH, WATCH
+from camcal.settings.batch import BATCH, COMPACT, FLEET_PRIOR, WATCH
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.kinds import (
@@ -194,7 +194,17 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "checkerboard": _IMAGES,
     "images": _IMAGES,
-    "batch": (*BATCH, *CI, *BOARD, IMAGE_SIZE, *CalibrationOptions.command_line(), FORCE, CONFIG),
+    "batch": (
+        *BATCH,
+        COMPACT,
+        FLEET_PRIOR,
+        *CI,
+        *BOARD,
+        IMAGE_SIZE,
+        *CalibrationOptions.command_line(),
+        FORCE,
+        CONFIG,
+    ),
     "watch": (*WATCH, *BOARD, REFINE_CORNERS, *CalibrationOptions.command_line(), FORCE, CONFIG),
     "detect": (
         replace(OUTPUT, help="The table (CSV: file, id, X, Y, Z, u, v, sigma; .npz; .vnl).", required=True),

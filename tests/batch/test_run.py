@@ -197,3 +197,22 @@ def test_a_real_process_that_ends(monkeypatch):
     monkeypatch.setattr(running, "run_jobs", deadly)
     rows = {row["name"]: row["status"] for row in running._rows(named(6), "out", Local(2))}
     assert rows == {f"j{n}": "failed" if n == 1 else "done" for n in range(6)}
+
+
+def test_compact_reports_hold_the_same_camera(tmp_path):
+    from camcal.report.loading import load_camera
+
+    full = run(jobs_of(tmp_path, 1), str(tmp_path / "full"))
+    jobs = jobs_of(tmp_path, 1, compact=True)
+    small = run(jobs, str(tmp_path / "small"))
+    assert {k: v for k, v in small[0].items() if k not in ("seconds", "digest")} == {
+        k: v for k, v in full[0].items() if k not in ("seconds", "digest")
+    }
+    cameras = [load_camera(tmp_path / name / "c0.yaml") for name in ("full", "small")]
+    assert cameras[0].params.tolist() == cameras[1].params.tolist()
+    sizes = [(tmp_path / name / "c0.yaml").stat().st_size for name in ("full", "small")]
+    assert sizes[1] < sizes[0] / 4
+    for path in (tmp_path / "small" / running.STATE).iterdir():
+        path.unlink()
+    again = run(jobs, str(tmp_path / "small"), resume=True, on_row=lambda *_: pytest.fail("done again"))
+    assert again[0]["focal"] == small[0]["focal"] and again[0]["views"] == 6
