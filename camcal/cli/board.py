@@ -14,11 +14,12 @@ from camcal.cli.verbosity import note, verbosity_options
 @click.argument("spec", metavar="SPEC")
 @options("board")
 @verbosity_options
-def command(spec: str, output: Path, page: str | None, dpi: float, force: bool) -> None:
-    """Write a target at true scale, with a ruler mark to check the print.
+def command(spec: str, output: Path, page: str, dpi: float, force: bool) -> None:
+    """Write a target at true scale, with rulers in both directions to check the print.
 
     SPEC is a target with its sizes, such as checkerboard:9x6:25mm; `camcal list targets` names them. A
-    configuration file of the same name (.yaml) is written beside it: calibrate with --config and that file.
+    configuration file of the same name (.yaml) is written beside it: calibrate with --config and that file. It
+    says how to measure and mount the print; so does the second page of a PDF.
     """
     from camcal import registry
     from camcal.data.writing import atomic_write, check_writable
@@ -39,9 +40,18 @@ def command(spec: str, output: Path, page: str | None, dpi: float, force: bool) 
     target = targets.make(spec)
     sheet = lay_out(target, spec, page)
     atomic_write(output, registry.load(WRITERS[suffix])(sheet, dpi), force)
-    atomic_write(
-        beside,
-        f"# {output.name}; use: camcal checkerboard IMAGES --config {beside.name}\ntarget: {spec}\n",
-        force,
-    )
-    note(f"{output}: {sheet.width:.0f} x {sheet.height:.0f} mm; configuration: {beside}")
+    atomic_write(beside, _configuration(output.name, beside.name, spec, sheet.instructions), force)
+    on = {"own": "no common paper is large enough" if page == "auto" else "its own size"}
+    paper = on.get(sheet.page, sheet.page.upper() if len(sheet.page) == 2 else sheet.page)
+    note(f"{output}: {sheet.width:.0f} x {sheet.height:.0f} mm ({paper}); configuration: {beside}")
+
+
+def _configuration(name: str, own_name: str, spec: str, instructions: tuple[str, ...]) -> str:
+    """The file that goes with a print: how to measure and mount it, and the target for `--config`."""
+    from textwrap import wrap
+
+    lines = [f"# {name}; use: camcal checkerboard IMAGES --config {own_name}", "#"]
+    for number, paragraph in enumerate(instructions, 1):
+        first, *rest = wrap(f"{number}. {paragraph}", 100)
+        lines += [f"# {first}", *(f"#    {line}" for line in rest)]
+    return "\n".join([*lines, f"target: {spec}", ""])

@@ -337,7 +337,9 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "page",
             Text(),
-            "A4, A3, letter, ... or WIDTHxHEIGHT in mm; the target's own size by default.",
+            "A4, A3, letter, ..., WIDTHxHEIGHT in mm, own (as large as the target needs), or the first of A4, "
+            "letter, A3, ... on which it fits.",
+            "auto",
             metavar="NAME",
         ),
         Option("dpi", Real(10, 2400), "Pixels per inch of a PNG.", 300),

@@ -14,14 +14,14 @@ from camcal.cli.boundary import run
 from camcal.detect import targets
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.printing import pdf, png, svg
-from camcal.detect.targets.printing.sheet import lay_out, page_size
+from camcal.detect.targets.printing.sheet import UNPRINTED, lay_out, page_size
 from camcal.errors import UsageError
 from tests.detect.scenes import SPECS
 
 MM = 72 / 25.4  #: points of PDF in a millimetre
 
 
-def sheet_of(spec, page=None):
+def sheet_of(spec, page="own"):
     return lay_out(targets.make(spec), spec, page)
 
 
@@ -62,7 +62,7 @@ def test_pdf(spec):
     assert all(data[p:].startswith(b"%d 0 obj" % i) for i, p in enumerate(places, 1))
     box = [float(v) for v in re.search(rb"/MediaBox \[(.*?)\]", data)[1].split()]
     assert box[2:] == pytest.approx([sheet.width * MM, sheet.height * MM], abs=1e-4)
-    stream = re.search(rb"stream\n(.*)\nendstream", data, re.DOTALL)
+    stream = re.search(rb"stream\n(.*?)\nendstream", data, re.DOTALL)
     assert int(re.search(rb"/Length (\d+)", data)[1]) == len(stream[1])
     lines = stream[1].decode().splitlines()
     scale = [float(v) for v in lines[0].split()[:6]]
@@ -102,9 +102,7 @@ def test_png_is_found_where_it_was_drawn(spec):
     # as sharp as a print is, a corner is no picture of a corner
     found = target.find(cv2.GaussianBlur(gray, (0, 0), 1.0), seconds=20.0)
     assert isinstance(found, Detection) and len(found) == len(target.points)
-    x0, y0, *_ = target.pattern().extent
-    # without a page, the sheet begins where the target does
-    truth = (target.points[:, :2] - [x0, y0]) * dpi / 25.4 - 0.5
+    truth = (target.points[:, :2] + sheet.origin) * dpi / 25.4 - 0.5
     last = len(truth) - 1
     off = min(np.abs(found.uv - truth[ids]).max() for ids in (found.point_ids, last - found.point_ids))
     assert off < 0.1
@@ -124,11 +122,12 @@ def test_pages():
     sheet = sheet_of("checkerboard:9x6:20mm", "A4")
     corners = np.concatenate(sheet.polygons)
     assert (sheet.width, sheet.height) == (297, 210)
-    assert corners[:, 0].min() == pytest.approx(297 - corners[:, 0].max())  # in the middle
+    # in the middle, as far as the ruler on the left allows
+    assert 0 <= corners[:, 0].min() - (297 - corners[:, 0].max()) <= 12 + 6.5
     assert (corners > 0).all() and (corners < [297, 210]).all()
     for spec, page in (
         ("checkerboard:9x6:40mm", "A4"),
-        ("checkerboard:9x6", None),
+        ("checkerboard:9x6", "own"),
         ("checkerboard:9x6:20mm", "A11"),
     ):
         with pytest.raises(UsageError) as error:
@@ -146,13 +145,50 @@ def test_units():
     assert widths == pytest.approx([widths[0]] * 5)
 
 
-def test_ruler_is_as_long_as_it_says():
+def test_rulers_are_as_long_as_they_say():
     sheet = sheet_of("checkerboard:9x6:25mm")
     a, b, c, d = sheet.lines[0]
-    assert b == d and c - a == pytest.approx(100.0) and "100 mm" in sheet.caption
-    small = sheet_of("checkerboard:3x3:10mm")
-    length = small.lines[0][2] - small.lines[0][0]
-    assert f"{length:g} mm" in small.caption and length < small.width
+    assert b == d and c - a == pytest.approx(100.0) and "Both rulers are 100 mm" in sheet.caption
+    a, b, c, d = sheet.lines[12]
+    assert a == c and d - b == pytest.approx(100.0)
+    small = sheet_of("checkerboard:5x3:10mm")
+    across, down = small.lines[0], small.lines[2 + round((small.lines[0][2] - small.lines[0][0]) / 10)]
+    for line, axis in ((across, 0), (down, 1)):
+        length = line[2 + axis] - line[axis]
+        assert f"{length:g} mm" in small.instructions[1] and length < (small.width, small.height)[axis]
+
+
+@pytest.mark.parametrize(
+    ("spec", "page"),
+    [
+        ("checkerboard:9x6:24mm", "a3"),
+        ("checkerboard:9x6:23mm", "a4"),
+        ("checkerboard:6x9:23mm", "a4"),
+        ("checkerboard:8x6:24.4mm", "letter"),  # too high for A4, and short enough
+        ("charuco:5x7:30mm:22mm:4X4_50", "a4"),
+        ("aprilgrid:6x6:88mm:0.3", "a0"),
+        ("checkerboard:9x6:20cm", "own"),
+    ],
+)
+def test_the_paper_that_fits(spec, page):
+    sheet = sheet_of(spec, "auto")
+    assert sheet.page == page
+    assert sheet.width < sheet.height if spec.startswith(("checkerboard:6x9", "charuco")) else True
+
+
+@pytest.mark.parametrize("spec", SPECS)
+@pytest.mark.parametrize("page", ["own", "auto", "a2"])
+def test_nothing_is_printed_at_the_edge(spec, page):
+    sheet = sheet_of(spec, page)
+    size = np.array([sheet.width, sheet.height])
+    discs = [sheet.circles[:, :2] + sign * sheet.circles[:, 2:] for sign in (-1, 1)]
+    target = np.concatenate([*sheet.polygons, *discs])
+    rulers = np.array(sheet.lines)
+    ink = np.concatenate([target, rulers.reshape(-1, 2), [sheet.caption_at]])
+    assert (ink >= UNPRINTED - 1e-9).all() and (ink <= size - UNPRINTED + 1e-9).all()
+    count = 2 + round((rulers[0, 2] - rulers[0, 0]) / 10)  # of lines of the lower ruler
+    assert rulers[:count, 1].min() > target[:, 1].max() + 4  # clear of the target
+    assert rulers[count:, 2].max() < target[:, 0].min() - 4
 
 
 @pytest.mark.parametrize("ending", ["svg", "pdf", "png"])
@@ -161,6 +197,11 @@ def test_command(ending, tmp_path, monkeypatch):
     words = ["board", "charuco:5x4:30mm:20mm:4X4_50", "-o", f"b.{ending}", "-q"]
     assert run([*words, "--dpi", "100"]) == 0
     assert run(words) == 2  # it exists
-    assert yaml.safe_load((tmp_path / "b.yaml").read_text()) == {"target": "charuco:5x4:30mm:20mm:4X4_50"}
+    text = (tmp_path / "b.yaml").read_text()
+    assert yaml.safe_load(text) == {"target": "charuco:5x4:30mm:20mm:4X4_50"}
+    for word in ("100 %", "Measure both rulers", "Glue the sheet", "pictures"):
+        assert word in text and (
+            ending != "pdf" or word.split()[0].encode() in (tmp_path / "b.pdf").read_bytes()
+        )
     assert run([*words, "--force", "--page", "A4"]) == 0
     assert run([*words[:-2], "b.txt"]) == 2

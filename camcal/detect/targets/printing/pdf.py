@@ -1,6 +1,8 @@
-"""A sheet as PDF: one page, black shapes, one line of text in a font that every reader has (ISO 32000-1)."""
+"""A sheet as PDF: black shapes, and text in a font that every reader has (ISO 32000-1)."""
 
 from __future__ import annotations
+
+from textwrap import wrap
 
 import numpy as np
 
@@ -11,20 +13,32 @@ POINTS = 72 / 25.4  #: per millimetre
 HANDLE = 4 / 3 * (np.sqrt(2) - 1)
 
 
+SMALLEST_PAGE = 148.0  #: mm (A5); on a narrower sheet the instructions have no page of their own
+TEXT, LEADING, MARGIN = 3.5, 5.5, 15.0  #: mm: size of the letters, distance of the lines, edge of the page
+WIDTH_OF_LETTERS = 0.5  #: of their size, on average, in Helvetica
+
+
 def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
-    """The PDF file; `dpi` is of no meaning here."""
-    stream = content(sheet).encode("latin-1", "replace")
-    box = f"[0 0 {number(sheet.width * POINTS)} {number(sheet.height * POINTS)}]"
+    """The PDF file: the target, and how to measure and mount it on a second page; `dpi` is of no meaning here."""
+    pages = [content(sheet)]
+    if sheet.width >= SMALLEST_PAGE:
+        pages.append(text_page(sheet))
+    size = f"[0 0 {number(sheet.width * POINTS)} {number(sheet.height * POINTS)}]"
+    kids = " ".join(f"{4 + 2 * i} 0 R" for i in range(len(pages)))
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R >>",
-        b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-        (
-            f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R "
-            "/Resources << /Font << /F1 5 0 R >> >> >>"
-        ).encode(),
-        b"<< /Length %d >>\nstream\n%s\nendstream" % (len(stream), stream),
+        f"<< /Type /Pages /Kids [{kids}] /Count {len(pages)} >>".encode(),
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
     ]
+    for i, page in enumerate(pages):
+        stream = page.encode("latin-1", "replace")
+        objects += [
+            (
+                f"<< /Type /Page /Parent 2 0 R /MediaBox {size} /Contents {5 + 2 * i} 0 R "
+                "/Resources << /Font << /F1 3 0 R >> >> >>"
+            ).encode(),
+            b"<< /Length %d >>\nstream\n%s\nendstream" % (len(stream), stream),
+        ]
     out = bytearray(b"%PDF-1.4\n")
     places = []
     for index, body in enumerate(objects, 1):
@@ -51,9 +65,26 @@ def content(sheet: Sheet) -> str:
     out += [disc(x, y, r) for x, y, r in sheet.circles]
     out.append(f"{LINE} w")
     out += [f"{number(a)} {number(b)} m {number(c)} {number(d)} l S" for a, b, c, d in sheet.lines]
-    x, y = sheet.caption_at
-    text = sheet.caption.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
-    out.append(f"BT /F1 3 Tf 1 0 0 -1 {number(x)} {number(y)} Tm ({text}) Tj ET")
+    out.append(text_at(sheet.caption, *sheet.caption_at, 3.0))
+    return "\n".join(out)
+
+
+def text_at(text: str, x: float, y: float, size: float) -> str:
+    """The operators of one line of text, its base line beginning at (x, y)."""
+    held = text.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
+    return f"BT /F1 {number(size)} Tf 1 0 0 -1 {number(x)} {number(y)} Tm ({held}) Tj ET"
+
+
+def text_page(sheet: Sheet) -> str:
+    """The operators of the page that says how to measure and mount the target."""
+    k = number(POINTS)
+    out, y = [f"{k} 0 0 -{k} 0 {number(sheet.height * POINTS)} cm", "0 g"], MARGIN + TEXT
+    columns = int((sheet.width - 2 * MARGIN) / (WIDTH_OF_LETTERS * TEXT))
+    for paragraph in (sheet.caption, *sheet.instructions):
+        for line in wrap(paragraph, columns):
+            out.append(text_at(line, MARGIN, y, TEXT))
+            y += LEADING
+        y += LEADING / 2
     return "\n".join(out)
 
 

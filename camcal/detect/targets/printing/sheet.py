@@ -24,10 +24,19 @@ PAGES = {  # short and long side, mm
     "legal": (215.9, 355.6),
     "tabloid": (279.4, 431.8),
 }
-RULER_STRIP = 12.0  #: mm below the target for the ruler mark and the caption
-TICK = 10.0  #: mm between the ticks of the ruler mark
+OWN = "own"  #: name of a page that is as large as the target needs
+AUTO = "auto"  #: stands for the first of `COMMON` on which the target fits
+COMMON = ("a4", "letter", "a3", "tabloid", "a2", "a1", "a0")
+#: mm at the edge of the paper that printers leave white: most leave 3 to 5, some 6.4 (a quarter of an inch) at one side
+UNPRINTED = 6.5
+RULER_STRIP = 12.0  #: mm beside and below the target for the rulers and the caption
+GAP = 5.0  #: mm from the target's quiet margin to a ruler
+TICK = 10.0  #: mm between the ticks of a ruler
+TICK_LENGTH = 2.0
 LONGEST_RULER = 100.0
-LINE = 0.2  #: mm, width of the ruler's lines
+LINE = 0.2  #: mm, width of the rulers' lines
+LETTER = 1.5  #: mm; width of a letter of the caption on average, which is 3 mm high
+CAPTION_DROP = 5.5  #: mm from the lower ruler to the base line of the caption
 
 
 @dataclass(frozen=True)
@@ -42,10 +51,16 @@ class Sheet:
     circles : (C, 3) array
         x, y, radius.
     lines : tuple of (x0, y0, x1, y1)
-        The ruler mark, `LINE` wide.
+        The rulers, `LINE` wide: first the one below the target, then the one on its left.
     caption : str
     caption_at : (x, y)
         Left end of its base line.
+    page : str
+        Name of the paper.
+    origin : (x, y)
+        Where the target's own origin is.
+    instructions : tuple of str
+        How to print, measure and mount it: a paragraph each.
     """
 
     width: float
@@ -55,18 +70,24 @@ class Sheet:
     lines: tuple[tuple[float, float, float, float], ...]
     caption: str
     caption_at: tuple[float, float]
+    page: str
+    origin: tuple[float, float]
+    instructions: tuple[str, ...]
 
 
-def lay_out(target: Target, spec: str, page: str | None = None) -> Sheet:
-    """Put a target in the middle of a page, or on a sheet of its own size, with a ruler mark below.
+def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
+    """Put a target in the middle of a page, with a ruler below and one on the left.
+
+    Nothing that is printed comes nearer to the edge of the paper than `UNPRINTED`.
 
     Parameters
     ----------
     target : Target
     spec : str
         What the caption calls it.
-    page : str, optional
-        A name of `PAGES` in either direction, or `300x200` in mm.
+    page : str
+        A name of `PAGES` in either direction, `300x200` in mm, `own` for a sheet of the target's own size, or
+        `auto` for the smallest common page on which it fits.
 
     Raises
     ------
@@ -79,33 +100,113 @@ def lay_out(target: Target, spec: str, page: str | None = None) -> Sheet:
             f"Give the length with its unit ({', '.join(MILLIMETRES)}), as in checkerboard:9x6:25mm.",
         )
     scale, pattern = MILLIMETRES[target.unit], target.pattern()
-    x0, y0, x1, y1 = (scale * v for v in pattern.extent)
-    width, height = x1 - x0, y1 - y0 + RULER_STRIP
-    page_width, page_height = page_size(page, width, height) if page else (width, height)
-    if width > page_width + 1e-6 or height > page_height + 1e-6:
-        raise UsageError(
-            f"the target needs {width:.0f} x {height:.0f} mm with its margin; {page} has "
-            f"{page_width:.0f} x {page_height:.0f}.",
-            "Take a larger page or smaller squares.",
-        )
-    shift = np.array([(page_width - width) / 2 - x0, (page_height - height) / 2 - y0])
     circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
+    polygons = [np.asarray(p, float) * scale for p in pattern.polygons]
+    quiet = scale * np.array(pattern.extent)
+    width, height, right, above = _needed(quiet, polygons, circles)
+    name, (page_width, page_height) = _page(page, width, height)
+    # in the middle, as far as the rulers on the left and below stay printable
+    left = min(max(UNPRINTED, (page_width - width + UNPRINTED + right) / 2), page_width - width + UNPRINTED)
+    top = max(above, min((page_height - height + UNPRINTED + above) / 2, page_height - height + above))
+    shift = np.array([left + RULER_STRIP, top]) - quiet[:2]
     circles[:, :2] += shift
-    polygons = tuple(np.asarray(p, float) * scale + shift for p in pattern.polygons)
-    left, top = shift[0] + x0 + 5, shift[1] + y1 + 5
-    ruler = min(LONGEST_RULER, TICK * np.floor((width - 10) / TICK))
-    caption = f"{spec}, camcal. " + (f"The ruler is {ruler:g} mm long: print at 100 %." if ruler > 0 else "")
+    polygons = [p + shift for p in polygons]
+    (x0, y0), (x1, y1) = quiet[:2] + shift, quiet[2:] + shift
+    start = max(y0, UNPRINTED)
+    lengths = _ruler_length(min(x1, page_width - UNPRINTED) - x0), _ruler_length(y1 - start)
+    across = ruler((x0, y1 + GAP), lengths[0], False)
+    down = ruler((x0 - GAP - TICK_LENGTH, start), lengths[1], True)
+    caption = f"{spec}, camcal. {_ruler_words(lengths)}: print at 100 %."
+    if len(caption) * LETTER > page_width - UNPRINTED - x0:
+        caption = spec
     return Sheet(
-        page_width, page_height, polygons, circles, ruler_mark(left, top, ruler), caption, (left, top + 5.5)
+        page_width,
+        page_height,
+        tuple(polygons),
+        circles,
+        (*across, *down),
+        caption,
+        (float(x0), float(y1 + GAP + CAPTION_DROP)),
+        name,
+        (float(shift[0]), float(shift[1])),
+        _instructions(target, lengths),
     )
 
 
-def ruler_mark(left: float, top: float, length: float) -> tuple[tuple[float, float, float, float], ...]:
-    """A line of that length with a tick every 10 mm."""
+def _needed(quiet: Array, polygons: list[Array], circles: Array) -> tuple[float, float, float, float]:
+    """Width and height of the paper, and what of it lies to the right of the quiet margin and above it, mm.
+
+    The quiet margin (x0, y0, x1, y1) itself may lie where printers leave the paper white, black shapes may not.
+    """
+    discs = [circles[:, :2] + sign * circles[:, 2:] for sign in (-1, 1)]
+    black = np.concatenate([*polygons, *discs])
+    right = max(0.0, UNPRINTED - float(quiet[2] - black[:, 0].max()))
+    above = max(0.0, UNPRINTED - float(black[:, 1].min() - quiet[1]))
+    size = quiet[2:] - quiet[:2] + RULER_STRIP + UNPRINTED
+    return float(size[0]) + right, float(size[1]) + above, right, above
+
+
+def _page(page: str, width: float, height: float) -> tuple[str, tuple[float, float]]:
+    """Name and size of the paper on which something of that size is printed."""
+    wanted = page.strip().lower()
+    if wanted == OWN:
+        return OWN, (width, height)
+    if wanted == AUTO:
+        fitting = [name for name in COMMON if _fits((width, height), page_size(name, width, height))]
+        return (fitting[0], page_size(fitting[0], width, height)) if fitting else (OWN, (width, height))
+    size = page_size(page, width, height)
+    if not _fits((width, height), size):
+        raise UsageError(
+            f"the target needs {width:.0f} x {height:.0f} mm with its margin and rulers; {page} has "
+            f"{size[0]:.0f} x {size[1]:.0f}.",
+            "Take a larger page or smaller squares, or leave --page out.",
+        )
+    return wanted, size
+
+
+def _fits(needed: tuple[float, float], size: tuple[float, float]) -> bool:
+    return needed[0] <= size[0] + 1e-6 and needed[1] <= size[1] + 1e-6
+
+
+def _ruler_length(room: float) -> float:
+    return float(min(LONGEST_RULER, TICK * np.floor(room / TICK)))
+
+
+def _ruler_words(lengths: tuple[float, float]) -> str:
+    if lengths[0] == lengths[1]:
+        return f"Both rulers are {lengths[0]:g} mm long"
+    return f"The lower ruler is {lengths[0]:g} mm long, the one on the left {lengths[1]:g} mm"
+
+
+def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ...]:
+    """How to print, measure and mount a target."""
+    return (
+        'Print at 100 % ("actual size"), not fitted to the page, on matt paper.',
+        f"Measure both rulers with a steel rule or calipers. {_ruler_words(lengths)}. If both are off by the same "
+        "share, multiply the lengths of the target in this file by it. If they differ from each other by more than "
+        "0.2 %, the printer stretches the page: use another one, or calibrate with --board-shape print.",
+        "For a scale that is certain, measure over as many squares as there are, not over one.",
+        "Glue the sheet all over to something flat and stiff: float glass, an aluminium composite panel, or the like. "
+        "Hold a straight edge against it in all directions: a gap of a thousandth of its width costs more than any "
+        "corner detector can give back. Do not laminate it: glare hides corners.",
+        "Take 15 to 30 pictures that fill the whole picture between them, tilted by 20 to 45 degrees to all sides, "
+        "near and far, with the focus and the zoom fixed.",
+    )
+
+
+def ruler(
+    start: tuple[float, float], length: float, downward: bool
+) -> tuple[tuple[float, float, float, float], ...]:
+    """A line of that length to the right or downward with a tick every 10 mm."""
     if length <= 0:
         return ()
-    ticks = [(left + t, top, left + t, top + 2.0) for t in np.arange(0, length + 1e-9, TICK)]
-    return ((left, top, left + length, top), *ticks)
+    x, y = (float(v) for v in start)
+    at = np.arange(0, length + 1e-9, TICK).tolist()
+    if downward:
+        ticks = [(x, y + t, x + TICK_LENGTH, y + t) for t in at]
+        return ((x, y, x, y + length), *ticks)
+    ticks = [(x + t, y, x + t, y + TICK_LENGTH) for t in at]
+    return ((x, y, x + length, y), *ticks)
 
 
 def page_size(page: str, width: float, height: float) -> tuple[float, float]:
@@ -124,6 +225,8 @@ def page_size(page: str, width: float, height: float) -> tuple[float, float]:
             pass
     size = PAGES.get(page.strip().lower())
     if size is None:
-        raise UsageError(f"unknown page '{page}'.", "Known: " + ", ".join(PAGES) + ", or WIDTHxHEIGHT in mm.")
+        raise UsageError(
+            f"unknown page '{page}'.", f"Known: {', '.join(PAGES)}, {AUTO}, {OWN}, or WIDTHxHEIGHT in mm."
+        )
     short, long = size
     return (long, short) if width > height else (short, long)
