@@ -44,12 +44,12 @@ def directions(lens: Lens, params: Array, size: Size, count: int = 60, seed: int
     return xyz[seen][:count] * rng.uniform(0.3, 30, (count, 1))
 
 
-def random_camera(lens: Lens, seed: int) -> tuple[Array, Size]:
-    """Seeds 0 and 1: an example; others: with each distortion parameter scaled by 0.5 to 1.2, within its bounds."""
+def random_camera(lens: Lens, seed: int, scale: tuple[float, float] = (0.5, 1.2)) -> tuple[Array, Size]:
+    """Seeds 0 and 1: an example; others: with each distortion parameter scaled at random, within its bounds."""
     examples = lens.examples()
     params, size = examples[seed % len(examples)]
     if seed >= len(examples):
-        params[lens._bend :] *= np.random.default_rng(seed).uniform(0.5, 1.2, lens.size - lens._bend)
+        params[lens._bend :] *= np.random.default_rng(seed).uniform(*scale, lens.size - lens._bend)
     low, high = np.array([(p.lower, p.upper) for p in lens.parameters]).T
     return np.clip(params, low, high), size
 

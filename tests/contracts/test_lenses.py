@@ -75,6 +75,7 @@ def test_outside(lens, params, size):
 def test_limit(lens):
     for seed in range(20):
         battery.check_limit(lens, battery.random_camera(lens, seed)[0])
+        battery.check_limit(lens, battery.random_camera(lens, seed + 2, (-3, 3))[0])
 
 
 @each_camera
