@@ -125,7 +125,7 @@ class NextView:
         """What the views that are there know."""
         offsets = np.array([v.xyz.mean(0) for v in self.design.views])
         poses = self.solution.poses
-        centres = np.einsum("vij,vj->vi", poses.rotations, offsets) + poses.translations
+        centres = poses.apply(offsets)
         reduced, turns = self.design.poses, twists(centres)
         return State(
             self.design.information.sum(0),

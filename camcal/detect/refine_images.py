@@ -83,7 +83,7 @@ def rms_move(before: Array, after: Array) -> float:
 def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
     """Where pixels (..., 2) lie on the plane z = 0 of a board, (..., 2) in its unit; NaN off the plane."""
     rays = camera.unproject(pixels) @ cam_from_board.rotation
-    origin = -cam_from_board.rotation.T @ cam_from_board.translation
+    origin = cam_from_board.centre
     with np.errstate(all="ignore"):
         reach = -origin[2] / rays[..., 2]
         place = origin[:2] + reach[..., None] * rays[..., :2]

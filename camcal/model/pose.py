@@ -45,6 +45,11 @@ class Pose:
         return so3.log(self.rotation)
 
     @property
+    def centre(self) -> Array:
+        """The origin of the frame `to`, seen from the other one (..., 3): of cam_from_world, the camera's centre."""
+        return -_turned(np.swapaxes(self.rotation, -1, -2), self.translation)
+
+    @property
     def matrix(self) -> Array:
         """The homogeneous matrix (..., 4, 4) [R t; 0 1]."""
         out = np.zeros((*self.shape, 4, 4))
@@ -68,8 +73,7 @@ class Pose:
 
     def inverse(self) -> Pose:
         """The transformation in the other direction."""
-        back = np.swapaxes(self.rotation, -1, -2)
-        return _made(back, -_turned(back, self.translation))
+        return _made(np.swapaxes(self.rotation, -1, -2), self.centre)
 
     def __matmul__(self, first: Pose) -> Pose:
         """`a_from_b @ b_from_c` = a_from_c."""

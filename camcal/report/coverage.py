@@ -21,7 +21,7 @@ def section(solution: Solution) -> dict[str, Any] | None:
     size = facts.image_size
     centres = [v.xyz.mean(0) for v in solution.observations.kept().views]
     poses = solution.poses
-    placed = np.einsum("vij,vj->vi", poses.rotations, np.array(centres)) + poses.translations
+    placed = poses.apply(np.array(centres))
     return {
         "image": None if size is None else hull_area(facts.image_points) / float(np.prod(size)),
         "tilt_degrees": _spread(tilt_of_views(facts)) if facts.planar else None,

@@ -34,7 +34,7 @@ class PlacedCamera:
     @property
     def centre(self) -> Array:
         """The centre of projection (3,) in the world."""
-        return -self.pose.rotation.T @ self.pose.translation
+        return self.pose.centre
 
     @property
     def matrix(self) -> Array:

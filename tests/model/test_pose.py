@@ -35,6 +35,7 @@ def test_inverse_and_composition(shape, seed):
     points = np.random.default_rng(seed).normal(size=(*shape, 3))
     np.testing.assert_allclose((a @ b).apply(points), a.apply(b.apply(points)), rtol=0, atol=10 * EPS)
     np.testing.assert_allclose(a.inverse().apply(a.apply(points)), points, rtol=0, atol=10 * EPS)
+    np.testing.assert_allclose(a.apply(a.centre), np.zeros((*shape, 3)), rtol=0, atol=10 * EPS)
 
 
 @pytest.mark.parametrize("left, right", [((), (3,)), ((3,), ()), ((2, 1), (3,)), ((4, 1), (1, 3))])

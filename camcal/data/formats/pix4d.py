@@ -75,8 +75,12 @@ def _write(cameras: CameraFile, suffix: str) -> str:
         _, terms = choose(named.camera, MODELS, "a Pix4D file")
         width, height = named.camera.image_size
         pose = named.pose or Pose.identity()
-        centre = -pose.rotation.T @ pose.translation
-        rows = [*terms.matrix.tolist(), terms.get("k1", "k2", "k3"), terms.get("p1", "p2"), centre.tolist()]
+        rows = [
+            *terms.matrix.tolist(),
+            terms.get("k1", "k2", "k3"),
+            terms.get("p1", "p2"),
+            pose.centre.tolist(),
+        ]
         rows += np.asarray(pose.rotation).tolist()
         name = named.name if named.name != "camera" else "image.jpg"  # the entry is a picture's
         out += f"{name} {width} {height}\n" + "".join(" ".join(map(number, r)) + "\n" for r in rows)

@@ -69,7 +69,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
         _, terms = choose(named.camera, MODELS, "a Qualisys file")
         width, height = named.camera.image_size
         pose = named.pose or Pose.identity()
-        turn, centre = AXES @ pose.rotation, -pose.rotation.T @ pose.translation
+        turn, centre = AXES @ pose.rotation, pose.centre
         place = dict(zip("xyz", centre.tolist(), strict=True))
         place |= {f"r{i + 1}{j + 1}": float(turn[i, j]) for i in range(3) for j in range(3)}
         k1, k2, k3, p1, p2 = terms.get("k1", "k2", "k3", "p1", "p2")

@@ -53,6 +53,15 @@ def test_bernstein_coefficients_bound_a_polynomial(ascending, top):
     np.testing.assert_allclose(found[[0, -1]], values[[0, -1]], rtol=0, atol=rounding)
 
 
+def test_a_value_that_a_curve_jumps_over_has_no_inverse():
+    def jumps(t):
+        return t + 1e-6 * (t > 0.5), np.ones_like(t)
+
+    t, solved = Inverse(jumps, 1.0)(np.array([0.3, 0.5 + 5e-7, 0.8]))
+    assert solved.tolist() == [True, False, True]
+    np.testing.assert_allclose(t[[0, 2]], [0.3, 0.8 - 1e-6], rtol=0, atol=1e-12)
+
+
 class Owner:
     """Something with a value; `calls` counts how often it computes."""
 
@@ -88,6 +97,16 @@ def bent(a, b):
     s = a * a + b * b
     f = 1 - 0.2 * s
     return a * f + 0.01 * b, b * f, f - 0.4 * a * a, 0.01 - 0.4 * a * b, -0.4 * a * b, f - 0.4 * b * b
+
+
+def test_next_to_the_fold_of_a_map():
+    """Along b = 0 it folds at a² = 5 / 3, x = 2 a / 3: a point beyond, by a thousandth of a px, has no solution."""
+    peak = np.sqrt(5 / 3) * 2 / 3
+    x = np.array([peak - 1e-6, peak + 1e-6])
+    with np.errstate(all="ignore"):
+        a, b, solved = newton.solve(bent, x, np.zeros(2), x.copy(), np.zeros(2))
+    assert solved.tolist() == [True, False]
+    assert abs(bent(a, b)[0][0] - x[0]) < 1e-11
 
 
 @pytest.mark.parametrize("start", ["near", "far"])

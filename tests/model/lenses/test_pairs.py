@@ -7,7 +7,7 @@ from camcal.errors import DataError, EstimationError, UsageError
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.lenses.conversion import convert
-from camcal.model.lenses.pairs import PLANE, SCATTER, fit_pairs
+from camcal.model.lenses.pairs import SCATTER, fit_pairs
 
 
 def pairs(noise=0.1):
@@ -77,12 +77,11 @@ def test_views_of_a_board_are_no_pairs():
         fit_pairs(lenses.make("opencv5"), np.concatenate([board, board]), seen)
 
 
-@pytest.mark.parametrize("part, extent", [(0.99, "plane"), (1.01, "pixels")])
-def test_ideal_points_that_spread_far_are_pixels(part, extent):
+@pytest.mark.parametrize("extent, pixels", [(19.8, False), (20.2, True)])
+def test_ideal_points_that_spread_far_are_pixels(extent, pixels):
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 9), np.linspace(-0.4, 0.4, 7))
-    ideal = PLANE * part * np.c_[x.ravel(), y.ravel()]
-    found = fit_pairs(lenses.make("pinhole"), ideal, 30 * ideal + 300)
-    assert found.assumed == (extent == "pixels")
+    ideal = extent * np.c_[x.ravel(), y.ravel()]
+    assert fit_pairs(lenses.make("pinhole"), ideal, 30 * ideal + 300).assumed == pixels
 
 
 @pytest.mark.parametrize("part, repeated", [(0.9, True), (1.1, False)])
