@@ -86,9 +86,9 @@ def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, s
     ]
     done, total = iter(range(len(starts) * len(specs))), len(starts) * len(specs)
     with progress("optimizers") as show:
-        told = Options(max_seconds=options["max_seconds"])
+        stopping = Options(max_seconds=options["max_seconds"])
         rotation = options["rotation"]
-        runs = run_all(problem, starts, specs, told, rotation, lambda *_: show(next(done), total))
+        runs = run_all(problem, starts, specs, stopping, rotation, lambda *_: show(next(done), total))
     return runs, problem, camera.lens.name
 
 

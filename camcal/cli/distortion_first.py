@@ -29,10 +29,10 @@ def held_options(
         if data.image_size is None:
             raise UsageError(f"'{path}' does not say how large the picture is.", "Give --image-size WxH.")
         known = replace(known, image_size=data.image_size)
-    told = {"robust": options["robust"], "seed": options["seed"], "checks": False, "crosscheck": False}
-    flat = calibrate(without_distortion(known, data), model="pinhole", fix={"aspect": None}, **told)
+    plain = {"robust": options["robust"], "seed": options["seed"], "checks": False, "crosscheck": False}
+    flat = calibrate(without_distortion(known, data), model="pinhole", fix={"aspect": None}, **plain)
     lens = at_focal_length(known, float(flat.camera.params[0]))
-    joint = calibrate(data, model=lens.lens.name, fix={"aspect": None}, **told)
+    joint = calibrate(data, model=lens.lens.name, fix={"aspect": None}, **plain)
     section = {
         "from": str(path),
         "undistorted": {"rms_point": flat.rms_point, "parameters": flat.camera.values},

@@ -21,7 +21,7 @@ SOMETHING_WRONG = 1
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
-    """Say in plain words what is wrong and what to do next.
+    """Find what is wrong, and say in plain words what to do next.
 
     Of a REPORT: its warnings and what would make the camera better known, ordered by how much. Of IMAGES (or
     tables of points): the pictures themselves, and then a calibration of them. Without an argument: the
@@ -37,7 +37,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
         found = _of_report(Path(data[0]))
     else:
         found = _of_data(data, options)
-    emit(found, options["format"], lambda: _told(found))
+    emit(found, options["format"], lambda: _shown(found))
     return 0 if found["healthy"] else SOMETHING_WRONG
 
 
@@ -81,7 +81,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _once(findings: list[Any]) -> list[Any]:
-    """Pictures that look bad are not named a second time: as a warning, or where they gain nothing."""
+    """Leave out what names bad pictures a second time: warnings of them, and findings without a gain."""
     looked = any(f.code.startswith("pictures-") for f in findings)
     codes = [f.code for f in findings]
     return [
@@ -92,7 +92,7 @@ def _once(findings: list[Any]) -> list[Any]:
     ]
 
 
-def _told(found: dict[str, Any]) -> Any:
+def _shown(found: dict[str, Any]) -> Any:
     from rich.console import Group
     from rich.padding import Padding
     from rich.text import Text

@@ -1,4 +1,4 @@
-"""`camcal evaluate`: how well a known camera explains new points or pictures."""
+"""`camcal evaluate`: how well a known camera fits new points or pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from camcal.cli.verbosity import note, verbosity_options
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: Any) -> int:
-    """Judge a camera on data that it was not calibrated with.
+    """Test a camera on data that it was not calibrated with.
 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
     each view is fitted anew, and what remains is reported as after a calibration. Of a rig, the table names the
@@ -44,13 +44,13 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
 
 def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any]) -> int:
-    """Judge a rig; robust estimation and pictures are for single cameras."""
+    """Test a rig; robust estimation and pictures are for single cameras only."""
     from camcal.cli.job import GATE_FELL, command_line
     from camcal.cli.results import deliver
     from camcal.report.rig_views import evaluation, tables
 
     if options["robust"] != "none":
-        note("outliers are not looked for in the points of a rig: --robust none")
+        note("The points of a rig are not searched for outliers (as with --robust none).")
     found = evaluation(camera, table, options["max_rms"], command_line(ctx))
     deliver(found, options, "Report", lambda: tables(found))
     return GATE_FELL if found["verdict"] == "fail" else 0

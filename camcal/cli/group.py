@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
 @verbosity_options
 @click.version_option(__version__, "-V", "--version", message="camcal %(version)s")
 def camcal() -> None:
-    """Calibrate cameras from points or pictures, every result cross-checked with OpenCV.
+    """Calibrate cameras from points or pictures; every result is cross-checked with OpenCV.
 
     The two main jobs are `camcal estimate POINTS` and `camcal checkerboard IMAGES`.
     """

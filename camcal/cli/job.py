@@ -72,10 +72,10 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
-    told = {name: options[name] for name in _names(DetectionOptions) if name in options}
+    search = {name: options[name] for name in _names(DetectionOptions) if name in options}
     with progress("reading pictures") as show:
 
-        def tell(event: str, details: Mapping[str, Any]) -> None:
+        def show_event(event: str, details: Mapping[str, Any]) -> None:
             if event in ("searched", "film"):
                 show(details["done"], details["count"])
             elif event == "picture":
@@ -96,7 +96,7 @@ def read_pictures(
             elif event == "cache":
                 note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
 
-        return detect_images(paths, **told, on_event=tell)
+        return detect_images(paths, **search, on_event=show_event)
 
 
 def _recognised(details: Mapping[str, Any]) -> str:
@@ -136,31 +136,31 @@ def calibrate_and_report(
     sections : mapping, optional
         Further entries of the report.
     """
-    told = {name: options[name] for name in _names(CalibrationOptions)}
-    if is_report(told["board_shape"]):
+    given = {name: options[name] for name in _names(CalibrationOptions)}
+    if is_report(given["board_shape"]):
         from camcal.report.board import on_known_board
 
-        correspondences = on_known_board(correspondences, told["board_shape"])
-        told["board_shape"] = "flat"
+        correspondences = on_known_board(correspondences, given["board_shape"])
+        given["board_shape"] = "flat"
     sections = dict(sections or {})
-    if told["model"] == "auto":
-        sections["selection"] = selected(correspondences, told)
-        told["model"] = sections["selection"]["chosen"]
+    if given["model"] == "auto":
+        sections["selection"] = selected(correspondences, given)
+        given["model"] = sections["selection"]["chosen"]
     from camcal.plan.calibrate import calibrate
 
     if "refine_corners" in options:
-        told["refine_points"] = options["refine_corners"]
-    solution = calibrate(correspondences, on_event=_on_event, **told)
+        given["refine_points"] = options["refine_corners"]
+    solution = calibrate(correspondences, on_event=_on_event, **given)
     if save_corners is not None and solution.points is not None:
         save_detections(solution.points, save_corners, options["force"])
     return deliver_solution(ctx, solution, options, sections)
 
 
-def selected(correspondences: Correspondences, told: dict[str, Any]) -> dict[str, Any]:
-    """What `--model auto` chooses, as `camcal select` would."""
+def selected(correspondences: Correspondences, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what `--model auto` chooses, as `camcal select` would."""
     from camcal.plan.selection import described, select
 
-    options = {name: told[name] for name in ("skew", "fix", "robust", "seed")}
+    options = {name: given[name] for name in ("skew", "fix", "robust", "seed")}
     found = described(select(correspondences, **options))
     note(f"model {found['chosen']}: {found['why']}")
     return found

@@ -1,4 +1,4 @@
-"""`camcal list`: what there is to choose from."""
+"""`camcal list`: the names that options take."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _own_text(value: object) -> str:
 @options("list")
 @verbosity_options
 def command(kind: str, format: str) -> None:
-    """List what there is of one KIND, with a line on each.
+    """List the entries of one KIND, with a line on each.
 
     KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, robust-methods, board-shapes,
     formats or commands.

@@ -20,7 +20,7 @@ DRAWINGS = (".svg", ".png", ".pdf")
 @options("next")
 @verbosity_options
 def command(report: Path, **options: Any) -> None:
-    """Suggest the picture that would make a camera best known.
+    """Suggest the picture that would reduce the uncertainty of a camera most.
 
     Poses that keep the whole target in the picture are tried; the one that reduces the worst projection
     uncertainty over the picture most is described, and drawn with -o. With --count N several drawings are

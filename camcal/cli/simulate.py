@@ -1,4 +1,4 @@
-"""`camcal simulate`: points, 3D rigs and pictures with a known truth."""
+"""`camcal simulate`: points, 3D rigs and pictures, with their true values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and
 
 @click.group("simulate")
 def command() -> None:
-    """Make data whose truth is known, and write it into a YAML file beside them."""
+    """Simulate data, and write the true values into a YAML file beside them."""
 
 
 command.add_command(frames_command)
@@ -28,7 +28,7 @@ command.add_command(frames_command)
 @verbosity_options
 @click.pass_context
 def points(ctx: click.Context, target: str, output: Path, seed: int, force: bool, **given: Any) -> None:
-    """Views of a flat target, as a table of points."""
+    """Simulate views of a flat target, as a table of points."""
     _check(output, force)
     import numpy as np
 
@@ -57,7 +57,7 @@ def rig(
     force: bool,
     **given: Any,
 ) -> None:
-    """Views of a 3D rig, three faces of a cube or points from a file, as a table of points."""
+    """Simulate views of a 3D rig, three faces of a cube or points from a file, as a table of points."""
     _check(output, force)
     import numpy as np
 
@@ -92,7 +92,7 @@ def rig(
 def images(
     ctx: click.Context, target: str, output: Path, extension: str, seed: int, force: bool, **given: Any
 ) -> None:
-    """Pictures of a target: area-sampled, blurred, with noise, uneven light and the lens's distortion."""
+    """Simulate pictures of a target: area-sampled, blurred, with noise, uneven lighting and distortion."""
     import numpy as np
 
     from camcal.detect import targets

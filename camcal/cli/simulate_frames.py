@@ -1,4 +1,4 @@
-"""`camcal simulate frames`: a stream of frames for `camcal track`, with its truth."""
+"""`camcal simulate frames`: frames for `camcal track`, with the true cameras."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from camcal.cli.verbosity import note, verbosity_options
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: Any) -> None:
-    """A stream of frames seen by a camera that moves or is knocked, as a table for `camcal track`.
+    """Simulate frames of a camera that moves or is knocked, as a table for `camcal track`.
 
     Beside FILE.csv, FILE.truth.csv has the true camera of each frame under the names that the table of
     `camcal track` uses, and FILE.truth.yaml the last one as a camera file.

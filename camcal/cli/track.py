@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from camcal.track.events import Change
     from camcal.track.frames import Frame
 
-#: changes that are told as they are seen
-TOLD = 20
+#: changes that are shown on stderr as they are found; further ones are only counted
+SHOWN = 20
 
 
 @click.command("track")
@@ -29,7 +29,7 @@ TOLD = 20
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
-    """Follow a camera that changes with time, and say when it has changed.
+    """Follow a camera that changes with time, and report when it has changed.
 
     FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where
     each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
@@ -44,7 +44,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     follower = Follower(
         estimator,
         output,
-        on_change=_Teller(),
+        on_change=_ChangeLog(),
         hold=options["reorder"],
         state_file=options["state"],
         every=options["state_every"] or (FROM_PIPE if live else FROM_FILE),
@@ -101,13 +101,13 @@ def _estimator(
         if _given(ctx, name):
             takers = [m for m, path in ESTIMATORS.items() if name in look_up({m: path}, m, "method").takes]
             raise UsageError(
-                f"{known[name].long} means nothing to the method '{method}'.",
+                f"{known[name].long} has no effect with the method '{method}'.",
                 f"It is for {', '.join(takers)}.",
             )
     gain = options["gain"] or next(iter(cls.gains), None)
     for name, owner in _OF_GAIN.items():
         if gain in cls.gains and gain != owner and _given(ctx, name):
-            raise UsageError(f"--{name} means nothing to the gain '{gain}'.", f"Add --gain {owner}.")
+            raise UsageError(f"--{name} has no effect with the gain '{gain}'.", f"Add --gain {owner}.")
     values = {name: options[name] for name in known}
     if options["camera"] is not None:
         values["camera"] = _camera(ctx, options)
@@ -139,7 +139,7 @@ def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
 
 
 def _must_match(options: dict[str, Any], track: TrackOptions) -> dict[str, Any]:
-    """What has to be the same when a run is taken up again."""
+    """Return what must be the same for a run to continue from a checkpoint."""
     values = track.checkpoint()
     if track.camera is not None:
         values["camera"] = [track.camera.lens.name, track.camera.params]
@@ -213,15 +213,15 @@ def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
     )
 
 
-class _Teller:
-    """Says each change on stderr as it is seen, up to a number of them."""
+class _ChangeLog:
+    """Writes each change to stderr as it is found, up to a number of them."""
 
     def __init__(self) -> None:
-        self.told = 0
+        self.count = 0
 
     def __call__(self, change: Change) -> None:
-        self.told += 1
-        if self.told <= TOLD:
+        self.count += 1
+        if self.count <= SHOWN:
             note(f"{change.message}.")
-        elif self.told == TOLD + 1:
-            note("Further changes are counted, not told; does the motion fit? See --motion.")
+        elif self.count == SHOWN + 1:
+            note("Further changes are counted but not shown; see whether --motion fits.")

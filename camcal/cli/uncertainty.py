@@ -1,4 +1,4 @@
-"""`camcal uncertainty`: how far noise moves what a calibrated camera projects."""
+"""`camcal uncertainty`: how far noise moves the projections of a calibrated camera."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def command(
     max_px: float | None,
     format: str,
 ) -> int:
-    """Say how far noise in the observations moves projections, in px.
+    """Compute how far noise in the observations moves projections, in px.
 
     The standard deviation is that of the worst direction, of a point that is fixed to the boards (mrcal's
     projection uncertainty). Without --at: the image's centre and its worst place, and the median over it.

@@ -21,7 +21,7 @@ FILE = click.Path(path_type=Path)
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
-    """Take the distortion out of pictures.
+    """Remove the distortion from pictures.
 
     IMAGES are files, folders, quoted patterns, films (each frame becomes a picture such as movie_000123.png) or
     frames of films (movie.mp4#123). The new pictures keep their names; camera.yaml beside them is the camera

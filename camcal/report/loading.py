@@ -111,7 +111,7 @@ def _damage(source: str) -> Any:
 
 def _start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
     given = [section.parameters[name] for name in camera.lens.names]
-    start = np.array([p.start for p in given])
+    start = np.array([p.value if p.start is UNSET else p.start for p in given], float)
     free = np.eye(len(given))[:, [not p.fixed for p in given]]
     if section.free_directions is not UNSET:
         free = np.array(section.free_directions, float).reshape(len(given), -1)

@@ -19,12 +19,15 @@ from camcal.schema.kinds import (
 
 
 class Parameter(Section):
-    """One parameter of a lens model."""
+    """One parameter of a lens model; `value` is all that a camera without a calibration needs."""
 
     value: Annotated[Finite, key("the result")]
-    sigma: Annotated[Sigma, key("one standard deviation; null of a fixed parameter, `.inf` if undetermined")]
-    start: Annotated[Finite, key("where the refinement began")]
-    fixed: Annotated[bool, key("whether it was held")]
+    sigma: Annotated[
+        Sigma,
+        key("one standard deviation; null of a fixed parameter, `.inf` where the data do not determine it"),
+    ] = None
+    start: Annotated[Finite | UnsetType, key("where the refinement began")] = UNSET
+    fixed: Annotated[bool, key("whether it was held")] = False
 
 
 class Correlation(Section):

@@ -237,7 +237,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         _MODEL,
         replace(
             _OF["fix"],
-            help="Hold parameters; fx=VALUE sets the focal length, which lines leave open to choice.",
+            help="Hold parameters; fx=VALUE sets the focal length, which lines do not determine.",
         ),
         IMAGE_SIZE,
         replace(

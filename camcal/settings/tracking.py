@@ -103,12 +103,14 @@ RUN = (
     Option(
         "reorder",
         Whole(0, metavar="FRAMES"),
-        "Hold so many frames back to put late ones in their place.",
+        "Hold this many frames back, to put late ones in order.",
         0,
         in_checkpoints=True,
     ),
     Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
-    Option("state", FILE, "Checkpoint: written as the run goes on, taken up again where it exists."),
+    Option(
+        "state", FILE, "Checkpoint: written during the run; a run with an existing one continues from it."
+    ),
     Option(
         "state_every",
         Whole(1, metavar="FRAMES"),

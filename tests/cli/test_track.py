@@ -131,9 +131,9 @@ def test_nothing_is_overwritten_or_left_half_written(camcal, knock):
     ("args", "said"),
     [
         (["--method", "kalmann"], "Did you mean 'kalman'?"),
-        (["--method", "rls", "--motion", "pan"], "--motion means nothing to the method 'rls'"),
+        (["--method", "rls", "--motion", "pan"], "--motion has no effect with the method 'rls'"),
         (["--method", "kalman", "--window", "5"], "It is for window"),
-        (["--method", "kalman", "--fix", "fx"], "--fix means nothing"),
+        (["--method", "kalman", "--fix", "fx"], "--fix has no effect"),
         (["--method", "iekf", "--fix", "fx"], "its value is not given"),
         (["--drift", "focal"], "'focal' has no value; a number is needed."),
         (["--drift", "fokal=1"], "Did you mean 'focal'?"),
@@ -142,7 +142,7 @@ def test_nothing_is_overwritten_or_left_half_written(camcal, knock):
         (["--method", "iekf", "--gain", "mean"], "does not work with the gain"),
         (["--forgetting", "1.5"], "--forgetting"),
         (["--alpha", "0.3"], "Add --gain fixed"),
-        (["--method", "rls", "--gain", "mean", "--forgetting", "0.9"], "--forgetting means nothing"),
+        (["--method", "rls", "--gain", "mean", "--forgetting", "0.9"], "--forgetting has no effect"),
         (["other.csv"], "a table goes alone"),
     ],
 )

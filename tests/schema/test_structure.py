@@ -46,7 +46,7 @@ def test_keys_of_a_newer_camcal_are_ignored():
         ({"parameters": {}}, "cameras.left.parameters is a group of keys; a group of keys with entries is needed."),
         ({"parameters": {"fx": {**FX, "value": "abc"}}}, "cameras.left.parameters.fx.value is 'abc'; a finite"),
         ({"parameters": {"fx": {**FX, "sigma": -1}}}, "parameters.fx.sigma is -1; a number from 0 up is needed."),
-        ({"parameters": {"fx": {"value": 1.0}}}, "'cameras.left.parameters.fx.sigma' is missing."),
+        ({"parameters": {"fx": {"start": 1.0}}}, "'cameras.left.parameters.fx.value' is missing."),
         ({"pixel_center": "corner"}, "cameras.left.pixel_center is 'corner'; 'integer' is needed."),
         ({"matrix": [[1, 0, 0]] * 2}, "cameras.left.matrix is a list of 2; a list of 3 is needed."),
         ({"model": ""}, "cameras.left.model is ''; text that is not empty is needed."),

@@ -1,7 +1,9 @@
 """The options of a calibration, as keywords of a call."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +76,20 @@ def test_options_stand_in_the_solution():
     found = camcal.calibrate(solved(views=4).observations, checks=False, seed=5)
     assert found.options["seed"] == {"value": 5, "from": "keyword"}
     assert found.options["max_rms"] == {"value": None, "from": "default"}
+
+
+def test_the_lines_of_the_page_on_configuration():
+    page = (Path(__file__).parents[2] / "docs" / "configuration.md").read_text(encoding="utf-8")
+    *lines, refused = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[0].splitlines()
+    names = {"camcal": camcal, "data": solved(views=4).observations}
+    exec(lines[0], names)
+    assert (
+        eval(lines[1].partition("#")[0], names) == "pass"
+    )  # at 0.2 px noise, as the comment says of the other case
+    assert eval(lines[2].partition("#")[0], names) == {"value": 0.5, "from": "keyword"}
+    with pytest.raises(UsageError) as caught:
+        exec(refused, names)
+    assert f"{caught.value.message} {caught.value.hint}" in refused
 
 
 def test_tables_name_what_exists():
