@@ -197,7 +197,7 @@ FORMAT = Format(
         "IntrinsicMatrix is the transposed camera matrix; K, of newer releases, is not.",
         "ImageSize is rows, columns; the principal point counts from 1.",
         "RotationOfCamera2 multiplies row vectors: it is the transposed rotation.",
-        "Files of version 7.3 need the package h5py; save with -v7.",
+        "Files of version 7.3 need the package h5py (`pip install camcal[matlab]`); or save with -v7.",
     ),
     source="MathWorks, cameraIntrinsics, cameraParameters, stereoParameters, fisheyeIntrinsics",
 )

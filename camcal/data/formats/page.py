@@ -13,6 +13,7 @@ from camcal.data.formats.terms import room
 from camcal.errors import CamcalError
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.lenses.conversion import convert
 from camcal.model.pose import Pose
 
 INTRODUCTION = """\
@@ -43,10 +44,45 @@ without nested aliases, XML without entities of its own.
 """
 
 
-def page() -> str:
-    """The text of the page."""
+#: lenses whose refit is measured, by their first example camera, and the models that formats have
+SOURCES = (
+    "opencv5",
+    "opencv8",
+    "opencv12",
+    "brown:radial=4,decentering=3,prism=1",
+    "kb4",
+    "mei",
+    "ds",
+    "division:3",
+)
+TARGETS = (
+    "brown:radial=1,decentering=0",
+    "opencv4",
+    "opencv5",
+    "opencv8",
+    "kb4",
+    "eucm",
+    "ds",
+    "mei",
+    "division:1",
+)
+MARK = "<!-- refits -->"
+
+
+REFITS = """\
+## What a refit costs
+
+The largest difference over the picture, px, between a camera and the closest one of another model, as `--to-model`
+finds it and prints: the first example camera of each lens model (`opencv5` a webcam of 640x480, `kb4` a lens of 150
+degrees). *-*: the model does not reach the whole picture.
+
+"""
+
+
+def page(refits: str) -> str:
+    """The text of the page; `refits` is the table of `refit_table`, which takes a minute to measure."""
     forms = list(files.formats())
-    parts = [INTRODUCTION, _overview(forms)]
+    parts = [INTRODUCTION, _overview(forms), REFITS + f"{MARK}\n{refits}{MARK}\n"]
     parts += [_section(form) for form in forms]
     return "\n".join(parts)
 
@@ -120,5 +156,24 @@ def _model(text: str) -> str:
     return f"`{spec}`" + (f" ({', '.join(words[m] for m in more)})" if more else "")
 
 
+def refit_table() -> str:
+    """The largest error of the closest camera of each model, px, over the picture of the example cameras."""
+    lines = ["| camera | " + " | ".join(f"`{t}`" for t in TARGETS) + " |", "|---" * (len(TARGETS) + 1) + "|"]
+    for spec in SOURCES:
+        lens = lenses.make(spec)
+        params, size = lens.examples()[0]
+        camera = Camera(lens, np.array(params, float), size)
+        cells = [_refit(camera, target) for target in TARGETS]
+        lines.append(f"| `{spec}`, {size[0]}x{size[1]} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _refit(camera: Camera, target: str) -> str:
+    worst = convert(camera, lenses.make(target)).max_px
+    if worst < 1e-6:
+        return "exact"
+    return f"{worst:.2g}" if np.isfinite(worst) else "-"
+
+
 if __name__ == "__main__":
-    print(page(), end="")
+    print(page(refit_table()), end="")
