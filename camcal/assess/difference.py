@@ -16,17 +16,21 @@ camera are counted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 
 Array = np.ndarray
 
-#: Gauss-Newton on 3 or 6 unknowns from a closed-form start; near-equal cameras take 2 to 4 steps.
-_STEPS = 30
+#: Of the cost, and steps at most; near-equal cameras take 2 to 4 from the closed-form start.
+_TOLERANCE, _STEPS = 1e-12, 30
+#: px; what a point outside the camera's domain costs in each coordinate, so that no step gains by losing points
+OUTSIDE = 1e3
 #: Columns of the grid over the image.
 COLUMNS = 40
 
@@ -131,52 +135,44 @@ def difference(
     if fitted.sum() < 3:
         return Difference(pixels, vectors, Pose(np.eye(3), np.zeros(3)))
     points = rays * (1.0 if distance is None else distance)
-    begin = Pose(rotations.fit_rotation(rays_b[fitted], rays[fitted], root[fitted] ** 2), np.zeros(3))
-    pose = _fit(b, points[fitted], pixels[fitted], root[fitted], begin, distance is not None)
+    begin = rotations.fit_rotation(rays_b[fitted], rays[fitted], root[fitted] ** 2)
+    problem = _Alignment(b, points[fitted], pixels[fitted], root[fitted], distance is not None)
+    found = minimise(problem, _Placed(begin[None], np.zeros((1, 3))), Options(_TOLERANCE, _STEPS)).state
+    pose = Pose(found.rotations[0], found.translations[0])
     points = points[seen]
     vectors[seen] = b.project(pose.apply(points)) - pixels[seen]
     return Difference(pixels, vectors, pose)
 
 
-def _fit(
-    camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose, with_translation: bool
-) -> Pose:
-    """The pose that minimises Σ w |project(R x + t) - u|² by Gauss-Newton, halving steps that do not help.
+class _Placed(NamedTuple):
+    """A rotation (1, 3, 3) and a translation (1, 3)."""
 
-    `root` are the square roots of the weights.
-    """
-    cost, step = _cost(camera, points, pixels, root, pose), None
-    for _ in range(_STEPS):
-        step = _step(camera, points, pixels, root, pose, with_translation)
-        for _ in range(8):
-            trial = Pose(rotations.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])
-            trial_cost = _cost(camera, points, pixels, root, trial)
-            if trial_cost < cost:
-                break
-            step = step / 2
-        else:
-            return pose
-        gained, pose, cost = cost - trial_cost, trial, trial_cost
-        if gained <= 1e-12 * cost:
-            break
-    return pose
+    rotations: Array
+    translations: Array
 
 
-def _cost(camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose) -> float:
-    # a point that leaves the domain costs a lot instead of nothing
-    r = camera.project(pose.apply(points)) - pixels
-    r = (np.where(np.isnan(r), 1e3, r) * root[:, None]).ravel()
-    return float(r @ r)
+class _Alignment(Small):
+    """(1) as the one member of a batch of `least_squares`: the pose of points before a camera."""
 
+    count = 1
 
-def _step(
-    camera: Camera, points: Array, pixels: Array, root: Array, pose: Pose, with_translation: bool
-) -> Array:
-    cam = pose.apply(points)
-    uv, d_xyz, _, valid = camera.lens.jacobians(camera.params, cam)
-    turn = -d_xyz @ rotations.skew(points @ pose.rotation.T)
-    jacobian = np.concatenate([turn, d_xyz], 2) if with_translation else turn
-    jacobian, r = jacobian * root[:, None, None], (uv - pixels) * root[:, None]
-    j = jacobian[valid].reshape(-1, jacobian.shape[2])
-    step = np.linalg.lstsq(j, -r[valid].ravel(), rcond=None)[0]
-    return np.r_[step, np.zeros(6 - len(step))]
+    def __init__(self, camera: Camera, points: Array, pixels: Array, root: Array, with_translation: bool):
+        self.camera, self.points, self.pixels, self.root = camera, points, pixels, root
+        self.unknowns = 6 if with_translation else 3
+        # a few units in the last place of each coordinate
+        self.rounding = len(pixels) * (4 * np.finfo(float).eps * float(np.abs(pixels).max())) ** 2
+
+    def linearise(self, state: _Placed, members: Array) -> Normal:
+        """Residuals in px, times the roots of the weights."""
+        turned = self.points @ state.rotations[0].T
+        uv, d_xyz, _, valid = self.camera.lens.jacobians(self.camera.params, turned + state.translations[0])
+        j = np.concatenate([-d_xyz @ rotations.skew(turned), d_xyz], 2)[:, :, : self.unknowns]
+        r = np.where(valid[:, None], uv - self.pixels, OUTSIDE)
+        j = np.where(valid[:, None, None], j, 0.0)
+        r, j = r * self.root[:, None], j * self.root[:, None, None]
+        return Normal.of(r.reshape(1, -1), j.reshape(1, -1, self.unknowns).transpose(0, 2, 1))
+
+    def retract(self, state: _Placed, step: Array) -> _Placed:
+        """exp(δ) R, t + δ."""
+        shift = step[:, 3:] if self.unknowns == 6 else 0.0
+        return _Placed(rotations.exp(step[:, :3]) @ state.rotations, state.translations + shift)
