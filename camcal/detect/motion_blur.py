@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.detect import edge_model as model
+from camcal.detect.fit import LEAST_BLUR, MOST_BLUR
 from camcal.detect.saddle import HALF
-from camcal.detect.windows import cut
+from camcal.detect.windows import Windows, cut
+from camcal.least_squares import Normal, Options, Small, minimise, negligible
 
 Array = np.ndarray
 
 MOST_CORNERS = 24  #: of a picture; their blurs scatter by 2 %
-STEPS = 4  #: of Gauss-Newton; the fits' common blur is off by a factor of 2 at most
+STEPS = 10  #: usual fits take 3 to 5
+SETTLED = 0.1  #: standard deviations within which a fit stops; see `fit.SETTLED`
 LARGEST = 12  #: px; half the side of the largest window
-LEAST_BLUR, MOST_BLUR = 0.28, 30.0  #: px; a pixel's own area, and more than any window holds
 LEAST_VARIANCE = 0.05  #: of the mean; a smaller one along the narrow axis is noise
 
 
@@ -26,7 +28,7 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
         erf(u1 / √2 s1) erf(u2 / √2 s2) + n1ᵀ S n2 erf'(u1 / √2 s1) erf'(u2 / √2 s2)
 
     (the tetrachoric series, Pearson 1901). The two edges alone do not show motion along the squares' diagonal.
-    Gauss-Newton on these three numbers, from the common blur of the corners' fits.
+    These three numbers are fitted, from the common blur of the corners' fits.
 
     Parameters
     ----------
@@ -51,26 +53,44 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
     normals = p[:, [model.ANGLE1, model.ANGLE2]]
     n = np.stack([np.cos(normals), np.sin(normals)], -1).astype(np.float32)
     u = np.einsum("kcp,kic->ikp", windows.q, n)
-    blurs = np.repeat(p[:, model.BLUR, None], 2, 1)
-    mixed = np.einsum("ki,ki->k", n[:, 0], n[:, 1]) * p[:, model.BLUR] ** 2
-    contrast, offset = (p[:, i, None].astype(np.float32) for i in (model.CONTRAST, model.OFFSET))
-    for _ in range(STEPS):
-        (edge1, slope1), (edge2, slope2) = (model.step(u[i], blurs[:, i]) for i in (0, 1))
-        both = slope1 * slope2
-        residual = (
-            windows.value - offset - contrast * (edge1 * edge2 + mixed[:, None].astype(np.float32) * both)
-        )
-        j1 = -edge2 * slope1 * u[0] / blurs[:, :1]
-        j2 = -edge1 * slope2 * u[1] / blurs[:, 1:]
-        jacobian = (contrast[:, None] * np.stack([j1, j2, both], 1)).astype(float)
-        weighted = jacobian * windows.counts[:, None]
-        normal = weighted @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(3)
-        change = np.linalg.solve(normal, weighted @ residual[..., None].astype(float))[..., 0]
-        blurs = np.clip(blurs + np.clip(change[:, :2], -0.5 * blurs, blurs), LEAST_BLUR, MOST_BLUR)
-        most = blurs.prod(1)  # Cauchy and Schwarz
-        mixed = np.clip(mixed + change[:, 2], -most, most)
+    common = p[:, model.BLUR]
+    start = np.stack([common, common, np.einsum("ki,ki->k", n[:, 0], n[:, 1]) * common**2], 1)
+    problem = _Blurs(windows, u, p)
+    pixels = windows.counts.sum(1)
+    found = minimise(problem, start, Options(negligible(SETTLED, pixels, 3), STEPS)).state
+    blurs, mixed = found[:, :2], found[:, 2]
     pairs = np.stack([normals[:, [0, 0]], normals[:, [1, 1]], normals], 1)
     return pairs, np.c_[blurs**2, mixed]
+
+
+class _Blurs(Small):
+    """Corners with a blur across each edge and a covariance between the two, (K, 3); all else is known."""
+
+    def __init__(self, windows: Windows, u: Array, params: Array):
+        self.windows, self.u, self.count = windows, u, len(params)
+        self.contrast, self.offset = (
+            params[:, i, None].astype(np.float32) for i in (model.CONTRAST, model.OFFSET)
+        )
+
+    def linearise(self, state: Array, members: Array) -> Normal:
+        """r = model - value, grey levels."""
+        u, contrast, blurs = self.u[:, members], self.contrast[members], state[:, :2]
+        (edge1, slope1), (edge2, slope2) = (model.step(u[i], blurs[:, i]) for i in (0, 1))
+        both = slope1 * slope2
+        grey = contrast * (edge1 * edge2 + state[:, 2:].astype(np.float32) * both) + self.offset[members]
+        across = [-edge2 * slope1 * u[0] / blurs[:, :1], -edge1 * slope2 * u[1] / blurs[:, 1:]]
+        counts = self.windows.counts[members]
+        jacobian = (contrast * counts)[:, None] * np.stack([*across, both], 1)
+        residual = np.where(counts, grey - self.windows.value[members], 0.0)
+        return Normal.of(residual.astype(float), jacobian.astype(float))
+
+    def retract(self, state: Array, step: Array) -> Array:
+        """Within the limits of a blur, and of a covariance (Cauchy and Schwarz)."""
+        moved = state + step
+        moved[:, :2] = np.clip(moved[:, :2], LEAST_BLUR, MOST_BLUR)
+        most = moved[:, :2].prod(1)
+        moved[:, 2] = np.clip(moved[:, 2], -most, most)
+        return moved
 
 
 def blur_ellipse(directions: Array, products: Array) -> tuple[float, float] | None:
