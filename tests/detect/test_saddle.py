@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from camcal.detect import saddle
+from camcal.detect import edge_model, saddle
+from camcal.detect.fit import LEAST_BLUR, SETTLED, first_guess, fit
 from camcal.detect.lattice import Lattice
 from camcal.detect.local_map import board_from_corners
+from camcal.detect.windows import cut
 from tests.detect import drawing
 
 SIZE = (6, 5)
@@ -115,3 +117,42 @@ def test_sixteen_bits_are_the_same_picture():
     eight = saddle.refine(gray, true, sides)
     sixteen = saddle.refine(gray.astype(np.uint16) * 200, true, sides)
     assert np.abs(eight.uv - sixteen.uv).max() < 2e-3  # float32 normal equations
+
+
+def test_fits_stop_within_their_share_of_a_standard_deviation():
+    """A first fit within half of one, the final fit within a tenth, measured from fits taken much further."""
+    h, true, sides = scene()
+    gray = drawing.picture(h, SIZE, noise=4.0, seed=3)
+    windows = cut(gray, true + 0.5, sides, saddle.HALF, 3.5)
+    start = first_guess(windows, saddle.edge_normals(sides), np.ones(len(true)))
+    exact = fit(windows, start, (0.0, 255.0), settled=1e-4)
+    sigma = np.sqrt(np.einsum("kii->ki", exact.covariance))
+    off = {}
+    for settled in (saddle.ROUGH, SETTLED):
+        found = fit(windows, start, (0.0, 255.0), settled=settled)
+        off[settled] = np.abs((found.params - exact.params)[:, :2] / sigma).max()
+        assert found.converged.all()
+    assert (saddle.ROUGH, SETTLED) == (0.5, 0.1)
+    assert off[SETTLED] < 0.1 and off[saddle.ROUGH] < 0.5
+    assert exact.converged.all()
+
+
+def test_the_blur_keeps_to_what_a_pixel_makes():
+    h, true, sides = scene()
+    gray = drawing.light(h, SIZE, (240, 200), blur=0.01).astype(np.float32)
+    found = saddle.refine(gray, true, sides)
+    assert (found.params[:, edge_model.BLUR] >= LEAST_BLUR).all()
+
+
+@pytest.mark.parametrize(("off", "converged"), [(0.008, True), (0.012, False)])
+def test_without_iterations_a_corner_counts_that_has_a_hundredth_of_a_pixel_to_go(
+    off, converged, monkeypatch
+):
+    h, true, sides = scene()
+    gray = drawing.picture(h, SIZE, noise=1.0, seed=3)
+    windows = cut(gray, true, sides, saddle.HALF, 3.5)
+    start = first_guess(windows, saddle.edge_normals(sides), np.ones(len(true)))
+    exact = fit(windows, start, (0.0, 255.0), settled=1e-4).params
+    monkeypatch.setattr("camcal.detect.fit.ITERATIONS", 0)
+    found = fit(windows, exact + off * (np.arange(7) == 0), (0.0, 255.0), settled=1e-6)
+    assert (found.converged == converged).all()
