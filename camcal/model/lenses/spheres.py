@@ -28,7 +28,9 @@ from camcal.model.lenses.radial import ALMOST_PI, RadialLens
 Array = np.ndarray
 
 ALPHA = Parameter("alpha", "distortion", lower=0.0, upper=1.0)
-XI = Parameter("xi", "distortion", lower=-1.0, upper=1.0)
+#: the focal length on the axis is fx / (1 + ξ): ξ = -1 has none
+LEAST_XI = -0.999
+XI = Parameter("xi", "distortion", lower=LEAST_XI, upper=1.0)
 #: β = 0 is r / z in front of the camera, whatever α is
 LEAST_BETA = 1e-6
 BETA = Parameter("beta", "distortion", neutral=1.0, lower=LEAST_BETA)
