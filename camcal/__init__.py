@@ -16,8 +16,9 @@ _PUBLIC = {
     "Solution": "camcal.plan.solution:Solution",
     "View": "camcal.data.observations:View",
     "calibrate": "camcal.plan.calibrate:calibrate",
-    "load": "camcal.report.document:load",
+    "load": "camcal.report.opening:load",
     "read_points": "camcal.data.points:read_points",
+    "save_camera": "camcal.report.opening:save_camera",
 }
 
 __all__ = ["__version__", *_PUBLIC]

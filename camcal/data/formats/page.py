@@ -33,6 +33,9 @@ with the report, or `-o cam.yml` in its place.
     camcal compare camera_info.yaml report.yaml --max-px 0.5
     camcal undistort -c 'camchain.yaml#cam1' pictures/ -o out/
 
+From Python: `camcal.load(path)` gives the calibration, camera or rig of any of these files, and
+`camcal.save_camera(camera, path, to="kalibr")` writes one.
+
 What is written is read back before it is saved, and the largest difference over the image is printed. A term that a
 format has no place for (k3 in Kalibr, a skew in ROS) is an error that names it, and nothing is written.
 `--to-model NAME` finds the closest camera of a model that the format has; the largest difference over the image is

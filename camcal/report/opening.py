@@ -1,0 +1,81 @@
+"""The two calls of the public interface for files of cameras: `camcal.load` and `camcal.save_camera`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from camcal.data.formats import files, format_of
+from camcal.data.formats.base import CameraFile, NamedCamera
+from camcal.data.formats.camcal import FORMAT as REPORT
+from camcal.data.formats.source import Source
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.model.rig import Rig
+from camcal.plan.solution import Solution
+from camcal.report.camera import cameras_document
+from camcal.report.document import save
+from camcal.report.loading import from_document, load_camera
+from camcal.report.yaml import read_document
+
+
+def load(path: str | os.PathLike) -> Solution | Camera | Rig:
+    """Read a calibration, a camera or a rig from a file of any format.
+
+    Parameters
+    ----------
+    path : path
+        A report of camcal, or a camera file of any program (docs/formats.md); `FILE#NAME` is one camera of
+        several.
+
+    Returns
+    -------
+    Solution of a report with its data; Rig of a file of several cameras with their poses; else Camera.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, damaged, or of no known format, or holds several cameras without poses.
+    """
+    file = Path(path)
+    if file.is_file():
+        source = Source(file)
+        if REPORT.sniff(source) and "data" in source.mapping:
+            return from_document(read_document(file), str(file))
+    found = files.read(path)
+    if len(found.cameras) == 1 or not found.has_poses:
+        return load_camera(path)
+    cameras = {c.name: files.exact(c.camera) for c in found.cameras}
+    poses = {c.name: c.pose for c in found.cameras if c.pose is not None}
+    return Rig.in_frame_of(found.names[0], cameras, poses)
+
+
+def save_camera(
+    camera: Camera | Rig, path: str | os.PathLike, to: str | None = None, force: bool = False
+) -> dict[str, float]:
+    """Write a camera or a rig in the format of a program.
+
+    Parameters
+    ----------
+    path : path
+    to : str, optional
+        The format, of `camcal list formats`; from the ending of the name otherwise.
+
+    Returns
+    -------
+    mapping of path -> float
+        The largest difference over the image, px, between the camera and what reads back.
+
+    Raises
+    ------
+    UsageError
+        Where the format has no room for a term, which is named, or the file exists.
+    """
+    if isinstance(camera, Rig):
+        named = tuple(NamedCamera(n, c, camera.cam_from_rig[n]) for n, c in camera.cameras.items())
+    else:
+        named = (NamedCamera("camera", camera, Pose.identity()),)
+    if (to or format_of(path)) == "camcal":
+        save(cameras_document(CameraFile(named)), path, force)
+        return {str(path): 0.0}
+    return {p: gap.max_px for p, gap in files.write(path, CameraFile(named), to, force).items()}
