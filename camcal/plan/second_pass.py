@@ -63,7 +63,9 @@ def _second_pass(progress: Progress) -> Change:
         "holdout_after": _rms(after),
         "kept": kept,
     }
-    stage = stage_of("second-pass", current, current.fit.seconds, {"kept": kept, "why": why})
+    stage = stage_of(
+        "second-pass", current, current.fit.seconds, {"kept": kept, "why": why, "window": window}
+    )
     if not kept:
         return Change(stage=stage, notes={"second_pass": notes})
     return Change(
