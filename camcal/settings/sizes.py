@@ -104,7 +104,7 @@ class LengthKind(Kind):
     def convert(self, value: Any) -> Length:
         """Return the length as (value, unit)."""
         if isinstance(value, (tuple, list)) and len(value) == 2:
-            value = f"{value[0]!r}" + ("" if value[1] == "unit" else str(value[1]))
+            value = str(value[0]) + ("" if value[1] == "unit" else str(value[1]))
         return parse_length(str(value))
 
 
