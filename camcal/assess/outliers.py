@@ -15,7 +15,7 @@ from camcal.assess import exchanged_points as mismatch
 from camcal.assess import figures
 from camcal.assess.checks import fit, mirror
 from camcal.assess.checks.facts import Facts
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.data.observations import Observations, SkippedView, View
 from camcal.data.shape import shapes
 from camcal.geometry import projective
@@ -80,7 +80,7 @@ def named(
     data, views = solution.observations, {v.id: v for v in given.views}
     usual = _usual_scatter(solution)
     skipped: list[SkippedView] = []
-    said = []
+    said: list[tuple[str, str, Severity]] = []
     follows = not any(
         fit.systematic(Facts(solution))
     )  # else a view that fits badly says nothing of its board
@@ -95,14 +95,15 @@ def named(
             code, what = "rejected-mirror-image", "it fits as a mirror image"
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
-        said.append((code, f"view '{entry.id}' was left out: {reason}."))
+        said.append((code, f"view '{entry.id}' was left out: {reason}.", "note"))
     if robust:
-        said += [("other-board", s.words(data.views[s.index].id)) for s in _suspects(solution)]
+        said += [("other-board", s.words(data.views[s.index].id), "doubtful") for s in _suspects(solution)]
     used = {v.id: v for v in data.views}
     said += [
-        ("mismatched-points", mismatch.describe(m, used[m.view]) + ".") for m in mismatch.mismatches(solution)
+        ("mismatched-points", mismatch.describe(m, used[m.view]) + ".", "note")
+        for m in mismatch.mismatches(solution)
     ]
-    warnings = (CalibrationWarning(code, text, _HINTS[code]) for code, text in said)
+    warnings = (CalibrationWarning(code, text, _HINTS[code], severity) for code, text, severity in said)
     return replace(data, skipped=tuple(skipped)), tuple(warnings)
 
 

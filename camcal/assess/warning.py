@@ -1,8 +1,17 @@
-"""A warning: something that makes a result less than it seems."""
+"""A warning: something that makes a result less than it seems, and how much."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
+
+#: `wrong`: do not use the camera, it is off by more than its sigmas say, by several px, or the data are not what they
+#: are taken for; `doubtful`: usable, but worse than it looks; `note`: worth knowing
+Severity = Literal["note", "doubtful", "wrong"]
+SEVERITIES: tuple[Severity, ...] = ("note", "doubtful", "wrong")
+
+Grade = Literal["good", "doubtful", "wrong"]
 
 
 @dataclass(frozen=True)
@@ -12,3 +21,10 @@ class CalibrationWarning:
     code: str
     message: str
     hint: str = ""
+    severity: Severity = "doubtful"
+
+
+def grade(warnings: Iterable[CalibrationWarning]) -> Grade:
+    """The worst severity among warnings; `good` where there are notes at most."""
+    found = {w.severity for w in warnings}
+    return "wrong" if "wrong" in found else "doubtful" if "doubtful" in found else "good"

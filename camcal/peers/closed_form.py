@@ -19,6 +19,9 @@ from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.refine import How, refine
 
 AGAINST = "cv2.calibrateCamera"
+#: A pinhole that leaves so many times the error of the result does not describe the lens, and what is lowest then
+#: depends on the start; where it does, the two agree to rounding.
+OTHER_MINIMA = 5.0
 
 
 def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
@@ -36,6 +39,11 @@ def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
         pinhole, AGAINST, "pinhole, refined from this stage, against cv2 with all distortion held at 0"
     )
     made["stage"] = stage.name
+    if made["status"] == "fail" and pinhole.rms_point > OTHER_MINIMA * solution.rms_point:
+        made["status"] = "not_applicable"
+        made["why"] = (
+            f"the lens is no pinhole, and without distortion there are several minima; {made['why']}"
+        )
     if made["difference"] is not None:
         apart = difference(start, pinhole.camera, image_grid(*bounds(solution)))
         made["difference"] |= {

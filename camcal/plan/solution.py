@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from os import PathLike
 from typing import Any
 
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import SEVERITIES, CalibrationWarning, Grade, grade
 from camcal.data.observations import Observations
 from camcal.registry import load
 from camcal.solve.calibration import Calibration, Stage
@@ -60,17 +60,26 @@ class Solution(Calibration):
 
     @property
     def failures(self) -> list[str]:
-        """The gates that fell, a sentence each: a cross-check that failed, an rms_point above `max_rms`."""
+        """The gates that fell, a sentence each: a cross-check that failed, `max_rms`, a warning of `fail_on`."""
         fallen = [
             f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
             for e in self.crosscheck
-            if e["status"] == "fail"
+            if e["status"] == "fail" and e["stage"] == "refine"  # a stage on the way is no verdict
         ]
         bound = self.option("max_rms")
         # written so that a NaN falls, too
         if bound is not None and not self.rms_point <= float(bound):
             fallen.append(f"rms_point {self.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
+        bar = self.option("fail_on") or "wrong"
+        for warning in self.warnings if bar != "never" else ():
+            if SEVERITIES.index(warning.severity) >= SEVERITIES.index(bar):
+                fallen.append(f"graded {warning.severity}: {warning.message.rstrip('.')}")
         return fallen
+
+    @property
+    def grade(self) -> Grade:
+        """The worst severity among the warnings: `good`, `doubtful` or `wrong`."""
+        return grade(self.warnings)
 
     @property
     def verdict(self) -> str:

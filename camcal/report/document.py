@@ -10,7 +10,7 @@ import numpy as np
 from camcal.assess import figures
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.curvature import beyond_linear
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning, grade
 from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
@@ -85,6 +85,7 @@ def document(
         "crosscheck": list(solution.crosscheck),
         "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",
+        "grade": grade((*solution.warnings, *warnings)),
         "failures": fallen,
         "data": encode(data, places),
     }
@@ -269,4 +270,9 @@ def _fit(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def _warning(warning: CalibrationWarning) -> dict[str, str]:
-    return {"code": warning.code, "message": warning.message, "hint": warning.hint}
+    return {
+        "code": warning.code,
+        "severity": warning.severity,
+        "message": warning.message,
+        "hint": warning.hint,
+    }

@@ -78,7 +78,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             normal=normal,
             fit=_fit(report.fit),
             stages=tuple(_stage(s) for s in report.stages),
-            warnings=tuple(CalibrationWarning(w.code, w.message, w.hint) for w in report.warnings),
+            warnings=tuple(_warning(w) for w in report.warnings),
             options=found["options"],
             crosscheck=tuple(found["crosscheck"]),
             holdout=found["holdout"],
@@ -174,6 +174,12 @@ def _normal(
     if blocks is None:
         raise DataError("a used point lies outside the lens's domain.", "The report is damaged.")
     return blocks.normal()
+
+
+def _warning(section: schema.Warning_) -> CalibrationWarning:
+    # reports made before severities were graded have none
+    severity = "doubtful" if section.severity is UNSET else section.severity
+    return CalibrationWarning(section.code, section.message, section.hint, severity)
 
 
 def _fit(section: schema.Fit) -> Fit:

@@ -20,7 +20,17 @@ Document = Mapping[str, Any]
 #: more views than this are shown by their worst
 ALL_VIEWS = 24
 WORST_VIEWS = 10
-_STYLE = {"pass": "green", "fail": "bold red", "not_applicable": "dim", "used": "", "rejected": "yellow"}
+_STYLE = {
+    "pass": "green",
+    "fail": "bold red",
+    "not_applicable": "dim",
+    "used": "",
+    "rejected": "yellow",
+    "wrong": "bold red",
+    "doubtful": "yellow",
+    "note": "dim",
+    "good": "green",
+}
 
 
 def tables(report: Document) -> RenderableType:
@@ -43,12 +53,14 @@ def summary(report: Document) -> RenderableType:
     """The warnings with what to do, why a gate fell, and the verdict in a sentence, which comes last."""
     lines: list[RenderableType] = []
     for warning in report["warnings"]:
-        lines.append(
-            Text.assemble(("warning ", "yellow"), (warning["code"], "bold"), f": {warning['message']}")
-        )
+        severity = warning["severity"]
+        head = (f"{severity} ", _STYLE[severity])
+        lines.append(Text.assemble(head, (warning["code"], "bold"), f": {warning['message']}"))
         if warning["hint"]:
             lines.append(Padding(Text(warning["hint"]), (0, 0, 0, 2)))
     for failure in report.get("failures", []):
+        if failure.startswith("graded "):
+            continue  # it stands above, as a warning
         lines.append(Text.assemble(("failed ", "bold red"), failure))
     verdict = report["verdict"]
     lines.append(Text.assemble((verdict.upper(), _STYLE[verdict]), f": {sentence(report)}"))
@@ -67,11 +79,16 @@ def sentence(report: Document) -> str:
         said += ", not converged"
     entries = report["crosscheck"]
     if entries:
+        own = [e for e in entries if e["stage"] == "refine" and "calibrate" in e["against"]]
         agree = sum(e["status"] == "pass" for e in entries)
         asked = sum(e["status"] != "not_applicable" for e in entries)
-        said += f"; OpenCV {report['tool']['opencv']} agrees in {agree} of {asked} cross-checks"
+        if any(e["status"] != "not_applicable" for e in own):
+            said += f"; OpenCV {report['tool']['opencv']} agrees in {agree} of {asked} cross-checks"
+        else:
+            said += f"; OpenCV {report['tool']['opencv']} has no calibration to compare it with"
+    said += f"; {report.get('grade', 'good')}"
     if report["warnings"]:
-        said += f"; {count(len(report['warnings']), 'warning')}"
+        said += f", {count(len(report['warnings']), 'warning')}"
     return said + "."
 
 

@@ -81,9 +81,10 @@ class Warning_(Section, kw_only=True):
     """Something that makes the result less good than it seems."""
 
     code: Annotated[str, key("for programs")]
-    severity: Annotated[Literal["wrong", "doubtful", "note"] | UnsetType, key("reserved: how bad it is")] = (
-        UNSET
-    )
+    severity: Annotated[
+        Literal["wrong", "doubtful", "note"] | UnsetType,
+        key("`wrong`: do not use the camera; `doubtful`: worse than it looks; `note`: worth knowing"),
+    ] = UNSET
     message: Annotated[str, key("in words")]
     hint: Annotated[str, key("one thing to try")]
 
@@ -149,12 +150,13 @@ class Report(Head, kw_only=True):
     ] = None
     crosscheck: Annotated[list[Crosscheck], key("every stage against OpenCV")]
     warnings: Annotated[
-        list[Warning_], key("what makes the result less good than it seems: `code`, `message`, `hint`")
+        list[Warning_],
+        key("what makes the result less good than it seems: `code`, `severity`, `message`, `hint`"),
     ]
     verdict: Annotated[Literal["pass", "fail"], key("`pass` or `fail`; `fail` is exit code 1")]
     grade: Annotated[
         Literal["good", "doubtful", "wrong"] | UnsetType,
-        key("reserved: the worst severity among the warnings"),
+        key("the worst severity among the warnings; `good` where there are notes at most"),
     ] = UNSET
     failures: Annotated[list[str], key("the gates that fell, each as a sentence")]
     data: Annotated[Data, key("the observations")]

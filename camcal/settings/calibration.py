@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, Whole
+from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, Whole, Words
 from camcal.settings.option import Settings, setting
 
 #: a lens model, as of commands that do not choose one themselves
@@ -63,6 +63,11 @@ class CalibrationOptions(Settings):
     )
     max_rms: float | None = setting(
         POSITIVE, "A gate: the verdict is fail, exit code 1, where rms_point is larger.", metavar="PX"
+    )
+    fail_on: str = setting(
+        Words(("never", "doubtful", "wrong")),
+        "From which severity of a warning on the verdict is fail, exit code 1.",
+        "wrong",
     )
     seed: int = setting(Whole(0), "Seed of what is random.", 0)
     normalise: bool = setting(

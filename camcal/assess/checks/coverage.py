@@ -18,6 +18,12 @@ LEAST_AREA = 0.12
 #: Points may lie this far outside, px: sub-pixel corners at the very border.
 MARGIN_PX = 1.0
 
+#: below this part of the picture even a lens without distortion is extrapolated over most of it
+SMALL_AREA = 0.05
+#: single points outside are outliers of a detector; a tenth of them shows that the size or the axes are not
+#: what they are taken for
+MANY_OUTSIDE = 0.1
+
 
 def poor(facts: Facts) -> Iterator[CalibrationWarning]:
     """Points only in a small part of the image."""
@@ -29,6 +35,7 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
             "poor-coverage",
             f"the points cover {share:.0%} of the image; what the lens does elsewhere is extrapolated.",
             "Bring the target close and into every corner of the picture.",
+            "note" if share > SMALL_AREA else "doubtful",
         )
 
 
@@ -53,4 +60,5 @@ def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
             "points-outside-image",
             f"{out} of {len(uv)} points lie outside the {width}x{height} image (u to {u:.0f}, v to {v:.0f}).",
             "Check --image-size, and that u is the column and v the row.",
+            "wrong" if out > MANY_OUTSIDE * len(uv) else "doubtful",
         )

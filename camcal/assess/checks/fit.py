@@ -23,6 +23,13 @@ EXPLAINED, F_LEAST, RINGS = 0.1, 8.0, 20
 #: Coordinates per unknown below which residuals say little about errors.
 REDUNDANT = 1.5
 
+#: below so many coordinates an unknown, the residuals say next to nothing of the noise
+BARELY = 1.2
+#: outliers that hold more than half of the sum of squares decide where the camera ends
+MOST_OF_IT = 0.5
+#: a systematic error of so many px (rms) is no property of a detector: the camera projects wrongly by as much
+SEVERAL_PX = 1.0
+
 
 def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
     """The optimiser stopped before it reached its criterion."""
@@ -45,6 +52,7 @@ def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
             "few-points",
             f"{observed} coordinates for {unknown} unknowns: the rms says little about the error.",
             "Use more points or views.",
+            "doubtful" if observed < BARELY * unknown else "note",
         )
 
 
@@ -63,6 +71,7 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{gross.sum()} of {len(squares)} points, off by up to {np.sqrt(squares.max()):.3g} px, hold "
             f"{share:.0%} of the sum of squares.",
             "Remove or mend these points, or leave them out by a robust loss (--robust).",
+            "wrong" if share > MOST_OF_IT else "doubtful",
         )
 
 
@@ -74,6 +83,7 @@ def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
             "large-residuals",
             f"the rms of {rms:.3g} px is large for an image of {facts.diagonal:.0f} px across.",
             "Check which point is which; for a wide lens choose a model for it.",
+            "wrong",
         )
 
 
@@ -86,6 +96,7 @@ def systematic(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{share:.0%} of the radial residuals' variance follows the distance from the principal point: "
             "the model does not describe this lens.",
             "Choose a model with more radial terms, or one for wide lenses (camcal list models).",
+            "wrong" if np.sqrt(share) * _radial_rms(facts) > SEVERAL_PX else "doubtful",
         )
 
 
@@ -100,6 +111,14 @@ def radial_structure(facts: Facts) -> tuple[float, float]:
     if rings < 3:
         return 0.0, 0.0
     return _explained(along, np.array_split(np.argsort(radius[good]), rings))
+
+
+def _radial_rms(facts: Facts) -> float:
+    """Root mean square of the radial parts of the residuals, px."""
+    d = facts.image_points - facts.camera.params[2:4]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = np.einsum("ij,ij->i", facts.solution.used_residuals, d) / np.linalg.norm(d, axis=1)
+    return float(np.sqrt(np.nanmean(along**2)))
 
 
 def _explained(values: Array, groups: list[Array]) -> tuple[float, float]:

@@ -12,6 +12,10 @@ from camcal.assess.warning import CalibrationWarning
 #: below 1.7 in all of some hundred runs.
 DISAGREE = 2.0
 
+#: From this ratio on, and where the cameras differ by this in the median, px, the sigmas mean nothing: whatever sets
+#: the views apart moves the camera by more than a detector's error.
+FAR_APART, VISIBLE_PX = 5.0, 0.5
+
 
 def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
     """Cameras from different views lie farther apart than noise explains."""
@@ -24,4 +28,5 @@ def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
         "take the sigmas and the uncertainty that many times larger.",
         "A bent or badly printed target (try --board-shape auto), a lens model that does not hold, or blurred "
         "pictures do that.",
+        "wrong" if found["ratio"] > FAR_APART and found["median_px"] > VISIBLE_PX else "doubtful",
     )

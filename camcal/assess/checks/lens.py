@@ -10,6 +10,10 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import grid_of
 from camcal.assess.warning import CalibrationWarning
 
+#: a fold in less of the picture than this touches its outermost corners only; from a fifth on, it reaches into what the
+#: camera is used for
+TIPS, MUCH = 0.02, 0.2
+
 
 def outside_domain(facts: Facts) -> Iterator[CalibrationWarning]:
     """Used points that the camera cannot see: behind it, or beyond the fold of the lens."""
@@ -19,6 +23,7 @@ def outside_domain(facts: Facts) -> Iterator[CalibrationWarning]:
             "points-outside-model",
             f"{lost} used points lie behind the camera or beyond the fold of the lens model.",
             "Check the order of the points; try another model.",
+            "wrong",
         )
 
 
@@ -40,6 +45,7 @@ def fold_in_image(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{share:.1%} of the pixels, from {nearest:.0f} px of the principal point outward, beyond all points, have "
             f"no ray: the lens model ends at {np.degrees(limit):.0f} degrees from the axis.",
             "Where the picture is dark there, all is well; else bring the target farther out.",
+            "note",
         )
         return
     yield CalibrationWarning(
@@ -48,6 +54,7 @@ def fold_in_image(facts: Facts) -> Iterator[CalibrationWarning]:
         f"from {nearest:.0f} px of the principal point outward, have no ray.",
         "Bring the target into the corners of the picture, or choose a model with fewer coefficients, "
         "or one for wide lenses.",
+        "note" if share < TIPS else "doubtful" if share < MUCH else "wrong",
     )
 
 

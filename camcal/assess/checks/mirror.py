@@ -43,6 +43,7 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
         "mirrored-picture",
         f"{len(found)} of {len(facts.views)} views fit much better as mirror images: {names}.",
         "The pictures seem to be mirrored as a whole, which bends the camera: mirror them back, or leave them out.",
+        "wrong",
     )
 
 

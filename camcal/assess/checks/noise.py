@@ -35,6 +35,7 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
             f"the residuals are spread evenly up to a limit (fourth moment {moment:.2f}, Gaussian noise 2, "
             "uniform 1.4): as of rounded coordinates.",
             "Give the points with all digits that the detector has.",
+            "note",
         )
     if deviations > SIGNIFICANT and moment > HEAVY:
         yield CalibrationWarning(
@@ -42,6 +43,7 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
             f"large residuals are more frequent than with Gaussian noise (fourth moment {moment:.2f} instead of "
             "2): points of different quality, or outliers that cannot be told from the rest.",
             "Give sigmas with the points, or weight them by a robust loss (--robust huber).",
+            "note",
         )
 
 
@@ -76,5 +78,6 @@ def rounded(facts: Facts) -> Iterator[CalibrationWarning]:
                 f"the image points are {words} pixels: rounding alone leaves {step / np.sqrt(12):.2g} px in each "
                 "coordinate.",
                 "Give the points with all digits, or find them with sub-pixel accuracy.",
+                "note",
             )
             return

@@ -45,6 +45,13 @@ def focal_known(facts: Facts) -> bool:
     return bool(names) and all(facts.covariance.sigmas[n] <= WEAK * focal for n in names)
 
 
+def focal_sigma(facts: Facts) -> float:
+    """The largest relative standard deviation of an estimated focal length; 0 where none was estimated."""
+    names = facts.groups("focal")
+    focal = float(np.abs(facts.camera.params[:2]).max())
+    return max((facts.covariance.sigmas[n] / focal for n in names), default=0.0)
+
+
 def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
     """Strong correlation between parameters of different groups."""
     group = {p.name: p.group for p in facts.camera.lens.parameters}
@@ -55,4 +62,5 @@ def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
             "correlated-parameters",
             f"only known together: {named}{', ...' if len(pairs) > 4 else ''}.",
             "Compare projections rather than these values; views turned by 90 degrees tell them apart.",
+            "note",
         )

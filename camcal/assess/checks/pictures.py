@@ -24,7 +24,7 @@ NAMED = 3
 def poor_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Pictures that were used and are worse than they need to be, a warning for each fault."""
     for kind, message, _ in faults(facts.solution.observations):
-        yield CalibrationWarning(f"pictures-{kind}", message, REMEDIES[kind])
+        yield CalibrationWarning(f"pictures-{kind}", message, REMEDIES[kind], "note")
 
 
 def faults(correspondences: Correspondences) -> Iterator[tuple[str, str, float]]:

@@ -12,6 +12,9 @@ from camcal.assess.warning import CalibrationWarning
 #: Share of rejected points from which on it is worth a word: detectors leave a point or two in a thousand.
 MANY = 0.02
 
+#: where a fifth of the points is wrong, what made them so may have moved the others, too
+A_FIFTH = 0.2
+
 
 def many_rejected(facts: Facts) -> Iterator[CalibrationWarning]:
     """A good part of the points is wrong."""
@@ -27,4 +30,5 @@ def many_rejected(facts: Facts) -> Iterator[CalibrationWarning]:
         f"{lost.sum()} of {total} points ({lost.sum() / total:.1%}) were rejected as outliers, most of them in "
         f"{named}.",
         "The report lists them with their residuals; look at these pictures.",
+        "doubtful" if lost.sum() > A_FIFTH * total else "note",
     )

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
+from camcal.assess.checks import parameters
 from camcal.assess.checks.facts import Facts
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.model.pose import Array
 
 #: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
@@ -22,6 +23,12 @@ REPEATED = 0.2
 PARALLEL_DEGREES = 5.0
 #: Estimated parameters per view of a plane; each such view fixes two of the camera matrix and a bend.
 PARAMETERS_PER_VIEW = 3
+
+#: Below this angle, degrees, perspective is second order in what noise and distortion leave: the focal length found is
+#: not that of the camera (tilts of 0.6 degrees give 1569 +- .06 for 1000).
+NOTHING_DEGREES = 2.0
+#: A focal length known to this part of itself is worth using, however few the views.
+SURE_FOCAL = 0.01
 
 
 def single_view(facts: Facts) -> Iterator[CalibrationWarning]:
@@ -46,6 +53,7 @@ def few_views(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{views} different view{'s' if views > 1 else ''} for {free} parameters of the camera: "
             "some of them are hardly more than guesses.",
             "Take 10 or more views, or choose a model with fewer parameters (--model opencv4).",
+            "note" if parameters.focal_sigma(facts) < SURE_FOCAL else "doubtful",
         )
 
 
@@ -62,10 +70,12 @@ def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
     else:
         code = "parallel-views"
         what = f"the target has the same orientation in all views (within {spread:.1f} degrees)"
+    severity: Severity = "wrong" if spread < NOTHING_DEGREES else "doubtful"
     yield CalibrationWarning(
         code,
         f"{what}: focal length and distance can hardly be told apart.",
         "Take views with the target tilted by 20 to 45 degrees, in different directions.",
+        severity,
     )
 
 
@@ -97,6 +107,7 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
             "duplicate-views",
             f"{views} views show only {count} different pose{'s' if count > 1 else ''} of the target.",
             "Move and tilt the target between pictures; leave the repetitions out.",
+            "doubtful" if views > 2 * count else "note",
         )
 
 
@@ -110,6 +121,7 @@ def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
         "repeated-view",
         f"the target is where it was in another view: {named}" + (", ..." if len(pairs) > 5 else "") + ".",
         "The repetition adds no information, but counts; leave it out.",
+        "note",
     )
 
 
@@ -158,4 +170,5 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
         "mirrored-views",
         f"{len(minority)} of {len(side)} views show the target from behind: {names}.",
         "Their points are in mirrored order (or the picture is): mend or leave out these views.",
+        "wrong",
     )

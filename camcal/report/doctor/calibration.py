@@ -9,27 +9,12 @@ from typing import Any
 from camcal.plan.solution import Solution
 from camcal.report import words
 from camcal.report.doctor import remedies
-from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
+from camcal.report.doctor.findings import Finding, Gain, Grade, diagnosis, ordered
 
 Document = Mapping[str, Any]
 
-#: warnings after which the result is not to be used as it is
-GRAVE = frozenset(
-    (
-        "not-converged",
-        "single-view",
-        "fronto-parallel-views",
-        "parallel-views",
-        "undetermined-parameters",
-        "mirrored-views",
-        "mirrored-picture",
-        "points-outside-image",
-        "points-outside-model",
-        "fold-in-image",
-        "large-residuals",
-        "outliers",
-    )
-)
+#: how a finding is graded that is a warning of this severity
+_GRADES: dict[str, Grade] = {"wrong": "wrong", "doubtful": "better", "note": "note"}
 #: warnings that more pictures in the right places do away with
 _PICTURES = frozenset(
     (
@@ -77,6 +62,8 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
 
 def _gates(report: Document) -> Iterator[Finding]:
     for failure in report.get("failures", []):
+        if failure.startswith("graded "):
+            continue  # that warning is a finding of its own
         yield Finding(
             "gate",
             "wrong",
@@ -105,7 +92,8 @@ def _warnings(report: Document, pictures: Finding | None, board: Finding | None)
             continue
         elif code == "views-disagree":
             gain = _agreement(report)
-        yield Finding(code, "wrong" if code in GRAVE else "better", warning["message"], warning["hint"], gain)
+        grade = _GRADES[warning["severity"]]
+        yield Finding(code, grade, warning["message"], warning["hint"], gain)
 
 
 def _agreement(report: Document) -> Gain | None:
