@@ -59,12 +59,11 @@ def run_job(job: Job, storage: Storage) -> Row:
 
 def _report(job: Job) -> tuple[dict[str, Any], Solution]:
     from camcal.report.document import compact_document, document
-    from camcal.report.plain import plain
 
     values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
     told = {name: values[name] for name in CalibrationOptions.options()}
     with local_copies(job.sources) as paths:
-        solution, selection = _calibrate(job, paths, values, told)
+        solution = _calibrate(job, paths, values, told)
     described = {
         name: {"value": readable(value), "from": "job" if name in job.options else "default"}
         for name, value in values.items()
@@ -73,14 +72,10 @@ def _report(job: Job) -> tuple[dict[str, Any], Solution]:
     solution = replace(solution, options=described)
     command = ["batch", job.name]
     report = compact_document(solution, command) if values["compact"] else document(solution, command=command)
-    if selection is not None:
-        report["selection"] = plain(selection)
     return report, solution
 
 
-def _calibrate(
-    job: Job, paths: list[str], values: dict[str, Any], told: dict[str, Any]
-) -> tuple[Solution, dict[str, Any] | None]:
+def _calibrate(job: Job, paths: list[str], values: dict[str, Any], told: dict[str, Any]) -> Solution:
     """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
     from camcal.plan.calibrate import calibrate
 
@@ -98,17 +93,9 @@ def _calibrate(
 
         data = on_known_board(data, told["board_shape"])
         told["board_shape"] = "flat"
-    selection = None
-    if told["model"] == "auto":
-        from camcal.plan.selection import described, select
-
-        selection = described(
-            select(data, **{name: told[name] for name in ("skew", "fix", "robust", "seed")})
-        )
-        told["model"] = selection["chosen"]
     if job.kind == IMAGES:
         told["refine_points"] = values["refine_corners"]
-    return calibrate(data, **told), selection
+    return calibrate(data, **told)
 
 
 def distortion_px(camera: Camera) -> float:

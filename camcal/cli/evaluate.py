@@ -30,8 +30,8 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     output_is_free(options)
     if options["lines"]:
         return _straightness(camera, data, options, command_line(ctx))
-    from camcal.plan.calibrate import usable
     from camcal.plan.known_camera import evaluate
+    from camcal.plan.run import usable
     from camcal.report.document import load_camera
     from camcal.report.rig_views import is_rig
 

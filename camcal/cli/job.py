@@ -143,9 +143,6 @@ def calibrate_and_report(
         correspondences = on_known_board(correspondences, given["board_shape"])
         given["board_shape"] = "flat"
     sections = dict(sections or {})
-    if given["model"] == "auto":
-        sections["selection"] = selected(correspondences, given)
-        given["model"] = sections["selection"]["chosen"]
     from camcal.plan.calibrate import calibrate
 
     if "refine_corners" in options:
@@ -156,17 +153,9 @@ def calibrate_and_report(
     return deliver_solution(ctx, solution, options, sections)
 
 
-def selected(correspondences: Correspondences, given: dict[str, Any]) -> dict[str, Any]:
-    """Return what `--model auto` chooses, as `camcal select` would."""
-    from camcal.plan.selection import described, select
-
-    options = {name: given[name] for name in ("skew", "fix", "robust", "seed")}
-    found = described(select(correspondences, **options))
-    note(f"model {found['chosen']}: {found['why']}")
-    return found
-
-
 def _on_event(event: str, details: Mapping[str, Any]) -> None:
+    if event == "selected":
+        note(f"model {details['chosen']}: {details['why']}. To say so: --model {details['chosen']}")
     if event != "refined-points":
         return
     note(

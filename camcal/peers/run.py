@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from camcal.peers import (
     calibrate_camera_ro,
@@ -19,7 +19,10 @@ from camcal.start import CLOSED_FORMS
 
 
 def crosscheck(
-    solution: Calibration, stages: Sequence[Stage] = (), how: How | None = None
+    solution: Calibration,
+    stages: Sequence[Stage] = (),
+    how: How | None = None,
+    on_the_way: Mapping[str, Calibration] | None = None,
 ) -> tuple[Entry, ...]:
     """Compare each stage of a solution with cv2.
 
@@ -32,6 +35,9 @@ def crosscheck(
         How the solution was made: where cv2 lacks a part of the problem (skew, weights, points that are not in all
         views), the rest is fitted again, so that it can be compared.
 
+    on_the_way : mapping of stage name -> Calibration, optional
+        Fits before the result that cv2 calibrates, too: the flat board of a result with another shape.
+
     Returns
     -------
     tuple of dict
@@ -43,6 +49,8 @@ def crosscheck(
         for stage in stages:
             if stage.name in CLOSED_FORMS or stage.name == "radial":
                 entries += _closed_form(stage, solution)
+        for name, fit in (on_the_way or {}).items():
+            entries += [e | {"stage": name} for e in refinement.against_cv2(fit, how)]
         entries += refinement.against_cv2(solution, how)
         shaped = calibrate_camera_ro.against_cv2(solution, how)
         entries += [shaped] if shaped else []

@@ -16,31 +16,19 @@ from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
-from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
-from camcal.plan.boards import SHAPES, with_shape
-from camcal.plan.camera import FROM_NOTHING, STARTS, run_closed_form
+from camcal.plan.boards import with_shape
+from camcal.plan.camera import STARTS, run_closed_form
+from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
-from camcal.plan.outlying import FOREIGN, OUTLIERS, REJECT, SIGMAS
-from camcal.plan.progress import Attempt, Progress, advance, follow
-from camcal.plan.second_pass import SECOND_PASS
+from camcal.plan.progress import Progress, advance
+from camcal.plan.run import begun, solved, usable
 from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.refine import How, residuals
-from camcal.start import CLOSED_FORMS, shape
-
-#: Every attempt that a calibration may make, in its order; each says itself whether it applies.
-PLAN: tuple[Attempt, ...] = (
-    *FROM_NOTHING,
-    *OUTLIERS,
-    SECOND_PASS,
-    SIGMAS,
-    REJECT,
-    FOREIGN,
-    *SHAPES,
-)
+from camcal.start import CLOSED_FORMS
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -48,7 +36,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 def calibrate(
     correspondences: Observations,
-    model: str = "opencv5",
+    model: str = "auto",
     robust: str = "none",
     on_event: OnEvent | None = None,
     **options: Any,
@@ -59,11 +47,13 @@ def calibrate(
     ----------
     correspondences : Observations
     model : str
-        A lens model, `camcal list models`.
+        A lens model, `camcal list models`; `auto` takes opencv5 where it holds and another where it does not, `select`
+        ranks all models.
     robust : str
         How outliers are treated: `none`, `auto`, or the name of a loss.
     on_event : callable, optional
-        Called as the work goes on: `("refined", {rms_point, points, rejected})`, `("refined-points", {...})`,
+        Called as the work goes on: `("selected", {chosen, why, ...})`,
+        `("refined", {rms_point, points, rejected})`, `("refined-points", {...})`,
         `("checked", {warnings})`, `("crosschecked", {entries})`.
     **options
         The fields of `camcal.settings.calibration.CalibrationOptions`, as on the command line; `checks=False`
@@ -84,13 +74,16 @@ def calibrate(
     """
     asked = Options.resolve(model=model, robust=robust, **options)
     tell = on_event or (lambda _, __: None)
-    lens = lenses.make(asked.model, asked.skew)
-    given = usable(correspondences)
-    progress = follow(PLAN, Progress(asked, lens, asked.how(lens), given, given.unweighted()))
+    given, selection = usable(correspondences), None
+    if asked.model in ("auto", "select"):
+        progress, selection = solved_with_found(given, asked)
+        tell("selected", selection)
+    else:
+        progress = solved(given, asked)
     second_pass = progress.notes.get("second_pass")
     if second_pass is not None:
         tell("refined-points", second_pass)
-    solution = replace(_solution(progress), options=asked.described(options))
+    solution = replace(_solution(progress), options=asked.described(options), selection=selection)
     rejected = int((~solution.used).sum())
     tell("refined", {"rms_point": solution.rms_point, "points": given.point_count, "rejected": rejected})
     if asked.checks:
@@ -99,7 +92,9 @@ def calibrate(
     if asked.crosscheck:
         from camcal.peers.run import crosscheck  # cv2 is loaded only here
 
-        solution = replace(solution, crosscheck=crosscheck(solution, solution.stages, progress.how))
+        solution = replace(
+            solution, crosscheck=crosscheck(solution, solution.stages, progress.how, _flat_before(progress))
+        )
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
 
@@ -118,32 +113,21 @@ def first_estimate(
         Where no closed form finds a camera.
     """
     asked = Options.resolve(model=model, skew=skew, fix=fix or {})
-    lens, given = lenses.make(asked.model, asked.skew), usable(correspondences)
-    progress = advance(STARTS, Progress(asked, lens, asked.how(lens), given, given.unweighted()))
+    given = usable(correspondences)
+    progress = advance(STARTS, begun(given, asked))
     if progress.start is None:
         assert progress.error is not None
         raise progress.error
     return given, progress.start.camera, progress.start.poses, progress.how
 
 
-def usable(observations: Observations) -> Observations:
-    """The observations without views that no closed form can take; these become `rejected`.
-
-    Raises
-    ------
-    DataError
-        Where none is left, or all are exact copies of one.
-    """
-    count = len(observations)
-    if count > 1 and shape.all_same(observations.views):
-        raise DataError(
-            f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
-            "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
-        )
-    bad = shape.unusable(observations)
-    if len(bad) == count:
-        shape.check(observations)  # raises, with the reason of the first view
-    return observations.without(bad)
+def _flat_before(progress: Progress) -> dict[str, Calibration]:
+    """The fit with a flat board, by the name of its stage, where the result has a board of another shape."""
+    flat = progress.notes.get("flat")
+    if flat is None or progress.fit.board is None:
+        return {}
+    name = next(s.name for s in progress.stages if s.camera is flat.camera)
+    return {name: flat}
 
 
 def _solution(progress: Progress) -> Solution:

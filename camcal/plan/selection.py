@@ -22,17 +22,17 @@ from camcal.model import lenses
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
 from camcal.plan.better import lowest
-from camcal.plan.calibrate import calibrate
-from camcal.plan.solution import Solution
+from camcal.plan.options import Options
+from camcal.plan.run import solved
 from camcal.solve import starts
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 from camcal.solve.refine import How, refine
 
-#: what `--model auto` chooses from: each kind of lens once, none with more parameters than a dozen views bear
+#: what `--model select` chooses from: each kind of lens once, none with more parameters than a dozen views bear
 AUTO = (
     "pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5", "opencv8",
-    "kb4", "ucm", "eucm", "ds", "division:1",
+    "kb4", "ucm", "eucm", "ds", "mei", "fov", "division:1", "division:2",
 )  # fmt: skip
 #: names that stand for another model of the table
 _SYNONYMS = ("kb", "tilted", "polynomial")
@@ -76,7 +76,8 @@ class Candidate:
     @property
     def holdout_rms(self) -> float:
         """rms_point of the held-out views, px; inf without."""
-        return np.inf if self.holdout is None else self.holdout.figures.rms_point
+        rms = np.inf if self.holdout is None else self.holdout.figures.rms_point
+        return rms if np.isfinite(rms) else np.inf  # a NaN would upset the ranking
 
     def information(self) -> tuple[float, float]:
         """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance.
@@ -185,13 +186,12 @@ class _Bench:
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         return {**dict.fromkeys(lens.default_fixed), **asked}
 
-    def calibrated(self, lens: Lens, data: Observations, robust: str) -> Solution | None:
+    def calibrated(self, lens: Lens, data: Observations, robust: str) -> Calibration | None:
         """The pipeline's own calibration; None, with the reason kept, where there is none."""
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         try:
-            return calibrate(
-                data, lens.name, robust, skew=lens.has_skew, fix=asked, seed=self.seed, checks=False
-            )
+            options = Options(lens.name, skew=lens.has_skew, fix=asked, robust=robust, seed=self.seed)
+            return solved(data, options).fit
         except DataError:
             raise
         except CamcalError as error:
@@ -200,9 +200,9 @@ class _Bench:
 
     def common_points(
         self, data: Observations, ordered: Sequence[Lens], tell: OnEvent
-    ) -> tuple[Observations, dict[str, Solution | None]]:
+    ) -> tuple[Observations, dict[str, Calibration | None]]:
         """The points that the model with the lowest median error believes, and each model's first solution."""
-        found: dict[str, Solution | None] = {}
+        found: dict[str, Calibration | None] = {}
         for i, lens in enumerate(ordered):
             found[lens.name] = self.calibrated(lens, data, self.robust)
             tell("model", {"model": lens.name, "done": i + 1, "count": 2 * len(ordered)})
@@ -214,7 +214,7 @@ class _Bench:
         return kept, again
 
     def candidate(
-        self, lens: Lens, data: Observations, first: Solution | None, done: Sequence[Candidate], folds: int
+        self, lens: Lens, data: Observations, first: Calibration | None, done: Sequence[Candidate], folds: int
     ) -> Candidate:
         """Fit a model to the common points from every start there is, and hold views out."""
         begin = time.perf_counter()

@@ -30,6 +30,8 @@ class Solution(Calibration):
         Figures on views that took no part.
     second_pass : mapping or None
         What the second pass over the pictures did.
+    selection : mapping or None
+        How the lens model was found, where none was asked for.
     points : Observations or None
         All views that could be used, with the points as the second pass left them.
     """
@@ -40,6 +42,7 @@ class Solution(Calibration):
     crosscheck: tuple[Mapping[str, Any], ...] = ()
     holdout: Mapping[str, Any] | None = None
     second_pass: Mapping[str, Any] | None = None
+    selection: Mapping[str, Any] | None = None
     points: Observations | None = None
 
     def __repr__(self) -> str:

@@ -72,6 +72,8 @@ def document(
         "stages": [_stage(s) for s in solution.stages],
         "camera": _camera(solution, accuracy),
     }
+    if solution.selection is not None:
+        made["selection"] = solution.selection
     if len(solution.poses) == 1:
         made["projection_matrix"] = _projection_matrix(solution.camera, solution.poses[0])
     made |= {

@@ -20,9 +20,10 @@ class CalibrationOptions(Settings):
     """
 
     model: str = setting(
-        Name("model", "camcal.model.lenses:LENSES", also=("auto",), metavar="NAME[:ARGS]|auto"),
-        "Camera model; `camcal list models` names them; auto takes the one that `camcal select` would.",
-        "opencv5",
+        Name("model", "camcal.model.lenses:LENSES", also=("auto", "select"), metavar="NAME[:ARGS]"),
+        "Camera model; `camcal list models` names them. auto: opencv5 where it holds, else a wide-lens or a smaller "
+        "model; select: the best of the ranking that `camcal select` shows.",
+        "auto",
         short="-m",
     )
     skew: bool = setting(Switch(), "Estimate the skew of the pixel axes too.", False)
@@ -31,6 +32,10 @@ class CalibrationOptions(Settings):
         "Hold parameters, at VALUE or where they start; `aspect` means fy = fx.",
         {},
         repeated=True,
+    )
+    start: str | None = setting(
+        Name("closed form", "camcal.start:CLOSED_FORMS"),
+        "The closed form to begin from; `camcal list closed-forms` names them. Without it the points decide.",
     )
     optimizer: str = setting(
         Name("optimizer", "camcal.solve.optimizers:OPTIMIZERS"),

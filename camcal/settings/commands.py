@@ -165,11 +165,14 @@ _NEXT = (
     CONFIG,
 )
 
+#: of pictures of a printed target, whose own shape is the truer board
+_OF_PICTURES = tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in CALIBRATION)
+
 _IMAGES = (
     *BOARD,
     REFINE_CORNERS,
     Option("save_corners", FILE, "Write the final corners too, as the table that `camcal detect` makes."),
-    *CALIBRATION,
+    *_OF_PICTURES,
     *RESULT,
 )
 
@@ -218,6 +221,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         IMAGE_SIZE,
         _OF["robust"],
         _OF["max_rms"],
+        _OF["fail_on"],
         _OF["seed"],
         *REPORT,
     ),

@@ -12,12 +12,14 @@ from camcal.detect.camera_pass import WINDOWS
 from camcal.detect.images import detect_images
 from camcal.detect.saddle import INNER_HALF
 from camcal.errors import DataError, EstimationError
-from camcal.plan import calibrate as road
 from camcal.plan import camera as attempts
+from camcal.plan import run as road
 from camcal.plan import second_pass
 from camcal.plan.better import Candidate
-from camcal.plan.calibrate import PLAN, calibrate
+from camcal.plan.calibrate import calibrate
+from camcal.plan.options import Options
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
+from camcal.plan.run import PLAN, begun
 from camcal.solve.refine import refine
 from camcal.start import zhang
 from tests.shared_data import DATA, needs_data
@@ -99,12 +101,8 @@ def test_every_stage_is_entered_once_and_in_order():
 
 
 def _begun(data, **options):
-    from camcal.model import lenses
-    from camcal.plan.options import Options
-
-    asked = Options.resolve(**options)
-    lens = lenses.make(asked.model, asked.skew)
-    return asked, lens, asked.how(lens), data, data.unweighted()
+    p = begun(data, Options.resolve(model="opencv5", **options))
+    return p.options, p.lens, p.how, p.given, p.data
 
 
 # ---------------------------------------------------------------------------------------- what the report says

@@ -1,0 +1,85 @@
+"""Which lens model a calibration takes where none is asked for.
+
+`opencv5` is taken where it holds: it compares with everybody's, and an ordinary lens costs nothing more. Where it
+does not hold, the models of the other side are ranked (`selection.py`): wide ones where the lens folds inside the
+picture, the fit does not converge, or its residuals follow the radius; smaller ones where the data do not determine
+its coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from camcal.assess import figures
+from camcal.assess.checks import fit as fit_checks
+from camcal.assess.checks import lens as lens_checks
+from camcal.assess.checks.facts import Facts
+from camcal.data.observations import Observations
+from camcal.errors import EstimationError
+from camcal.plan.options import Options
+from camcal.plan.progress import Progress, follow
+from camcal.plan.run import BETTER, CAMERA, PLAN, begun
+from camcal.plan.selection import AUTO, described, select
+
+#: the model of an ordinary lens
+ORDINARY = "opencv5"
+#: what is ranked where it is too small for the lens, and where it is too large for the data
+WIDE = ("opencv5", "opencv8", "kb4", "mei", "eucm", "ds")
+SMALL = ("pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5")
+#: a coefficient known no better than to this moves a ray at 45 degrees by as many parts of the focal length: nothing
+#: that was seen of the lens
+UNKNOWN = 0.2
+#: fewer residual degrees of freedom a parameter of the camera than this leave the coefficients to the noise of single
+#: points (20 clicked points have 25 for 15 parameters)
+LEAST_FREEDOM = 5.0
+
+
+def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Mapping[str, Any]]:
+    """All attempts of the plan with the model that the data call for, and how it was found."""
+    if asked.model == "select":
+        return _ranked(given, asked, AUTO, "")
+    try:
+        progress = follow(CAMERA, begun(given, replace(asked, model=ORDINARY)))
+    except EstimationError as error:
+        return _ranked(given, asked, WIDE, f"{ORDINARY} finds no camera ({error.message.rstrip('.')})")
+    why, models = _does_not_hold(progress)
+    if why:
+        return _ranked(given, asked, models, f"{ORDINARY} does not hold: {why}")
+    found = {"chosen": ORDINARY, "why": "an ordinary lens, and the data determine its coefficients"}
+    return follow(BETTER, progress), found
+
+
+def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
+    """Why the ordinary model is not the right one, and what is ranked instead; empty where it is."""
+    fit, facts = progress.fit, Facts(progress.fit)
+    sigmas = facts.covariance.sigmas
+    loose = [n for n in facts.groups("distortion") if not sigmas[n] < UNKNOWN]
+    freedom = figures.redundancy(fit)
+    if freedom < LEAST_FREEDOM * fit.free.shape[1]:
+        return f"{freedom} degrees of freedom are too few for {fit.free.shape[1]} parameters", SMALL
+    if any(fit_checks.large_residuals(facts)):
+        return f"it leaves {fit.rms_point:.3g} px", WIDE
+    if any(lens_checks.outside_domain(facts)) or any(
+        w.severity != "note" for w in lens_checks.fold_in_image(facts)
+    ):
+        return "its distortion folds back inside the picture", WIDE
+    if any(fit_checks.systematic(facts)):
+        return "its residuals follow the distance from the centre", WIDE
+    if not fit.fit.converged:
+        return "its refinement does not converge", WIDE
+    if loose:
+        return f"the data do not determine {', '.join(loose)}", SMALL
+    return "", ()
+
+
+def _ranked(
+    given: Observations, asked: Options, models: tuple[str, ...], why: str
+) -> tuple[Progress, Mapping[str, Any]]:
+    """The best of some models, and the whole plan with it."""
+    options = {name: getattr(asked, name) for name in ("skew", "fix", "robust", "seed")}
+    found = described(select(given, models, **options))
+    if why:
+        found["why"] = f"{why}; {found['why']}"
+    return follow(PLAN, begun(given, replace(asked, model=found["chosen"]))), found

@@ -1,0 +1,58 @@
+"""The plan of a calibration with one lens model, and its start."""
+
+from __future__ import annotations
+
+from camcal.data.observations import Observations
+from camcal.errors import DataError
+from camcal.model import lenses
+from camcal.plan.boards import SHAPES
+from camcal.plan.camera import FROM_NOTHING
+from camcal.plan.options import Options
+from camcal.plan.outlying import FOREIGN, OUTLIERS, REJECT, SIGMAS
+from camcal.plan.progress import Attempt, Progress, follow
+from camcal.plan.second_pass import SECOND_PASS
+from camcal.start import shape
+
+#: the camera, outliers or not
+CAMERA: tuple[Attempt, ...] = (*FROM_NOTHING, *OUTLIERS)
+#: what makes it better: the pictures again, given sigmas, views that do not belong, the shape of the board
+BETTER: tuple[Attempt, ...] = (SECOND_PASS, SIGMAS, REJECT, FOREIGN, *SHAPES)
+#: Every attempt that a calibration may make, in its order; each says itself whether it applies.
+PLAN: tuple[Attempt, ...] = (*CAMERA, *BETTER)
+
+
+def begun(given: Observations, asked: Options) -> Progress:
+    """The progress before the first attempt."""
+    lens = lenses.make(asked.model, asked.skew)
+    return Progress(asked, lens, asked.how(lens), given, given.unweighted())
+
+
+def solved(observations: Observations, asked: Options) -> Progress:
+    """All attempts of the plan with the model that is asked for.
+
+    Raises
+    ------
+    DataError, EstimationError
+        Where the observations cannot be used, or do not determine a camera.
+    """
+    return follow(PLAN, begun(usable(observations), asked))
+
+
+def usable(observations: Observations) -> Observations:
+    """The observations without views that no closed form can take; these become `rejected`.
+
+    Raises
+    ------
+    DataError
+        Where none is left, or all are exact copies of one.
+    """
+    count = len(observations)
+    if count > 1 and shape.all_same(observations.views):
+        raise DataError(
+            f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
+            "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
+        )
+    bad = shape.unusable(observations)
+    if len(bad) == count:
+        shape.check(observations)  # raises, with the reason of the first view
+    return observations.without(bad)
