@@ -31,6 +31,8 @@ Array = np.ndarray
 #: points worked on at a time: a few dozen temporary arrays of 64 kB stay in a cache of 1 to 2 MB, and the cost
 #: of calling numpy (1 µs) is small beside 8192 points (8 µs an operation)
 BLOCK = 8192
+#: and with derivatives by a dozen parameters, whose rows of 32 kB take half a megabyte
+JACOBIANS = 2048
 
 
 class Lens(Parameters, ABC):
@@ -321,16 +323,22 @@ class Lens(Parameters, ABC):
         """
         xyz = np.asarray(xyz, float)
         n = len(xyz)
-        uv, d_xyz, d_params = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, self.size, 2, n))
-        x, y, z = (np.ascontiguousarray(c)[None] for c in xyz.T)
-        with np.errstate(all="ignore"):
-            valid = self.inside(params, x, y, z)[0]
-            self.linearise(params, x, y, z, uv, d_xyz, d_params)
-            valid &= np.isfinite(uv[0]).all(0)
-        out = uv[0].T.copy(), d_xyz[0].transpose(2, 1, 0).copy(), d_params[0].transpose(2, 1, 0).copy()
-        for a in out:
-            a[~valid] = np.nan
-        return (*out, valid)
+        uv, d_xyz, d_params = np.empty((n, 2)), np.empty((n, 2, 3)), np.empty((n, 2, self.size))
+        valid = np.empty(n, bool)
+        for begin in range(0, n, JACOBIANS):
+            rows = slice(begin, begin + JACOBIANS)
+            x, y, z = (np.ascontiguousarray(c)[None] for c in xyz[rows].T)
+            block = np.empty((1, 4 + self.size, 2, x.shape[1]))
+            with np.errstate(all="ignore"):
+                inside = self.inside(params, x, y, z)[0]
+                self.linearise(params, x, y, z, block[:, 0], block[:, 1:4], block[:, 4:])
+                inside &= np.isfinite(block[0, 0]).all(0)
+            found = block[0].transpose(2, 1, 0)
+            if not inside.all():
+                found[~inside] = np.nan
+            uv[rows], d_xyz[rows], d_params[rows] = found[:, :, 0], found[:, :, 1:4], found[:, :, 4:]
+            valid[rows] = inside
+        return uv, d_xyz, d_params, valid
 
     def limit_angle(self, params: Array) -> float:
         """Half-angle of the domain about the optical axis, rad: up to there it has no fold and no pole.
