@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
+from typing import Any
 
 import click
 
@@ -57,5 +58,38 @@ def command(kind: str, format: str) -> None:
     KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, robust-methods, board-shapes,
     formats or commands.
     """
-    found = entries(kind)
+    found: list[dict[str, Any]] = [*entries(kind)]
+    if kind == "formats":
+        found = _with_room(found)
+        columns = ["name", "summary", "writes", "lens models"]
+        emit(
+            found,
+            format,
+            lambda: table(columns, [[*list(e.values())[:3], _shown(e["models"])] for e in found]),
+        )
+        return
     emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))
+
+
+def _with_room(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The formats with what each can hold, which is known once they are loaded."""
+    from camcal.data.formats.files import named_format
+
+    made = []
+    for entry in found:
+        form = named_format(entry["name"])
+        writes = "yes" if form.write is not None or form.name == "camcal" else "no"
+        room = {"writes": writes, "models": list(form.models), "endings": list(form.endings)}
+        more = {
+            "several": form.several,
+            "poses": form.poses,
+            "image_size": form.size,
+            "first_pixel": form.centre,
+        }
+        made.append({**entry, **room, **more})
+    return made
+
+
+def _shown(models: list[str]) -> str:
+    """Lens models on a line; all for camcal's own format, which names none."""
+    return ", ".join(m.replace("+", " +") for m in models) or "all"

@@ -23,6 +23,13 @@ def test_each_entry_has_a_summary(kind):
     assert [entry["name"] for entry in entries(kind) if not entry["summary"]] == []
 
 
+def test_formats_say_what_they_hold(camcal):
+    found = {e["name"]: e for e in json.loads(camcal("list", "formats", "--format", "json")[1])}
+    assert found["kalibr"]["poses"] and "mei" in found["kalibr"]["models"] and found["ros"]["writes"] == "yes"
+    assert found["matlab"]["first_pixel"] == "(1, 1)" and not found["zhang"]["image_size"]
+    assert "opencv4 +skew" in camcal("list", "formats")[1]
+
+
 @pytest.mark.parametrize("kind", TABLES)
 def test_table_fits(camcal, kind):
     code, out, _ = camcal("list", kind)
