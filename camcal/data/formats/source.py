@@ -21,8 +21,6 @@ from camcal.errors import DataError
 
 #: bytes; a Metashape project or a reconstruction of thousands of pictures stays below
 LARGEST = 256 << 20
-#: bytes of YAML, which is a hundred times slower to parse than JSON
-LARGEST_YAML = 32 << 20
 #: levels of nesting; the deepest file known (a reconstruction of AliceVision) has 9
 DEEPEST = 60
 #: aliases of one file; Kalibr's writer makes a few where two cameras share a list
@@ -180,8 +178,6 @@ def _toml(text: str, path: Path) -> Any:
 
 
 def _yaml(text: str, path: Path) -> Any:
-    if len(text) > LARGEST_YAML:
-        raise _broken(path, "YAML", f"more than {LARGEST_YAML >> 20} MB")
     text = as_yaml(text)
     try:
         _check_events(text, path)
