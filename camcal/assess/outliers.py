@@ -226,6 +226,8 @@ def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None
     with np.errstate(invalid="ignore"):
         ahead = rays[:, 2] > _FLAT_RAY
     kept = view.take(ahead)
+    if len(kept) < shape.LEAST_PLANAR:
+        return None
     ab = rays[ahead, :2] / rays[ahead, 2:]
     origin, axes, _ = projective.fit_plane(kept.xyz)
     # along the axes of the data where the plane is that of x and y, as for boards

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal import start
 from camcal.assess import outliers as foreign
 from camcal.assess.checks import check
 from camcal.assess.conditioning import with_conditioning
@@ -19,7 +20,7 @@ from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.plan.boards import with_shape
-from camcal.plan.camera import STARTS, run_closed_form
+from camcal.plan.camera import run_closed_form, starts_from_nothing
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, advance
@@ -28,7 +29,6 @@ from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.refine import How, residuals
-from camcal.start import CLOSED_FORMS
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -114,7 +114,7 @@ def first_estimate(
     """
     asked = Options.resolve(model=model, skew=skew, fix=fix or {})
     given = usable(correspondences)
-    progress = advance(STARTS, begun(given, asked))
+    progress = advance(starts_from_nothing(), begun(given, asked))
     if progress.start is None:
         assert progress.error is not None
         raise progress.error
@@ -177,7 +177,7 @@ def _on_result(stage: Stage, fit: Calibration, progress: Progress, changed: bool
     """
     if not changed:
         return stage
-    if stage.name in CLOSED_FORMS:
+    if stage.name in start.CLOSED_FORMS:
         try:
             on_kept = replace(progress, data=fit.observations, notes={})
             return run_closed_form(stage.name, on_kept)[1]

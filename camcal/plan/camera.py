@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal import start
 from camcal.assess import figures
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
@@ -22,7 +23,7 @@ from camcal.solve import starts
 from camcal.solve.calibration import Stage
 from camcal.solve.parameters import apply_fixed
 from camcal.solve.refine import refine, residuals
-from camcal.start import CLOSED_FORMS, radial, shape
+from camcal.start import radial, shape
 from camcal.start.base import ClosedForm
 
 
@@ -57,7 +58,7 @@ def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
     """A closed form on the used rows, and what the report says of it."""
     kept, options = progress.data.kept(), progress.options
     begin = time.perf_counter()
-    found = look_up(CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
+    found = look_up(start.CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
     seconds = time.perf_counter() - begin
     if found.projection_matrix is not None:
         rms = figures.rms_point(projective.project(found.projection_matrix, kept.xyz) - kept.uv)
@@ -128,8 +129,8 @@ def _wants_radial(progress: Progress) -> bool:
     """No start, or one that took a wide lens for a pinhole camera, or a lens whose shape is in the data."""
     if progress.best is not None or progress.made("radial"):
         return False
-    start = progress.start
-    return start is None or progress.lens.shaped_by_data or starts.poor(start.rms_point, progress.data)
+    begun = progress.start
+    return begun is None or progress.lens.shaped_by_data or starts.poor(begun.rms_point, progress.data)
 
 
 def _radial(progress: Progress) -> Change | None:
@@ -159,9 +160,9 @@ def _radial(progress: Progress) -> Change | None:
 
 # -------------------------------------------------------------------------------------------------- refinements
 def _refine(progress: Progress) -> Change:
-    start = progress.start
-    assert start is not None
-    return Change(fit=Candidate(refine(start.camera, start.poses, progress.data, progress.how)))
+    begun = progress.start
+    assert begun is not None
+    return Change(fit=Candidate(refine(begun.camera, begun.poses, progress.data, progress.how)))
 
 
 def _doubtful(progress: Progress) -> bool:
@@ -194,9 +195,9 @@ def _wants_nested(progress: Progress) -> bool:
 
 def _from_nested(progress: Progress) -> Change | None:
     """The refinement from the optimum of a model that this one contains."""
-    start = progress.start
-    assert start is not None
-    found = starts.by_nesting(progress.lens, (start.camera, start.poses), progress.data, progress.how)
+    begun = progress.start
+    assert begun is not None
+    found = starts.by_nesting(progress.lens, (begun.camera, begun.poses), progress.data, progress.how)
     return None if found is None else Change(fit=Candidate(found))
 
 
@@ -219,16 +220,22 @@ def _several_minima(progress: Progress) -> bool:
     return progress.best is not None and progress.lens.several_minima and not progress.options.fix
 
 
-STARTS: tuple[Attempt, ...] = (
-    *(closed_form(name) for name in CLOSED_FORMS),
-    Attempt("radial", _wants_radial, _radial),
-)
+def starts_from_nothing() -> tuple[Attempt, ...]:
+    """A start: the closed forms of the table, and radial alignment."""
+    closed_forms = (closed_form(name) for name in start.CLOSED_FORMS)
+    return (*closed_forms, Attempt("radial", _wants_radial, _radial))
 
-FROM_NOTHING: tuple[Attempt, ...] = (
-    *STARTS,
+
+REFINEMENTS: tuple[Attempt, ...] = (
     Attempt("least-squares", _begun, _refine),
     Attempt("from-radial", _doubtful, _from_radial),
     Attempt("from-nested", _wants_nested, _from_nested),
 )
+
+
+def from_nothing() -> tuple[Attempt, ...]:
+    """A camera from the rows at hand."""
+    return (*starts_from_nothing(), *REFINEMENTS)
+
 
 OTHER_MINIMA = Attempt("other-minima", _several_minima, _from_other_minima)

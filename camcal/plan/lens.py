@@ -20,7 +20,7 @@ from camcal.data.observations import Observations
 from camcal.errors import EstimationError
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, follow
-from camcal.plan.run import BETTER, CAMERA, PLAN, begun
+from camcal.plan.run import BETTER, begun, camera_plan, plan
 from camcal.plan.selection import AUTO, described, select
 
 #: the model of an ordinary lens
@@ -41,7 +41,7 @@ def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Ma
     if asked.model == "select":
         return _ranked(given, asked, AUTO, "")
     try:
-        progress = follow(CAMERA, begun(given, replace(asked, model=ORDINARY)))
+        progress = follow(camera_plan(), begun(given, replace(asked, model=ORDINARY)))
     except EstimationError as error:
         return _ranked(given, asked, WIDE, f"{ORDINARY} finds no camera ({error.message.rstrip('.')})")
     why, models = _does_not_hold(progress)
@@ -82,4 +82,4 @@ def _ranked(
     found = described(select(given, models, **options))
     if why:
         found["why"] = f"{why}; {found['why']}"
-    return follow(PLAN, begun(given, replace(asked, model=found["chosen"]))), found
+    return follow(plan(), begun(given, replace(asked, model=found["chosen"]))), found

@@ -15,7 +15,7 @@ import numpy as np
 from camcal.assess import outliers as foreign
 from camcal.errors import EstimationError
 from camcal.plan.better import Candidate
-from camcal.plan.camera import FROM_NOTHING, OTHER_MINIMA
+from camcal.plan.camera import OTHER_MINIMA, from_nothing
 from camcal.plan.progress import Attempt, Change, Progress
 from camcal.solve import noise, outliers, ransac, robust, starts
 from camcal.solve.calibration import Calibration
@@ -200,15 +200,19 @@ AFTER_RESTART: tuple[Attempt, ...] = (
     Attempt("from-all-points", _plain_is_lower, _from_plain),
 )
 
-OUTLIERS: tuple[Attempt, ...] = (
-    Attempt("agreeing", wants_restart, _agreeing),
-    *FROM_NOTHING,
-    Attempt("agreeing-half", _no_camera_after(1), _half_agreeing),
-    *FROM_NOTHING,
-    Attempt("all-poses", _found_from_half, _all_poses),
-    *AFTER_RESTART,
-    OTHER_MINIMA,
-)
+
+def outliers_plan() -> tuple[Attempt, ...]:
+    """Outliers and other minima, after a first fit to all points."""
+    return (
+        Attempt("agreeing", wants_restart, _agreeing),
+        *from_nothing(),
+        Attempt("agreeing-half", _no_camera_after(1), _half_agreeing),
+        *from_nothing(),
+        Attempt("all-poses", _found_from_half, _all_poses),
+        *AFTER_RESTART,
+        OTHER_MINIMA,
+    )
+
 
 SIGMAS = Attempt("weighted", _has_sigmas, _weight)
 FOREIGN = Attempt("without-foreign-views", _rejects, _without_foreign)

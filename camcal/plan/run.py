@@ -6,19 +6,25 @@ from camcal.data.observations import Observations
 from camcal.errors import DataError
 from camcal.model import lenses
 from camcal.plan.boards import SHAPES
-from camcal.plan.camera import FROM_NOTHING
+from camcal.plan.camera import from_nothing
 from camcal.plan.options import Options
-from camcal.plan.outlying import FOREIGN, OUTLIERS, REJECT, SIGMAS
+from camcal.plan.outlying import FOREIGN, REJECT, SIGMAS, outliers_plan
 from camcal.plan.progress import Attempt, Progress, follow
 from camcal.plan.second_pass import SECOND_PASS
 from camcal.start import shape
 
-#: the camera, outliers or not
-CAMERA: tuple[Attempt, ...] = (*FROM_NOTHING, *OUTLIERS)
-#: what makes it better: the pictures again, given sigmas, views that do not belong, the shape of the board
+#: what makes a camera better: the pictures again, given sigmas, views that do not belong, the shape of the board
 BETTER: tuple[Attempt, ...] = (SECOND_PASS, SIGMAS, REJECT, FOREIGN, *SHAPES)
-#: Every attempt that a calibration may make, in its order; each says itself whether it applies.
-PLAN: tuple[Attempt, ...] = (*CAMERA, *BETTER)
+
+
+def camera_plan() -> tuple[Attempt, ...]:
+    """The attempts at the camera, outliers or not."""
+    return (*from_nothing(), *outliers_plan())
+
+
+def plan() -> tuple[Attempt, ...]:
+    """Every attempt that a calibration may make, in its order; each says itself whether it applies."""
+    return (*camera_plan(), *BETTER)
 
 
 def begun(given: Observations, asked: Options) -> Progress:
@@ -35,7 +41,7 @@ def solved(observations: Observations, asked: Options) -> Progress:
     DataError, EstimationError
         Where the observations cannot be used, or do not determine a camera.
     """
-    return follow(PLAN, begun(usable(observations), asked))
+    return follow(plan(), begun(usable(observations), asked))
 
 
 def usable(observations: Observations) -> Observations:

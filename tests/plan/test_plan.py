@@ -19,7 +19,7 @@ from camcal.plan.better import Candidate
 from camcal.plan.calibrate import calibrate
 from camcal.plan.options import Options
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
-from camcal.plan.run import PLAN, begun
+from camcal.plan.run import begun, plan
 from camcal.solve.refine import refine
 from camcal.start import zhang
 from tests.shared_data import DATA, needs_data
@@ -93,7 +93,7 @@ def test_every_stage_is_entered_once_and_in_order():
 
     data = data_of(outliers=20)
     started = Progress(*_begun(data, robust="auto"))
-    follow([spying(a) for a in PLAN], started)
+    follow([spying(a) for a in plan()], started)
     assert entered == [
         "zhang", "least-squares", "agreeing", "zhang", "least-squares", "reweighted", "rejected", "better-poses",
         "rejected", "without-foreign-views",
@@ -163,12 +163,12 @@ def test_the_fit_from_all_points_is_taken_where_it_is_lower():
     good = calibrate(data, robust="none", checks=False)
     worse = replace(good, fit=replace(good.fit, cost=good.fit.cost * 2))
     asked = _begun(data, robust="auto")
-    plan = [a for a in PLAN if a.name == "from-all-points"]
+    attempt = [a for a in plan() if a.name == "from-all-points"]
     started = Progress(*asked, best=Candidate(worse), plain=good, notes={"begun_from": "x"})
-    assert advance(plan, started).fit.fit.cost == pytest.approx(good.fit.cost, rel=1e-9)
+    assert advance(attempt, started).fit.fit.cost == pytest.approx(good.fit.cost, rel=1e-9)
     # ... and left where it is not
     started = Progress(*asked, best=Candidate(good), plain=worse, notes={"begun_from": "x"})
-    assert advance(plan, started).fit is good
+    assert advance(attempt, started).fit is good
 
 
 # ---------------------------------------------------------------------------------------- the second pass
@@ -211,8 +211,8 @@ def test_an_attempt_that_fails_leaves_the_rest_to_the_others():
 
     data = data_of()
     started = Progress(*_begun(data))
-    plan = [Attempt("broken", lambda _: True, fails), *attempts.FROM_NOTHING]
-    assert follow(plan, started).fit.rms_point < 0.4
+    broken = [Attempt("broken", lambda _: True, fails), *attempts.from_nothing()]
+    assert follow(broken, started).fit.rms_point < 0.4
     with pytest.raises(EstimationError, match="no camera"):
         follow([Attempt("broken", lambda _: True, fails)], started)
 
@@ -232,7 +232,7 @@ def test_a_fit_is_compared_unless_it_is_taken_instead():
 
 
 def test_the_plan_is_data_with_a_name_and_a_condition_for_each_attempt():
-    assert all(isinstance(a, Attempt) and a.name for a in road.PLAN)
+    assert all(isinstance(a, Attempt) and a.name for a in road.plan())
     assert {"zhang", "dlt", "central", "radial", "least-squares", "bowl", "free", "second-pass"} <= {
-        a.name for a in road.PLAN
+        a.name for a in road.plan()
     }
