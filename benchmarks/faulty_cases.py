@@ -252,7 +252,7 @@ OTHERS = [
          lambda r: codes(seen(camera("pinhole"), r, 6, grid()[[0, 8, 45, 53]]), model="pinhole"), ("few-points",)),
     Case("points in any order", _mixed_points, POINTS),
     Case("wrong picture size",
-         lambda r: codes(replace(seen(camera(), r, 12), image_size=(640, 480))), ("points-outside-image",)),
+         lambda r: codes(replace(seen(camera(), r, 12), image_sizes=((640, 480),))), ("points-outside-image",)),
     Case("board bowed by 1.7 % of its length", _bowed, ("views-disagree", "board-not-flat")),
     Case("corners printed off by 1 % of a square", _badly_printed, ("views-disagree", "board-not-flat")),
     Case("coordinates in whole pixels",

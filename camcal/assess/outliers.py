@@ -25,6 +25,7 @@ from camcal.solve import ransac
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.outliers import LEAST_LEFT
+from camcal.start.shape import LEAST_PLANAR
 
 #: a plane of other proportions explains a view where it leaves no more than this many times the usual scatter
 EXPLAINED = 4.0
@@ -226,7 +227,7 @@ def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None
     with np.errstate(invalid="ignore"):
         ahead = rays[:, 2] > _FLAT_RAY
     kept = view.take(ahead)
-    if len(kept) < shape.LEAST_PLANAR:
+    if len(kept) < LEAST_PLANAR:
         return None
     ab = rays[ahead, :2] / rays[ahead, 2:]
     origin, axes, _ = projective.fit_plane(kept.xyz)

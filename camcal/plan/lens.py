@@ -61,14 +61,14 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
         return f"{freedom} degrees of freedom are too few for {fit.free.shape[1]} parameters", SMALL
     if any(fit_checks.large_residuals(facts)):
         return f"it leaves {fit.rms_point:.3g} px", WIDE
-    if any(lens_checks.outside_domain(facts)) or any(
-        w.severity != "note" for w in lens_checks.fold_in_image(facts)
-    ):
-        return "its distortion folds back inside the picture", WIDE
+    if any(lens_checks.outside_domain(facts)):
+        return "its distortion folds back before some of the points", WIDE
     if any(fit_checks.systematic(facts)):
         return "its residuals follow the distance from the centre", WIDE
     if not fit.fit.converged:
         return "its refinement does not converge", WIDE
+    if any(w.code == "fold-in-image" and w.severity != "note" for w in lens_checks.fold_in_image(facts)):
+        return "its distortion folds back where there are no points", (*SMALL, *WIDE[1:])
     if loose:
         return f"the data do not determine {', '.join(loose)}", SMALL
     return "", ()

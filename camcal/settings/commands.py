@@ -45,7 +45,9 @@ BOARD = DetectionOptions.command_line()
 
 _OF = CalibrationOptions.options()
 #: of commands that take one model as it is
-_MODEL = replace(_OF["model"], kind=MODEL, help="Camera model; `camcal list models` names them.")
+_MODEL = replace(
+    _OF["model"], kind=MODEL, default="opencv5", help="Camera model; `camcal list models` names them."
+)
 _PX = replace(_OF["max_rms"], name="max_px")
 
 _COMPARE = (

@@ -66,6 +66,7 @@ def test_a_format(outside, monkeypatch, tmp_path):
     _, tables = outside("format.md", "outside_labcam", **known)
     for name, table in tables.items():
         monkeypatch.setattr(formats, name, table)
+    monkeypatch.setattr("camcal.data.formats.files.FORMATS", tables["FORMATS"])
     import outside_labcam
 
     truth = camera_of("opencv4", {"fx": 533.0, "fy": 534.0, "cx": 322.0, "cy": 238.0, "k1": -0.2, "k2": 0.05})

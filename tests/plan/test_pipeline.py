@@ -173,7 +173,8 @@ def test_events_tell_how_far_it_is():
     made, _ = boards(noise=0.1, views=6)
     heard = []
     data = camcal.Correspondences.from_views(made, SIZE)
-    found = camcal.calibrate(data, on_event=lambda name, details: heard.append((name, details)))
+    listen = lambda name, details: heard.append((name, details))  # noqa: E731
+    found = camcal.calibrate(data, on_event=listen, model="opencv5")
     assert [name for name, _ in heard] == ["refined", "checked"]
     assert heard[0][1] == {"rms_point": found.rms_point, "points": 324, "rejected": 0}
 

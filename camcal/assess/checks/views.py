@@ -170,5 +170,5 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
         "mirrored-views",
         f"{len(minority)} of {len(side)} views show the target from behind: {names}.",
         "Their points are in mirrored order (or the picture is): mend or leave out these views.",
-        "wrong",
+        "doubtful",
     )
