@@ -67,7 +67,7 @@ GOOD = {"name": "good", "points": "p.csv"}
     [
         ({"name": "x", "points": "p", "model": "opencv99"}, "job 'x': model: unknown model 'opencv99'"),
         ({"name": "x", "points": "p", "model": "brown:radial=no"}, "job 'x'"),
-        ({"name": "x", "points": "p", "fix": "k9"}, "job 'x'"),
+        ({"name": "x", "points": "p", "model": "opencv4", "fix": "k9"}, "job 'x'"),
         ({"name": "x", "points": "p", "modle": "opencv4"}, "unknown option 'modle'"),
         ({"name": "x", "points": "p", "board": "9x6"}, "unknown option 'board'"),
         ({"name": "x", "images": "p", "image_size": "640x480"}, "unknown option 'image_size'"),
