@@ -12,10 +12,12 @@ from camcal.version import __version__
 _PUBLIC = {
     "Camera": "camcal.model.camera:Camera",
     "Correspondences": "camcal.data.observations:Correspondences",
+    "Observations": "camcal.data.observations:Observations",
     "Pose": "camcal.model.pose:Pose",
     "Solution": "camcal.plan.solution:Solution",
     "View": "camcal.data.observations:View",
     "calibrate": "camcal.plan.calibrate:calibrate",
+    "calibrate_images": "camcal.plan.images:calibrate_images",
     "load": "camcal.report.opening:load",
     "read_points": "camcal.data.points:read_points",
     "save_camera": "camcal.report.opening:save_camera",

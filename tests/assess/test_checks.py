@@ -106,9 +106,7 @@ def test_real_data_get_no_other_warnings_than_the_true_ones(path, size, options,
 def test_fronto_parallel_views(tilt):
     found = codes(seen(tilt=tilt))
     # at no tilt the closed form refuses already
-    assert found & {"EstimationError", "fronto-parallel-views"}
-    if tilt == 3.0:
-        assert "fronto-parallel-views" in found
+    assert ("EstimationError" if tilt == 0 else "fronto-parallel-views") in found
 
 
 def test_parallel_views_that_are_tilted():
@@ -116,8 +114,7 @@ def test_parallel_views_that_are_tilted():
 
 
 def test_a_single_view():
-    found = codes(seen(1, shift=0.0))
-    assert found & {"single-view", "EstimationError"}
+    assert "single-view" in codes(seen(1, shift=0.0))
 
 
 def test_one_pose_repeated():
@@ -125,7 +122,7 @@ def test_one_pose_repeated():
     one = seen(1, noise=0.0, shift=0.0).views[0]
     views = [View(f"v{i}", one.xyz, one.uv + rng.normal(0, 0.1, one.uv.shape)) for i in range(10)]
     found = codes(Correspondences.from_views(tuple(views), SIZE))
-    assert {"duplicate-views", "few-views"} <= found or "EstimationError" in found
+    assert {"duplicate-views", "few-views"} <= found
 
 
 def test_a_few_repetitions_among_many_views_are_no_matter():
@@ -246,7 +243,7 @@ def test_points_that_do_not_belong_together():
     data = seen(8)
     rng = np.random.default_rng(0)
     mixed = [replace(v, uv=v.uv + rng.normal(0, 15, v.uv.shape)) for v in data.views]
-    assert codes(data.with_views(tuple(mixed)), robust="none") & {"large-residuals", "EstimationError"}
+    assert "large-residuals" in codes(data.with_views(tuple(mixed)), robust="none")
 
 
 # ---- as a whole

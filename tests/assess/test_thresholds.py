@@ -1,0 +1,161 @@
+"""Each number that decides about a warning, from both sides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from camcal.assess.checks import coverage, fit, folds, lens, mirror, noise, rejected, views
+from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import CalibrationWarning, grade
+from tests.solved import solved
+
+
+@pytest.fixture(scope="module")
+def good():
+    return solved(views=10, noise=0.2)
+
+
+def with_residuals(solution, residuals):
+    return Facts(replace(solution, residuals=residuals))
+
+
+def lengths(count, size, gross, times):
+    """Residuals of one length, but for `gross` of them that are so many times as long."""
+    r = np.zeros((count, 2))
+    r[:, 0] = size
+    r[:gross, 0] *= times
+    return r
+
+
+@pytest.mark.parametrize(("times", "said"), [(0.97, False), (1.03, True)])
+def test_a_point_is_gross_beyond_six_sigma(good, times, said):
+    # |r| has the median 1.1774 sigma; GROSS sigma is GROSS / 1.1774 medians. 20 of 540 then hold half of the squares
+    count = len(good.residuals)
+    r = lengths(count, 0.2, 20, times * fit.GROSS / 1.1774)
+    assert fit.GROSS == 6.0
+    assert bool(list(fit.outliers(with_residuals(good, r)))) == said
+
+
+@pytest.mark.parametrize(
+    ("gross", "said", "severity"), [(5, False, ""), (8, True, "doubtful"), (40, True, "wrong")]
+)
+def test_gross_points_count_by_what_they_hold_of_the_squares(good, gross, said, severity):
+    r = lengths(len(good.residuals), 0.2, gross, 5.2)
+    found = list(fit.outliers(with_residuals(good, r)))
+    share = gross * 27.04 / (gross * 27.04 + 540 - gross)
+    assert (share > fit.GROSS_SHARE) == said and bool(found) == said
+    if said:
+        assert found[0].severity == severity and (share > fit.MOST_OF_IT) == (severity == "wrong")
+
+
+@pytest.mark.parametrize(("moment", "said"), [(2.28, False), (2.5, True)])
+def test_tails_are_heavy_from_their_bound_on(moment, said):
+    # x = |r|² is a mixture of two exponentials; one in ten points has the larger mean
+    count = 4000
+    solution = solved(views=75, noise=0.2)
+    u = (np.arange(count) + 0.5) / count
+    base = -np.log(u)
+    for scale in np.linspace(1.0, 4.0, 400):
+        factor = np.where(np.arange(count) % 10 == 0, scale, 1.0)
+        x = base * factor
+        if np.mean((x / x.mean()) ** 2) >= moment:
+            break
+    r = np.zeros_like(solution.residuals)
+    r[:count, 0] = 0.2 * np.sqrt(np.random.default_rng(0).permutation(x))
+    used = np.arange(len(r)) < count
+    facts = with_residuals(replace(solution, observations=solution.observations.with_used(used)), r)
+    found, deviations = noise.fourth_moment(facts)
+    assert abs(found - noise.HEAVY) < 0.15 and deviations > noise.SIGNIFICANT
+    assert (found > noise.HEAVY) == said
+    assert bool(list(noise.tails(facts))) == said
+
+
+@pytest.mark.parametrize(
+    ("factor", "squares", "kept"),
+    [(1.05, 2.5, False), (1.4, 1.6, False), (1.4, 2.2, True)],
+)
+def test_a_mirrored_view_is_suspected_and_proved(good, monkeypatch, factor, squares, kept):
+    # SUSPECT is on the rms against the median view, SQUARES on the gain of mirroring it
+    data = good.observations
+    size = np.where(data.view == 3, factor, 1.0) * 0.2
+    r = np.c_[size, np.zeros(len(size))]
+    gains = lambda facts, chosen: (np.full(len(chosen), np.log(squares)), np.full(len(chosen), 54))  # noqa: E731
+    monkeypatch.setattr(mirror, "gains_of_mirroring", gains)
+    found = mirror.mirrored_views(with_residuals(good, r))
+    assert (factor > mirror.SUSPECT) == (factor == 1.4) and (squares > mirror.SQUARES) == (squares > 1.8)
+    assert found.tolist() == ([3] if kept else [])
+
+
+@pytest.mark.parametrize(("points", "kept"), [(23, True), (19, False)])
+def test_a_mirrored_view_needs_points_enough_to_tell(good, monkeypatch, points, kept):
+    data = good.observations
+    r = np.c_[np.where(data.view == 3, 1.4, 1.0) * 0.2, np.zeros(len(data.view))]
+    gains = lambda facts, chosen: (np.full(len(chosen), np.log(2.0)), np.full(len(chosen), points))  # noqa: E731
+    monkeypatch.setattr(mirror, "gains_of_mirroring", gains)
+    assert (points * np.log(2.0) > mirror.LIKELIER) == kept
+    assert (mirror.mirrored_views(with_residuals(good, r)).tolist() == [3]) == kept
+
+
+@pytest.mark.parametrize(
+    ("ratio", "median", "severity"),
+    [
+        (1.9, 9.0, None),
+        (2.1, 9.0, "doubtful"),
+        (4.9, 9.0, "doubtful"),
+        (5.1, 0.4, "doubtful"),
+        (5.1, 0.6, "wrong"),
+    ],
+)
+def test_views_that_disagree_are_graded_by_ratio_and_size(good, ratio, median, severity):
+    facts = Facts(good, {"difference": {"ratio": ratio, "median_px": median}})
+    found = [w.severity for w in folds.views_disagree(facts)]
+    assert found == ([] if severity is None else [severity])
+
+
+@pytest.mark.parametrize(("rows", "severity"), [(10, None), (14, "note"), (100, "note"), (120, "doubtful")])
+def test_rejected_points_are_graded_by_their_share(good, rows, severity):
+    data = good.observations
+    facts = Facts(replace(good, observations=data.with_used(np.arange(data.point_count) >= rows)))
+    found = [w.severity for w in rejected.many_rejected(facts)]
+    assert found == ([] if severity is None else [severity])
+
+
+@pytest.mark.parametrize(("share", "severity"), [(0.015, "note"), (0.1, "doubtful"), (0.3, "wrong")])
+def test_a_fold_is_graded_by_how_much_of_the_picture_it_takes(good, share, severity):
+    facts = Facts(good)
+    whole = len(lens.grid_of(facts.image_size))
+    facts.unseen = np.tile([[639.0, 479.0]], (max(1, round(share * whole)), 1))
+    (warning,) = lens.fold_in_image(facts)
+    assert warning.severity == severity
+
+
+@pytest.mark.parametrize(("out", "severity"), [(1, "doubtful"), (60, "wrong")])
+def test_points_outside_the_picture_are_graded_by_their_share(good, out, severity):
+    data = good.observations
+    uv = data.uv.copy()
+    uv[:out] = [700.0, 100.0]
+    (warning,) = coverage.outside_image(Facts(replace(good, observations=replace(data, uv=uv))))
+    assert warning.severity == severity
+
+
+@pytest.mark.parametrize(("tilt", "severity"), [(1.0, "wrong"), (3.5, "doubtful")])
+def test_parallel_views_are_graded_by_their_spread(tilt, severity):
+    s = solved(
+        "pinhole",
+        views=12,
+        noise=0.05,
+        tilt=np.deg2rad(tilt) * 1.2,
+        truth={"fx": 533, "fy": 533, "cx": 320, "cy": 240},
+    )
+    found = [w.severity for w in views.fronto_parallel(Facts(s))]
+    spread = views.tilts(Facts(s))[1]
+    assert (spread < views.NOTHING_DEGREES) == (severity == "wrong")
+    assert found == [severity]
+
+
+def test_the_grade_is_the_worst_severity():
+    made = {s: CalibrationWarning("x", "y", "z", s) for s in ("note", "doubtful", "wrong")}
+    assert grade([]) == grade([made["note"]]) == "good"
+    assert grade([made["note"], made["doubtful"]]) == "doubtful"
+    assert grade(made.values()) == "wrong"
