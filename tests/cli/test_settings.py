@@ -25,7 +25,7 @@ def config():
 def test_defaults(resolved):
     found = resolved()
     assert {entry["from"] for entry in found.values()} == {"default"}
-    assert found["model"]["value"] == "opencv5"
+    assert found["model"]["value"] == "auto"
     assert found["crosscheck"]["value"] is True
     assert found["fix"]["value"] == {}
     assert "config" not in found
@@ -67,7 +67,7 @@ def test_flag_wins_over_all(resolved, config, monkeypatch):
 def test_a_named_file_replaces_the_one_of_the_folder(resolved, config, monkeypatch):
     Path("other.yaml").write_text("seed: 7\n")
     assert resolved("--config", "other.yaml")["seed"] == {"value": 7, "from": "file"}
-    assert resolved("--config", "other.yaml")["model"] == {"value": "opencv5", "from": "default"}
+    assert resolved("--config", "other.yaml")["model"] == {"value": "auto", "from": "default"}
     monkeypatch.setenv("CAMCAL_CONFIG", "other.yaml")
     assert resolved()["seed"] == {"value": 7, "from": "file"}
     assert resolved()["config"] == {"value": "other.yaml", "from": "env"}

@@ -19,7 +19,7 @@ from tests.solved import solved
 
 def test_defaults_are_valid():
     made = CalibrationOptions()
-    assert (made.model, made.robust, made.fix, made.max_rms) == ("opencv5", "none", {}, None)
+    assert (made.model, made.robust, made.fix, made.max_rms) == ("auto", "none", {}, None)
     for name, option in CalibrationOptions.options().items():
         assert option.name == name
         option.convert(option.default)
