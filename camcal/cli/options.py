@@ -119,7 +119,7 @@ def _read_config(command: str) -> Callable[[click.Context, click.Parameter, Path
         path = value or (Path(DEFAULT_FILE) if Path(DEFAULT_FILE).is_file() else None)
         if path is None or ctx.resilient_parsing:
             return
-        held = values_for(command, load_config(path))
+        held = values_for(command, load_config(path, named=value is not None))
         repeated = {o.name for o in OPTIONS[command] if o.repeated and not isinstance(o.kind, Several)}
         ctx.default_map = {name: [v] if name in repeated else v for name, v in held.items()}
         ctx.meta[CONFIG] = str(path)

@@ -21,9 +21,12 @@ import platformdirs
 DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError)
 
 
-def default_folder() -> Path:
-    """The platform's cache folder: `$XDG_CACHE_HOME/camcal` or `~/.cache/camcal` on Linux."""
-    return platformdirs.user_cache_path("camcal", appauthor=False) / "detections"
+def default_folder() -> Path | None:
+    """The platform's cache folder: `$XDG_CACHE_HOME/camcal` or `~/.cache/camcal` on Linux; None without a home."""
+    try:
+        return platformdirs.user_cache_path("camcal", appauthor=False) / "detections"
+    except RuntimeError:  # the system does not know the user
+        return None
 
 
 def entry(folder: Path, picture_sha256: str, detector: str) -> Path:

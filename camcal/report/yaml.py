@@ -28,6 +28,8 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 LINE = 96
 #: bytes of a document that is read: a report of ten million points, 9 columns of 8 bytes, as text
 LARGEST = 1 << 30
+#: text that YAML 1.2 reads as a number though PyYAML does not, such as the id 08
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0[ox][0-9a-fA-F]+")
 #: `&name` where YAML could mean an anchor
 _ANCHOR = re.compile(r"(?:^|[\s\[{,:-])&\w", re.MULTILINE)
 
@@ -66,7 +68,7 @@ def _collection(dumper: Any, value: Any) -> Any:
 
 
 def _text(dumper: Any, value: str) -> Any:
-    style = "|" if "\n" in value else None
+    style = "|" if "\n" in value else "'" if _NUMBER.fullmatch(value) else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
 
@@ -143,8 +145,8 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
 
 def _parse(text: str, source: Path) -> Any:
     if text.lstrip().startswith("{"):
-        # JSON first: YAML 1.1 would take its 1e999 for a word
-        with contextlib.suppress(json.JSONDecodeError, RecursionError):
+        # JSON first: YAML 1.1 would take its 1e999 for a word; what neither can read is YAML's to refuse
+        with contextlib.suppress(ValueError, RecursionError):
             return json.loads(text)
     try:
         text = _as_yaml(text)

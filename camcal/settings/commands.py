@@ -27,6 +27,7 @@ from camcal.settings.run import (
     FORMAT,
     IMAGE_SIZE,
     MODELS,
+    OUT,
     OUTPUT,
     PLOTS,
     POINTS2D,
@@ -103,7 +104,7 @@ _COMPARE_OPTIMIZERS = (
     ),
     replace(_OF["normalise"], help="Centre points and scale columns."),
     replace(TRACE, help="Write every step of every run to FILE (CSV)."),
-    Option("plot", FILE, "Draw the convergence to FILE (needs matplotlib)."),
+    Option("plot", OUT, "Draw the convergence to FILE (needs matplotlib)."),
     _OF["seed"],
     *REPORT,
 )
@@ -132,7 +133,7 @@ _UNDISTORT = (
     ),
     Option(
         "maps",
-        Several(FILE),
+        Several(OUT),
         "Write the map too: .npz (u, v, matrix, crop), .exr (STMap) or .pgm (two files for ffmpeg's remap).",
         repeated=True,
     ),
@@ -173,7 +174,7 @@ _OF_PICTURES = tuple(replace(o, default="auto") if o.name == "board_shape" else 
 _IMAGES = (
     *BOARD,
     REFINE_CORNERS,
-    Option("save_corners", FILE, "Write the final corners too, as the table that `camcal detect` makes."),
+    Option("save_corners", OUT, "Write the final corners too, as the table that `camcal detect` makes."),
     *_OF_PICTURES,
     *RESULT,
 )

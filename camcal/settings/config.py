@@ -38,11 +38,15 @@ class Config:
     data : dict
     lines : dict
         The line of each key, by the keys that lead to it: `("estimate", "model")`.
+    named : bool
+        Whether the user named the file. One that only lies in the folder, perhaps with somebody's data, must not
+        say what is written or overwritten.
     """
 
     path: str
     data: dict[str, Any]
     lines: dict[KeyPath, int]
+    named: bool = True
 
     def where(self, *keys: str) -> str:
         """Return the place of a key, `camcal.yaml:7`."""
@@ -54,7 +58,7 @@ def normal(key: str) -> str:
     return key.replace("-", "_")
 
 
-def load_config(path: str | os.PathLike) -> Config:
+def load_config(path: str | os.PathLike, named: bool = True) -> Config:
     """Read a configuration file; an empty one is an empty configuration.
 
     Raises
@@ -73,7 +77,7 @@ def load_config(path: str | os.PathLike) -> Config:
             f"{name}:1: {found} found; `key: value` lines are needed.",
             "Write the name of an option, a colon and its value.",
         )
-    return Config(name, value, lines)
+    return Config(name, value, lines, named)
 
 
 def _read(name: str) -> str:
@@ -160,6 +164,11 @@ def _one(
         raise UsageError(f"{where}: '{written}' is given a second time; once is needed.", "Remove one.")
     if value is None:
         raise UsageError(f"{where}: '{written}' has no value.", "Remove the line to use the default.")
+    if not config.named and known[name].writes:
+        raise UsageError(
+            f"{where}: '{written}' says what is written; a file that --config does not name cannot.",
+            f"Give it by name: --config {config.path}",
+        )
     # options of one name may differ between commands: any that takes the value will do for another command
     candidates = [own[name]] if name in own else _all_of(name)
     for left, option in enumerate(candidates[::-1]):

@@ -159,6 +159,10 @@ class FilePath(Kind):
         raise refuse(value, "the name of a file")
 
 
+class OutputPath(FilePath):
+    """A file or a folder that is written."""
+
+
 class Words(Kind):
     """One of a few words."""
 

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from camcal.errors import UsageError
 from camcal.registry import suggestion
-from camcal.settings.kinds import Kind, Switch
+from camcal.settings.kinds import Kind, OutputPath, Several, Switch
 
 _META = "camcal.option"
 
@@ -81,6 +81,12 @@ class Option:
     def is_switch(self) -> bool:
         """Whether it is on or off, without a value."""
         return isinstance(self.kind, Switch)
+
+    @property
+    def writes(self) -> bool:
+        """Whether it names what is written, or lets something be overwritten."""
+        kind = self.kind.item if isinstance(self.kind, Several) else self.kind
+        return isinstance(kind, OutputPath) or self.name in ("output", "force")
 
     def convert(self, value: Any) -> Any:
         """Return the value as the program works with it; None stays None where that is the default.

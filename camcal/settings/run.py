@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from camcal.settings.kinds import FilePath, Several, Text, Words
+from camcal.settings.kinds import FilePath, OutputPath, Several, Text, Words
 from camcal.settings.kinds import Switch as _Switch
 from camcal.settings.option import Option
 from camcal.settings.sizes import ImageSize
 
 FILE = FilePath()
+OUT = OutputPath()
 SWITCH = _Switch()
 
 IMAGE_SIZE = Option("image_size", ImageSize(), "Size of the pictures in px, such as 640x480.")
-OUTPUT = Option("output", FILE, "Write the report (YAML) to FILE.", short="-o")
+OUTPUT = Option("output", OUT, "Write the report (YAML) to FILE.", short="-o")
 #: of the main jobs
 OUTPUT_OR_CAMERA = replace(
     OUTPUT,
@@ -21,7 +22,7 @@ OUTPUT_OR_CAMERA = replace(
 )
 SAVE_CAMERA = Option(
     "save_camera",
-    Several(FILE),
+    Several(OUT),
     "Write the camera too, in the format of FILE's ending; may be given several times; `camcal list formats`.",
     repeated=True,
 )
@@ -35,10 +36,10 @@ FORMAT = Option(
 CONFIG = Option("config", FILE, "Read options from FILE (YAML) instead of ./camcal.yaml.")
 TRACE = Option(
     "trace",
-    FILE,
+    OUT,
     "Write iteration, cost, evaluations and seconds of each step of the refinement to FILE (CSV).",
 )
-PLOTS = Option("plots", FILE, "Write each chart to a file in DIR, in place of the page.", metavar="DIR")
+PLOTS = Option("plots", OUT, "Write each chart to a file in DIR, in place of the page.", metavar="DIR")
 POINTS3D = Option("points3d", FILE, "The points alone (X Y Z), with --points2d.")
 POINTS2D = Option("points2d", FILE, "Their images alone (u v), in the same order.")
 MODELS = Option(
@@ -51,13 +52,13 @@ MODELS = Option(
 
 #: for CI systems
 CI = (
-    Option("junit", FILE, "Write the gates to FILE as JUnit XML."),
+    Option("junit", OUT, "Write the gates to FILE as JUnit XML."),
     Option(
         "annotations",
         Words(("github",)),
         "Write the gates to stderr as annotations of GitHub's workflows.",
     ),
-    Option("summary", FILE, "Add a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY."),
+    Option("summary", OUT, "Add a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY."),
 )
 
 #: where results go and where options come from

@@ -8,7 +8,7 @@ from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import Assignments, Name, Real, Switch, Whole, Words
 from camcal.settings.option import Option
-from camcal.settings.run import CONFIG, FILE, FORCE, POINTS3D
+from camcal.settings.run import CONFIG, FORCE, OUT, POINTS3D
 from camcal.settings.sizes import ImageSize, LengthKind, Numbers
 
 _SHARE = Real(0, 1)
@@ -36,7 +36,7 @@ _POINT_NOISE = (
     _OUTLIERS,
     Option("clip", Switch(), "Leave out points outside the picture.", True, off="--no-clip"),
 )
-_TABLE = Option("output", FILE, "Where to write.", short="-o", metavar="FILE.csv", required=True)
+_TABLE = Option("output", OUT, "Where to write.", short="-o", metavar="FILE.csv", required=True)
 _RUN = (CalibrationOptions.options()["seed"], FORCE, CONFIG)
 
 

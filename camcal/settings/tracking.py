@@ -10,7 +10,7 @@ from typing import Any
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.kinds import POSITIVE, Assignments, FilePath, Name, Real, Switch, Whole, Words
 from camcal.settings.option import Option, Settings, setting
-from camcal.settings.run import CONFIG, FILE, FORCE, OUTPUT
+from camcal.settings.run import CONFIG, FILE, FORCE, OUT, OUTPUT
 
 _setting = partial(setting, in_checkpoints=True)
 
@@ -108,9 +108,7 @@ RUN = (
         in_checkpoints=True,
     ),
     Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
-    Option(
-        "state", FILE, "Checkpoint: written during the run; a run with an existing one continues from it."
-    ),
+    Option("state", OUT, "Checkpoint: written during the run; a run with an existing one continues from it."),
     Option(
         "state_every",
         Whole(1, metavar="FRAMES"),
@@ -124,8 +122,8 @@ RUN = (
         in_checkpoints=True,
     ),
     Option("covariance", Switch(), "Add the covariance of K, R, t to each row.", False, in_checkpoints=True),
-    Option("report", FILE, "Write a summary (YAML) to FILE."),
-    Option("plots", FILE, "Draw the table into FOLDER (needs matplotlib).", metavar="FOLDER"),
+    Option("report", OUT, "Write a summary (YAML) to FILE."),
+    Option("plots", OUT, "Draw the table into FOLDER (needs matplotlib).", metavar="FOLDER"),
     Option(
         "reference",
         FILE,

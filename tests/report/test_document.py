@@ -171,6 +171,11 @@ class TestYaml:
         }
         assert yaml.safe_load(dump_yaml(words)) == words
 
+    @pytest.mark.parametrize("word", ["08", "0o17", "0x1f", "1e5", ".5", "+1", "1.", "no", "~", "1_000"])
+    def test_text_that_some_reader_takes_for_a_value_is_quoted(self, word):
+        """08 is text to YAML 1.1 and 8 to YAML 1.2."""
+        assert dump_yaml({"id": word}) == f"{{id: '{word}'}}\n"
+
     def test_a_matrix_has_a_row_a_line(self):
         text = dump_yaml(
             {"matrix": [[1.5, 0.0, 320.12345678901234], [0.0, 1.5, 240.12345678901234], [0.0, 0.0, 1.0]] * 2}
@@ -216,6 +221,12 @@ class TestBadFiles:
         path = tmp_path / "r.yaml"
         path.write_text(text)
         with pytest.raises(DataError, match=r"not a YAML file|cannot be read"):
+            load(path)
+
+    def test_a_number_of_many_digits(self, tmp_path):
+        path = tmp_path / "r.json"
+        path.write_text('{"schema": "camcal-report/1", "n": ' + "9" * 5000 + "}")
+        with pytest.raises(DataError, match="cannot be read"):
             load(path)
 
     def test_too_large(self, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -154,6 +155,31 @@ def test_what_is_refused(load, text, message, hint):
     assert caught.value.message.startswith(message)
     assert (caught.value.hint or "").startswith(hint)
     assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "text", ["output: a.yaml", "force: true", "track: {state: s}", "save_camera: [a.yml]"]
+)
+def test_only_a_file_that_is_named_says_what_is_written(load, text):
+    """A camcal.yaml that came with somebody's data must overwrite nothing."""
+    config = load(text)
+    values_for("estimate", config)
+    with pytest.raises(UsageError, match="says what is written; a file that --config does not name cannot"):
+        values_for("estimate", replace(config, named=False))
+
+
+def test_outputs_are_known_as_such():
+    """Every option whose file is written; the others with a file read it."""
+    from camcal.settings.commands import OPTIONS
+    from camcal.settings.kinds import FilePath, Several
+
+    written, read = set(), set()
+    for option in (o for options in OPTIONS.values() for o in options):
+        kind = option.kind.item if isinstance(option.kind, Several) else option.kind
+        if isinstance(kind, FilePath):
+            (written if option.writes else read).add(option.name)
+    assert read == {"camera", "config", "distortion", "points2d", "points3d", "reference"}
+    assert {"output", "state", "trace", "junit", "plots", "save_camera", "save_corners"} <= written
 
 
 def test_every_option_takes_its_own_default(load):

@@ -179,6 +179,11 @@ def _cache() -> Iterator[Check]:
     from camcal.detect.cache import default_folder
 
     folder = default_folder()
+    if folder is None:
+        yield Check(
+            "cache", "none: this user has no home folder", "note", "Set XDG_CACHE_HOME to a folder of yours."
+        )
+        return
     files = [p for p in folder.rglob("*.npz") if p.is_file()] if folder.is_dir() else []
     size = sum(p.stat().st_size for p in files) / 1e6
     if _writable(folder):
