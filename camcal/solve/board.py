@@ -266,25 +266,32 @@ class _PointSums:
     def __init__(self, problem: BoardProblem, state: State):
         self.problem, self.state = problem, state
         slots = len(problem.board.points) + 1
-        self.cameras = np.zeros((len(problem.free), 3, slots))
-        self.poses = np.zeros((len(problem.views), 6, 3, slots))
+        self.params = np.zeros((len(problem.free), 3, slots))
+        self.rig = np.zeros((len(problem.cameras), 6, 3, slots))
+        self.poses = np.zeros((problem.instants, 6, 3, slots))
         self.gradient = np.zeros((3, slots))
         self.own = np.zeros((3, 3, slots))
 
     def add(self, group: Group, block: Array) -> None:
         """Take a group's rows (G, P + 6 + 1, 2, N); d X = Rᵀ d x_cam."""
         assert group.ids is not None
-        camera = self.problem.cameras[group.camera]
-        p, params = camera.lens.size, self.cameras[camera.params]
-        rotation, _ = camera.placed(self.state, self.problem.seen.instant[group.members])
+        camera, instants = self.problem.cameras[group.camera], self.problem.seen.instant[group.members]
+        p, params, rig = camera.lens.size, self.params[camera.params], self.rig[camera.index]
+        rotation, _ = camera.placed(self.state, instants)
         d_cam = block[:, p + 3 : p + 6]
         d = (rotation.transpose(0, 2, 1) @ d_cam.reshape(len(d_cam), 3, -1)).reshape(d_cam.shape)
         cross = block[:, :, 0, None] * d[:, None, :, 0] + block[:, :, 1, None] * d[:, None, :, 1]
         own = d[:, :, 0, None] * d[:, None, :, 0] + d[:, :, 1, None] * d[:, None, :, 1]
-        for g, view in enumerate(group.members):
-            at = group.ids[g]
+        by_instant, maps = cross[:, p : p + 6], camera.maps(self.state, instants)
+        by_rig = np.zeros((len(block), 0))
+        if maps is not None:
+            by_rig = np.einsum("gij,gikn->gjkn", maps.by_rig, by_instant)
+            by_instant = np.einsum("ij,gikn->gjkn", maps.by_instant, by_instant)
+        for g, (instant, at) in enumerate(zip(instants, group.ids, strict=True)):
             params[..., at] += cross[g, :p]
-            self.poses[view][..., at] = cross[g, p : p + 6]
+            self.poses[instant][..., at] += by_instant[g]
+            if maps is not None:
+                rig[..., at] += by_rig[g]
             self.gradient[..., at] += cross[g, -1]
             self.own[..., at] += own[g]
 
@@ -295,19 +302,13 @@ class _PointSums:
 
     def extend(self, found: Assembly) -> None:
         """Write what involves the shape's parameters, which are the last."""
-        problem, shape = self.problem, slice(self.problem.rigid, None)
-        m = len(problem.board.points)
-        mixed = np.zeros((problem.rigid, problem.board.size))
-        mixed[: problem.free.shape[1]] = problem.free.T @ self._flat(self.cameras)
-        for camera in problem.cameras:
-            by_view = self._flat(self.poses[camera.views])  # (views, 6, B), by the composite poses
-            maps = camera.maps(self.state, camera.instants)
-            if maps is not None:
-                mixed[camera.extrinsics] = (maps.by_rig.transpose(0, 2, 1) @ by_view).sum(0)
-                by_view = maps.by_instant.T @ by_view
-            found.coupling[camera.instants, shape] += by_view.transpose(0, 2, 1)
-        found.intrinsics[: problem.rigid, shape], found.intrinsics[shape, : problem.rigid] = mixed, mixed.T
+        problem, rigid = self.problem, self.problem.rigid
+        shape, m = slice(rigid, None), len(problem.board.points)
+        rig = self._flat(self.rig[1:]).reshape(-1, problem.board.size)
+        mixed = np.concatenate([problem.free.T @ self._flat(self.params), rig])
+        found.intrinsics[:rigid, shape], found.intrinsics[shape, :rigid] = mixed, mixed.T
         found.intrinsics[shape, shape] = problem.board.fold_blocks(np.moveaxis(self.own[..., :m], -1, 0))
+        found.coupling[:, shape] = self._flat(self.poses).transpose(0, 2, 1)
         found.gradient[shape] = self._flat(self.gradient)
 
 

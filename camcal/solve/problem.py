@@ -103,6 +103,9 @@ class Problem:
         self.weights = weights if weights is not None else _default_weights(self.views)
         self.free = frees[0] if len(frees) == 1 else block_diag(*frees)
         self.cameras = _parts(lenses, frees, self.seen, self.instants)
+        self._places = np.empty(len(self.views), int)  # of each view among those of its camera
+        for camera in self.cameras:
+            self._places[camera.views] = np.arange(len(camera.views))
         self.offsets = self._centroids()
         if not normalise:
             self.offsets[:] = 0.0
@@ -247,7 +250,7 @@ class Problem:
     ) -> Array | None:
         """Products of the rows of each of a camera's views, (B, R, R); None outside the lens's domain."""
         rows = camera.lens.size + 7
-        normal = np.empty((len(self.views), rows, rows))
+        normal = np.empty((len(camera.views), rows, rows))
         with np.errstate(all="ignore"):
             for group in self.groups:
                 if group.camera == camera.index:
@@ -256,8 +259,8 @@ class Problem:
                         return None
                     if each is not None:
                         each(group, block)
-                    normal[group.members] = products(block)
-        return normal if len(camera.views) == len(normal) else normal[camera.views]
+                    normal[self._places[group.members]] = products(block)
+        return normal
 
     def view_normals(self, state: State) -> Array | None:
         """Products of the rows of each view of the only camera, (V, R, R): parameters, rotation, translation, residual.

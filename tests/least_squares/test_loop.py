@@ -78,14 +78,14 @@ def test_the_end_of_the_domain_is_a_rejected_step_before_one_that_promises_too_l
 # ------------------------------------------------------------------------------------------------------- rounding
 @pytest.mark.parametrize(("share", "reason"), [(0.9, ROUNDING), (1.1, "iterations")])
 def test_a_rejected_step_may_be_rounding(share, reason):
-    gradient = np.sqrt(2 * share * NOISE)
-    assert run(Scripted((1.0, gradient)), max_iterations=1)[0] == reason
+    gradient = np.sqrt(2 * share * NOISE * 4.0)
+    assert run(Scripted((4.0, gradient)), max_iterations=1)[0] == reason
 
 
 @pytest.mark.parametrize(("share", "reason"), [(0.9, ROUNDING), (1.1, "iterations")])
 def test_rounding_asks_what_remains_without_damping(share, reason):
-    gradient = np.sqrt(2 * share * LOST)
-    assert run(Scripted((1.0, gradient)), damping=1e4, max_iterations=1)[0] == reason
+    gradient = np.sqrt(2 * share * LOST * 4.0)
+    assert run(Scripted((4.0, gradient)), damping=1e4, max_iterations=1)[0] == reason
 
 
 @pytest.mark.parametrize(("share", "reason"), [(0.9, ROUNDING), (1.1, EDGE)])

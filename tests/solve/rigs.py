@@ -25,19 +25,30 @@ class Rig:
     near: State
 
 
-def cameras_of(count):
+def cameras_of(models):
     made = []
-    for model in MODELS[:count]:
-        camera = solved.camera_of(model, solved.TRUTH if model != "kb4" else {})
-        params = camera.params if model != "kb4" else camera.lens.examples()[0][0]
+    for model in models:
+        known = solved.TRUTH if model.startswith(("opencv", "brown")) else {}
+        camera = solved.camera_of(model, known)
+        params = camera.params if known else camera.lens.examples()[0][0]
         made.append((camera.lens, np.array(params, float)))
     return made
 
 
-def rig_of(cameras=3, instants=5, noise=0.1, missing=(), sigma=False, board=None, normalise=True, seed=0):
+def rig_of(
+    cameras=3,
+    instants=5,
+    noise=0.1,
+    missing=(),
+    sigma=False,
+    board=None,
+    normalise=True,
+    seed=0,
+    models=MODELS,
+):
     """Cameras side by side that look at one board; `missing` are pairs (camera, instant) without a view."""
     rng = np.random.default_rng(seed)
-    made, xyz = cameras_of(cameras), solved.grid()
+    made, xyz = cameras_of(models[:cameras]), solved.grid()
     rig_from_board = solved.tilted_poses(xyz, instants, rng)
     shift = np.arange(cameras)[:, None] * [0.8, 0.1, 0.05]
     turn = rotations.exp(np.arange(cameras)[:, None] * [0.02, -0.05, 0.03])

@@ -9,6 +9,7 @@ from camcal.geometry import rotations
 from camcal.model.pose import Poses
 from camcal.solve import optimizers, rows, tangent
 from camcal.solve.optimizers.base import Options
+from camcal.solve.points_first import PointsFirst
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.schur import Reduced
@@ -25,6 +26,7 @@ RIGS = {
     "not normalised": {"cameras": 2, "normalise": False},
     "bowl": {"cameras": 2, "board": "bowl", "missing": [(1, 0)]},
     "free board": {"cameras": 2, "board": "free"},
+    "a spline": {"cameras": 2, "models": ("opencv5", "spline:6x5"), "missing": [(1, 2)]},
 }
 
 
@@ -47,16 +49,26 @@ def dense(problem, state):
     return np.array(columns).T
 
 
+def of_prior(problem, state):
+    """Half the square of the lenses' own residuals."""
+    found = problem.prior(state)
+    return 0.0 if found is None else 0.5 * float(found[0] @ found[0])
+
+
 def test_the_cost_is_that_of_the_residuals(rig):
     expected = [0.5 * (r**2).sum() for r in residuals_of(rig.problem, rig.near)]
     blocks = rig.problem.linearise(rig.near)
     np.testing.assert_allclose(blocks.view_costs, expected, rtol=1e-11)
-    assert blocks.cost == pytest.approx(sum(expected), rel=1e-12)
+    assert blocks.cost == pytest.approx(sum(expected) + of_prior(rig.problem, rig.near), rel=1e-12)
 
 
 def test_normal_equations_are_those_of_a_dense_numeric_jacobian(rig):
     problem, state = rig.problem, rig.near
     j, r = dense(problem, state), np.concatenate([r.ravel() for r in residuals_of(problem, state)])
+    if problem.prior(state) is not None:
+        own = problem.prior(state)
+        r = np.r_[r, own[0]]
+        j = np.r_[j, np.c_[own[1], np.zeros((len(own[0]), 6 * problem.instants))]]
     blocks = problem.linearise(state)
     scale = tangent.inverse_lengths(tangent.diagonal(blocks))
     free, instants = problem.variables, problem.instants
@@ -90,6 +102,16 @@ def test_rows_are_the_factors_of_the_normal_equations(rig):
         moved = tangent.flat(ours[0])
         assert ours[1] == pytest.approx(theirs[1], rel=1e-8)
         np.testing.assert_allclose(tangent.flat(theirs[0]) / scale, moved / scale, rtol=1e-5, atol=1e-6)
+
+
+def test_points_of_a_free_board_first():
+    rig = rig_of(**RIGS["free board"])
+    blocks = rig.problem.linearise(rig.near)
+    poses_first = Reduced(blocks, 1e-2).step()
+    points_first = PointsFirst(blocks, 1e-2, rig.problem.point_coordinates).step()
+    assert points_first[1] == pytest.approx(poses_first[1], rel=1e-9)
+    a, b = tangent.flat(poses_first[0]), tangent.flat(points_first[0])
+    np.testing.assert_allclose(b / units_of(rig.problem), a / units_of(rig.problem), atol=1e-6)
 
 
 def test_instants_that_a_camera_did_not_see_are_not_coupled_with_it():
@@ -134,7 +156,7 @@ def test_poses_of_instants_alone(rig):
     found = solve_poses(rig.problem, rig.near)
     assert found.converged.all() and len(found.costs) == rig.problem.instants
     blocks = rig.problem.linearise(found.state)
-    assert found.costs.sum() == pytest.approx(blocks.cost, rel=1e-12)
+    assert found.costs.sum() + of_prior(rig.problem, rig.near) == pytest.approx(blocks.cost, rel=1e-12)
     left = np.linalg.solve(blocks.poses, blocks.pose_gradients[..., None])[..., 0]
     assert 0.5 * (left * blocks.pose_gradients).sum() < 1e-11 * blocks.cost
     np.testing.assert_array_equal(found.state.rig.translations, rig.near.rig.translations)
