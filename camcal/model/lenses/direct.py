@@ -77,11 +77,15 @@ def _taken_off(matrix: Array, uv: Array) -> tuple[Array, Array]:
 
 
 def _recentred(matrix: Array, constant: Array, linear: Array) -> tuple[Array, float] | None:
-    """K and the turn after one Newton step towards the zero of the map, its linear part taken into K."""
-    if not np.linalg.det(linear) > 0:
+    """K and the turn after one Newton step towards the zero of the map, its linear part taken into K.
+
+    None where the map turns the picture over, or its x axis back (rays of one plane determine no camera).
+    """
+    pixels = linear @ np.linalg.inv(matrix[:2, :2])
+    if not (np.linalg.det(linear) > 0 and pixels[0, 0] > 0):
         return None
     shift = np.linalg.solve(linear, -constant)
-    fx, fy, skew, turn = split_linear(linear @ np.linalg.inv(matrix[:2, :2]))
+    fx, fy, skew, turn = split_linear(pixels)
     centre = matrix[:2, :2] @ shift + matrix[:2, 2]
     return np.array([[fx, skew, centre[0]], [0, fy, centre[1]], [0, 0, 1]]), turn
 

@@ -65,6 +65,8 @@ class InverseLens(Lens):
         count = np.isfinite(angle).sum(1)
         mean = np.where(count > 0, np.nansum(angle, 1) / np.maximum(count, 1), np.inf)
         used = count > 0
+        if not used.any():  # a surface that is folded everywhere sees nothing
+            return reach, np.zeros(CELLS + 1)
         even = np.linspace(0, np.pi, CELLS + 1)
         return reach, np.interp(even, np.maximum.accumulate(mean[used]), radius[used])
 

@@ -93,3 +93,22 @@ def test_both_minima_of_the_double_sphere_are_found():
     assert found[1][lens.index("xi")] > 0.1
     apart = np.linalg.norm(lens.project(found[1], rays[seen])[0] - uv[seen], axis=1)
     assert 1e-4 < np.median(apart) < 0.2
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "spec", ["rational-function", "bicubic", "spline:5x4", "scaramuzza", "opencv8", "ds"]
+)
+@pytest.mark.parametrize("kind", ["few", "one plane", "noise", "behind"])
+def test_data_that_determine_no_camera(spec, kind):
+    """Too few rays, rays of one plane, pixels by chance: some result, no numerical accident."""
+    rng = np.random.default_rng(4)
+    count = {"few": 5}.get(kind, 40)
+    angle = rng.uniform(2.0, 2.8, count) if kind == "behind" else rng.uniform(0, 1.4, count)
+    turn = np.full(count, 0.3) if kind == "one plane" else rng.uniform(0, 2 * np.pi, count)
+    rays = np.c_[np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)]
+    uv = rng.uniform(0, 1000, (count, 2)) if kind in ("few", "noise") else 300 * rays[:, :2] + 400
+    lens = lenses.make(spec)
+    found = regress(lens, rays, uv, (1000, 800))
+    assert found.params.shape == (lens.size,) and np.isfinite(found.score)
+    assert all(np.isfinite(p).all() for p in minima(lens, rays, uv, (1000, 800)))
