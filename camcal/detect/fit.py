@@ -61,7 +61,8 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     problem = _Corners(windows, limits)
     pixels = windows.counts.sum(1)
     options = Options(negligible(settled, pixels, model.COUNT), ITERATIONS)
-    params, normal, stats = minimise(problem, start, options)
+    with np.errstate(over="ignore", invalid="ignore"):  # steps that lead anywhere are not taken
+        params, normal, stats = minimise(problem, start, options)
     noise = np.sqrt(np.maximum(2 * normal.cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2))
     covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     converged = stats.converged

@@ -12,6 +12,7 @@ Array = np.ndarray
 
 #: share of the usual number of points of a row; a row at the rim that holds fewer is not part of the board
 SPARSE = 0.5
+LEAST_SINE = 0.05  #: of the angle of rows and columns: a board seen at 87 degrees
 LEAST_SIDE = 2  #: rows that are left in any case
 
 
@@ -44,8 +45,10 @@ class Lattice:
 
     @property
     def usable(self) -> Array:
-        """Which points were found with enough neighbours to know their directions (rows, columns)."""
-        return self.present & np.isfinite(self.steps()).all((-1, -2))
+        """Which points were found with enough neighbours to know their directions, and these differ (rows, columns)."""
+        steps = self.steps()
+        area = np.abs(steps[..., 0, 0] * steps[..., 1, 1] - steps[..., 0, 1] * steps[..., 1, 0])
+        return self.present & (area > LEAST_SINE * np.linalg.norm(steps, axis=-1).prod(-1))
 
     def steps(self) -> Array:
         """Steps (rows, columns, 2, 2) to the next point along columns and rows, px; NaN if unknown.

@@ -25,6 +25,7 @@ SIGNIFICANT = 5.0  #: sigmas by which a slope of the shading must move a corner 
 LEAST_CORNERS = (
     12  #: for a quadratic surface, two a coefficient; fewer carry a plane, fewer than half of it nothing
 )
+RIDGE = 1e-9  #: of the diagonal; keeps the equations solvable where the corners stand in a row
 ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
 HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
 
@@ -66,7 +67,9 @@ def _robust_fit(design: Array, values: Array) -> Array:
     """Least squares with Huber's weights, the scale from the median deviation."""
     weighted = design
     for _ in range(ROUNDS):
-        solution = np.linalg.solve(weighted.T @ design, weighted.T @ values)
+        normal = weighted.T @ design
+        normal[np.diag_indices_from(normal)] *= 1 + RIDGE
+        solution = np.linalg.solve(normal, weighted.T @ values)
         residual = np.abs(values - design @ solution)
         limit = HUBER * max(median(residual), 1e-9)
         weighted = design * np.minimum(1, limit / np.maximum(residual, 1e-12))[:, None]

@@ -22,6 +22,7 @@ ROUNDS = 6  #: of completing a grid: so many rows may be missing at one side
 CLEAR = 0.4  #: share of the contrast of the corners beside it that an edge, or another corner, must have
 UNLIKE = 0.25  #: share of the median difference by which neighbouring squares must differ
 BESIDE = 0.17  #: of an edge's length; where its two sides are looked at, between the edge and the next one
+MOST_AT_ONCE = 30_000  #: places that are looked up; cv2.remap counts rows in 16 bits
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,13 @@ class Squares:
 
 
 def _sample(gray: Array, at: Array) -> Array:
+    """Grey values at places (..., 2), px, by linear interpolation."""
     if not at.size:
         return np.zeros(at.shape[:-1])
     flat = at.reshape(-1, 1, 2).astype(np.float32)
-    value = cv2.remap(gray, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return value.reshape(at.shape[:-1]).astype(float)
+    parts = np.array_split(flat, len(flat) // MOST_AT_ONCE + 1)
+    value = [cv2.remap(gray, p, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in parts]
+    return np.concatenate(value).reshape(at.shape[:-1]).astype(float)
 
 
 def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Array:

@@ -20,6 +20,8 @@ LARGEST = (
     20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
 )
 SIDE = 5  #: points to each side of a window where the map to the board is asked for; a cubic needs 4
+LEAST_AREA = 1e-3  #: of a map's derivative, as a share of its square; with less it is no map of a plane
+MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends by a tenth of it, and a wrong map by more
 UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
 
@@ -152,11 +154,15 @@ def straightened(
     )  # of a window: half its width along columns and rows
     offset = STENCIL @ axes
     board = board_from_pixel(windows.origin[:, None] + offset)
-    known = np.asarray(np.isfinite(board).reshape(len(board), -1).all(1))
-    board = np.where(known[:, None, None], board, offset)
     cubic = THROUGH_STENCIL @ board
+    derivative = cubic[:, 1:3]
+    flat = np.abs(np.linalg.det(derivative)) > LEAST_AREA * np.square(derivative).sum(
+        (1, 2)
+    )  # not where it is NaN
+    cubic = np.where(flat[:, None, None], cubic, THROUGH_STENCIL @ offset)
     px_from_board = axes.transpose(0, 2, 1) @ np.linalg.inv(cubic[:, 1:3].transpose(0, 2, 1))
     bend = (px_from_board @ cubic[:, 3:].transpose(0, 2, 1)).astype(np.float32)
+    bend[np.abs(bend).sum((1, 2)) > MOST_BEND * np.linalg.norm(axes, axis=2).max(1)] = 0
     place = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32) @ windows.q
     place *= windows.counts[:, None]
     terms = np.empty((len(place), CUBIC - 3, place.shape[2]), np.float32)

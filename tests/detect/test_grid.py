@@ -5,8 +5,8 @@ import pytest
 
 from camcal.detect import grid
 from camcal.detect.candidates import SPREAD
-from camcal.detect.disc_grid import FULL, find_board
-from camcal.detect.discs import SAME, Discs, links
+from camcal.detect.disc_grid import find_board
+from camcal.detect.discs import Discs, links
 
 
 def board(columns=5, rows=4, turn=0.3, bend=0.0, twist=0.0, contrast=None, closed=True):
@@ -39,16 +39,16 @@ def test_marks_in_any_order_are_numbered_clockwise():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_rays_may_point_past_a_neighbour_a_little(sign):
-    assert len(grown(board(bend=sign * (grid.ANGLE - 0.02)))) == 1
-    assert grown(board(bend=sign * (grid.ANGLE + 0.02))) == []
+    assert len(grown(board(bend=sign * 0.38))) == 1
+    assert grown(board(bend=sign * 0.42)) == []
 
 
 def test_neighbours_have_nearly_the_same_contrast():
     def halves(ratio):
         return lambda i, _: np.where(i < 2, 30.0, 30.0 * ratio)
 
-    assert [p.shape for p in grown(board(contrast=halves(SPREAD * 0.95)))] in ([(4, 5)], [(5, 4)])
-    assert sorted((p >= 0).sum() for p in grown(board(contrast=halves(SPREAD * 1.05)))) == [8, 12]
+    assert [p.shape for p in grown(board(contrast=halves(3.8)))] in ([(4, 5)], [(5, 4)])
+    assert sorted((p >= 0).sum() for p in grown(board(contrast=halves(4.2)))) == [8, 12]
 
 
 def test_bright_and_dark_change_sides():
@@ -88,7 +88,7 @@ def discs(columns=6, rows=5, hidden=(), stretch=1.0):
     return Discs(centre[kept], np.broadcast_to(9.0 * np.eye(2), (len(kept), 2, 2)))
 
 
-@pytest.mark.parametrize(("stretch", "number"), [(SAME - 0.03, 30), (SAME + 0.08, 0)])
+@pytest.mark.parametrize(("stretch", "number"), [(1.22, 30), (1.33, 0)])
 def test_discs_are_as_far_apart_one_way_as_the_other(stretch, number):
     index = grid.grow(*links(discs(stretch=stretch)))
     assert sum((p >= 0).sum() for p in index if min(p.shape) > 1) == number
@@ -97,5 +97,5 @@ def test_discs_are_as_far_apart_one_way_as_the_other(stretch, number):
 def test_a_board_of_discs_may_hide_a_fifth():
     hidden = [1, 4, 10, 19, 25, 28]
     found, _ = find_board(discs(hidden=hidden), False, (6, 5), 1.0)
-    assert len(hidden) == round((1 - FULL) * 30) and found is not None and len(found.ids) == 24
+    assert found is not None and len(found.ids) == 24
     assert find_board(discs(hidden=[*hidden, 12]), False, (6, 5), 1.0)[0] is None

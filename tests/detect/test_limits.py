@@ -1,13 +1,15 @@
 """Thresholds of the search for boards, from both sides."""
 
+import cv2
 import numpy as np
 import pytest
 
-from camcal.detect import candidates, discs, no_board, search, shading, squares
-from camcal.detect.board_points import LOCAL_POINTS, STRAY, Known
+from camcal.detect import candidates, discs, search, shading
+from camcal.detect.board_points import LOCAL_POINTS, Known
 from camcal.detect.candidates import Candidates
 from camcal.detect.grid import Marks
-from camcal.detect.lattice import SPARSE, Lattice, trim
+from camcal.detect.grid_fit import sharp_corners
+from camcal.detect.lattice import Lattice, trim
 from camcal.detect.no_board import why_nothing
 from camcal.detect.recognition import decide
 from camcal.detect.recognition.look import Sight
@@ -35,25 +37,25 @@ def inner(count):
 
 
 def test_a_named_board_may_hide_a_fifth():
-    least = int(np.ceil(search.ENOUGH * 54))
+    least = 44
     assert found(grid(missing=inner(54 - least))).fits((6, 9))
     assert not found(grid(missing=inner(54 - least + 1))).fits((9, 6))
     assert not found(grid()).fits((8, 6))
 
 
 def test_a_size_is_certain_where_three_quarters_of_each_side_are_seen():
-    hidden = int(9 * (1 - search.NEARLY_ALL))
+    hidden = 2
     assert found(grid(missing=range(hidden))).whole
     assert not found(grid(missing=range(hidden + 1))).whole
     assert not found(grid(), open_ended=True).whole
-    scattered = int(54 * (1 - search.NEARLY_ALL))
+    scattered = 13
     assert found(grid(missing=inner(scattered))).whole and not found(grid(missing=inner(scattered + 1))).whole
 
 
 def test_what_a_screen_behind_the_board_shows_is_no_board():
     largest = found(grid(square=40.0))
     for share, background in ((0.9, True), (1.1, False)):
-        other = found(grid(square=40.0 * np.sqrt(search.BACKGROUND * share)))
+        other = found(grid(square=40.0 * np.sqrt(0.1 * share)))
         assert search._in_the_background(other, largest) == background
     cut = found(grid(square=40.0), open_ended=True)  # it may be a part of the same board
     assert not search._in_the_background(found(grid(square=4.0)), cut)
@@ -61,13 +63,13 @@ def test_what_a_screen_behind_the_board_shows_is_no_board():
 
 def test_a_board_may_go_on_beyond_the_picture():
     shape = (200, 260)
-    beyond = 20 + search.BORDER  # the row before the first would be seen that far from the border
+    beyond = 22  # the row before the first would be seen that far from the border
     assert not search._open_ended(grid(origin=(beyond + 0.5, 60.0)), shape)
     assert search._open_ended(grid(origin=(beyond - 0.5, 60.0)), shape)
     slanted = grid(origin=(60.0, 60.0)).uv
     slanted[..., 0] -= np.linspace(0, 1, 6)[:, None] * 50  # the lower end of the left side leaves the picture
     out = (slanted[:, 0, 0] - 20 < search.BORDER).mean()
-    assert 1 / 6 < search.BEYOND < 2 / 6 and out == 2 / 6
+    assert out == 2 / 6
     assert search._open_ended(Lattice(slanted), shape)
     slanted[4, :, 0] += 20
     assert not search._open_ended(Lattice(slanted), shape)
@@ -76,7 +78,6 @@ def test_a_board_may_go_on_beyond_the_picture():
 def test_a_half_hidden_row_is_more_than_chance():
     cut = grid(8, 6)
     for extra, more in ((4, False), (5, True)):
-        assert (extra > search.HALF_HIDDEN * 6) == more
         full = grid(9, 6, missing=[9 * r + 8 for r in range(extra, 6)])
         assert search._half_rows(full, cut) == more
 
@@ -86,7 +87,6 @@ def test_sparse_rows_at_the_rim_are_cut(axis):
     for number, left in ((4, 7), (3, 6)):
         present = np.ones((7, 8), bool)
         present[0] = np.arange(8) < number
-        assert (number >= SPARSE * 8) == (left == 7)
         kept = present[trim(present)] if axis == 0 else present.T[trim(present.T)].T
         assert kept.shape == (left, 8)
 
@@ -104,7 +104,7 @@ def drawn(square=24, removed=14):
 def test_a_missing_corner_lies_within_a_quarter_of_a_square():
     gray, uv, holes = drawn()
     marks = Marks(uv, np.zeros((30, 4, 2)), np.ones(30), 4.0, alternating=True, closed=True)
-    for off, number in ((squares.REACH - 0.03, 30), (squares.REACH + 0.03, 29)):
+    for off, number in ((0.22, 30), (0.28, 29)):
         weak = uv[14] + [[off * 24, 0]]
         assert complete(gray, holes, Candidates(marks, weak)).present.sum() == number
 
@@ -114,7 +114,7 @@ def test_a_missing_corner_has_the_contrast_of_the_others():
     marks = Marks(uv, np.zeros((30, 4, 2)), np.ones(30), 4.0, alternating=True, closed=True)
     x, y = np.rint(uv[14]).astype(int)
     mean = gray[y - 9 : y + 10, x - 9 : x + 10].mean()
-    for share, number in ((squares.CLEAR + 0.05, 30), (squares.CLEAR - 0.05, 29)):
+    for share, number in ((0.45, 30), (0.35, 29)):
         faint = gray.copy()
         faint[y - 9 : y + 10, x - 9 : x + 10] = mean + share * (gray[y - 9 : y + 10, x - 9 : x + 10] - mean)
         assert complete(faint, holes, Candidates(marks, uv[14:15])).present.sum() == number
@@ -123,7 +123,7 @@ def test_a_missing_corner_has_the_contrast_of_the_others():
 def test_neighbouring_squares_alternate():
     value = np.where(np.indices((5, 8)).sum(0) % 2 == 0, 200.0, 40.0)
     assert Squares(value).alternation() == 1 and Squares(value).sign == 160
-    for part, whole in ((squares.UNLIKE + 0.05, True), (squares.UNLIKE - 0.05, False)):
+    for part, whole in ((0.3, True), (0.2, False)):
         other = value.copy()
         other[2, 3] = 200 - part * 160  # a black square that is nearly white
         assert (Squares(other).alternation() == 1) == whole
@@ -153,21 +153,19 @@ def test_sectors_of_a_corner():
     assert len(candidates._sectors(gray, place + 9, 7.0)[0]) == 0  # beside it there are two
 
 
-@pytest.mark.parametrize(
-    ("bend", "seen"), [(candidates.MOST_BEND - 0.12, 1), (candidates.MOST_BEND + 0.12, 0)]
-)
+@pytest.mark.parametrize(("bend", "seen"), [(0.48, 1), (0.72, 0)])
 def test_edges_of_a_corner_are_straight(bend, seen):
     gray, place = cross(1.4, bend=bend)
     assert len(candidates._sectors(gray, place, 7.0)[0]) == seen
 
 
 def test_candidates_have_contrast_and_are_apart():
-    for contrast, number in ((1.2 * candidates.LEAST_CONTRAST, 1), (0.8 * candidates.LEAST_CONTRAST, 0)):
+    for contrast, number in ((1.1, 1), (0.75, 0)):
         gray, place = cross(1.5, contrast=contrast)
         assert len(candidates._sectors(gray, place, 7.0)[0]) == 1
         assert len(candidates.find_candidates(gray)) == number
     for apart, kept in ((0.95, [False, True]), (1.05, [True, True])):
-        pair = np.array([[0.0, 0], [apart * candidates.SINGLE, 0]])
+        pair = np.array([[0.0, 0], [apart * 3.5, 0]])
         assert candidates._single(pair, np.array([1.0, 2.0])).tolist() == kept
 
 
@@ -183,12 +181,10 @@ def outline(a, b, power=2.0):
 
 def test_outlines_of_discs():
     assert discs.ellipse_of(outline(12, 12)) is not None
-    slender = discs.MOST_SLENDER
-    assert discs.ellipse_of(outline(10 * slender * 0.93, 10)) is not None
-    assert discs.ellipse_of(outline(10 * slender * 1.07, 10)) is None
-    least = np.sqrt(discs.LEAST_AREA / np.pi)
-    assert discs.ellipse_of(outline(least + 0.8, least + 0.8)) is not None
-    assert discs.ellipse_of(outline(least - 0.8, least - 0.8)) is None
+    assert discs.ellipse_of(outline(56, 10)) is not None
+    assert discs.ellipse_of(outline(64, 10)) is None
+    assert discs.ellipse_of(outline(3.3, 3.3)) is not None
+    assert discs.ellipse_of(outline(1.7, 1.7)) is None
     # a square with round corners swings by half of what a square does
     assert discs.ellipse_of(outline(30, 30, power=2.5)) is not None
     assert discs.ellipse_of(outline(30, 30, power=4.5)) is None
@@ -198,28 +194,28 @@ def test_discs_are_darker_than_what_is_around_them():
     y, x = np.mgrid[:60, :60]
     inside = np.hypot(x - 30, y - 30) < 12
     disc = discs.Discs(np.array([[30.0, 30.0]]), 12 * np.eye(2)[None])
-    for step, dark in ((discs.THRESHOLD + 2, True), (discs.THRESHOLD - 2, False)):
+    for step, dark in ((10, True), (6, False)):
         gray = np.where(inside, 120 - step, 120).astype(np.uint8)
         assert discs._dark_inside(gray, disc)[0] == dark
 
 
 def test_one_disc_has_one_centre():
     for apart, number in ((0.9, 1), (1.1, 2)):
-        centre = np.array([[50.0, 50], [50 + apart * discs.CONCENTRIC * 8, 50]])
+        centre = np.array([[50.0, 50], [50 + apart * 0.3 * 8, 50]])
         both = discs.Discs(centre, np.stack([10 * np.eye(2), 8 * np.eye(2)]))
         assert len(discs._distinct(both)) == number
 
 
 def test_unusual_residuals():
-    noise = np.r_[np.full(9, 2.0), 2 * shading.UNUSUAL * 0.98, 2 * shading.UNUSUAL * 1.02]
+    noise = np.r_[np.full(9, 2.0), 2.95, 3.05]
     assert shading.unusual(noise).tolist() == [False] * 10 + [True]
 
 
 @pytest.mark.parametrize(
     ("gray", "reason"),
     [
-        (np.full((100, 100), no_board.DARK - 1), "too-dark"),
-        (np.full((100, 100), no_board.BRIGHT + 1), "too-bright"),
+        (np.full((100, 100), 29.0), "too-dark"),
+        (np.full((100, 100), 241.0), "too-bright"),
     ],
 )
 def test_dark_and_bright_pictures(gray, reason):
@@ -243,7 +239,7 @@ def test_a_fitted_point_that_is_another_corner():
     for off, good in ((0.9, True), (1.1, False)):
         known = Known.of(20)
         known.good[:], known.uv[:] = True, 20 * points
-        known.uv[7] += [off * STRAY * 0.4 * 20, 0]
+        known.uv[7] += [off * 0.5 * 0.4 * 20, 0]
         known.drop_strays(points, 0.4)
         assert known.good[7] == good and known.good.sum() == 19 + good
 
@@ -274,11 +270,28 @@ def sight(board, whole):
 def test_the_size_of_a_board_from_all_pictures():
     part, whole = sight((8, 6), False), sight((9, 6), True)
     for number, size in ((7, (9, 6)), (6, None)):  # of 20 pictures with a checkerboard
-        assert (number >= decide.LEAST_VOTES * 20) == (size is not None)
         others = [sight((3 + i, 3), False) for i in range(20 - number)]
         answer = decide.board_size([whole] * number + others)
         assert (answer and answer[0]) == size
     for number, agreed in ((12, True), (11, False)):
-        assert (number >= decide.AGREEING * 20) == agreed
         others = [sight((3 + i, 3), False) for i in range(20 - number)]
         assert decide.board_size([part] * number + others) == (((8, 6), False, number) if agreed else None)
+
+
+def test_nonsense_does_not_raise():
+    """Grids that fold over, tiles seen through a wild perspective, thousands of crossings of lines."""
+    rng = np.random.default_rng(4)
+    for seed in range(6):
+        tiles = np.full((240, 320), 150, np.float32)
+        pitch = 8 + 3 * seed
+        tiles[::pitch] = tiles[:, ::pitch] = 60
+        h = np.eye(3) + rng.normal(0, 0.15, (3, 3)) * [[1, 1, 100], [1, 1, 100], [0.002, 0.002, 0]]
+        gray = cv2.warpPerspective(tiles, h, (320, 240), borderMode=cv2.BORDER_REFLECT)
+        gray = np.clip(gray + rng.normal(0, 3, gray.shape), 0, 255).astype(np.uint8)
+        assert isinstance(find_any(gray), Miss)
+    checks = (np.indices((700, 900)) // 4).sum(0) % 2 * 200 + 20  # 40,000 corners
+    find_any(checks.astype(np.uint8))
+    folded = grid(6, 5).uv
+    folded[2:, :, 1] = folded[2, 0, 1]
+    ids, *_ = sharp_corners(checks.astype(np.uint8), Lattice(folded))
+    assert len(ids) <= 30
