@@ -17,6 +17,7 @@ from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 
 if TYPE_CHECKING:
+    from camcal.batch.grabber import Grabber
     from camcal.batch.live_page import LivePage
     from camcal.batch.watch import Step, Watcher
 
@@ -25,7 +26,7 @@ LOOK = 0.1
 
 
 @click.command("watch")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="FOLDER")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="FOLDER|FILM|DEVICE")
 @options_of("watch")
 @verbosity_options
 @click.pass_context
@@ -34,16 +35,13 @@ def command(ctx: click.Context, folder: Path, **options: Any) -> int:
 
     Each picture is searched as it arrives; the report is renewed with it. With --target-px the command ends when the
     worst uncertainty over the picture, at the boards' distance, is at most PX; without, when it is interrupted.
-    With --once it calibrates as `camcal checkerboard` does from what is there, and ends.
+    With --once it calibrates as `camcal checkerboard` does from what is there, and ends. Of a film, or of a
+    camera such as /dev/video0, still frames that differ are kept as pictures in a folder beside the report.
     """
     from camcal.cli.job import output_is_free
-    from camcal.errors import DataError
 
-    if not folder.is_dir():
-        raise DataError(
-            f"there is no folder '{folder}'.", "Make it first, then let the pictures arrive there."
-        )
     output_is_free(options)
+    folder, grabber = _source(folder, options)
     options["format"] = "table"
     if options["once"]:
         return _final(ctx, folder, options) or 0
@@ -53,13 +51,40 @@ def command(ctx: click.Context, folder: Path, **options: Any) -> int:
     if served is not None:
         note(f"The page: {served.address}")
     try:
-        return _watch(ctx, folder, options, served)
+        return _watch(ctx, folder, options, served, grabber)
     finally:
         if served is not None:
             served.close()
 
 
-def _watch(ctx: click.Context, folder: Path, options: dict[str, Any], served: LivePage | None) -> int:
+def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
+    """The folder that is watched, and what writes into it where that is a film or a camera."""
+    from camcal.errors import DataError, UsageError
+
+    if path.is_dir():
+        return path, None
+    from camcal.batch.grabber import Grabber, is_source
+
+    if not is_source(path):
+        raise DataError(f"there is no folder '{path}'.", "Make it first, then let the pictures arrive there.")
+    if options["once"]:
+        raise UsageError("--once is for a folder of pictures.", "For a film: camcal checkerboard FILM")
+    folder = options["output"].with_name(f"{options['output'].stem}-frames")
+    if folder.exists() and not options["force"]:
+        raise UsageError(f"'{folder}' exists already.", "Choose another --output, or use --force.")
+    grabber = Grabber(path, folder)
+    note(f"Frames are kept in '{folder}'.")
+    grabber.start()
+    return folder, grabber
+
+
+def _watch(
+    ctx: click.Context,
+    folder: Path,
+    options: dict[str, Any],
+    served: LivePage | None,
+    grabber: Grabber | None = None,
+) -> int:
     from camcal.batch.arrivals import Arrivals
     from camcal.batch.watch import Watcher
 
@@ -83,6 +108,8 @@ def _watch(ctx: click.Context, folder: Path, options: dict[str, Any], served: Li
                 code = _final(ctx, folder, {**options, "force": True}, target)
                 if code is not None:
                     return code
+        if not ready and grabber is not None and grabber.done and not arrivals.waiting:
+            return _final(ctx, folder, {**options, "force": True}) or 0
         if not ready:
             time.sleep(LOOK)
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -86,6 +87,38 @@ def test_what_is_missing_is_named(camcal):
     assert camcal("batch", "absent", "-o", "out")[0] == 3
     code, _, err = camcal("batch", "jobs.yaml", "-o", "jobs.yaml")
     assert code == 2 and "it is a file" in err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_their_parent(number):
+    """A batch of slow jobs is ended; no process that carries its mark is left."""
+    write_jobs(16, **{f"c{n}": {"checks": True, "crosscheck": True} for n in range(16)})
+    mark = f"CAMCAL_TEST_{time.time_ns()}"
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1", "MARK": mark}
+    command = [sys.executable, "-m", "camcal", "batch", "jobs.yaml", "-o", "out", "-j", "2"]
+    process = subprocess.Popen(command, env=env, stderr=subprocess.DEVNULL)
+    until(lambda: [*Path("out").glob("c*.yaml")])
+    assert len(marked(mark)) >= 3
+    process.send_signal(number)
+    process.wait(30)
+    until(lambda: not marked(mark))
+    assert not [p for p in Path("out").glob("*.yaml") if not yaml.safe_load(p.read_text())["verdict"]]
+    code = subprocess.run([*command, "--resume"], env=env, stderr=subprocess.DEVNULL).returncode
+    assert code == 0 and len(summary()) == 16
+    assert not [p.name for p in Path("out").rglob("*") if ".part" in p.name]
+
+
+def marked(mark):
+    """Processes whose environment holds a mark."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and mark.encode() in (entry / "environ").read_bytes():
+                found.append(entry.name)
+        except OSError:
+            continue
+    return found
 
 
 def until(ready):

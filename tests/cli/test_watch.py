@@ -71,7 +71,7 @@ def test_an_interrupt_leaves_a_whole_report(tmp_path):
     with started(folder, "-o", report, "--target-px", "1e-9", "--no-cache") as process:
         deadline = time.monotonic() + 120
         while not (report.exists() and len(yaml.safe_load(report.read_text())["views"]) == 4):
-            assert time.monotonic() < deadline
+            assert time.monotonic() < deadline and process.poll() is None
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=60)[1]
