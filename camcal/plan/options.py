@@ -16,14 +16,13 @@ from camcal.solve.refine import How
 class Options(CalibrationOptions):
     """The options of a calibration with what only calls from Python set."""
 
-    start: str | None = None  #: the closed form to begin from; None = by the geometry of the points
     refine_points: bool | None = False  #: go back to the pictures; None = where views held out gain from it
     stopping: Stopping = field(default_factory=Stopping)
 
     @classmethod
     def resolve(cls, **keywords: Any) -> Self:
         """Make the options of the keywords of a call; see `Settings.resolve`."""
-        own = {n: keywords.pop(n) for n in ("start", "refine_points", "stopping") if n in keywords}
+        own = {n: keywords.pop(n) for n in ("refine_points", "stopping") if n in keywords}
         return replace(super().resolve(**keywords), **own)
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:

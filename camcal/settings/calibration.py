@@ -32,6 +32,11 @@ class CalibrationOptions(Settings):
         {},
         repeated=True,
     )
+    start: str | None = setting(
+        Name("closed form", "camcal.start:CLOSED_FORMS"),
+        "Closed form to begin from; `camcal list closed-forms` names them. By default the geometry of the points "
+        "chooses.",
+    )
     optimizer: str = setting(
         Name("optimizer", "camcal.solve.optimizers:OPTIMIZERS"),
         "What minimises the reprojection error; `camcal list optimizers` names them.",
