@@ -23,6 +23,8 @@ import numpy as np
 from camcal.data.observations import Observations
 from camcal.errors import EstimationError
 from camcal.geometry import projective
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
 from camcal.model.pose import Poses
 from camcal.start import assumptions, pose, shape
 from camcal.start.base import ClosedForm, scaled
@@ -51,7 +53,7 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     lens = depths(views, partial, np.zeros(2), (0, 2))
     rotation = np.stack([turned(r, s) for (r, _), s in zip(partial, lens.signs, strict=True)])
     if not (lens.coefficients[0] > 0 and lens.uncertainty < UNCERTAIN):
-        raise _undetermined(rotation, form.planar.all(), lens.uncertainty)
+        raise _undetermined(rotation, bool(form.planar.all()), lens.uncertainty)
     focal = float(lens.coefficients[0] * half_diagonal)
     translation = np.c_[np.stack([t for _, t in partial]), lens.t3] * scales[:, None]
     poses = pose.from_plane(Poses(rotation, translation), form.origins, form.axes)
@@ -67,7 +69,10 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     matrix = None
     if len(correspondences) == 1:
         matrix = scaled(projective.compose(k, poses.rotations[0], poses.translations[0]))
-    return ClosedForm("tsai", k, poses, matrix, info)
+    model = make("division:1")  # (1) in focal lengths: (r, z) ~ (R, 1 + (a f) R²)
+    params = model.from_matrix(k)
+    params[4] = lens.coefficients[0] * lens.coefficients[1]
+    return ClosedForm("tsai", k, poses, matrix, info, Camera(model, params, correspondences.image_size))
 
 
 def _undetermined(rotation: np.ndarray, planar: bool, uncertainty: float) -> EstimationError:
