@@ -249,6 +249,15 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         _OF["crosscheck"],
         *REPORT,
     ),
+    "scene": (
+        replace(_MODEL, default="pinhole"),
+        replace(
+            _OF["fix"], help="Hold parameters, at VALUE or in the middle of the picture; fy = fx by default."
+        ),
+        IMAGE_SIZE,
+        _OF["seed"],
+        *REPORT,
+    ),
     "pose": (
         replace(
             _OF["robust"],
