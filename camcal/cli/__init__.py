@@ -15,6 +15,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),
     "evaluate": ("camcal.cli.evaluate:command", "Test a camera on data that it was not calibrated with."),
     "lines": ("camcal.cli.lines:command", "Find the distortion of a lens from straight lines."),
+    "selfcalib": (
+        "camcal.cli.selfcalib:command",
+        "Calibrate from tracks of unknown points over several views.",
+    ),
+    "scene": ("camcal.cli.scene:command", "Find a camera from one picture of a room or a street."),
     "pose": ("camcal.cli.pose:command", "Find the pose of a known camera, with all solutions."),
     "triangulate": (
         "camcal.cli.triangulate:command",

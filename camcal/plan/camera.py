@@ -60,7 +60,9 @@ def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
     begin = time.perf_counter()
     found = look_up(start.CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
     seconds = time.perf_counter() - begin
-    if found.projection_matrix is not None:
+    if found.camera is not None:
+        rms = figures.rms_point(residuals(found.camera, found.poses, kept))
+    elif found.projection_matrix is not None:
         rms = figures.rms_point(projective.project(found.projection_matrix, kept.xyz) - kept.uv)
     else:
         rms = figures.rms_point(residuals(_pinhole(found.matrix, kept), found.poses, kept))
@@ -90,8 +92,9 @@ def _begin(found: ClosedForm, stage: Stage, progress: Progress) -> Begin:
     lens, options, kept = progress.lens, progress.options, progress.data.kept()
     held, warnings = _assumed(found, kept)
     how = options.how(lens, held)
-    if lens.shaped_by_data:
-        camera = starts.regressed(lens, _pinhole(found.matrix, kept), kept, options.fix)
+    if lens.shaped_by_data or found.camera is not None:
+        known = found.camera or _pinhole(found.matrix, kept)
+        camera = starts.regressed(lens, known, kept, options.fix)
     else:
         camera = Camera(
             lens, apply_fixed(lens, lens.from_matrix(found.matrix), how.fix), progress.given.image_size

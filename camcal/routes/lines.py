@@ -2,9 +2,9 @@
 
 With the ray d(u, v; p) of a pixel and the unit normal n of a line's plane, n · d = 0. The distance of a point from
 the line's image is, to first order, (n · d) / |∂(n · d)/∂(u, v)| px (Sampson). Its sum of squares over the lens
-parameters p and all n is minimised, the denominators renewed from round to round: derivatives of the denominators
-would draw the lens towards a smaller picture (Chojnacki et al., On the fitting of surfaces to data with covariances,
-2000).
+parameters p and all n is minimised, with the rays and derivatives of the points of the lines' images nearest to the
+observed ones, renewed from round to round: derivatives at the observed points share their noise with the residuals,
+which draws the lens to one side (Chojnacki et al., On the fitting of surfaces to data with covariances, 2000).
 
 Straight lines stay straight under every map of the plane onto itself that keeps lines, so that they say nothing
 on the focal length, the aspect and the skew of most models: these are held. The lens is then that of a camera of
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -190,41 +191,75 @@ def _check(lines: Lines) -> None:
 
 def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
     """Which free parameters (F,) move the lines at the start."""
-    at = _rays(Camera(lens, state.params), lines.uv)
+    at = line_rays(Camera(lens, state.params), lines.uv)
     if at is None:
         return np.arange(free.shape[1])
     n = state.normals[lines.line]
-    by_params = np.einsum("ni,nip->np", n, at[2]) @ free / _slopes(at, n)[:, None]
+    by_params = np.einsum("ni,nip->np", n, at[2]) @ free / slopes(at, n)[:, None]
     return np.flatnonzero(np.sqrt(np.square(by_params).mean(0)) > DEAD)
 
 
 def _round(lines: Lines, lens: Lens, free: Array, state: _State) -> Fitted[_State] | None:
-    """Minimise with the denominators as they are at the start."""
-    at = _rays(Camera(lens, state.params), lines.uv)
-    if at is None:
+    """Minimise with the nearest points and the denominators as they are at the start."""
+    near = nearest_points(Camera(lens, state.params), lines.uv, state.normals[lines.line])
+    if near is None:
         return None
-    weight = 1 / _slopes(at, state.normals[lines.line])
 
     def linearise(s: _State) -> Normal | None:
-        now = _rays(Camera(lens, s.params), lines.uv)
+        now = line_rays(Camera(lens, s.params), near.uv)
         if now is None:
             return None
         d, _, by_params = now
         n = s.normals[lines.line]
-        residual = weight * (n * d).sum(1)
-        shared = weight[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
-        tangent = _tangents(s.normals)[lines.line]
-        own = weight[:, None] * np.einsum("nik,ni->nk", tangent, d)
+        residual = near.weight * (n * d).sum(1) + near.distance
+        shared = near.weight[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
+        tangent = tangents(s.normals)[lines.line]
+        own = near.weight[:, None] * np.einsum("nik,ni->nk", tangent, d)
         return Normal.of_groups(residual, shared, own, lines.line, len(lines))
 
     def moved(s: _State, step: Array, own: Array) -> _State:
-        normals = s.normals + np.einsum("lik,lk->li", _tangents(s.normals), own)
+        normals = s.normals + np.einsum("lik,lk->li", tangents(s.normals), own)
         return _State(s.params + free @ step, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     return minimise(linearise, moved, state)
 
 
-def _rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
+class Nearest(NamedTuple):
+    """The points of lines' images nearest to observed ones.
+
+    Attributes
+    ----------
+    uv : (N, 2) array, px
+    weight : (N,) array
+        Px for a unit of n · d there.
+    distance : (N,) array
+        Of the observed points, px, with the sign of n · d.
+    """
+
+    uv: Array
+    weight: Array
+    distance: Array
+
+
+def nearest_points(camera: Camera, uv: Array, normals: Array) -> Nearest | None:
+    """Two Newton steps along the gradient of n · d, (N, 3) normals; None outside the domain of the lens."""
+    near, weight = uv, np.ones(len(uv))
+    slope = np.zeros_like(uv)
+    for _ in range(2):
+        at = line_rays(camera, near)
+        if at is None:
+            return None
+        slope = np.einsum("ni,nij->nj", normals, at[1])
+        square = np.square(slope).sum(1)
+        weight = 1 / np.sqrt(square)
+        # to the line along the normal through the observed point
+        across = slope * weight[:, None]
+        off = (normals * at[0]).sum(1) * weight + ((uv - near) * across).sum(1)
+        near = uv - off[:, None] * across
+    return Nearest(near, weight, ((uv - near) * slope).sum(1) * weight)
+
+
+def line_rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
     """Rays d (N, 3), ∂d/∂(u, v) (N, 3, 2), ∂d/∂params (N, 3, P), by the inverse of the projection's derivatives."""
     d = camera.unproject(uv)
     if not np.isfinite(d).all():
@@ -232,7 +267,7 @@ def _rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
     _, d_xyz, d_params, valid = camera.lens.jacobians(camera.params, d)
     if not valid.all():
         return None
-    across = _tangents(d)
+    across = tangents(d)
     onto = d_xyz @ across
     det = onto[:, 0, 0] * onto[:, 1, 1] - onto[:, 0, 1] * onto[:, 1, 0]
     if not (np.abs(det) > 0).all():
@@ -241,12 +276,12 @@ def _rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
     return d, by_uv, -by_uv @ d_params
 
 
-def _slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
+def slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
     """|∂(n · d)/∂(u, v)| (N,), per px."""
     return np.linalg.norm(np.einsum("ni,nij->nj", normals, at[1]), axis=1)
 
 
-def _tangents(vectors: Array) -> Array:
+def tangents(vectors: Array) -> Array:
     """Two unit vectors (N, 3, 2) normal to each vector (N, 3) and to each other."""
     helper = np.where(np.abs(vectors[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(vectors, helper)
@@ -268,14 +303,14 @@ def plane_normals(rays: Array, line: Array, count: int) -> Array:
 
 def distances(camera: Camera, lines: Lines) -> Array:
     """Distances (N,) of points from the images of the straight lines nearest to them, px; NaN outside the domain."""
-    at = _rays(camera, lines.uv)
+    at = line_rays(camera, lines.uv)
     if at is None:
         return np.full(len(lines.uv), np.nan)
     n = plane_normals(at[0], lines.line, len(lines))
     for _ in range(2):  # the plane of least algebraic error, then of least distance in px
-        weight = 1 / _slopes(at, n[lines.line])
+        weight = 1 / slopes(at, n[lines.line])
         n = plane_normals(at[0] * weight[:, None], lines.line, len(lines))
-    return (n[lines.line] * at[0]).sum(1) / _slopes(at, n[lines.line])
+    return (n[lines.line] * at[0]).sum(1) / slopes(at, n[lines.line])
 
 
 def _covariance(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:
@@ -301,10 +336,10 @@ def _finished(
     total: int,
 ) -> LineFit:
     camera = replace(start, params=fitted.state.params)
-    at = _rays(camera, lines.uv)
+    at = line_rays(camera, lines.uv)
     assert at is not None
     n = fitted.state.normals[lines.line]
-    off = (n * at[0]).sum(1) / _slopes(at, n)
+    off = (n * at[0]).sum(1) / slopes(at, n)
     covariance, lost = _covariance(fitted.normal.reduced(), free, len(lines.uv))
     factor = inflation(off, lines.line)
     freedom = len(off) - 2 * len(lines) - free.shape[1]

@@ -83,6 +83,8 @@ class Normal:
             own = -np.einsum("bkl,bl->bk", inverse, onto)
         else:
             own = np.zeros_like(self.block_gradients)
+        if not (np.isfinite(shared).all() and np.isfinite(own).all()):
+            return None
         damped = damping * (np.diagonal(self.shared) @ shared**2)
         damped += damping * (np.einsum("bkk->bk", self.blocks) * own**2).sum()
         promised = 0.5 * (damped - self.gradient @ shared - (self.block_gradients * own).sum())

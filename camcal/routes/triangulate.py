@@ -111,6 +111,14 @@ def _rays(cameras: Sequence[PlacedCamera], images: Images) -> Array:
 
 def _linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> tuple[Array, Array]:
     """Points (P, 3) nearest to their rays, and whether these determine them (P,)."""
+    xyz, least = linear(cameras, images, used, count)
+    return xyz, least > PARALLEL
+
+
+def linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> tuple[Array, Array]:
+    """Points (P, 3) nearest to their rays, NaN where these are parallel, and the least eigenvalue (P,) of
+    Σ (I - d dᵀ) over the rays d.
+    """
     rays = np.nan_to_num(_rays(cameras, images))
     across = (np.eye(3) - rays[:, :, None] * rays[:, None]) * used[:, None, None]
     centres = np.stack([c.centre for c in cameras])[images.camera]
@@ -118,10 +126,10 @@ def _linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count:
     np.add.at(normal, images.point, across)
     np.add.at(right, images.point, np.einsum("nij,nj->ni", across, centres))
     values = np.linalg.eigvalsh(normal)
-    known = values[:, 0] > PARALLEL * np.maximum(values[:, 2], np.finfo(float).tiny)
+    known = values[:, 0] > PARALLEL
     xyz = np.full((count, 3), np.nan)
     xyz[known] = np.linalg.solve(normal[known], right[known][..., None])[..., 0]
-    return xyz, known
+    return xyz, values[:, 0]
 
 
 def _right_way_round(cameras: Sequence[PlacedCamera], images: Images, count: int) -> tuple[PlacedCamera, ...]:

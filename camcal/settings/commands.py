@@ -256,6 +256,25 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         _OF["crosscheck"],
         *REPORT,
     ),
+    "selfcalib": (
+        replace(_MODEL, default="opencv4"),
+        replace(
+            _OF["fix"], help="Hold parameters, at VALUE or where they start; fy = fx unless fy is given."
+        ),
+        IMAGE_SIZE,
+        _OF["crosscheck"],
+        _OF["seed"],
+        *REPORT,
+    ),
+    "scene": (
+        replace(_MODEL, default="pinhole"),
+        replace(
+            _OF["fix"], help="Hold parameters, at VALUE or in the middle of the picture; fy = fx by default."
+        ),
+        IMAGE_SIZE,
+        _OF["seed"],
+        *REPORT,
+    ),
     "pose": (
         replace(
             _OF["robust"],

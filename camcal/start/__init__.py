@@ -7,13 +7,17 @@ one line here.
 CLOSED_FORMS = {
     "central": "camcal.start.central:estimate",
     "dlt": "camcal.start.dlt:estimate",
+    "fitzgibbon": "camcal.start.fitzgibbon:estimate",
     "mdlt": "camcal.start.mdlt:estimate",
+    "tsai": "camcal.start.tsai:estimate",
     "zhang": "camcal.start.zhang:estimate",
 }
 
 SUMMARIES = {
     "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
     "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
+    "fitzgibbon": "planes or points in space: homography and division model in one eigenvalue problem",
     "mdlt": "one view of a 3D rig: the DLT of Hatze, whose pixel axes are orthogonal",
+    "tsai": "planes or points in space: radial alignment, then focal length, distortion and depth",
     "zhang": "views of a plane: homographies and the image of the absolute conic",
 }

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from camcal.data.observations import Correspondences
+from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 
 Array = np.ndarray
@@ -31,6 +32,8 @@ class ClosedForm:
     info : mapping
         `why` (str), `assumptions` (list of str) and the estimator's own figures: condition numbers,
         `degenerate` (bool), `mirrored` (bool).
+    camera : Camera or None
+        With the distortion, where the estimator finds one; the refinement then begins from it.
     """
 
     name: str
@@ -38,6 +41,7 @@ class ClosedForm:
     poses: Poses
     projection_matrix: Array | None = None
     info: Mapping[str, Any] = field(default_factory=dict)
+    camera: Camera | None = None
 
 
 class Estimator(Protocol):

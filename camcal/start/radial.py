@@ -68,12 +68,13 @@ class RadialStart:
 @dataclass(frozen=True)
 class _View:
     """Points (N, 2 or 3) of unit spread about their centroid, pixels (N, 2) from the image's centre in half
-    diagonals, and the products (3m, 3m) of the terms of the constraint.
+    diagonals, the products (3m, 3m) of the terms of the constraint, and 1 / sigma (N,) about 1.
     """
 
     points: Array
     uv: Array
     products: Array
+    roots: Array
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class _Lens:
     t3: Array
     signs: Array
     uncertainty: float
+    condition: float = np.inf
 
 
 def estimate(correspondences: Correspondences) -> RadialStart:
@@ -101,11 +103,11 @@ def estimate(correspondences: Correspondences) -> RadialStart:
     unit, _ = assumptions.unit_coordinates(correspondences)
     half_diagonal = 1 / unit[0, 0]
     centre = -unit[:2, 2] * half_diagonal
-    views, scales = _prepare(correspondences, form, centre, half_diagonal)
+    views, scales = prepared(correspondences, form, centre, half_diagonal)
     offset = distortion_centre(views, half_diagonal)
     partial = [partial_pose(v, offset) for v in views]
     lens, camera = _monotone(views, partial, offset, centre, half_diagonal, correspondences)
-    rotation = np.stack([_turned(r, s) for (r, _), s in zip(partial, lens.signs, strict=True)])
+    rotation = np.stack([turned(r, s) for (r, _), s in zip(partial, lens.signs, strict=True)])
     translation = np.c_[np.stack([t for _, t in partial]), lens.t3] * scales[:, None]
     poses = pose.from_plane(Poses(rotation, translation), form.origins, form.axes)
     rays = camera.unproject(np.concatenate([v.uv for v in correspondences.views]))
@@ -120,9 +122,16 @@ def estimate(correspondences: Correspondences) -> RadialStart:
     return RadialStart(camera, poses, info)
 
 
-def _prepare(
+def prepared(
     correspondences: Correspondences, form: shape.Shapes, centre: Array, half_diagonal: float
 ) -> tuple[list[_View], Array]:
+    """Views in coordinates of their own, and the scale (V,) of each.
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points.
+    """
     views, scales = [], np.empty(len(correspondences))
     for i, view in enumerate(correspondences.views):
         planar = bool(form.planar[i])
@@ -138,7 +147,10 @@ def _prepare(
         uv = (view.uv - centre) / half_diagonal
         h = np.c_[points, np.ones(len(points))]
         terms = np.concatenate([uv[:, 1:] * h, uv[:, :1] * h, h], 1)
-        views.append(_View(points, uv, terms.T @ terms))
+        roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
+        roots = roots / np.sqrt((roots**2).mean())
+        terms = terms * roots[:, None]
+        views.append(_View(points, uv, terms.T @ terms, roots))
     return views, scales
 
 
@@ -233,7 +245,7 @@ def partial_pose(view: _View, offset: Array) -> tuple[Array, Array]:
     return rotations.nearest(np.c_[columns, np.cross(*columns.T)]), rows[:, -1] / size
 
 
-def _turned(rotation: Array, sign: float) -> Array:
+def turned(rotation: Array, sign: float) -> Array:
     """The rotation with the other sign of r31, r32 where sign is -1: diag(1, 1, -1) R diag(1, 1, -1)."""
     return rotation if sign > 0 else rotation * np.outer([1, 1, -1], [1, 1, -1])
 
@@ -272,7 +284,7 @@ def depths(
             break
     if coefficients[0] < 0 and free.all():
         coefficients, t3, signs = -coefficients, -t3, -signs
-    return _Lens(exponents, coefficients, t3, signs, uncertainty)
+    return _Lens(exponents, coefficients, t3, signs, uncertainty, float(np.sqrt(np.linalg.cond(normal))))
 
 
 def _system(
@@ -293,6 +305,7 @@ def _system(
     else:
         f = rho[:, None] ** np.array(exponents) @ coefficients
         weight = 1 / np.maximum(np.hypot(r, xyz[:, 2] + t3) * np.hypot(rho, f), LEAST_LENGTHS)
+    weight = weight * view.roots
     b = (weight * r)[:, None] * rho[:, None] ** np.array(exponents)
     q, w = weight * rho, weight * rho * xyz[:, 2]
     q2 = max(float(q @ q), 1e-300)

@@ -11,6 +11,7 @@ from camcal.model.pose import Poses
 K = np.array([[1000.0, 0.7, 652.0], [0.0, 1010.0, 391.0], [0.0, 0.0, 1.0]])
 K_NO_SKEW = K * np.array([[1, 0, 1], [1, 1, 1], [1, 1, 1]])
 SIZE = (1280, 800)
+SQUARE = np.array([[1000.0, 0, 639.5], [0, 1000, 399.5], [0, 0, 1]])  #: square pixels, the image's centre
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,45 @@
+"""`camcal selfcalib`: a camera from tracks of unknown points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from camcal.cli.options import options
+from camcal.cli.verbosity import note, verbosity_options
+
+
+@click.command("selfcalib")
+@click.argument("tracks", type=click.Path(path_type=Path), metavar="TRACKS")
+@options("selfcalib")
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
+    """Calibrate a camera from points that several views share, without knowing where they are.
+
+    TRACKS is a table view,point,u,v: the same camera in every view, the same name for the same point. Motions that
+    leave the focal length undetermined (critical motions) are refused.
+    """
+    from camcal.cli.job import GATE_FELL, command_line, output_is_free
+    from camcal.cli.results import deliver
+
+    output_is_free(options)
+    from camcal.report.selfcalib import report
+
+    given = {name: options[name] for name in ("model", "fix", "image_size", "seed", "crosscheck")}
+    found = report(tracks, **given, command=command_line(ctx))
+    for warning in found["warnings"]:
+        note(f"{warning['message']} {warning['hint']}")
+    deliver(found, options, "Report", lambda: _table(found))
+    return GATE_FELL if found["verdict"] == "fail" else 0
+
+
+def _table(found: dict[str, Any]) -> Any:
+    from camcal.cli.output import table
+
+    made, fit = found["selfcalib"], found["fit"]
+    rows = [[n, p["value"], p["sigma"], p["start"]] for n, p in found["camera"]["parameters"].items()]
+    title = f"{made['views']} views, {made['points']} points, rms {fit['rms_point']:.4g} px"
+    return table(["parameter", "value", "sigma", "start"], rows, title)

@@ -1,0 +1,136 @@
+"""What `camcal selfcalib` reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.data.labelled import Labelled, read_labelled
+from camcal.errors import DataError, UsageError
+from camcal.model import lenses
+from camcal.model.pose import Pose
+from camcal.peers import two_views
+from camcal.report.camera import camera_entry
+from camcal.report.routes import document, pose_entry, warning
+from camcal.routes.bundle import Tracks
+from camcal.routes.selfcalib import SelfCalibration, estimate
+
+
+def report(
+    path: Path,
+    model: str,
+    fix: Mapping[str, float | None],
+    image_size: tuple[int, int] | None,
+    seed: int,
+    crosscheck: bool,
+    command: Sequence[str],
+) -> dict[str, Any]:
+    """Calibrate from a table of tracks."""
+    if image_size is None:
+        raise UsageError("the size of the pictures is not given.", "Give --image-size WxH.")
+    table = read_labelled(path, ("view", "point"))
+    tracks, twice = _tracks(table)
+    views, points = table.names["view"], table.names["point"]
+    found = estimate(tracks, len(views), len(points), lenses.make(model), image_size, fix, seed)
+    camera = found.bundle.camera
+    sigmas = dict(zip(camera.lens.names, np.sqrt(np.diagonal(found.covariance)).tolist(), strict=True))
+    entry = camera_entry(camera, sigmas, found.start.values, found.fixed)
+    residuals = found.bundle.residuals(tracks)
+    off = np.linalg.norm(residuals[found.used], axis=1)
+    sections = {
+        "views": [_view(i, name, found, tracks, residuals) for i, name in enumerate(views)],
+        "fit": {
+            "iterations": found.iterations,
+            "converged": found.converged,
+            "rms_point": float(np.sqrt((off**2).mean())),
+            "points_used": int(found.used.sum()),
+            "points_rejected": int((~found.used).sum()),
+        },
+        "selfcalib": {
+            "focal_length_from_pairs": float(found.start.params[0]),
+            "pairs": len(found.pairs),
+            "views": int(found.bundle.known_views.sum()),
+            "points": int(np.count_nonzero(np.bincount(tracks.point[found.used]))),
+        },
+    }
+    checks = _checks(found, tracks) if crosscheck else []
+    return document(command, entry, sections, checks, _warnings(found, views, twice))
+
+
+def _tracks(table: Labelled) -> tuple[Tracks, int]:
+    """The tracks, each point once in each view, and how many images were there twice."""
+    key = table.labels["view"].astype(np.int64) * len(table.names["point"]) + table.labels["point"]
+    first = np.sort(np.unique(key, return_index=True)[1])
+    if len(table.names["view"]) < 2:
+        raise DataError(
+            f"'{table.path}' holds one view; two or more are needed.", "Give tracks over several views."
+        )
+    tracks = Tracks(table.labels["view"][first], table.labels["point"][first], table.uv[first])
+    return tracks, len(table) - len(first)
+
+
+def _view(
+    index: int, name: str, found: SelfCalibration, tracks: Tracks, residuals: np.ndarray
+) -> dict[str, Any]:
+    rows = tracks.view == index
+    used = rows & found.used
+    known = bool(found.bundle.known_views[index]) and bool(used.any())
+    entry: dict[str, Any] = {
+        "id": name,
+        "status": "used" if known else "rejected",
+        "reason": None if known else "too few of its points are placed by other views",
+        "points": int(rows.sum()),
+        "rejected_points": int((rows & ~found.used).sum()),
+        "rms_point": float(np.sqrt(np.square(residuals[used]).sum(1).mean())) if known else None,
+        "cam_from_world": None,
+    }
+    if known:
+        entry["cam_from_world"] = pose_entry(
+            Pose(found.bundle.rotations[index], found.bundle.translations[index])
+        )
+    return entry
+
+
+def _checks(found: SelfCalibration, tracks: Tracks) -> list[dict[str, Any]]:
+    pair = found.pairs[0]
+    rows = pair.matches[pair.agree]
+    first, second = (tracks.uv[rows[:, i]] for i in (0, 1))
+    checks = [two_views.fundamental(first, second, pair.matrix)]
+    b = found.bundle
+    if b.known_views[pair.first] and b.known_views[pair.second]:
+        poses = [Pose(b.rotations[v], b.translations[v]) for v in (pair.second, pair.first)]
+        checks.append(two_views.motion(b.camera, first, second, poses[0] @ poses[1].inverse()))
+    return checks
+
+
+def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[dict[str, str]]:
+    made = []
+    if found.assumed:
+        made.append(
+            warning(
+                "principal-point-assumed",
+                f"the views leave {' and '.join(found.assumed)} undetermined; the middle of the picture is assumed.",
+                "Take views with the camera rolled by 90 degrees, or give it (--fix cx=VALUE,cy=VALUE).",
+            )
+        )
+    lost = [n for n, known in zip(views, found.bundle.known_views, strict=True) if not known]
+    if lost:
+        made.append(
+            warning(
+                "views-left-out",
+                f"{len(lost)} views could not be added: {', '.join(lost[:5])}.",
+                "Add tracks.",
+            )
+        )
+    if twice:
+        made.append(
+            warning(
+                "points-twice",
+                f"{twice} images are of a point that the view has already.",
+                "The first counts.",
+            )
+        )
+    return made

@@ -1,0 +1,199 @@
+"""Bundle adjustment: one camera, its poses and the points of the scene, all unknown, by least squares in px.
+
+The points are eliminated from every normal equation (Triggs et al., Bundle adjustment: a modern synthesis, 2000).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.geometry import rotations
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Poses
+from camcal.routes.normal import Fitted, Normal, minimise
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Images of scene points.
+
+    Attributes
+    ----------
+    view, point : (N,) int arrays
+    uv : (N, 2) array, px
+    """
+
+    view: Array
+    point: Array
+    uv: Array
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+    def take(self, rows: Array) -> Tracks:
+        """Only some images (a mask or indices)."""
+        return Tracks(self.view[rows], self.point[rows], self.uv[rows])
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A camera, cam_from_world of V views, and points (P, 3) of the world; NaN where one is not known."""
+
+    camera: Camera
+    rotations: Array
+    translations: Array
+    points: Array
+
+    @property
+    def poses(self) -> Poses:
+        """The poses as one object."""
+        return Poses(self.rotations, self.translations)
+
+    @property
+    def known_views(self) -> Array:
+        """Which views (V,) have a pose."""
+        return np.isfinite(self.translations).all(1)
+
+    @property
+    def known_points(self) -> Array:
+        """Which points (P,) have a place."""
+        return np.isfinite(self.points).all(1)
+
+    def residuals(self, tracks: Tracks) -> Array:
+        """Predicted less observed (N, 2), px; NaN where view or point is unknown or outside the domain."""
+        r, t = self.rotations[tracks.view], self.translations[tracks.view]
+        cam = np.einsum("nij,nj->ni", r, np.nan_to_num(self.points[tracks.point])) + t
+        found = self.camera.project(np.nan_to_num(cam)) - tracks.uv
+        known = self.known_views[tracks.view] & self.known_points[tracks.point]
+        return np.where(known[:, None], found, np.nan)
+
+
+def adjust(
+    start: Bundle, tracks: Tracks, free: Array, iterations: int = 60, scale: float | None = None
+) -> Fitted[Bundle] | None:
+    """Minimise Σ |r|² over the camera's free parameters, the known poses and the known points.
+
+    Parameters
+    ----------
+    start : Bundle
+    tracks : Tracks
+        Images of known points in known views alone.
+    free : (P, F) array
+        d parameters / d free parameters.
+    scale : float, optional
+        px; residuals beyond it count as Cauchy's loss says, so that wrong tracks lose their weight.
+    """
+    problem = _Problem(start, tracks, free, scale)
+    return minimise(problem.linearise, problem.moved, start, iterations)
+
+
+class _Problem:
+    """The blocks of the normal equations: poses of the views first, then the camera; points eliminated."""
+
+    def __init__(self, start: Bundle, tracks: Tracks, free: Array, scale: float | None):
+        self.tracks, self.free, self.scale = tracks, free, scale
+        self.views = np.flatnonzero(np.bincount(tracks.view, minlength=len(start.rotations)))
+        self.points = np.flatnonzero(np.bincount(tracks.point, minlength=len(start.points)))
+        place = np.full(len(start.rotations), -1)
+        place[self.views] = np.arange(len(self.views))
+        self.view = place[tracks.view]
+        place = np.full(len(start.points), -1)
+        place[self.points] = np.arange(len(self.points))
+        self.point = place[tracks.point]
+
+    def linearise(self, bundle: Bundle) -> Normal | None:
+        tracks = self.tracks
+        turned = np.einsum("nij,nj->ni", bundle.rotations[tracks.view], bundle.points[tracks.point])
+        cam = turned + bundle.translations[tracks.view]
+        lens, params = bundle.camera.lens, bundle.camera.params
+        projected, d_xyz, d_params, valid = lens.jacobians(params, cam)
+        if not valid.all():
+            return None
+        r = projected - tracks.uv
+        cost = 0.5 * float((r * r).sum())
+        by_pose = np.concatenate([-d_xyz @ rotations.skew(turned), d_xyz], 2)
+        by_point, by_camera = d_xyz @ bundle.rotations[tracks.view], d_params @ self.free
+        if self.scale is not None:
+            squares = (r * r).sum(1) / self.scale**2
+            cost = 0.5 * self.scale**2 * float(np.log1p(squares).sum())
+            root = 1 / np.sqrt(1 + squares)
+            r = r * root[:, None]
+            by_pose, by_point, by_camera = (j * root[:, None, None] for j in (by_pose, by_point, by_camera))
+        return self._normal(cost, r, by_pose, by_camera, by_point)
+
+    def _normal(self, cost: float, r: Array, by_pose: Array, by_camera: Array, by_point: Array) -> Normal:
+        v, p, c = len(self.views), len(self.points), self.free.shape[1]
+        size = 6 * v + c
+
+        def sums(index: Array, values: Array, count: int) -> Array:
+            out = np.zeros((count, *values.shape[1:]))
+            np.add.at(out, index, values)
+            return out
+
+        def product(a: Array, b: Array) -> Array:
+            return np.swapaxes(a, 1, 2) @ b
+
+        shared, gradient = np.zeros((size, size)), np.zeros(size)
+        own = sums(self.view, product(by_pose, by_pose), v)
+        for i in range(v):
+            shared[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = own[i]
+        cross = sums(self.view, product(by_pose, by_camera), v).reshape(6 * v, c)
+        shared[: 6 * v, 6 * v :], shared[6 * v :, : 6 * v] = cross, cross.T
+        flat = by_camera.reshape(2 * len(r), c)
+        shared[6 * v :, 6 * v :] = flat.T @ flat
+        gradient[: 6 * v] = sums(self.view, product(by_pose, r[..., None])[..., 0], v).ravel()
+        gradient[6 * v :] = flat.T @ r.ravel()
+        coupling = np.zeros((p, size, 3))
+        by_view = coupling[:, : 6 * v].reshape(p, v, 6, 3)
+        np.add.at(by_view, (self.point, self.view), product(by_pose, by_point))
+        coupling[:, : 6 * v] = by_view.reshape(p, 6 * v, 3)
+        coupling[:, 6 * v :] = sums(self.point, product(by_camera, by_point), p)
+        return Normal(
+            cost,
+            shared,
+            gradient,
+            coupling,
+            sums(self.point, product(by_point, by_point), p),
+            sums(self.point, product(by_point, r[..., None])[..., 0], p),
+        )
+
+    def moved(self, bundle: Bundle, shared: Array, own: Array) -> Bundle:
+        v = len(self.views)
+        steps = shared[: 6 * v].reshape(v, 6)
+        r, t, points = bundle.rotations.copy(), bundle.translations.copy(), bundle.points.copy()
+        r[self.views] = rotations.exp(steps[:, :3]) @ r[self.views]
+        t[self.views] += steps[:, 3:]
+        points[self.points] += own
+        camera = replace(bundle.camera, params=bundle.camera.params + self.free @ shared[6 * v :])
+        return Bundle(camera, r, t, points)
+
+
+def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Array:
+    """The covariance (P, P) of the camera's parameters.
+
+    Frame and scale of the world are free; they are fixed by holding the first view and the largest coordinate of
+    another view's translation, which does not change what is known of the camera.
+    """
+    bundle = fitted.state
+    views = np.flatnonzero(np.bincount(tracks.view, minlength=len(bundle.rotations)))
+    reduced = fitted.normal.reduced()
+    centres = -np.einsum("vji,vj->vi", bundle.rotations[views], bundle.translations[views])
+    far = int(np.linalg.norm(centres - centres[0], axis=1).argmax())
+    along = bundle.translations[views[far]] - bundle.rotations[views[far]] @ (
+        bundle.rotations[views[0]].T @ bundle.translations[views[0]]
+    )
+    hold = np.zeros(len(reduced), bool)
+    hold[:6] = True
+    hold[6 * far + 3 + int(np.abs(along).argmax())] = True
+    kept = reduced[np.ix_(~hold, ~hold)]
+    scale = np.sqrt(np.maximum(np.diagonal(kept), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(kept / np.outer(scale, scale), rcond=1e-14, hermitian=True) / np.outer(
+        scale, scale
+    )
+    c = free.shape[1]
+    used = 2 * len(tracks) - len(kept) - 3 * int(np.count_nonzero(np.bincount(tracks.point)))
+    residual = bundle.residuals(tracks)
+    variance = float(np.square(residual).sum()) / max(used, 1)
+    return free @ inverse[len(kept) - c :, len(kept) - c :] @ free.T * variance

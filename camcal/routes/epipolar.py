@@ -1,0 +1,133 @@
+"""Two views: fundamental matrices, the focal length in them, and the motion.
+
+R. Hartley & A. Zisserman, Multiple view geometry (2003), chapters 9, 11 and 19.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.geometry import projective, rotations
+from camcal.model.pose import Array, Pose
+
+#: samples of eight: with three of ten matches wrong, one of them is without a wrong one in all but 1 of 1e4 pairs
+SAMPLES = 150
+LEAST = 8
+#: matches are right within so many robust standard deviations of the Sampson distance, and no less than px
+FAR, LEAST_FAR = 3.5, 0.5
+ROUNDS = 10
+#: focal lengths that are tried, in widths of the picture: 10 to 125 degrees across
+FOCAL = np.geomspace(0.26, 6.0, 60)
+
+
+def fundamental(first: Array, second: Array, seed: int = 0) -> tuple[Array, Array] | None:
+    """F (3, 3) with x2ᵀ F x1 = 0 of matches (N, 2), and which of them agree (N,); None with fewer than eight.
+
+    Least median of squares over samples of eight, then the normalised eight-point algorithm (section 11.2) weighted
+    to Sampson distances (11.4), over the matches that agree.
+    """
+    if len(first) < LEAST:
+        return None
+    t1, t2 = projective.normalisation(first[None])[0], projective.normalisation(second[None])[0]
+    a, b = _mapped(first, t1), _mapped(second, t2)
+    rng = np.random.default_rng(seed)
+    count = len(a)
+    samples = np.stack([rng.choice(count, LEAST, replace=False) for _ in range(SAMPLES)])
+    found = _linear(a[samples], b[samples])
+    scale = np.sqrt(t1[0, 0] * t2[0, 0])  # normalised units of a px
+    squares = sampson(found, a, b) ** 2
+    best = int(np.median(squares, axis=1).argmin())
+    f, spread = found[best], 1.4826 * np.sqrt(np.median(squares[best])) * (1 + 5 / max(count - 7, 1))
+    good = np.ones(count, bool)
+    for _ in range(ROUNDS):
+        off = sampson(f[None], a, b)[0]
+        again = np.abs(off) <= max(FAR * spread, LEAST_FAR * scale)
+        if again.sum() < LEAST:
+            break
+        f = _weighted(f, a[again], b[again])
+        off = sampson(f[None], a, b)[0]
+        spread = float(np.sqrt(np.square(off[again]).sum() / max(again.sum() - 7, 1)))
+        if (again == good).all():
+            break
+        good = again
+    f = t2.T @ f @ t1
+    return f / np.linalg.norm(f), good
+
+
+def _mapped(uv: Array, t: Array) -> Array:
+    return projective.homogeneous(uv) @ t.T
+
+
+def _linear(a: Array, b: Array, roots: Array | None = None) -> Array:
+    """F (..., 3, 3) of rank 2 from homogeneous points (..., N, 3)."""
+    rows = (b[..., :, None] * a[..., None, :]).reshape(*a.shape[:-1], 9)
+    if roots is not None:
+        rows = rows * roots[..., None]
+    f = np.linalg.svd(rows, full_matrices=True)[2][..., 8, :].reshape(*a.shape[:-2], 3, 3)
+    u, s, vt = np.linalg.svd(f)
+    s[..., 2] = 0
+    return (u * s[..., None, :]) @ vt
+
+
+def _weighted(f: Array, a: Array, b: Array) -> Array:
+    for _ in range(3):
+        f = _linear(a, b, 1 / np.maximum(_gradient(f[None], a, b)[0], 1e-12))
+    return f
+
+
+def _gradient(f: Array, a: Array, b: Array) -> Array:
+    """|∂(bᵀ F a)| (H, N) by the four image coordinates."""
+    fa, fb = np.einsum("hij,nj->hni", f, a), np.einsum("hij,ni->hnj", f, b)
+    return np.sqrt(np.square(fa[..., :2]).sum(-1) + np.square(fb[..., :2]).sum(-1))
+
+
+def sampson(f: Array, a: Array, b: Array) -> Array:
+    """Signed Sampson distances (H, N) of homogeneous points (N, 3) for matrices (H, 3, 3) (eq. 11.9)."""
+    value = np.einsum("ni,hij,nj->hn", b, f, a)
+    return value / np.maximum(_gradient(f, a, b), 1e-300)
+
+
+def axes_apart(f: Array, centre: Array) -> float:
+    """Distance in px by which the principal point misses the epipolar line of the other one, the larger of the two.
+
+    Where it is 0 the optical axes meet (or are parallel in one plane), and F does not determine the focal length
+    (section 19.3, Bougnoux's formula becomes 0 / 0; Sturm, On focal length calibration from two views, 2001).
+    """
+    p = np.array([*centre, 1.0])
+    second, first = f @ p, f.T @ p
+    return float(max(abs(p @ line) / max(np.hypot(line[0], line[1]), 1e-300) for line in (first, second)))
+
+
+def focal_costs(matrices: Array, centre: Array, width: float) -> Array:
+    """How far E = Kᵀ F K is from an essential matrix for each focal length of `FOCAL`, (H, 60).
+
+    1 - σ2 / σ1 of its singular values (Mendonça & Cipolla, A simple technique for self-calibration, 1999).
+    """
+    k = np.zeros((len(FOCAL), 3, 3))
+    k[:, 0, 0] = k[:, 1, 1] = FOCAL * width
+    k[:, :2, 2], k[:, 2, 2] = centre, 1
+    e = np.swapaxes(k, 1, 2)[None] @ matrices[:, None] @ k[None]
+    s = np.linalg.svd(e, compute_uv=False)
+    return 1 - s[..., 1] / np.maximum(s[..., 0], 1e-300)
+
+
+def motions(essential: Array) -> list[Pose]:
+    """The four motions (second from first, |t| = 1) of an essential matrix (section 9.6.2)."""
+    u, _, vt = np.linalg.svd(essential)
+    w = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turns = [u @ m @ vt for m in (w, w.T)]
+    turns = [r * np.sign(np.linalg.det(r)) for r in turns]
+    return [Pose(rotations.nearest(r), s * u[:, 2]) for r in turns for s in (1.0, -1.0)]
+
+
+def two_view_points(motion: Pose, first: Array, second: Array) -> tuple[Array, Array]:
+    """Points (N, 3) in the first camera's frame nearest to two rays each (N, 3), and the angles between them (N,)."""
+    d2 = second @ motion.rotation
+    centre = -motion.rotation.T @ motion.translation
+    dot = (first * d2).sum(1)
+    across = np.maximum(1 - dot**2, 1e-16)
+    a, b = first @ centre, d2 @ centre
+    s, t = (a - dot * b) / across, (dot * a - b) / across
+    points = (s[:, None] * first + centre + t[:, None] * d2) / 2
+    points[(s <= 0) | (t <= 0)] = np.nan
+    return points, np.arccos(np.clip(dot, -1, 1))

@@ -1,0 +1,209 @@
+"""A camera from one picture of lines in three orthogonal directions (a room, a street), and its attitude.
+
+The rays of a line lie in a plane through the camera's centre, whose normal is at right angles to the line's
+direction R e_i. With n = R m(α), m(α) ⟂ e_i, every line has one unknown α, and all share the camera and R. Minimised
+are the distances of the points from the images of their lines, as in `lines`; no vanishing point is formed, so that
+none has to be finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.errors import DataError, EstimationError
+from camcal.model.camera import Camera
+from camcal.model.lenses.base import Lens
+from camcal.model.pose import Array
+from camcal.routes.lines import Lines
+from camcal.routes.scene_fit import BOUNDS, LEAST_LINES, Scene, Seen, families, fit_scene, line_ends, spreads
+from camcal.routes.scene_start import frames
+from camcal.solve.parameters import apply_fixed
+
+#: The principal point is undetermined where its sigma exceeds this part of the picture's width: the middle of the
+#: picture is then the better guess, as real ones are within a twentieth of it.
+CENTRE = 0.05
+#: ... and the focal length where its sigma exceeds this part of it: 95 % intervals from half to double
+FOCAL = 0.25
+#: a direction is at infinity where its vanishing point is farther than so many widths of the picture
+INFINITY = 20.0
+
+
+def estimate(
+    lines: Lines, lens: Lens, fix: Mapping[str, float | None], seed: int = 0, loose: float = 0.0
+) -> Scene:
+    """The camera and the three directions that most lines agree with.
+
+    `loose` is how far lines are out of their directions in the scene, rad.
+
+    Raises
+    ------
+    DataError
+        Too few lines.
+    EstimationError
+        Where the focal length is undetermined: lines of one direction, or directions parallel to the picture.
+    """
+    if len(lines) < 2 * LEAST_LINES:
+        raise DataError(
+            f"{len(lines)} lines found; {2 * LEAST_LINES} in two directions are needed.",
+            "Give a picture with more.",
+        )
+    assert lines.image_size is not None
+    fix = {"aspect": None, **fix} if "fy" not in fix else dict(fix)
+    fix = {**dict.fromkeys(lens.default_fixed), **fix}
+    start = _start(lens, lines.image_size, fix)
+    ends, noise = line_ends(lines), spreads(lines, loose)
+    order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable")
+    focal = float(start.params[0]) if "fx" in fix else None
+    begins = frames(ends[order], start.params[2:4], float(max(lines.image_size)), seed, focal)
+    held = {**fix, **_centre(start)}
+    found = [
+        s for s in (_followed(lines, start, held, f, r, (ends, noise)) for f, r in begins) if s is not None
+    ]
+    if not found:
+        raise _one_direction(lines)
+    best = max(found, key=lambda s: _support(s, lines))
+    return _out_of_square(lines, _judged(lines, best, fix, (ends, noise)), fix, (ends, noise), loose)
+
+
+def _start(lens: Lens, size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
+    params = lens.pinhole(max(size), max(size), (size[0] - 1) / 2, (size[1] - 1) / 2)
+    return Camera(lens, apply_fixed(lens, params, dict(fix)), size)
+
+
+def _centre(camera: Camera) -> dict[str, float | None]:
+    return {"cx": camera.values["cx"], "cy": camera.values["cy"]}
+
+
+def _support(scene: Scene, lines: Lines) -> float:
+    """Length of the lines with a direction, less where they fit badly."""
+    ends = line_ends(lines)
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return float(length[scene.family >= 0].sum()) / (1 + scene.rms)
+
+
+def _followed(
+    lines: Lines, start: Camera, fix: Mapping[str, float | None], f: float, rotation: Array, seen: Seen
+) -> Scene | None:
+    """Fit and choose lines in turn until the choice settles; None where too few lines agree."""
+    params = start.params.copy()
+    if "fx" not in fix:
+        params[:2] = f * params[:2] / params[0]
+    camera = replace(start, params=params)
+    vote = families(seen, camera, rotation, BOUNDS[0])
+    scene: Scene | None = None
+    for bound in BOUNDS[1:]:
+        if (np.bincount(vote.family[vote.family >= 0], minlength=3) >= LEAST_LINES).sum() < 2:
+            return None
+        scene = fit_scene(lines, camera, rotation, vote, fix, start)
+        if scene is None:
+            return None
+        camera, rotation = scene.camera, scene.rotation
+        again = families(seen, camera, rotation, bound)
+        settled = bool((again.family == vote.family).all())
+        vote = again
+        if settled and bound == BOUNDS[-1]:
+            break
+    return scene
+
+
+def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:
+    """Free what the lines determine, hold what they do not, and refuse where the focal length is among that."""
+    assert lines.image_size is not None
+    width = max(lines.image_size)
+    names = scene.camera.lens.names
+    open_ = [n for n in ("cx", "cy") if n not in fix]
+    if open_ and len(scene.directions) == 3:
+        wider = _followed(lines, scene.start, fix, float(scene.camera.params[0]), scene.rotation, seen)
+        if wider is not None:
+            sigmas = np.sqrt(np.diagonal(wider.covariance))
+            if all(sigmas[names.index(n)] <= CENTRE * width for n in open_):
+                scene, open_ = wider, []
+    scene = replace(scene, assumed=tuple(open_))
+    if "fx" in fix:
+        return scene
+    sigma = float(np.sqrt(scene.covariance[0, 0]))
+    if len(scene.directions) < 2 or not sigma <= FOCAL * scene.camera.params[0]:
+        raise _undetermined(scene, sigma, width)
+    return _with_centre(lines, scene, open_, fix, seen)
+
+
+def _with_centre(
+    lines: Lines, scene: Scene, assumed: Sequence[str], fix: Mapping[str, float | None], seen: Seen
+) -> Scene:
+    """The covariance with the doubt about an assumed principal point: a twentieth of the width, one sigma."""
+    assert lines.image_size is not None
+    covariance = scene.covariance.copy()
+    for name in assumed:
+        index = scene.camera.lens.names.index(name)
+        step = CENTRE * max(lines.image_size) / 2
+        params = scene.camera.params.copy()
+        params[index] += step
+        held = {**fix, "cx": float(params[2]), "cy": float(params[3])}
+        vote = families(seen, scene.camera, scene.rotation, BOUNDS[-1])
+        start = replace(scene.camera, params=params)
+        moved = fit_scene(lines, start, scene.rotation, vote, held, scene.start)
+        if moved is not None:
+            slope = (moved.camera.params - scene.camera.params) * 2
+            slope[[2, 3]] = 0
+            covariance += np.outer(slope, slope)
+    return replace(scene, covariance=covariance)
+
+
+def _out_of_square(
+    lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen, loose: float
+) -> Scene:
+    """The covariance with the doubt whether the scene's directions are orthogonal: `loose` for each pair."""
+    if not loose:
+        return scene
+    held = {**fix, **{n: scene.camera.values[n] for n in scene.assumed}}
+    vote = families(seen, scene.camera, scene.rotation, BOUNDS[-1])
+    covariance = scene.covariance.copy()
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        if not {first, second} <= set(scene.directions):
+            continue
+        square = np.eye(3)
+        square[second, first] = loose
+        square[:, first] /= np.linalg.norm(square[:, first])
+        moved = fit_scene(lines, scene.camera, scene.rotation, vote, held, scene.start, square)
+        if moved is not None:
+            change = moved.camera.params - scene.camera.params
+            covariance += np.outer(change, change)
+    return replace(scene, covariance=covariance)
+
+
+def _one_direction(lines: Lines) -> EstimationError:
+    return EstimationError(
+        f"no two orthogonal directions have {LEAST_LINES} of the {len(lines)} lines each: the lines are parallel in "
+        "space, or have no common directions; one vanishing point does not give a focal length.",
+        "Take a picture with lines in two or three orthogonal directions.",
+    )
+
+
+def _undetermined(scene: Scene, sigma: float, width: int) -> EstimationError:
+    if len(scene.directions) < 2:
+        return EstimationError(
+            "the lines of one direction alone are parallel; one vanishing point does not give a focal length.",
+            "Take a picture with lines in two or three orthogonal directions.",
+        )
+    far = [i for i in scene.directions if at_infinity(scene, i, width)]
+    known = f"{sigma / scene.camera.params[0]:.0%}" if np.isfinite(sigma) else "nothing"
+    what = (
+        f"{len(far)} of {len(scene.directions)} vanishing points are at infinity"
+        if far
+        else "they meet too far away"
+    )
+    return EstimationError(
+        f"the vanishing points leave the focal length undetermined (known to {known}): {what}, their directions "
+        "parallel to the picture.",
+        "Turn the camera so that two directions converge, or give the focal length (--fix fx=VALUE).",
+    )
+
+
+def at_infinity(scene: Scene, index: int, width: int) -> bool:
+    """Whether a direction is parallel to the picture as far as can be seen."""
+    direction = scene.rotation[:, index]
+    reach = scene.camera.params[0] * np.hypot(direction[0], direction[1])
+    return bool(abs(direction[2]) * INFINITY * width < reach)

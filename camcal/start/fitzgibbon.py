@@ -1,0 +1,158 @@
+"""Homography and division model at once: a quadratic eigenvalue problem for each view, one distortion for all.
+
+A. Fitzgibbon, Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR (2001), sections 2
+and 3. With image points p = (u, v, 1 + λ ρ²) about the image's centre, ρ the distance from there, the homography
+(or projection matrix) H of the points X of a view obeys
+
+    p x H X = 0,    (D1 + λ D2) h = 0                                                                    (1)
+
+which D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Every real λ of every view is a candidate; the one that most views
+agree on is refined over all of them. The points without distortion then go to the closed form of a pinhole camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eig
+
+from camcal.data.observations import Observations, View
+from camcal.errors import EstimationError
+from camcal.geometry import projective
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.start import assumptions, dlt, shape, zhang
+from camcal.start.base import ClosedForm
+
+Array = np.ndarray
+
+#: |λ| in half diagonals of the image: at -8 a ray at right angles to the axis is at a third of the half diagonal,
+#: the smallest picture circle of a fisheye; pincushion of real lenses stays far below
+STRONGEST = 8.0
+#: views that give candidates
+CANDIDATE_VIEWS = 12
+#: rounds of λ and the h of all views in turn; the change of λ that ends them
+ROUNDS, SETTLED = 60, 1e-13
+#: of 1 + λ ρ²: rays nearer to a right angle to the axis are no input for a pinhole camera (84 degrees at f = ρ)
+FLATTEST = 0.1
+
+
+@dataclass(frozen=True)
+class _View:
+    """D1 and D2 of a view, rows weighted; `depth` (N, m) gives h3 · X, by which errors become distances."""
+
+    d1: Array
+    d2: Array
+
+
+def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:
+    """K, poses and the first coefficient of the division model, whose centre is the image's.
+
+    Raises
+    ------
+    DataError
+        Where a view has too few points.
+    EstimationError
+        Where no real λ fits, or the closed form of the undistorted points fails.
+    """
+    form = shape.check(correspondences)
+    unit, where = assumptions.unit_coordinates(correspondences)
+    scale, centre = 1 / unit[0, 0], -unit[:2, 2] / unit[0, 0]
+    views = [_prepared(v, form, i, centre, scale) for i, v in enumerate(correspondences.views)]
+    value = _refined(views, _candidate(views))
+    flat = _undistorted(correspondences, centre, scale, value)
+    found = (zhang if form.planar.all() else dlt).estimate(flat, skew, normalise)
+    camera = _division(found.matrix, centre, value / scale**2, correspondences.image_size)
+    info: dict[str, Any] = {
+        **found.info,
+        "assumptions": [*found.info["assumptions"], f"the distortion centre at {where}"],
+        "division": float(camera.params[4]),
+    }
+    return replace(found, name="fitzgibbon", info=info, camera=camera)
+
+
+def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: float) -> _View:
+    local = (view.xyz - form.origins[index]) @ form.axes[index]
+    points = local[:, :2] if form.planar[index] else local
+    x = projective.homogeneous(points / np.sqrt((points**2).sum(1).mean()))
+    u, v = ((view.uv - centre) / scale).T
+    r2 = u * u + v * v
+    one, zero = np.ones(len(u)), np.zeros(len(u))
+    weight = np.ones(len(u)) if view.sigma is None else 1 / view.sigma
+
+    def rows(p: Array, q: Array, w: Array) -> Array:
+        """The three rows of (p, q, w) x H X, as (3N, 3m)."""
+        cross = np.array([[zero, -w, q], [w, zero, -p], [-q, p, zero]])  # (3, 3, N)
+        return np.einsum("ijn,nk->nijk", cross * weight, x).reshape(3 * len(u), -1)
+
+    return _View(rows(u, v, one), rows(zero, zero, r2))
+
+
+def _candidate(views: Sequence[_View]) -> float:
+    """The λ of any view that leaves the least median error over all views."""
+    some = views[:: max(1, -(-len(views) // CANDIDATE_VIEWS))]
+    found = [0.0]
+    for view in some:
+        values = eig(view.d1.T @ view.d1, -(view.d1.T @ view.d2), right=False)
+        real = np.isfinite(values) & (np.abs(values.imag) < 1e-6 * (1 + np.abs(values.real)))
+        found += [float(v) for v in values[real].real if abs(v) <= STRONGEST]
+    errors = [np.median([_error(v, value)[0] for v in some]) for value in found]
+    return found[int(np.argmin(errors))]
+
+
+def _error(view: _View, value: float) -> tuple[float, Array]:
+    """The least |(D1 + λ D2) h|² over |h| = 1, divided by what h gives alone, and h."""
+    a = view.d1 + value * view.d2
+    values, vectors = np.linalg.eigh(a.T @ a)
+    h = vectors[:, 0]
+    size = float(np.square(h.reshape(3, -1)[2]).sum())  # of the depths: points have unit spread
+    return float(max(values[0], 0.0)) / max(size, 1e-300) / len(a), h
+
+
+def _refined(views: Sequence[_View], value: float) -> float:
+    """λ of the least sum over all views, by λ and the h of the views in turn."""
+    for _ in range(ROUNDS):
+        upper = lower = 0.0
+        for view in views:
+            h = _error(view, value)[1]
+            size = np.square(h.reshape(3, -1)[2]).sum()
+            a, b = view.d1 @ h, view.d2 @ h
+            upper -= (a @ b) / size
+            lower += (b @ b) / size
+        if not lower > 0:
+            return value
+        before, value = value, float(np.clip(upper / lower, -STRONGEST, STRONGEST))
+        if abs(value - before) < SETTLED:
+            break
+    return value
+
+
+def _undistorted(data: Observations, centre: Array, scale: float, value: float) -> Observations:
+    """The points as a pinhole camera sees them, weighted by how far the map magnifies their noise."""
+    views = []
+    for view in data.views:
+        q = (view.uv - centre) / scale
+        w = 1 + value * (q**2).sum(1)
+        keep = w > FLATTEST
+        sigma = (np.ones(len(w)) if view.sigma is None else view.sigma)[keep] / w[keep]
+        flat = View(view.id, view.xyz[keep], centre + scale * q[keep] / w[keep, None], sigma)
+        if len(flat) < shape.LEAST_PLANAR:
+            raise EstimationError(
+                f"view '{view.id}': {len(flat)} of {len(view)} points lie within 84 degrees of the axis; "
+                f"{shape.LEAST_PLANAR} are needed.",
+                "Leave the view out.",
+            )
+        views.append(flat)
+    return Observations.from_views(views, data.image_size)
+
+
+def _division(matrix: Array, centre: Array, value: float, size: tuple[int, int] | None) -> Camera:
+    """The division model about the distortion centre; `value` is λ in px⁻²."""
+    lens = make("division:1")
+    f = float(np.sqrt(matrix[0, 0] * matrix[1, 1]))
+    params = lens.pinhole(float(matrix[0, 0]), float(matrix[1, 1]), *map(float, centre))
+    params[4] = value * f * f
+    return Camera(lens, params, size)
