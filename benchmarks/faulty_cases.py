@@ -96,7 +96,7 @@ def clean(seed: int) -> set[str]:
 def codes(data: Correspondences, **options: Any) -> set[str]:
     """Codes of the warnings, or what the error says."""
     try:
-        return {w.code for w in calibrate(data, **options).warnings}
+        return {w.code for w in calibrate(data, **{"model": "opencv5", **options}).warnings}
     except CamcalError as error:
         return {f"error: {error}"}
 
