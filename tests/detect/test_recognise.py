@@ -163,7 +163,7 @@ REAL = {
 }
 
 
-#: a fault that is known: a picture whose corners hardly show gives 13 misnumbered ones; the calibration rejects the view
+#: a known fault: a picture whose corners hardly show gives 13 misnumbered ones; the calibration rejects the view
 KNOWN = pytest.mark.xfail(strict=True, reason="13 misnumbered corners of the seventh picture")
 
 
