@@ -1,18 +1,23 @@
 """Boards in pictures of other kinds: motion blur, glare, no anti-aliasing, little contrast, 16 bits with an offset."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from camcal.detect import edge_model as model
 from camcal.detect import saddle
-from camcal.detect.blur_shape import ROUND, as_seen, rounded, shape_of
+from camcal.detect.aliasing import grey_limits, with_sampling
+from camcal.detect.blur_shape import as_seen, rounded, shape_of
 from camcal.detect.edge_blur import edge_blur
 from camcal.detect.fit import Fits
 from camcal.detect.lattice import Lattice
 from camcal.detect.pyramid import as_float, grey_range, to_8_bits
+from camcal.detect.shading import with_slopes
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.checkerboard import Checkerboard, find_any
-from camcal.detect.windows import cut
+from camcal.detect.windows import Windows, cut
 from tests.detect import drawing
 
 SIZE, SHAPE = (7, 6), (260, 230)
@@ -73,7 +78,7 @@ def test_blur_of_edges(blur):
 
 def test_shape_of_a_blur():
     sides = np.array([[[20.0, 3.0], [-4.0, 18.0]]])
-    assert shape_of((1.0, ROUND - 0.01), sides) is None and shape_of((ROUND + 0.01, 1.0), sides) is not None
+    assert shape_of((1.0, 1.29), sides) is None and shape_of((1.31, 1.0), sides) is not None
     assert shape_of((0.0, 2.0), sides) is None  # no edge was seen one way
     shape = shape_of((3.0, 1.0), sides)
     assert np.linalg.det(shape) == pytest.approx(1)
@@ -154,3 +159,48 @@ def test_sixteen_bits_are_stretched_to_what_is_there():
     )
     assert grey_range(np.full((4, 4), 7, np.uint16)) == (7.0, 8.0)
     assert grey_range(np.full((4, 4), 7, np.uint8)) == (0.0, 255.0)
+
+
+def test_an_aliased_edge_is_undetermined_between_the_rows_that_it_crosses():
+    fits = Fits(np.zeros((1, 7)), np.zeros((1, 2, 2)), np.ones(1), np.ones(1, bool))
+    along = with_sampling(fits, np.array([[[20.0, 0.0], [0.0, 20.0]]])).covariance[0]
+    assert along == pytest.approx(np.eye(2) / 12, abs=2e-3)
+    # over its 40 px the edge along x crosses 4 rows
+    slanted = with_sampling(fits, np.array([[[20.0, 2.0], [0.0, 20.0]]])).covariance[0]
+    assert np.sqrt(slanted[0, 0]) == pytest.approx(1 / np.sqrt(12), abs=4e-3)
+    normal = np.array([-2.0, 20.0]) / np.hypot(2, 20)
+    assert np.sqrt(normal @ slanted @ normal) == pytest.approx(1 / np.sqrt(12) / 5, rel=0.02)
+
+
+def test_a_picture_is_aliased_where_hardly_a_pixel_is_grey():
+    value = np.where(np.arange(1000) % 2 == 0, 0.0, 255.0).astype(np.float32)[None]
+    gray = np.zeros((4, 4), np.uint8)
+    for grey, limits in ((40, (-1.0, 256.0)), (60, (0.0, 255.0))):
+        seen = value.copy()
+        seen[0, :grey] = 100
+        windows = Windows(
+            np.zeros((1, 2)), np.zeros((1, 2, 1000)), seen, np.ones((1, 1000), bool), np.ones(1)
+        )
+        assert grey_limits(gray, windows) == limits
+
+
+def test_a_slope_of_the_shading_counts_from_five_sigmas_on():
+    sides = np.broadcast_to(np.array([[20.0, 1.0], [-2.0, 19.0]]), (9, 2, 2))
+    windows = cut(np.zeros((80, 80), np.uint8), np.full((9, 2), 40.2), sides, 0.5, 4.0)
+    params = np.tile([0.0, 0, *saddle.edge_normals(sides)[0], 120, 60, 1.2], (9, 1))
+    value = model.evaluate(windows.q, params)[0]
+    value[-1] += np.where(windows.counts[-1], 0.4 * windows.q[-1, 0], 0)
+    windows = replace(windows, value=value)
+    noise = np.r_[np.full(8, 1.0), 3.0]
+
+    def added(sigma):
+        fits = Fits(params, sigma**2 * np.broadcast_to(np.eye(2), (9, 2, 2)), noise, np.ones(9, bool))
+        more = np.trace(
+            with_slopes(windows, fits, (0.0, 255.0)).covariance - fits.covariance, axis1=1, axis2=2
+        )
+        assert (more[:-1] == 0).all()
+        return np.sqrt(more[-1])
+
+    move = added(1e-6)
+    assert 0.02 < move < 0.5
+    assert added(move / 5.2) == pytest.approx(move) and added(move / 4.8) == 0

@@ -185,8 +185,8 @@ def test_outlines_of_discs():
     assert discs.ellipse_of(outline(64, 10)) is None
     assert discs.ellipse_of(outline(3.3, 3.3)) is not None
     assert discs.ellipse_of(outline(1.7, 1.7)) is None
-    # a square with round corners swings by half of what a square does
-    assert discs.ellipse_of(outline(30, 30, power=2.5)) is not None
+    # a square with round corners swings by .046 of its radius, one with sharper ones by .067
+    assert discs.ellipse_of(outline(30, 30, power=3.2)) is not None
     assert discs.ellipse_of(outline(30, 30, power=4.5)) is None
 
 
