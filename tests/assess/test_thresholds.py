@@ -38,7 +38,7 @@ def test_a_point_is_gross_beyond_six_sigma(good, times, said):
 
 
 @pytest.mark.parametrize(
-    ("gross", "said", "severity"), [(5, False, ""), (8, True, "doubtful"), (40, True, "wrong")]
+    ("gross", "said", "severity"), [(5, False, ""), (8, True, "doubtful"), (40, True, "doubtful")]
 )
 def test_gross_points_count_by_what_they_hold_of_the_squares(good, gross, said, severity):
     r = lengths(len(good.residuals), 0.2, gross, 5.2)

@@ -25,8 +25,8 @@ REDUNDANT = 1.5
 
 #: below so many coordinates an unknown, the residuals say next to nothing of the noise
 BARELY = 1.2
-#: outliers that hold more than half of the sum of squares decide where the camera ends
-MOST_OF_IT = 0.5
+#: outliers that hold nine tenths of the sum of squares decide where the camera ends
+MOST_OF_IT = 0.9
 #: a systematic error of so many px (rms) is no property of a detector: the camera projects wrongly by as much
 SEVERAL_PX = 1.0
 
