@@ -158,10 +158,14 @@ def _on_event(event: str, details: Mapping[str, Any]) -> None:
         note(f"model {details['chosen']}: {details['why']}. To say so: --model {details['chosen']}")
     if event != "refined-points":
         return
-    note(
-        "points refined with the camera: moved by {moved_px:.3f} px, hold-out {holdout_before:.4f} -> "
-        "{holdout_after:.4f} px, {0}".format("kept" if details["kept"] else "not kept", **details)
+    before, after = details["holdout_before"], details["holdout_after"]
+    held = (
+        "too few views for a hold-out"
+        if None in (before, after)
+        else f"hold-out {before:.4f} -> {after:.4f} px"
     )
+    kept = "kept" if details["kept"] else "not kept"
+    note(f"points refined with the camera: moved by {details['moved_px']:.3f} px, {held}, {kept}")
 
 
 def deliver_solution(
