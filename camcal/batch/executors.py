@@ -10,14 +10,11 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from typing import Any
 
 from camcal.errors import UsageError
 
-#: read by linear algebra libraries once, when they are loaded
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 #: s; how often a worker looks whether its parent is still there, where the system does not tell it
 LOOK = 1.0
 #: s; a cluster that does not answer within this time is not there
@@ -108,21 +105,6 @@ class Cluster:
         with contextlib.suppress(Exception):
             self.executor.shutdown(wait=done)
         self.client.close(timeout=CONNECT)
-
-
-@contextlib.contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile use one thread for linear algebra."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def open_pool(scheduler: str | None, count: int) -> Local | Cluster:

@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
-from camcal.batch.executors import Cluster, Local, one_thread_each, open_pool
+from camcal.batch.executors import Cluster, Local, open_pool
 from camcal.batch.jobs import Job
 from camcal.batch.storage import Storage
 from camcal.batch.work import DONE, FAILED, JOB, Row, distortion_px, run_jobs, summary_row
+from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
 
 STATE = "batch-state"

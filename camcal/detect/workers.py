@@ -93,7 +93,7 @@ def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs
     finished = False
     try:
         while True:
-            with _one_thread_each():
+            with one_thread_each():
                 for index, item in islice(numbered, AHEAD * jobs - len(running)):
                     try:
                         running[pool.submit(function, item)] = index, item
@@ -128,7 +128,7 @@ def _end_children(before: set[Any]) -> None:
 
 
 @contextlib.contextmanager
-def _one_thread_each() -> Iterator[None]:
+def one_thread_each() -> Iterator[None]:
     """Processes that start meanwhile use one thread each for linear algebra, as they fill the machine."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))

@@ -26,7 +26,7 @@ from camcal.plan.options import Options
 from camcal.plan.progress import Progress, advance
 from camcal.plan.run import begun, solved, usable
 from camcal.plan.solution import Solution, of_fit
-from camcal.solve import outliers
+from camcal.solve import outliers, ransac
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.refine import How, residuals
 
@@ -166,7 +166,7 @@ def _of_test(fit: Calibration, begun_from: str) -> dict[str, Any]:
         "sigma": verdict.sigma,
         "threshold": verdict.threshold * verdict.sigma,
         "begun_from": begun_from,
-        "ransac_confidence": 0.999,
+        "ransac_confidence": ransac.CONFIDENCE,
     }
 
 

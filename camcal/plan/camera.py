@@ -175,6 +175,11 @@ def _doubtful(progress: Progress) -> bool:
     return progress.start is not None and (progress.best is None or starts.doubtful(progress.fit))
 
 
+def _wants_other_starts(progress: Progress) -> bool:
+    """Doubtful, and the starts of radial alignment were not tried: from the same rows they end where they did."""
+    return _doubtful(progress) and not progress.made("from-radial")
+
+
 def _from_radial(progress: Progress) -> Change | None:
     """The refinement from radial alignment, where the one from the closed form ended badly."""
     kept, found = progress.data.kept(), []
@@ -192,8 +197,9 @@ def _from_radial(progress: Progress) -> Change | None:
 
 def _wants_nested(progress: Progress) -> bool:
     """Once for a lens with several minima, of which the one inside a smaller model may be the lower."""
-    again = progress.lens.several_minima and not progress.made("from-nested")
-    return _doubtful(progress) or (again and progress.best is not None)
+    if progress.made("from-nested"):
+        return False
+    return _doubtful(progress) or (progress.lens.several_minima and progress.best is not None)
 
 
 def _from_nested(progress: Progress) -> Change | None:
@@ -215,7 +221,8 @@ def _from_other_minima(progress: Progress) -> Change | None:
     return Change(fit=Candidate(lowest(found))) if found else None
 
 
-def _begun(progress: Progress) -> bool:
+def has_start_only(progress: Progress) -> bool:
+    """A start from which nothing was refined yet."""
     return progress.best is None and progress.start is not None
 
 
@@ -230,8 +237,8 @@ def starts_from_nothing() -> tuple[Attempt, ...]:
 
 
 REFINEMENTS: tuple[Attempt, ...] = (
-    Attempt("least-squares", _begun, _refine),
-    Attempt("from-radial", _doubtful, _from_radial),
+    Attempt("least-squares", has_start_only, _refine),
+    Attempt("from-radial", _wants_other_starts, _from_radial),
     Attempt("from-nested", _wants_nested, _from_nested),
 )
 

@@ -11,6 +11,7 @@ from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.plan.better import Candidate
+from camcal.plan.camera import has_start_only
 from camcal.plan.options import Options
 from camcal.plan.outlying import AFTER_RESTART, wants_restart
 from camcal.plan.progress import Attempt, Begin, Change, Progress, follow
@@ -75,10 +76,7 @@ def _plan(known: Begin) -> tuple[Attempt, ...]:
     def no_fit(progress: Progress) -> bool:
         return progress.best is None
 
-    def begun(progress: Progress) -> bool:
-        return progress.best is None and progress.start is not None
-
-    once = (Attempt("poses", no_fit, poses), Attempt("least-squares", begun, refined))
+    once = (Attempt("poses", no_fit, poses), Attempt("least-squares", has_start_only, refined))
     return (*once, Attempt("agreeing", wants_restart, agreeing), *once, *AFTER_RESTART)
 
 

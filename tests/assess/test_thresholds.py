@@ -37,6 +37,14 @@ def test_a_point_is_gross_beyond_six_sigma(good, times, said):
     assert bool(list(fit.outliers(with_residuals(good, r)))) == said
 
 
+@pytest.mark.parametrize(("times", "severity"), [(10.0, "doubtful"), (11.2, "wrong")])
+def test_outliers_make_a_camera_wrong_from_their_bound_on(good, times, severity):
+    (found,) = fit.outliers(with_residuals(good, lengths(len(good.residuals), 0.2, 40, times)))
+    share = 40 * times**2 / (40 * times**2 + 500)
+    assert len(good.residuals) == 540 and (share > fit.MOST_OF_IT) == (severity == "wrong")
+    assert found.severity == severity
+
+
 @pytest.mark.parametrize(
     ("gross", "said", "severity"), [(5, False, ""), (8, True, "doubtful"), (40, True, "doubtful")]
 )
