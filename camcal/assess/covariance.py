@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.assess.figures import sigma_0
-from camcal.solve.calibration import Calibration, NormalBlocks
+from camcal.solve.calibration import Estimate, NormalBlocks
 
 Array = np.ndarray
 
@@ -121,7 +121,7 @@ class Covariance:
         return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
-def covariance(solution: Calibration) -> Covariance:
+def covariance(solution: Estimate) -> Covariance:
     """The covariance of a solution's parameters and poses.
 
     Where the redundancy is not positive (no more coordinates than parameters) nothing is known of the noise,
@@ -138,7 +138,7 @@ def covariance(solution: Calibration) -> Covariance:
     matrix = solution.free @ free @ solution.free.T
     matrix[touched] = matrix[:, touched] = np.nan
     matrix[touched, touched] = np.inf
-    names = solution.camera.lens.names
+    names = solution.names
     undetermined = tuple(n for n, t in zip(names, touched, strict=True) if t)
     return Covariance(names, matrix, solution.free, free, null, scale, condition, undetermined, poses)
 

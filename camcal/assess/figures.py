@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Estimate
 from camcal.solve.losses import LOSSES, robust_sigma
 
 Array = np.ndarray
@@ -64,17 +64,17 @@ def rms_point(residuals: Array) -> float:
     return float(np.sqrt(np.einsum("ij,ij->", r, r) / len(r))) if len(r) else float("nan")
 
 
-def redundancy(solution: Calibration) -> int:
+def redundancy(solution: Estimate) -> int:
     """2N - p: observed coordinates less free parameters; the degrees of freedom of the residuals."""
     return 2 * int(solution.used.sum()) - solution.free_count
 
 
-def sigma_hat(solution: Calibration) -> float:
+def sigma_hat(solution: Estimate) -> float:
     """Equation (3), px; NaN where the redundancy is not positive."""
     return _per_redundancy(solution, np.square(solution.used_residuals).sum())
 
 
-def sigma_0(solution: Calibration) -> float:
+def sigma_0(solution: Estimate) -> float:
     """Equation (4), or (5) after a robust loss; NaN where the redundancy is not positive."""
     lengths = standard_lengths(solution)
     if solution.observations.weight is None:
@@ -90,28 +90,28 @@ def sigma_0(solution: Calibration) -> float:
     return _per_redundancy(solution, weights.mean() * squares) / bread
 
 
-def standard_lengths(solution: Calibration) -> Array:
+def standard_lengths(solution: Estimate) -> Array:
     """Lengths (N,) of the residuals of the used points, each in units of its given sigma (else px)."""
     return solution.observations.standardised(solution.residuals)[solution.used]
 
 
-def _per_redundancy(solution: Calibration, squares: float) -> float:
+def _per_redundancy(solution: Estimate, squares: float) -> float:
     freedom = redundancy(solution)
     return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")
 
 
-def overall(solution: Calibration) -> Figures:
+def overall(solution: Estimate) -> Figures:
     """The figures of the points the solution rests on."""
     return of(solution.used_residuals)
 
 
-def per_view(solution: Calibration) -> list[Figures]:
+def per_view(solution: Estimate) -> list[Figures]:
     """The figures of each view, over its used points."""
     kept = solution.observations.kept()
     return [of(r) for r in kept.split(solution.used_residuals)]
 
 
-def rms_of_views(solution: Calibration) -> Array:
+def rms_of_views(solution: Estimate) -> Array:
     """rms_point (V,) of each view, px; NaN for one without used points."""
     data = solution.observations
     squares = np.where(solution.used, np.square(solution.residuals).sum(1), 0.0)

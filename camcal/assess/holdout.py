@@ -161,7 +161,16 @@ def _one_step(design: Design, train: Array) -> Calibration | None:
     blocks = design.normal
     normal = NormalBlocks(products[:, :f, :f].sum(0), blocks.coupling[train], blocks.poses[train])
     fit = replace(whole.fit, cost=cost)
-    return Calibration(camera, poses, data, off, whole.camera, design.transform, normal, fit)
+    return Calibration(
+        camera=camera,
+        poses=poses,
+        observations=data,
+        residuals=off,
+        start=whole.camera,
+        free=design.transform,
+        normal=normal,
+        fit=fit,
+    )
 
 
 # ------------------------------------------------------------------------------------------------- for the report

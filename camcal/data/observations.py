@@ -6,7 +6,7 @@ run of rows (a block). One camera is the case of one camera: its blocks are its 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -75,6 +75,7 @@ class SkippedView:
     reason: str
     points: int = 0
     rms_point: float | None = None
+    camera: str | None = None  #: which took it, of a rig
 
 
 @dataclass(frozen=True)
@@ -295,15 +296,31 @@ class Observations:
         return replace(self._rows(rows, tuple(self.view_ids[i] for i in index)), view=moved[rows])
 
     def without(self, left_out: Mapping[int, str]) -> Observations:
-        """Without the views of these indices, which become `skipped` as rejected for the reasons given."""
+        """Without the blocks of these indices, which become `skipped` as rejected for the reasons given.
+
+        One camera's blocks are its views. An instant goes where no camera has a picture of it left.
+        """
         if not left_out:
             return self
+        alone = len(self.cameras) == 1
         said = tuple(
-            SkippedView(self.view_ids[i], "rejected", left_out[i], int((self.view == i).sum()))
+            SkippedView(
+                self.view_ids[self.blocks.view[i]],
+                "rejected",
+                left_out[i],
+                int(self.blocks.counts[i]),
+                camera=None if alone else self.cameras[self.blocks.camera[i]],
+            )
             for i in sorted(left_out)
         )
-        rest = self.of_views([i for i in range(len(self.view_ids)) if i not in left_out])
+        rest = self.where(~np.isin(self.block_of_row, list(left_out))).of_views(self.views_left(left_out))
         return replace(rest, skipped=(*self.skipped, *said))
+
+    def views_left(self, left_out: Collection[int]) -> Array:
+        """The indices of the views that stay without these blocks: those that another block shows, or none did."""
+        touched = np.isin(np.arange(len(self.view_ids)), self.blocks.view[list(left_out)])
+        shown = np.isin(np.arange(len(self.view_ids)), np.delete(self.blocks.view, list(left_out)))
+        return np.flatnonzero(~touched | shown)
 
     def with_used(self, used: Array, reason: int = OUTLIER) -> Observations:
         """With other rows used (N,); those that are not get the reason."""

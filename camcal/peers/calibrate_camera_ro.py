@@ -131,7 +131,7 @@ def run(task: Task, guess: Camera | None) -> Result:
         )
     k, bend, rvecs, tvecs = answer(returned)
     found = np.array(returned[4], float).reshape(-1, 3)
-    points, poses = settle(found, ideal[order], Poses(rotations.exp(rvecs), tvecs))
+    points, poses, _ = settle(found, ideal[order], Poses(rotations.exp(rvecs), tvecs))
     placed = np.empty_like(board.points)
     placed[_rows(board.ideal, ideal[order])] = points
     return Result(

@@ -312,7 +312,7 @@ class _PointSums:
         found.gradient[shape] = self._flat(self.gradient)
 
 
-def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses]:
+def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses, float]:
     """Move a board to where it is nearest to the ideal one, and the poses with it; no projection changes.
 
     The similarity s Q X + c nearest to the ideal points in least squares (Umeyama 1991): a camera sees
@@ -328,6 +328,8 @@ def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses]:
     -------
     points : (M, 3) array
     poses : Poses
+    scale : float
+        s, by which all translations grow.
     """
     mean, target = points.mean(0), ideal.mean(0)
     a, b = ideal - target, points - mean
@@ -335,4 +337,5 @@ def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses]:
     scale = float(np.einsum("ij,ij->", a, b @ turn.T) / np.einsum("ij,ij->", b, b))
     shift = target - scale * turn @ mean
     rotation = poses.rotations @ turn.T
-    return scale * points @ turn.T + shift, Poses(rotation, scale * poses.translations - rotation @ shift)
+    moved = Poses(rotation, scale * poses.translations - rotation @ shift)
+    return scale * points @ turn.T + shift, moved, scale

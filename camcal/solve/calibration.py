@@ -1,4 +1,4 @@
-"""What one fit gives: the camera, the poses, the board, and how the search went."""
+"""What one fit gives: the camera or the rig, the poses, the board, and how the search went."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from camcal.data.observations import Observations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
+from camcal.model.rig import Rig
 
 Array = np.ndarray
 
@@ -115,42 +116,45 @@ class ShapedBoard:
         return self.basis if self.basis.ndim == 2 else np.eye(3 * len(self.points))[:, self.basis]
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """A fit with all that a later stage needs.
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """What a fit of one camera and one of a rig have in common.
 
     Attributes
     ----------
-    camera : Camera
     poses : Poses
-        cam_from_board of each view of the observations.
+        cam_from_board of each view of the observations; of a rig rig_from_board of each instant.
     observations : Observations
         `used` says which points the fit rests on, `weight` what a robust loss gave them; where the board's shape was
         estimated, `xyz` are the points found.
     residuals : (N, 2) array
         Predicted - observed of every row, px, unused ones included; NaN outside the lens's domain.
-    start : Camera
-        Where the search began.
     free : (P, F) array
-        d params / d free parameters; a row of zeros is a fixed parameter, a column of zeros one of the board's shape.
+        d params / d variables, the parameters of all cameras one after the other; a row of zeros is a fixed
+        parameter, a column of zeros a variable of the rig or of the board's shape.
     normal : NormalBlocks
         Of the weighted problem at the solution, unit weight = 1 px.
     fit : Fit
     board : ShapedBoard or None
     """
 
-    camera: Camera
     poses: Poses
     observations: Observations
     residuals: Array
-    start: Camera
     free: Array
     normal: NormalBlocks
     fit: Fit
     board: ShapedBoard | None = None
 
-    def __repr__(self) -> str:
-        return f"<Calibration: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px>"
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras, in the order of the observations'."""
+        raise NotImplementedError
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all parameters; of a rig `left.fx`."""
+        raise NotImplementedError
 
     @property
     def used(self) -> Array:
@@ -172,3 +176,59 @@ class Calibration:
     def free_count(self) -> int:
         """Number of estimated parameters, poses and the board's shape included."""
         return self.free.shape[1] + 6 * len(self.poses)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration(Estimate):
+    """A fit of one camera with all that a later stage needs; `start` is where the search began."""
+
+    camera: Camera
+    start: Camera
+
+    def __repr__(self) -> str:
+        return f"<Calibration: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px>"
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The one camera."""
+        return (self.camera,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its parameters."""
+        return tuple(self.camera.lens.names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigCalibration(Estimate):
+    """A fit of a rig; `start` is where the search began.
+
+    The cameras stand in the order of the observations', the reference first. The variables are the free parameters of
+    all cameras, six for each cam_from_rig but the reference's (rotation on the left, rad; translation), then the
+    board's shape.
+    """
+
+    rig: Rig
+    start: Rig
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.rig.cameras)
+        return f"<RigCalibration: {names}; {len(self.poses)} instants, rms {self.rms_point:.4g} px>"
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras, the reference first."""
+        return tuple(self.rig.cameras.values())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all parameters: `left.fx`."""
+        return tuple(f"{n}.{p}" for n, c in self.rig.cameras.items() for p in c.lens.names)
+
+    @property
+    def extrinsics(self) -> Mapping[str, slice]:
+        """Where the variables of each cam_from_rig are; none of the reference."""
+        size = 0 if self.board is None else self.board.size
+        begin = self.free.shape[1] - size - 6 * (len(self.cameras) - 1)
+        others = [n for n in self.rig.cameras if n != self.rig.reference]
+        return {n: slice(begin + 6 * i, begin + 6 * i + 6) for i, n in enumerate(others)}

@@ -18,7 +18,7 @@ from scipy.stats import f as f_distribution
 
 from camcal.data.observations import Observations, View
 from camcal.model.pose import Array
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Estimate
 from camcal.solve.losses import robust_sigma
 from camcal.start import shape
 
@@ -61,7 +61,7 @@ class Verdict:
         return int((~self.used).sum())
 
 
-def test(calibration: Calibration) -> Verdict:
+def test(calibration: Estimate) -> Verdict:
     """Test the residuals of all rows of a fit, those included that it does not rest on."""
     data, parameters = calibration.observations, calibration.free_count
     lengths = data.standardised(calibration.residuals)
@@ -132,7 +132,7 @@ def looks_gaussian(lengths: Array, sigma: float) -> bool:
     return bool(ratio < 1.15 + 4 / np.sqrt(len(lengths)))
 
 
-def is_clean(calibration: Calibration) -> bool:
+def is_clean(calibration: Estimate) -> bool:
     """Whether the residuals show no outlier and are Gaussian as far as median and root mean square tell."""
     verdict, data = test(calibration), calibration.observations
     lengths = data.standardised(calibration.residuals)

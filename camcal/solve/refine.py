@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,13 +13,14 @@ from scipy.spatial import cKDTree
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
-from camcal.model.pose import Array, Poses
+from camcal.model.pose import Array, Pose, Poses
+from camcal.model.rig import Rig
 from camcal.solve import optimizers
 from camcal.solve.board import BoardProblem, make_board, settle
-from camcal.solve.calibration import Calibration, Fit, NormalBlocks, ShapedBoard
+from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard
 from camcal.solve.optimizers.base import OnStep, Options, Result
 from camcal.solve.parameters import apply_fixed, free_matrix
-from camcal.solve.problem import Problem
+from camcal.solve.problem import Problem, Seen
 
 #: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
 _SAME_POINT = 1e-6
@@ -52,27 +54,41 @@ class How:
     board: str = "flat"
 
 
+@overload
 def refine(
-    start: Camera,
+    start: Camera, poses: Poses, observations: Observations, how: How | None = None, on_step: OnStep | None = None
+) -> Calibration: ...
+
+
+@overload
+def refine(
+    start: Rig, poses: Poses, observations: Observations, how: How | None = None, on_step: OnStep | None = None
+) -> RigCalibration: ...
+
+
+def refine(
+    start: Camera | Rig,
     poses: Poses,
     observations: Observations,
     how: How | None = None,
     on_step: OnStep | None = None,
-) -> Calibration:
-    """Estimate the camera and all poses by maximum likelihood, from a start.
+) -> Calibration | RigCalibration:
+    """Estimate a camera or a rig and all poses by maximum likelihood, from a start.
 
     Parameters
     ----------
-    start : Camera
+    start : Camera or Rig
+        The cameras of a rig in the order of the observations', the reference first.
     poses : Poses
-        cam_from_board of each view.
+        cam_from_board of each view; of a rig rig_from_board of each instant.
     observations : Observations
         The fit rests on the rows that are `used`, weighted by their `precision`; the others get residuals only.
     how : How, optional
+        Of a rig, `fix` names parameters as `left.fx`.
 
     Returns
     -------
-    Calibration
+    Calibration, or RigCalibration of a rig
         Where a board's shape was estimated, its observations hold the points found.
 
     Raises
@@ -84,36 +100,95 @@ def refine(
     """
     begin = time.perf_counter()
     how = how or How()
-    params = apply_fixed(start.lens, start.params, how.fix)
-    start = replace(start, params=params)
-    free = free_matrix(start.lens, params, how.fix)
-    problem = make_problem(start, observations, free, how)
-    result: Result = optimizers.make(how.optimizer)(
-        problem, problem.state(params, poses), how.stopping, on_step
-    )
-    found = replace(start, params=result.state.params)
-    final, board = problem.poses(result.state), None
+    start = _with_fixed(start, how)
+    cameras = cameras_of(start)
+    frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, _fixes(start, how), strict=True)]
+    problem = make_problem(cameras, observations, frees, how)
+    params = np.concatenate([c.params for c in cameras])
+    state = problem.state(params, poses, _rig_poses(start))
+    result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
+    final, board, scale = problem.poses(result.state), None, 1.0
     if isinstance(problem, BoardProblem):
         shape = problem.board
-        points, final = settle(shape.points + shape.expand(result.state.shape), shape.points, final)
+        points, final, scale = settle(shape.points + shape.expand(result.state.shape), shape.points, final)
         observations = on_board(observations, shape.points, points)
-        free = np.c_[free, np.zeros((len(free), shape.size))]
         board = ShapedBoard(shape.kind, shape.points, points, shape.size, shape.basis)
-    return Calibration(
-        camera=found,
-        poses=final,
-        observations=observations,
-        residuals=residuals(found, final, observations),
-        start=start,
-        free=free,
-        normal=_normal(problem, result),
-        fit=_fit(how.optimizer, result, time.perf_counter() - begin),
-        board=board,
-    )
+    found = _found(start, problem.params(result.state), result.state.rig, scale)
+    common: dict[str, Any] = {
+        "poses": final,
+        "observations": observations,
+        "residuals": residuals(found, final, observations),
+        "free": np.c_[problem.free, np.zeros((len(problem.free), problem.variables - problem.free.shape[1]))],
+        "normal": _normal(problem, result),
+        "fit": _fit(how.optimizer, result, time.perf_counter() - begin),
+        "board": board,
+    }
+    if isinstance(found, Rig):
+        assert isinstance(start, Rig)
+        return RigCalibration(rig=found, start=start, **common)
+    assert isinstance(start, Camera)
+    return Calibration(camera=found, start=start, **common)
 
 
-def make_problem(camera: Camera, observations: Observations, free: Array, how: How) -> Problem:
+E = TypeVar("E", Calibration, RigCalibration)
+
+
+def refit(fit: E, observations: Observations, how: How, poses: Poses | None = None) -> E:
+    """Fit again from where a fit stands, to other rows; `poses` where other views are left than it has."""
+    poses = fit.poses if poses is None else poses
+    if isinstance(fit, RigCalibration):
+        return refine(fit.rig, poses, observations, how)
+    return refine(fit.camera, poses, observations, how)
+
+
+def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:
+    """The one camera, or those of a rig."""
+    return tuple(start.cameras.values()) if isinstance(start, Rig) else (start,)
+
+
+def _fixes(start: Camera | Rig, how: How) -> list[dict[str, float | None]]:
+    """What `how` holds of each camera."""
+    if isinstance(start, Camera):
+        return [dict(how.fix)]
+    return [
+        {n.removeprefix(f"{name}."): v for n, v in how.fix.items() if n.startswith(f"{name}.")}
+        for name in start.cameras
+    ]
+
+
+def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
+    """The start with the values that are held."""
+    made = [
+        replace(c, params=apply_fixed(c.lens, c.params, fix))
+        for c, fix in zip(cameras_of(start), _fixes(start, how), strict=True)
+    ]
+    return replace(start, cameras=dict(zip(start.cameras, made, strict=True))) if isinstance(start, Rig) else made[0]
+
+
+def _rig_poses(start: Camera | Rig) -> Poses | None:
+    return Poses.stack(list(start.cam_from_rig.values())) if isinstance(start, Rig) else None
+
+
+def _found(start: Camera | Rig, params: Sequence[Array], rig: Poses, scale: float) -> Camera | Rig:
+    """The start with other parameters, and other poses of its cameras, whose translations are scaled."""
+    made = [replace(c, params=p) for c, p in zip(cameras_of(start), params, strict=True)]
+    if isinstance(start, Camera):
+        return made[0]
+    poses = [Pose(p.rotation, scale * p.translation) for p in rig]
+    names = list(start.cameras)
+    return Rig(dict(zip(names, made, strict=True)), dict(zip(names, poses, strict=True)), start.reference)
+
+
+def make_problem(
+    cameras: Sequence[Camera], observations: Observations, frees: Sequence[Array], how: How
+) -> Problem:
     """The least squares problem of the used rows; with a board's shape where `how` says so.
+
+    Parameters
+    ----------
+    cameras : sequence of C Camera
+    frees : sequence of C (P, F) arrays
+        d params / d free parameters of each.
 
     Raises
     ------
@@ -121,14 +196,14 @@ def make_problem(camera: Camera, observations: Observations, free: Array, how: H
         As `refine`.
     """
     kept = observations.kept()
-    _check_count(kept, free)
+    _check_count(kept, frees)
     precision = kept.precision
     weights = None if precision is None else kept.split(precision)
+    lenses, seen = [c.lens for c in cameras], Seen(kept.blocks.camera, kept.blocks.view)
     if how.board == "flat":
-        return Problem(camera.lens, kept.views, free, weights, how.normalise)
-    return BoardProblem(
-        camera.lens, kept.views, free, make_board(kept.views, how.board), weights, how.normalise
-    )
+        return Problem(lenses, kept.views, frees, weights, how.normalise, seen)
+    board = make_board(kept.views, how.board)
+    return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen)
 
 
 def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
@@ -142,16 +217,31 @@ def on_board(observations: Observations, ideal: Array, points: Array) -> Observa
     return replace(observations, xyz=moved)
 
 
-def as_designed(calibration: Calibration) -> Observations:
+def as_designed(calibration: Estimate) -> Observations:
     """The observations of a calibration with the board as it was given to it."""
     board, data = calibration.board, calibration.observations
     return data if board is None else on_board(data, board.points, board.ideal)
 
 
-def residuals(camera: Camera, poses: Poses, observations: Observations) -> Array:
+def residuals(camera: Camera | Rig, poses: Poses, observations: Observations) -> Array:
     """Predicted - observed (N, 2) of every row, px; NaN outside the lens's domain. Poses are those of the views."""
     found = np.empty_like(observations.uv)
-    counts, slices = observations.blocks.counts, observations.slices
+    if isinstance(camera, Camera):
+        _fill(found, camera, poses, observations, 0)
+        return found
+    blocks = observations.blocks
+    for index, (name, own) in enumerate(camera.cameras.items()):
+        first, last = np.searchsorted(blocks.camera, (index, index + 1))
+        if last > first:
+            placed = camera.cam_from_rig[name] @ poses[blocks.view[first:last]]
+            _fill(found, own, placed, observations, int(first))
+    return found
+
+
+def _fill(found: Array, camera: Camera, poses: Poses, observations: Observations, first: int) -> None:
+    """The residuals of a run of blocks (B,) from the one numbered `first` on, by their poses (B,)."""
+    here = slice(first, first + len(poses))
+    counts, slices = observations.blocks.counts[here], observations.slices[here]
     rotations, translations = poses.rotations, poses.translations
     begin = 0
     for end in _portions(counts.tolist()):
@@ -164,7 +254,6 @@ def residuals(camera: Camera, poses: Poses, observations: Observations) -> Array
             cam = np.einsum("nij,nj->ni", np.repeat(r, some, 0), xyz) + np.repeat(t, some, 0)
         found[rows] = camera.project(cam) - observations.uv[rows]
         begin = end
-    return found
 
 
 def _portions(counts: Sequence[int]) -> Iterator[int]:
@@ -179,14 +268,16 @@ def _portions(counts: Sequence[int]) -> Iterator[int]:
         yield len(counts)
 
 
-def _check_count(kept: Observations, free: Array) -> None:
-    if (kept.blocks.counts == 0).any():
+def _check_count(kept: Observations, frees: Sequence[Array]) -> None:
+    if (np.bincount(kept.view, minlength=len(kept)) == 0).any():
         raise DataError("a view has no point left.", "Leave that view out.")
-    observed, unknown = 2 * kept.point_count, free.shape[1] + 6 * len(kept)
+    own = sum(f.shape[1] for f in frees) + 6 * (len(frees) - 1)
+    observed, unknown = 2 * kept.point_count, own + 6 * len(kept)
     if observed < unknown:
+        of = "the camera" if len(frees) == 1 else "the rig"
         raise EstimationError(
             f"{observed // 2} points give {observed} coordinates for {unknown} unknowns "
-            f"({free.shape[1]} of the camera and {6 * len(kept)} of the poses).",
+            f"({own} of {of} and {6 * len(kept)} of the poses).",
             "Add points or views, hold parameters (--fix), or choose a simpler model (--model pinhole).",
         )
 
@@ -196,7 +287,7 @@ def _normal(problem: Problem, result: Result) -> NormalBlocks:
     if problem.normalise:
         return result.blocks.normal()
     usual = problem.normalised()
-    state = usual.state(result.state.params, problem.poses(result.state))
+    state = usual.state(result.state.params, problem.poses(result.state), result.state.rig)
     blocks = usual.linearise(replace(state, shape=result.state.shape))
     assert blocks is not None  # the same place, where the problem has just been linearised
     return blocks.normal()

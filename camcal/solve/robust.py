@@ -15,9 +15,9 @@ from camcal.errors import UsageError
 from camcal.model.pose import Array, Pose, Poses
 from camcal.registry import suggestion
 from camcal.solve import outliers, ransac
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Calibration, Estimate
 from camcal.solve.losses import LOSSES, Loss, robust_sigma
-from camcal.solve.refine import How, as_designed, refine
+from camcal.solve.refine import E, How, as_designed, refine, refit
 
 #: what `--robust` takes
 METHODS = ("none", "auto", *(name for name in LOSSES if name != "linear"))
@@ -40,12 +40,12 @@ def check_method(method: str) -> None:
         )
 
 
-def spread(calibration: Calibration) -> float:
+def spread(calibration: Estimate) -> float:
     """The robust scale of all residuals, px or given sigmas; of two fits to contaminated points, the smaller wins."""
     return robust_sigma(calibration.observations.standardised(calibration.residuals))
 
 
-def reweight(calibration: Calibration, how: How, loss: Loss, rounds: int = 60) -> Calibration:
+def reweight(calibration: E, how: How, loss: Loss, rounds: int = 60) -> E:
     """Iteratively reweighted least squares from a fit, on all points, σ following the residuals.
 
     Stops where the weights no longer change; the observations hold them.
@@ -62,11 +62,11 @@ def reweight(calibration: Calibration, how: How, loss: Loss, rounds: int = 60) -
         weights = fresh
         # a point outside the lens's domain has no residual and takes no part
         data = replace(data, weight=weights).with_used(np.isfinite(lengths), OUTSIDE)
-        current = refine(current.camera, current.poses, data, how)
+        current = refit(current, data, how)
     return replace(current, fit=replace(current.fit, loss=loss.name))
 
 
-def reject(calibration: Calibration, how: How) -> Calibration:
+def reject(calibration: E, how: How) -> E:
     """Reject by `outliers.test` and fit the rest, until no point changes sides; without weights of a loss."""
     current, seen = calibration, set()
     for _ in range(ROUNDS):
@@ -78,21 +78,21 @@ def reject(calibration: Calibration, how: How) -> Calibration:
         data = replace(as_designed(current), weight=None).with_used(verdict.used)
         poses = current.poses
         if verdict.bad_views:
+            poses = poses[data.views_left(verdict.bad_views)]
             data = data.without(_reasons(current, verdict.bad_views))
-            poses = poses[np.setdiff1d(np.arange(len(poses)), verdict.bad_views)]
             seen.clear()
         elif current.observations.weight is None and np.array_equal(current.used, verdict.used):
             break  # it is that fit already
-        current = refine(current.camera, poses, data, how)
+        current = refit(current, data, how, poses)
     return current
 
 
-def _reasons(calibration: Calibration, bad: tuple[int, ...]) -> dict[int, str]:
-    """Why views are rejected as a whole, by their index."""
+def _reasons(calibration: Estimate, bad: tuple[int, ...]) -> dict[int, str]:
+    """Why pictures are rejected as a whole, by the index of their block."""
     data = calibration.observations
     lengths = data.standardised(calibration.residuals)
     usual = np.median(lengths)
-    medians = [np.median(lengths[data.view == i]) for i in bad]
+    medians = [np.median(lengths[data.slices[i]]) for i in bad]
     return {
         i: f"does not fit the other views: median residual {m:.3g} against {usual:.3g}"
         for i, m in zip(bad, medians, strict=True)

@@ -85,7 +85,7 @@ def promise(facts: Facts) -> Promise | None:
     ratio = (gain / size) / (rest / (freedom - size))
     offsets = problem.board.expand(step.intrinsics[-size:])
     ideal = problem.board.points
-    points, _ = settle(ideal + offsets, ideal, solution.poses)
+    points, _, _ = settle(ideal + offsets, ideal, solution.poses)
     before, left = blocks.cost / freedom, rest / (freedom - size)
     sigma_hat = figures.sigma_hat(solution)
     return Promise(
