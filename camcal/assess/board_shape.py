@@ -22,7 +22,7 @@ from scipy.special import fdtrc
 from camcal.assess import figures
 from camcal.assess.holdout import HoldOut
 from camcal.assess.shape_benefit import Change
-from camcal.solve.calibration import Calibration, ShapedBoard
+from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: a shape is believed below this p-value: of a thousand flat boards one passes
 SIGNIFICANT = 0.001
@@ -38,7 +38,7 @@ class Trial:
     """
 
     kind: str
-    calibration: Calibration
+    calibration: Estimate
     p_value: float
     holdout: HoldOut | None
     change: Change | None = None
@@ -49,7 +49,7 @@ class Trial:
         return self.holdout.figures.rms_point if self.holdout else float("inf")
 
 
-def p_value(flat: Calibration, shaped: Calibration) -> float:
+def p_value(flat: Estimate, shaped: Estimate) -> float:
     """The p-value of (1): how likely a flat board would lower the cost as much."""
     assert shaped.board is not None
     freedom = figures.redundancy(shaped)
@@ -61,7 +61,7 @@ def p_value(flat: Calibration, shaped: Calibration) -> float:
 
 
 def described(
-    calibration: Calibration, p_value: float, trials: Sequence[Trial], square: float
+    calibration: Estimate, p_value: float, trials: Sequence[Trial], square: float
 ) -> dict[str, Any]:
     """What the report says under `target.shape`; lengths in units of the square (or of the data).
 

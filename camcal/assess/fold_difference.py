@@ -26,7 +26,7 @@ from camcal.assess.covariance import covariance
 from camcal.assess.difference import image_grid
 from camcal.assess.holdout import HoldOut
 from camcal.assess.uncertainty import projection_uncertainty
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Calibration, Estimate
 
 Array = np.ndarray
 
@@ -49,6 +49,7 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
     accuracy = covariance(solution)
     found, expected = [], []
     for fit, views in zip(held.fits, held.trained, strict=True):
+        assert isinstance(fit, Calibration)
         moved = seen_by_fold(solution, fit, views, pixels) - pixels
         whole = projection_uncertainty(solution, accuracy, views).at_pixels(pixels)
         own = covariance(fit)
@@ -85,15 +86,15 @@ def _map(grid: Array, covered: Array, squares: Array, variances: Array) -> dict[
     return made
 
 
-def covered_pixels(solution: Calibration) -> Array:
-    """The pixels (N, 2) of a grid that lie within the hull of the used points."""
-    grid, covered = covered_grid(solution)
+def covered_pixels(solution: Estimate, camera: int = 0) -> Array:
+    """The pixels (N, 2) of a grid that lie within the hull of the used points of a camera."""
+    grid, covered = covered_grid(solution, camera)
     return grid[covered]
 
 
-def covered_grid(solution: Calibration) -> tuple[Array, Array]:
+def covered_grid(solution: Estimate, camera: int = 0) -> tuple[Array, Array]:
     """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
-    uv = solution.observations.uv[solution.used]
+    uv = solution.observations.uv[solution.used & (solution.observations.camera == camera)]
     pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
     try:
         sides = ConvexHull(uv).equations

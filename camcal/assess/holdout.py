@@ -26,9 +26,9 @@ from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
-from camcal.solve.calibration import Calibration, NormalBlocks
-from camcal.solve.poses import refine_poses
-from camcal.solve.refine import How, as_designed, on_board, refine, residuals
+from camcal.solve.calibration import Calibration, Estimate, NormalBlocks
+from camcal.solve.poses import poses_before
+from camcal.solve.refine import How, as_designed, on_board, refit, residuals, subject_of
 
 #: problems up to this size are held out unasked: a fraction of a second
 CHEAP_POINTS, CHEAP_PARAMETERS = 10_000, 40
@@ -60,13 +60,13 @@ class HoldOut:
     view_ids: tuple[str, ...]
     folds: int
     residuals: tuple[Array, ...]
-    fits: tuple[Calibration, ...] = ()
+    fits: tuple[Estimate, ...] = ()
     trained: tuple[Array, ...] = ()
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """One a fold."""
-        return tuple(fit.camera for fit in self.fits)
+        """The camera of each fold."""
+        return tuple(fit.cameras[0] for fit in self.fits)
 
     @property
     def figures(self) -> figures.Figures:
@@ -79,7 +79,7 @@ class HoldOut:
         return dict(zip(self.view_ids, means, strict=True))
 
 
-def hold_out(calibration: Calibration, how: How, folds: int = FOLDS) -> HoldOut | None:
+def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | None:
     """Hold out every view once, in `folds` rounds of every so-many-th view.
 
     Parameters
@@ -100,15 +100,17 @@ def hold_out(calibration: Calibration, how: How, folds: int = FOLDS) -> HoldOut 
     found: list[Array] = [np.zeros((0, 2))] * count
     fits, trained = [], []
     data = as_designed(calibration)
-    design = Design(calibration) if calibration.board is None else None
+    design = None
+    if isinstance(calibration, Calibration) and calibration.board is None:
+        design = Design(calibration)
     for fold in range(folds):
         test = np.arange(fold, count, folds)
         train = np.setdiff1d(np.arange(count), test)
-        fit = None if design is None else _one_step(design, train)
+        fit: Estimate | None = None if design is None else _one_step(design, train)
         if fit is None:
             try:
                 start = calibration.poses[train]
-                fit = refine(calibration.camera, start, data.of_views(train), how)
+                fit = refit(calibration, data.of_views(train), how, start)
             except CamcalError:
                 return None  # too few views are left to say anything
         held = data.of_views(test).kept()
@@ -120,14 +122,11 @@ def hold_out(calibration: Calibration, how: How, folds: int = FOLDS) -> HoldOut 
     return HoldOut(data.view_ids, folds, tuple(found), tuple(fits), tuple(trained))
 
 
-def residuals_of(fit: Calibration, held: Observations, poses: Poses) -> Array:
+def residuals_of(fit: Estimate, held: Observations, poses: Poses) -> Array:
     """Residuals (N, 2) of views that a fit has not seen, their poses refitted, px."""
     if fit.board is not None:
         held = on_board(held, fit.board.ideal, fit.board.points)
-    precision = held.precision
-    weights = None if precision is None else held.split(precision)
-    found, _, _ = refine_poses(fit.camera, held.views, poses, weights)
-    return residuals(fit.camera, found, held)
+    return residuals(subject_of(fit), poses_before(fit, held, poses), held)
 
 
 def _one_step(design: Design, train: Array) -> Calibration | None:

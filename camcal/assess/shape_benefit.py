@@ -31,7 +31,7 @@ from camcal.assess.figures import sigma_0
 from camcal.assess.fold_difference import covered_pixels
 from camcal.geometry import rotations
 from camcal.model.pose import Array
-from camcal.solve.calibration import Calibration, ShapedBoard
+from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: columns of the grid over the picture
 COLUMNS = 20
@@ -60,7 +60,7 @@ class Change:
         return self.shaped_px < self.simple_px
 
 
-def change(simple: Calibration, shaped: Calibration) -> Change:
+def change(simple: Estimate, shaped: Estimate) -> Change:
     """Compare a board with a simpler one, estimated from the same points."""
     board, inner = shaped.board, simple.board
     assert board is not None
@@ -128,11 +128,16 @@ def _seen_by_none(board: ShapedBoard) -> Array:
     return np.asarray(basis @ basis.T)
 
 
-def _projections(solution: Calibration) -> Array:
-    """d pixels / d free parameters (2 N, F) over the picture, after the best-fitting rotation."""
-    lens, params, size = solution.camera.lens, solution.camera.params, solution.camera.image_size
-    rays, seen = lens.unproject(params, covered_pixels(solution) if size is None else grid_of(size, COLUMNS))
-    _, by_xyz, by_params, _ = lens.jacobians(params, rays[seen])
-    turns = (by_xyz @ rotations.skew(rays[seen])).reshape(-1, 3)
-    moves = (by_params @ solution.free).reshape(len(turns), -1)
-    return np.asarray(moves - turns @ np.linalg.lstsq(turns, moves, rcond=None)[0])
+def _projections(solution: Estimate) -> Array:
+    """d pixels / d variables (2 N, F) over the pictures of all cameras, after the best-fitting rotation of each."""
+    ends = np.cumsum([0, *(c.lens.size for c in solution.cameras)])
+    found = []
+    for index, camera in enumerate(solution.cameras):
+        lens, params, size = camera.lens, camera.params, camera.image_size
+        pixels = covered_pixels(solution, index) if size is None else grid_of(size, COLUMNS)
+        rays, seen = lens.unproject(params, pixels)
+        _, by_xyz, by_params, _ = lens.jacobians(params, rays[seen])
+        turns = (by_xyz @ rotations.skew(rays[seen])).reshape(-1, 3)
+        moves = (by_params @ solution.free[ends[index] : ends[index + 1]]).reshape(len(turns), -1)
+        found.append(moves - turns @ np.linalg.lstsq(turns, moves, rcond=None)[0])
+    return np.concatenate(found)

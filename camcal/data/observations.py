@@ -139,6 +139,8 @@ class Observations:
         `{path, sha256}` of each input file.
     picture_quality : mapping of view id -> mapping
         Figures on each picture (sharpness, exposure, ...), where pictures were read.
+    pictures : mapping of (camera, view id) -> str
+        Of a rig, what a picture is called where that is not the id of its instant.
     """
 
     xyz: Array
@@ -157,6 +159,7 @@ class Observations:
     skipped: tuple[SkippedView, ...] = ()
     files: tuple[Mapping[str, str], ...] = ()
     picture_quality: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    pictures: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(self.xyz)
@@ -233,6 +236,11 @@ class Observations:
         starts = self.blocks.starts.tolist()
         return tuple(slice(a, b) for a, b in pairwise(starts))
 
+    def picture(self, block: int) -> str:
+        """What the picture of a block is called: the view's id unless it has a name of its own."""
+        view, camera = self.view_ids[self.blocks.view[block]], self.cameras[self.blocks.camera[block]]
+        return self.pictures.get((camera, view), view)
+
     def split(self, values: Array) -> list[Array]:
         """An array with a row for each of the table's, cut into blocks."""
         return [values[rows] for rows in self.slices]
@@ -305,7 +313,7 @@ class Observations:
         alone = len(self.cameras) == 1
         said = tuple(
             SkippedView(
-                self.view_ids[self.blocks.view[i]],
+                self.picture(i),
                 "rejected",
                 left_out[i],
                 int(self.blocks.counts[i]),

@@ -99,6 +99,11 @@ class Poses(Pose, Sequence):
             return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         return cls(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
 
+    @classmethod
+    def of(cls, pose: Pose) -> Poses:
+        """A pose with batch axes, such as a product of poses, as the sequence that it is."""
+        return cls(pose.rotation, pose.translation)
+
     @property
     def rotations(self) -> Array:
         """The rotations (V, 3, 3)."""

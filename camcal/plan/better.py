@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from camcal.assess.holdout import HoldOut
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Calibration, Estimate
 
 #: of twenty choices between equals one falls on the larger model
 CHANCE = 0.05
@@ -35,7 +35,7 @@ EQUAL = 1e-12
 class Candidate:
     """A fit, and its error on views held out where that is known."""
 
-    calibration: Calibration
+    calibration: Estimate
     holdout: HoldOut | None = None
 
 
@@ -57,9 +57,9 @@ def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
     return bool(t > (-sure if fewer else sure)), said
 
 
-def physical(calibration: Calibration) -> bool:
-    """Whether the focal length is finite and positive, and all points that the fit rests on project."""
-    focal = np.diag(calibration.camera.matrix)[:2]
+def physical(calibration: Estimate) -> bool:
+    """Whether focal lengths are finite and positive, and all points that the fit rests on project."""
+    focal = np.array([np.diag(c.matrix)[:2] for c in calibration.cameras])
     return bool(
         (focal > 0).all() and np.isfinite(focal).all() and np.isfinite(calibration.used_residuals).all()
     )
@@ -80,7 +80,7 @@ def gain(candidate: HoldOut | None, incumbent: HoldOut | None) -> tuple[float, i
     return (float(np.sign(d.mean()) * np.inf) if d.any() else 0.0), len(d)
 
 
-def same_points(a: Calibration, b: Calibration) -> bool:
+def same_points(a: Estimate, b: Estimate) -> bool:
     """Whether two fits rest on the same image points with the same weights."""
     x, y = a.observations, b.observations
     if x.view_ids != y.view_ids or not np.array_equal(x.used, y.used) or not np.array_equal(x.uv, y.uv):
@@ -89,12 +89,13 @@ def same_points(a: Calibration, b: Calibration) -> bool:
     return bool(np.array_equal(np.broadcast_to(p, x.used.shape), np.broadcast_to(q, x.used.shape)))
 
 
-def _unknowns(calibration: Calibration) -> tuple[str, int]:
+def _unknowns(calibration: Estimate) -> tuple[str, int]:
     board = calibration.board
-    return (f"{calibration.camera.lens.name} {board.kind if board else 'flat'}", calibration.free_count)
+    lenses = " ".join(c.lens.name for c in calibration.cameras)
+    return (f"{lenses} {board.kind if board else 'flat'}", calibration.free_count)
 
 
-def _lower_cost(new: Calibration, old: Calibration) -> tuple[bool, str]:
+def _lower_cost(new: Estimate, old: Estimate) -> tuple[bool, str]:
     ours, theirs = new.fit.cost, old.fit.cost
     if ours < theirs * (1 - EQUAL):
         return True, f"a lower cost on the same points: {ours:.9g} against {theirs:.9g}"

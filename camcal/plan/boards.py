@@ -16,14 +16,14 @@ from camcal.errors import CamcalError
 from camcal.plan.better import Candidate
 from camcal.plan.progress import Attempt, Change, Progress
 from camcal.solve import robust
-from camcal.solve.calibration import Calibration
-from camcal.solve.refine import How, refine
+from camcal.solve.calibration import Estimate
+from camcal.solve.refine import How, refit
 
 
-def _flat(progress: Progress) -> Calibration:
+def _flat(progress: Progress) -> Estimate:
     """The fit with the board as designed, that shapes are compared with."""
     found = progress.notes.get("flat")
-    return found if isinstance(found, Calibration) else progress.fit
+    return found if isinstance(found, Estimate) else progress.estimate
 
 
 def shape_attempt(kind: str) -> Attempt:
@@ -36,7 +36,7 @@ def shape_attempt(kind: str) -> Attempt:
         flat, how = _flat(progress), replace(progress.how, board=kind)
         auto = progress.options.board_shape == "auto"
         try:
-            made = refine(flat.camera, flat.poses, flat.observations, how)
+            made = refit(flat, flat.observations, how)
         except CamcalError:
             if auto:
                 return None  # the data do not allow that kind
@@ -47,12 +47,12 @@ def shape_attempt(kind: str) -> Attempt:
     return Attempt(kind, applies, make)
 
 
-def _taken(flat: Calibration, trial: Trial) -> Change:
+def _taken(flat: Estimate, trial: Trial) -> Change:
     notes = {"flat": flat, "shape": trial, "trials": ()}
     return Change(fit=Candidate(trial.calibration), instead=True, notes=notes)
 
 
-def _tried(progress: Progress, flat: Calibration, trial: Trial, how: How) -> Change:
+def _tried(progress: Progress, flat: Estimate, trial: Trial, how: How) -> Change:
     """Compare a shape with the best board so far.
 
     It must be significant, and the free one leave a camera that is expected to be nearer to the truth; views are held
@@ -84,7 +84,7 @@ def _refused(trial: Trial) -> str:
     return ""
 
 
-def _benefit(simple: Calibration, shaped: Calibration) -> Benefit | None:
+def _benefit(simple: Estimate, shaped: Estimate) -> Benefit | None:
     try:
         return benefit(simple, shaped)
     except np.linalg.LinAlgError:
@@ -93,20 +93,20 @@ def _benefit(simple: Calibration, shaped: Calibration) -> Benefit | None:
 
 def _reject_again(progress: Progress) -> Change | None:
     """A flat board's misfit may have made outliers of good points: test them again."""
-    fit = progress.fit
+    fit = progress.estimate
     assert fit.board is not None
     kept = robust.reject(fit, replace(progress.how, board=fit.board.kind))
     return None if kept is fit else Change(fit=Candidate(kept), instead=True)
 
 
 def _is_shaped(progress: Progress) -> bool:
-    return progress.best is not None and progress.fit.board is not None and progress.options.robust == "auto"
+    return progress.best is not None and progress.estimate.board is not None and progress.options.robust == "auto"
 
 
 def with_shape(data: Observations, progress: Progress) -> Observations:
     """The observations with the shape in their target, where shapes were tried."""
     trials: tuple[Trial, ...] = progress.notes.get("trials", ())
-    fit, shape = progress.fit, progress.notes.get("shape")
+    fit, shape = progress.estimate, progress.notes.get("shape")
     if not trials and shape is None:
         return data
     target = dict(data.target or {})

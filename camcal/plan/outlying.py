@@ -92,7 +92,7 @@ def _all_poses(progress: Progress) -> Change:
 
 def _reweight(progress: Progress) -> Change:
     """Reweighting from the better of the fits to all points and to those that agree."""
-    found = [c.calibration for c in (progress.best,) if c is not None]
+    found = [] if progress.best is None else [progress.fit]
     found += [progress.plain] if progress.plain is not None else []
     if not found:
         raise EstimationError("neither all points nor those that agree give a camera.")

@@ -20,7 +20,7 @@ from camcal.model.lenses.base import Lens
 from camcal.model.pose import Poses
 from camcal.plan.better import Candidate, better
 from camcal.plan.options import Options
-from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How
 
 #: attempts after others of the same points failed
@@ -119,10 +119,16 @@ class Progress:
     notes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def fit(self) -> Calibration:
-        """The best fit so far; attempts that use it apply only where there is one."""
+    def estimate(self) -> Estimate:
+        """The best fit so far, of a camera or of a rig; attempts that use it apply only where there is one."""
         assert self.best is not None
         return self.best.calibration
+
+    @property
+    def fit(self) -> Calibration:
+        """The best fit so far of a camera."""
+        assert isinstance(self.estimate, Calibration)
+        return self.estimate
 
     def made(self, name: str) -> bool:
         """Whether an attempt was made since the camera was last found anew."""
@@ -150,8 +156,9 @@ class Progress:
                 kept, why = better(change.fit, now.best)
             if kept:
                 now = replace(now, best=change.fit, data=change.fit.calibration.observations)
-            if now.plain is None and not now.restarts:
-                now = replace(now, plain=change.fit.calibration)
+            made = change.fit.calibration
+            if now.plain is None and not now.restarts and isinstance(made, Calibration):
+                now = replace(now, plain=made)
         stage = change.stage
         if stage is None and change.fit is not None:
             stage = stage_of(
@@ -173,14 +180,15 @@ class Progress:
         return replace(now, error=error) if first else now
 
 
-def stage_of(name: str, calibration: Calibration, seconds: float, info: Mapping[str, Any]) -> Stage:
+def stage_of(name: str, calibration: Estimate, seconds: float, info: Mapping[str, Any]) -> Stage:
     """A fit as a stage of the report."""
+    camera = calibration.camera if isinstance(calibration, Calibration) else None
     return Stage(
         name,
         calibration.rms_point,
-        calibration.camera.matrix,
+        None if camera is None else camera.matrix,
         seconds,
-        camera=calibration.camera,
+        camera=camera,
         poses=calibration.poses,
         view_ids=calibration.observations.view_ids,
         info=info,

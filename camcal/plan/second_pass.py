@@ -77,15 +77,15 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
     """The size of windows that is better than the usual one, or that; the points in them, and the fit to these."""
     first, found = progress.fit, progress.given
     tried = [
-        (window, points, Candidate(fit, hold_out(fit, progress.how)))
+        (window, points, fit, Candidate(fit, hold_out(fit, progress.how)))
         for window, points in zip(WINDOWS, _again(found, found, first, WINDOWS), strict=False)
         for fit in [_refitted(first, points, progress)]
     ]
     usual = next((t for t in tried if t[0] == INNER_HALF), tried[0])
-    for other in sorted(tried, key=lambda t: _rms(t[2].holdout) or np.inf):
-        if other is usual or better(other[2], usual[2])[0]:
-            return other[0], other[1], other[2].calibration
-    return usual[0], usual[1], usual[2].calibration
+    for other in sorted(tried, key=lambda t: _rms(t[3].holdout) or np.inf):
+        if other is usual or better(other[3], usual[3])[0]:
+            return other[0], other[1], other[2]
+    return usual[0], usual[1], usual[2]
 
 
 def _rms(held: HoldOut | None) -> float | None:

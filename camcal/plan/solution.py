@@ -10,12 +10,12 @@ from typing import Any
 from camcal.assess.warning import SEVERITIES, CalibrationWarning, Grade, grade
 from camcal.data.observations import Observations
 from camcal.registry import load
-from camcal.solve.calibration import Calibration, Stage
+from camcal.solve.calibration import Calibration, Estimate, RigCalibration, Stage
 
 
-@dataclass(frozen=True, repr=False)
-class Solution(Calibration):
-    """A calibration with its stages, warnings, hold-out and cross-check.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Judged(Estimate):
+    """A fit with its stages, warnings, hold-out and cross-check.
 
     Attributes
     ----------
@@ -28,12 +28,8 @@ class Solution(Calibration):
         Entries of the report: {stage, against, status, why, opencv, difference}.
     holdout : mapping or None
         Figures on views that took no part.
-    second_pass : mapping or None
-        What the second pass over the pictures did.
     selection : mapping or None
-        How the lens model was found, where none was asked for.
-    points : Observations or None
-        All views that could be used, with the points as the second pass left them.
+        How the lens model was found, where none was asked for; of a rig by camera.
     """
 
     stages: tuple[Stage, ...] = ()
@@ -41,20 +37,7 @@ class Solution(Calibration):
     options: Mapping[str, Any] = field(default_factory=dict)
     crosscheck: tuple[Mapping[str, Any], ...] = ()
     holdout: Mapping[str, Any] | None = None
-    second_pass: Mapping[str, Any] | None = None
     selection: Mapping[str, Any] | None = None
-    points: Observations | None = None
-
-    def __repr__(self) -> str:
-        said = f", {len(self.warnings)} warnings" if self.warnings else ""
-        return (
-            f"<Solution: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px, "
-            f"{self.verdict}{said}>"
-        )
-
-    def _repr_html_(self) -> str:
-        """A table of the camera for notebooks."""
-        return str(load("camcal.report.notebook:table")(self))
 
     def option(self, name: str) -> Any:
         """The value of an option; None where it was not given."""
@@ -89,6 +72,33 @@ class Solution(Calibration):
         """`pass`, or `fail` where a gate fell."""
         return "fail" if self.failures else "pass"
 
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Solution(Judged, Calibration):
+    """The calibration of a camera.
+
+    Attributes
+    ----------
+    second_pass : mapping or None
+        What the second pass over the pictures did.
+    points : Observations or None
+        All views that could be used, with the points as the second pass left them.
+    """
+
+    second_pass: Mapping[str, Any] | None = None
+    points: Observations | None = None
+
+    def __repr__(self) -> str:
+        said = f", {len(self.warnings)} warnings" if self.warnings else ""
+        return (
+            f"<Solution: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px, "
+            f"{self.verdict}{said}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """A table of the camera for notebooks."""
+        return str(load("camcal.report.notebook:table")(self))
+
     def save(self, path: str | PathLike, force: bool = False) -> None:
         """Write the report.
 
@@ -98,6 +108,29 @@ class Solution(Calibration):
             Where the file exists and `force` is not given.
         """
         load("camcal.report.document:save")(load("camcal.report.document:document")(self), path, force)
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class RigSolution(Judged, RigCalibration):
+    """The calibration of a rig.
+
+    Attributes
+    ----------
+    links : mapping of (camera, camera) -> mapping
+        What each two cameras that saw a board at the same instant know of each other.
+    """
+
+    links: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"<RigSolution: {', '.join(self.rig.cameras)}; {len(self.poses)} instants, rms {self.rms_point:.4g} px, "
+            f"{self.verdict}>"
+        )
+
+    def save(self, path: str | PathLike, force: bool = False) -> None:
+        """Write the report; UsageError where the file exists and `force` is not given."""
+        load("camcal.report.document:save")(load("camcal.report.rig:document")(self), path, force)
 
 
 def of_fit(fit: Calibration, **more: Any) -> Solution:

@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from camcal.data.observations import View
+from camcal.data.observations import Observations, View
 from camcal.geometry import rotations
 from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
-from camcal.solve.problem import Problem, State
+from camcal.solve.calibration import Estimate, RigCalibration
+from camcal.solve.problem import Problem, Seen, State
 
 #: of a view's cost: leaves a pose of 50 points within 1e-5 of its standard deviations
 _TOLERANCE = 1e-12
@@ -45,6 +46,18 @@ def refine_poses(
     problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)), weights)
     found = solve_poses(problem, problem.state(camera.params, poses), max_iterations)
     return problem.poses(found.state), found.costs, found.converged
+
+
+def poses_before(fit: Estimate, observations: Observations, poses: Poses) -> Poses:
+    """The poses of views that a fit has not seen, its camera or rig held, from starts."""
+    frees = [np.zeros((c.lens.size, 0)) for c in fit.cameras]
+    kept = observations.kept()
+    weights = None if kept.precision is None else kept.split(kept.precision)
+    seen = Seen(kept.blocks.camera, kept.blocks.view)
+    problem = Problem([c.lens for c in fit.cameras], kept.views, frees, weights, seen=seen)
+    rig = Poses.stack(list(fit.rig.cam_from_rig.values())) if isinstance(fit, RigCalibration) else None
+    state = problem.state(np.concatenate([c.params for c in fit.cameras]), poses, rig)
+    return problem.poses(solve_poses(problem, state).state)
 
 
 @dataclass(frozen=True)

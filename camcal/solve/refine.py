@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -130,15 +130,22 @@ def refine(
     return Calibration(camera=found, start=start, **common)
 
 
-E = TypeVar("E", Calibration, RigCalibration)
+E = TypeVar("E", bound=Estimate)
+
+
+def subject_of(fit: Estimate) -> Camera | Rig:
+    """What a fit estimated."""
+    if isinstance(fit, RigCalibration):
+        return fit.rig
+    assert isinstance(fit, Calibration)
+    return fit.camera
 
 
 def refit(fit: E, observations: Observations, how: How, poses: Poses | None = None) -> E:
     """Fit again from where a fit stands, to other rows; `poses` where other views are left than it has."""
     poses = fit.poses if poses is None else poses
-    if isinstance(fit, RigCalibration):
-        return refine(fit.rig, poses, observations, how)
-    return refine(fit.camera, poses, observations, how)
+    found = refine(subject_of(fit), poses, observations, how)  # type: ignore[call-overload]
+    return cast(E, found)
 
 
 def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:

@@ -1,0 +1,281 @@
+"""Where the cameras of a rig stand to each other, from the poses of boards before each of them.
+
+Two cameras that saw a board at the same instant give their relative pose, a_from_b = P_a P_b⁻¹. A board that looks the
+same after half a turn (or a quarter) may have been read the other way round by one of them: P_a s P_b⁻¹ with a
+symmetry s of the board is then the relative pose, and only the right s gives the same one at every instant. A spanning
+tree of those pairs of cameras that know most about each other connects all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.data.observations import Observations
+from camcal.errors import EstimationError
+from camcal.geometry import rotations
+from camcal.model.pose import Pose, Poses
+
+Array = np.ndarray
+
+#: targets that look the same from two sides; those with markers do not
+SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
+#: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
+SAME_POINT = 1e-6
+#: relative poses of so many instants are tried for a pair of cameras: one of them is good
+TRIED = 40
+#: a turned board is believed where it brings the instants nearer together by this factor. A static board is the same
+#: before both cameras at every instant, turned or not.
+NEARER = 0.5
+#: instants further from the relative pose of a pair than so many times the median one have no part in it
+FAR = 5.0
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures of a rig, one a block of its observations, each with the pose of the board before its camera.
+
+    Attributes
+    ----------
+    camera, view : (B,) int arrays
+    poses : Poses
+        cam_from_board (B,).
+    variance : (B,) array
+        Of the place of the board's points, squared unit of the data.
+    """
+
+    camera: Array
+    view: Array
+    poses: Poses
+    variance: Array
+
+
+@dataclass(frozen=True)
+class Link:
+    """What two cameras know of each other.
+
+    Attributes
+    ----------
+    pose : Pose
+        a_from_b.
+    information : float
+        Sum of 1 / variance over the instants that agree.
+    shared : int
+        Number of instants that both saw.
+    scatter : float
+        Median distance of an instant's board from where the other camera says it is, in parts of its distance.
+    """
+
+    pose: Pose
+    information: float
+    shared: int
+    scatter: float
+
+
+def symmetries(data: Observations) -> tuple[Pose, ...]:
+    """The turns of the board in its plane after which it looks the same, the identity first."""
+    nothing = (Pose.identity(),)
+    if (data.target or {}).get("kind") not in SYMMETRIC:
+        return nothing
+    points = np.unique(data.xyz, axis=0)
+    low, high = points.min(0), points.max(0)
+    extent = float((high - low).max())
+    if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:
+        return nothing
+    middle, tree = (low + high) / 2, cKDTree(points)
+    found = list(nothing)
+    for angle in (np.pi, np.pi / 2, -np.pi / 2):
+        turn = rotations.exp(np.array([0.0, 0.0, angle]))
+        pose = Pose(turn, middle - turn @ middle)
+        if np.asarray(tree.query(pose.apply(points))[0]).max() < SAME_POINT * extent:
+            found.append(pose)
+    return tuple(found)
+
+
+def corners_of(data: Observations) -> Array:
+    """Four points (4, 3) that span the board."""
+    low, high = data.xyz.min(0), data.xyz.max(0)
+    return np.array([[x, y, (low[2] + high[2]) / 2] for x in (low[0], high[0]) for y in (low[1], high[1])])
+
+
+def distances(a: Poses, b: Poses, relative: Pose, turns: Sequence[Pose], corners: Array) -> Array:
+    """How far apart the boards of two cameras are (S, W), for each symmetry, in parts of the distance from camera a.
+
+    Parameters
+    ----------
+    a, b : Poses
+        cam_from_board (W,) at the same instants.
+    relative : Pose
+        a_from_b.
+    """
+    from_b = Poses.of(relative @ b)[:, None].apply(corners)
+    far = np.maximum(np.linalg.norm(from_b.mean(1), axis=-1), np.finfo(float).tiny)
+    found = []
+    for turn in turns:
+        off = Poses.of(a @ turn)[:, None].apply(corners) - from_b
+        found.append(np.sqrt(np.square(off).sum(-1).mean(-1)) / far)
+    return np.array(found)
+
+
+def link(a: Poses, b: Poses, variance: Array, turns: Sequence[Pose], corners: Array) -> Link:
+    """The relative pose of two cameras from W instants that both saw, with the variance (W,) of each."""
+    tried = np.unique(np.linspace(0, len(a) - 1, min(len(a), TRIED)).round().astype(int))
+    best: tuple[float, int, Pose] | None = None
+    for index in tried:
+        for order, turn in enumerate(turns):
+            relative = a[index] @ turn @ b[index].inverse()
+            apart = distances(a, b, relative, turns, corners)
+            scatter = float(np.median(apart.min(0)))
+            if best is None or scatter < best[0] * (NEARER if order and not best[1] else 1.0):
+                best = scatter, order, relative
+    assert best is not None
+    return _averaged(a, b, variance, best[2], turns, corners)
+
+
+def _averaged(
+    a: Poses, b: Poses, variance: Array, relative: Pose, turns: Sequence[Pose], corners: Array
+) -> Link:
+    """The mean relative pose of the instants that agree with one, weighted by their information."""
+    apart = distances(a, b, relative, turns, corners)
+    chosen, nearest = _nearest(apart), apart.min(0)
+    agree = nearest <= FAR * max(float(np.median(nearest)), np.finfo(float).eps)
+    each = Poses.stack([a[i] @ turns[chosen[i]] @ b[i].inverse() for i in np.flatnonzero(agree)])
+    weight = 1 / variance[agree]
+    mean = np.tensordot(weight, each.rotations, 1)
+    u, _, vt = np.linalg.svd(mean)
+    turn = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt  # the nearest rotation (Schonemann 1966)
+    shift = weight @ each.translations / weight.sum()
+    return Link(Pose(turn, shift), float(weight.sum()), len(a), float(np.median(nearest)))
+
+
+def _nearest(apart: Array) -> Array:
+    """Which symmetry (W,) brings two boards together; the first, the identity, unless another is much nearer."""
+    best = apart.argmin(0)
+    return np.where(apart.min(0) < NEARER * apart[0], best, 0)
+
+
+def links(pictures: Pictures, turns: Sequence[Pose], corners: Array, cameras: int) -> dict[tuple[int, int], Link]:
+    """What each two cameras (a < b) with shared instants know of each other."""
+    found = {}
+    for a in range(cameras):
+        for b in range(a + 1, cameras):
+            i, j = shared(pictures, a, b)
+            if len(i):
+                variance = pictures.variance[i] + pictures.variance[j]
+                found[a, b] = link(pictures.poses[i], pictures.poses[j], variance, turns, corners)
+    return found
+
+
+def shared(pictures: Pictures, a: int, b: int, lag: int = 0) -> tuple[Array, Array]:
+    """The blocks of camera a at each instant that b saw too, and those of b, which may be `lag` instants later."""
+    i, j = np.flatnonzero(pictures.camera == a), np.flatnonzero(pictures.camera == b)
+    _, first, second = np.intersect1d(pictures.view[i] + lag, pictures.view[j], return_indices=True)
+    return i[first], j[second]
+
+
+def spanning_tree(found: Mapping[tuple[int, int], Link], names: Sequence[str]) -> tuple[Poses, list[tuple[int, int]]]:
+    """cam_from_rig of each camera, the first being the reference, and the pairs that connect them.
+
+    The tree of the largest information (Prim 1957).
+
+    Raises
+    ------
+    EstimationError
+        Where instants connect only some of the cameras.
+    """
+    reached = {0: Pose.identity()}
+    tree: list[tuple[int, int]] = []
+    while len(reached) < len(names):
+        ways = [(k, v) for k, v in found.items() if (k[0] in reached) != (k[1] in reached)]
+        if not ways:
+            raise _not_connected(found, names)
+        (a, b), best = max(ways, key=lambda way: way[1].information)
+        if a in reached:
+            reached[b] = best.pose.inverse() @ reached[a]
+        else:
+            reached[a] = best.pose @ reached[b]
+        tree.append((a, b))
+    return Poses.stack([reached[i] for i in range(len(names))]), tree
+
+
+def _not_connected(found: Mapping[tuple[int, int], Link], names: Sequence[str]) -> EstimationError:
+    """The error that names the parts of a rig which no instant connects, and what would."""
+    group = list(range(len(names)))
+    for a, b in found:
+        group = [group[a] if g == group[b] else g for g in group]
+    parts = [[n for n, g in zip(names, group, strict=True) if g == i] for i in dict.fromkeys(group)]
+    said = "; ".join(f"{' and '.join(p)}" for p in parts)
+    return EstimationError(
+        f"the cameras are not connected: they form {len(parts)} groups that never see a board at the same instant "
+        f"({said}).",
+        f"Pictures that connect them: the board seen at one instant by {parts[0][0]} and by {parts[1][0]}, or by any "
+        "other two cameras of these groups.",
+    )
+
+
+def placed(
+    pictures: Pictures, rig: Poses, data: Observations, turns: Sequence[Pose], corners: Array
+) -> tuple[Observations, Poses, int]:
+    """The boards before a rig whose poses are known.
+
+    At each instant the picture with which the others agree best gives the board; those that were read the other way
+    round get their points renamed.
+
+    Returns
+    -------
+    data : Observations
+    poses : Poses
+        rig_from_board of each instant.
+    turned : int
+        How many pictures were read the other way round.
+    """
+    renamed = data.xyz.copy(), None if data.point is None else data.point.copy()
+    board = _Renaming.of(data)
+    poses, turned = [], 0
+    for instant in range(len(data)):
+        blocks = np.flatnonzero(pictures.view == instant)
+        boards = Poses.stack([rig[pictures.camera[b]].inverse() @ pictures.poses[b] for b in blocks])
+        tried = [_agreement(boards, i, turns, corners) for i in range(len(blocks))]
+        anchor = int(np.argmin([c for c, _ in tried] + np.sqrt(pictures.variance[blocks])))
+        own = tried[anchor][1]
+        usual = int(np.bincount(own).argmax())  # the board as most pictures have it
+        poses.append(boards[anchor] @ turns[usual].inverse())
+        for block in blocks[own != usual]:
+            turn = turns[own[blocks == block][0]] @ turns[usual].inverse()
+            board.rename(renamed, data.slices[block], turn.inverse())
+            turned += 1
+    return replace(data, xyz=renamed[0], point=renamed[1]), Poses.stack(poses), turned
+
+
+def _agreement(boards: Poses, anchor: int, turns: Sequence[Pose], corners: Array) -> tuple[float, Array]:
+    """How far the boards (B,) of an instant are from one of them, added up, and the symmetries (B,) to get there."""
+    there = boards[anchor].apply(corners)
+    apart = np.array(
+        [np.sqrt(np.square(Poses.of(boards @ t)[:, None].apply(corners) - there).sum(-1).mean(-1)) for t in turns]
+    )
+    return float(apart.min(0).sum()), _nearest(apart)
+
+
+@dataclass(frozen=True)
+class _Renaming:
+    """The points of a board, to rename them after a turn."""
+
+    points: Array
+    ids: Array | None
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, data: Observations) -> _Renaming:
+        points, first = np.unique(data.xyz, axis=0, return_index=True)
+        return cls(points, None if data.point is None else data.point[first], cKDTree(points))
+
+    def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:
+        """Turn the points of some rows."""
+        xyz, ids = columns
+        which = np.asarray(self.tree.query(turn.apply(xyz[rows]))[1])
+        xyz[rows] = self.points[which]
+        if ids is not None and self.ids is not None:
+            ids[rows] = self.ids[which]
