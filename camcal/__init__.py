@@ -10,16 +10,22 @@ from typing import Any
 from camcal.version import __version__
 
 _PUBLIC = {
+    "Board": "camcal.model.board:Board",
     "Camera": "camcal.model.camera:Camera",
     "Correspondences": "camcal.data.observations:Correspondences",
     "Observations": "camcal.data.observations:Observations",
     "Pose": "camcal.model.pose:Pose",
+    "Poses": "camcal.model.pose:Poses",
+    "Rig": "camcal.model.rig:Rig",
+    "RigSolution": "camcal.plan.solution:RigSolution",
     "Solution": "camcal.plan.solution:Solution",
     "View": "camcal.data.observations:View",
     "calibrate": "camcal.plan.calibrate:calibrate",
     "calibrate_images": "camcal.plan.images:calibrate_images",
+    "calibrate_rig": "camcal.plan.rig:calibrate_rig",
     "load": "camcal.report.opening:load",
     "read_points": "camcal.data.points:read_points",
+    "read_rig": "camcal.data.rig_table:read_rig",
     "save_camera": "camcal.report.opening:save_camera",
 }
 

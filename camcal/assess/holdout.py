@@ -115,8 +115,8 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
                 return None  # too few views are left to say anything
         held = data.of_views(test).kept()
         unseen = residuals_of(fit, held, calibration.poses[test])
-        for i, r in zip(test, held.split(unseen), strict=True):
-            found[int(i)] = r
+        for place, i in enumerate(test):
+            found[int(i)] = unseen[held.view == place]
         fits.append(fit)
         trained.append(train)
     return HoldOut(data.view_ids, folds, tuple(found), tuple(fits), tuple(trained))
@@ -173,7 +173,7 @@ def _one_step(design: Design, train: Array) -> Calibration | None:
 
 
 # ------------------------------------------------------------------------------------------------- for the report
-def folds_wanted(calibration: Calibration, folds: int | None) -> int:
+def folds_wanted(calibration: Estimate, folds: int | None) -> int:
     """How many folds are held out: as asked for, or 4 where that is cheap, else 0.
 
     Raises
@@ -189,7 +189,8 @@ def folds_wanted(calibration: Calibration, folds: int | None) -> int:
         )
     if folds is None:
         cheap = calibration.observations.point_count <= CHEAP_POINTS
-        folds = FOLDS if cheap and calibration.camera.lens.size <= CHEAP_PARAMETERS else 0
+        largest = max(c.lens.size for c in calibration.cameras)
+        folds = FOLDS if cheap and largest <= CHEAP_PARAMETERS else 0
     return folds if views >= LEAST_VIEWS and calibration.free.any() else 0
 
 

@@ -10,6 +10,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "estimate": ("camcal.cli.estimate:command", "Calibrate from points of known position and their images."),
     "checkerboard": ("camcal.cli.checkerboard:command", "Calibrate from pictures of a checkerboard."),
     "images": ("camcal.cli.checkerboard:images", "The same for pictures of any target."),
+    "rig": ("camcal.cli.rig:command", "Calibrate several cameras that are mounted to each other."),
     "batch": ("camcal.cli.batch:command", "Calibrate many cameras, with a summary of all."),
     "watch": ("camcal.cli.watch:command", "Calibrate while pictures arrive; say what to take next."),
     "detect": ("camcal.cli.detect:command", "Write the corners found in pictures as a table."),

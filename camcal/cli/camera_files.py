@@ -10,6 +10,7 @@ from camcal.cli.verbosity import note
 
 if TYPE_CHECKING:
     from camcal.model.camera import Camera
+    from camcal.model.rig import Rig
 
 
 def is_report(path: Path | None, options: Mapping[str, Any]) -> bool:
@@ -39,23 +40,16 @@ def check(options: Mapping[str, Any]) -> None:
             target_format(path, None)
 
 
-def save(camera: Camera, options: Mapping[str, Any], command: list[str]) -> None:
-    """Write the camera to each target, in the format of its ending.
+def save(camera: Camera | Rig, options: Mapping[str, Any], command: list[str]) -> None:
+    """Write the camera or the rig to each target, in the format of its ending.
 
     Raises
     ------
     UsageError
         Where a format has no room for a term of the camera, which it names.
     """
-    from camcal.data.formats import files, format_of
-    from camcal.data.formats.base import CameraFile
-
     for path in targets(options):
-        if format_of(path) == "camcal":
-            from camcal.report.camera import camera_document
-            from camcal.report.document import save as save_document
+        from camcal.report.opening import save_camera
 
-            save_document(camera_document(camera, command), path, options["force"])
-        else:
-            files.write(path, CameraFile.one(camera), None, options["force"])
+        save_camera(camera, path, force=options["force"], command=command)
         note(f"Camera written to {path}.")

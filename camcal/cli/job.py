@@ -29,7 +29,8 @@ GATE_FELL = 1
 OnPicture = Callable[[Mapping[str, Any]], Any]
 
 
-def _names(settings: type[Settings]) -> list[str]:
+def names_of(settings: type[Settings]) -> list[str]:
+    """The names of the options that a command line has of some settings."""
     return [option.name for option in settings.command_line()]
 
 
@@ -72,31 +73,38 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
-    search = {name: options[name] for name in _names(DetectionOptions) if name in options}
+    search = {name: options[name] for name in names_of(DetectionOptions) if name in options}
     with progress("reading pictures") as show:
+        return detect_images(paths, **search, on_event=detection_events(show, on_picture))
 
-        def show_event(event: str, details: Mapping[str, Any]) -> None:
-            if event in ("searched", "film"):
-                show(details["done"], details["count"])
-            elif event == "picture":
-                if on_picture is not None:
-                    on_picture(details)
-                if details["status"] != "found":
-                    note(f"{details['id']}: {details['reason']}", 1)
-            elif event == "frames":
-                note("{path}: {searched} of {frames} frames are searched".format(**details))
-            elif event == "turned":
-                note(
-                    "{count} of {of} pictures were held another way: used as the sensor saw them".format(
-                        **details
-                    )
+
+def detection_events(
+    show: Callable[[int, int], None], on_picture: OnPicture | None = None
+) -> Callable[[str, Mapping[str, Any]], None]:
+    """What the search in pictures says as it goes on; `show` is called with (done, count)."""
+
+    def show_event(event: str, details: Mapping[str, Any]) -> None:
+        if event in ("searched", "film"):
+            show(details["done"], details["count"])
+        elif event == "picture":
+            if on_picture is not None:
+                on_picture(details)
+            if details["status"] != "found":
+                note(f"{details['id']}: {details['reason']}", 1)
+        elif event == "frames":
+            note("{path}: {searched} of {frames} frames are searched".format(**details))
+        elif event == "turned":
+            note(
+                "{count} of {of} pictures were held another way: used as the sensor saw them".format(
+                    **details
                 )
-            elif event == "target":
-                note(_recognised(details))
-            elif event == "cache":
-                note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
+            )
+        elif event == "target":
+            note(_recognised(details))
+        elif event == "cache":
+            note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
 
-        return detect_images(paths, **search, on_event=show_event)
+    return show_event
 
 
 def _recognised(details: Mapping[str, Any]) -> str:
@@ -136,7 +144,7 @@ def calibrate_and_report(
     sections : mapping, optional
         Further entries of the report.
     """
-    given = {name: options[name] for name in _names(CalibrationOptions)}
+    given = {name: options[name] for name in names_of(CalibrationOptions)}
     if is_report(given["board_shape"]):
         from camcal.report.board import on_known_board
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,53 @@ from camcal.errors import DataError
 Array = np.ndarray
 
 
-def read_rig_table(
+@dataclass(frozen=True)
+class RigViews:
+    """What each camera of a rig saw, and which of its views are of the same instant.
+
+    Attributes
+    ----------
+    parts : mapping of camera -> Observations of that camera
+    instants : mapping of camera -> mapping of view id -> instant
+    order : tuple of str
+        The instants, in their order.
+    """
+
+    parts: Mapping[str, Observations]
+    instants: Mapping[str, Mapping[str, str]]
+    order: tuple[str, ...]
+
+    @classmethod
+    def of(cls, data: Observations | Mapping[str, Observations] | RigViews) -> RigViews:
+        """Those of observations of several cameras, or of one each, in which the same view is the same instant.
+
+        Raises
+        ------
+        DataError
+            Where there is one camera only.
+        """
+        if isinstance(data, RigViews):
+            return data
+        if isinstance(data, Observations):
+            parts = {name: of_camera(data, name) for name in data.cameras}
+            order = data.view_ids
+        else:
+            parts = dict(data)
+            order = tuple(dict.fromkeys(v for p in parts.values() for v in p.view_ids))
+        if len(parts) < 2:
+            raise DataError(
+                "a rig has two or more cameras; there is one.", "Use camcal.calibrate for one camera."
+            )
+        same = {name: {v: v for v in part.view_ids} for name, part in parts.items()}
+        return cls(parts, same, order)
+
+    def ordered(self, first: str) -> RigViews:
+        """The same with another camera first."""
+        names = [first, *(n for n in self.parts if n != first)]
+        return replace(self, parts={n: self.parts[n] for n in names})
+
+
+def read_rig(
     path: str | os.PathLike, image_sizes: Mapping[str, tuple[int, int]] | tuple[int, int] | None = None
 ) -> Observations:
     """Read the points that several cameras saw.

@@ -100,7 +100,11 @@ def _reject_again(progress: Progress) -> Change | None:
 
 
 def _is_shaped(progress: Progress) -> bool:
-    return progress.best is not None and progress.estimate.board is not None and progress.options.robust == "auto"
+    return (
+        progress.best is not None
+        and progress.estimate.board is not None
+        and progress.options.robust == "auto"
+    )
 
 
 def with_shape(data: Observations, progress: Progress) -> Observations:

@@ -26,7 +26,7 @@ from camcal.report.plain import plain
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
 from camcal.schema import Report, unknown_key
-from camcal.solve.calibration import Stage
+from camcal.solve.calibration import Estimate, Stage
 from camcal.start.base import scaled
 
 __all__ = ["document", "load", "load_camera", "save"]
@@ -69,7 +69,7 @@ def document(
         "inputs": _inputs(data),
         "options": dict(solution.options) if options is None else options,
         "target": data.target,
-        "stages": [_stage(s) for s in solution.stages],
+        "stages": [stage_entry(s) for s in solution.stages],
         "camera": _camera(solution, accuracy),
     }
     if solution.selection is not None:
@@ -78,20 +78,20 @@ def document(
         made["projection_matrix"] = _projection_matrix(solution.camera, solution.poses[0])
     made |= {
         "views": views,
-        "fit": _fit(solution, accuracy),
+        "fit": fit_entry(solution, accuracy),
         "uncertainty": uncertainty(solution, accuracy),
         "holdout": solution.holdout,
         # tests of the residuals are checks, and the slowest part of a report
         "bias": None if solution.option("checks") is False else bias(solution, accuracy),
         "coverage": coverage(solution),
         "crosscheck": list(solution.crosscheck),
-        "warnings": [_warning(w) for w in (*solution.warnings, *warnings)],
+        "warnings": [warning_entry(w) for w in (*solution.warnings, *warnings)],
         "verdict": "fail" if fallen else "pass",
         "grade": grade((*solution.warnings, *warnings)),
         "failures": fallen,
         "data": encode(data, places),
     }
-    return _checked(plain(made))
+    return checked(plain(made))
 
 
 def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[str, Any]:
@@ -104,16 +104,16 @@ def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[st
         "inputs": inputs,
         "options": dict(solution.options),
         "camera": _camera(solution, accuracy),
-        "fit": _fit(solution, accuracy),
+        "fit": fit_entry(solution, accuracy),
         "holdout": solution.holdout,
-        "warnings": [_warning(w) for w in solution.warnings],
+        "warnings": [warning_entry(w) for w in solution.warnings],
         "verdict": solution.verdict,
         "failures": solution.failures,
     }
     return plain(made)
 
 
-def _checked(made: dict[str, Any]) -> dict[str, Any]:
+def checked(made: dict[str, Any]) -> dict[str, Any]:
     """Refuse to write a key that the schema does not know: docs/report.md would not explain it."""
     unknown = unknown_key(Report, made)
     if unknown is not None:
@@ -130,7 +130,7 @@ def _inputs(data: Correspondences) -> dict[str, Any]:
     }
 
 
-def _stage(stage: Stage) -> dict[str, Any]:
+def stage_entry(stage: Stage) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "name": stage.name,
         "rms_point": stage.rms_point,
@@ -171,11 +171,12 @@ def _projection_matrix(camera: Camera, pose: Pose) -> Array:
 def _views(solution: Solution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
     """The entries of all views in the input's order, and where the used ones stand among them."""
     data = solution.observations
-    vectors = rotations.log(solution.poses.rotations)
     sigmas = np.sqrt(np.diagonal(accuracy.poses(), axis1=1, axis2=2))
-    entries = [_used_view(solution, i, vectors[i], sigmas[i]) for i in range(len(data.views))]
+    entries = [
+        used_view(solution, i, view.id, solution.poses[i], sigmas[i]) for i, view in enumerate(data.views)
+    ]
     used = [e["id"] for e in entries]
-    entries += [_skipped(s) for s in data.skipped]
+    entries += [skipped_entry(s) for s in data.skipped]
     order = _input_order([e["id"] for e in entries], data)
     entries = [entries[i] for i in order]
     places = [i for i, e in enumerate(entries) if e["status"] == "used"]
@@ -201,23 +202,25 @@ def _input_order(ids: list[str], data: Correspondences) -> list[int]:
     return order if kept == sorted(kept) else plain_order
 
 
-def _used_view(solution: Solution, index: int, vector: Array, sigmas: Array) -> dict[str, Any]:
+def used_view(solution: Estimate, index: int, name: str, pose: Pose, sigmas: Array | None) -> dict[str, Any]:
+    """The entry of a block's picture, of its pose cam_from_board and the sigmas (6,) of that."""
     view = solution.observations.views[index]
     rows = solution.observations.slices[index]
     residuals, inliers = solution.residuals[rows], solution.used[rows]
     entry: dict[str, Any] = {
-        "id": view.id,
+        "id": name,
         "status": "used",
         "reason": None,
         "points": len(view),
         "rejected_points": int((~inliers).sum()),
         "rms_point": figures.rms_point(residuals[inliers]),
         "cam_from_board": {
-            "rotation_vector": vector,
-            "translation": solution.poses.translations[index],
-            "sigma": {"rotation": sigmas[:3], "centroid": sigmas[3:]},
+            "rotation_vector": rotations.log(pose.rotation),
+            "translation": pose.translation,
         },
     }
+    if sigmas is not None:
+        entry["cam_from_board"]["sigma"] = {"rotation": sigmas[:3], "centroid": sigmas[3:]}
     if not inliers.all():
         entry["rejected"] = [
             {
@@ -232,7 +235,7 @@ def _used_view(solution: Solution, index: int, vector: Array, sigmas: Array) -> 
     return entry
 
 
-def _skipped(view: SkippedView) -> dict[str, Any]:
+def skipped_entry(view: SkippedView) -> dict[str, Any]:
     return {
         "id": view.id,
         "status": view.status,
@@ -244,7 +247,7 @@ def _skipped(view: SkippedView) -> dict[str, Any]:
     }
 
 
-def _fit(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
+def fit_entry(solution: Estimate, accuracy: Covariance) -> dict[str, Any]:
     fit, all_points = solution.fit, figures.overall(solution)
     used = all_points.points
     return {
@@ -271,7 +274,7 @@ def _fit(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
     }
 
 
-def _warning(warning: CalibrationWarning) -> dict[str, str]:
+def warning_entry(warning: CalibrationWarning) -> dict[str, str]:
     return {
         "code": warning.code,
         "severity": warning.severity,

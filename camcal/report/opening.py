@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from camcal.data.formats import files, format_of
@@ -30,7 +31,8 @@ def load(path: str | os.PathLike) -> Solution | Camera | Rig:
 
     Returns
     -------
-    Solution of a report with its data; Rig of a file of several cameras with their poses; else Camera.
+    Solution of a report with its data; Rig of the report of a rig, or of a file of several cameras with their poses;
+    else Camera.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def load(path: str | os.PathLike) -> Solution | Camera | Rig:
     file = Path(path)
     if file.is_file():
         source = Source(file)
-        if REPORT.sniff(source) and "data" in source.mapping:
+        if REPORT.sniff(source) and "data" in source.mapping and "cameras" not in source.mapping:
             return from_document(read_document(file), str(file))
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
@@ -51,7 +53,11 @@ def load(path: str | os.PathLike) -> Solution | Camera | Rig:
 
 
 def save_camera(
-    camera: Camera | Rig, path: str | os.PathLike, to: str | None = None, force: bool = False
+    camera: Camera | Rig,
+    path: str | os.PathLike,
+    to: str | None = None,
+    force: bool = False,
+    command: Sequence[str] = (),
 ) -> dict[str, float]:
     """Write a camera or a rig in the format of a program.
 
@@ -60,6 +66,8 @@ def save_camera(
     path : path
     to : str, optional
         The format, of `camcal list formats`; from the ending of the name otherwise.
+    command : sequence of str, optional
+        What a document of camcal's says of where it comes from.
 
     Returns
     -------
@@ -76,6 +84,6 @@ def save_camera(
     else:
         named = (NamedCamera("camera", camera, Pose.identity()),)
     if (to or format_of(path)) == "camcal":
-        save(cameras_document(CameraFile(named)), path, force)
+        save(cameras_document(CameraFile(named), command), path, force)
         return {str(path): 0.0}
     return {p: gap.max_px for p, gap in files.write(path, CameraFile(named), to, force).items()}

@@ -35,14 +35,14 @@ _STYLE = {
 
 def tables(report: Document) -> RenderableType:
     """Parameters, views, stages and cross-check of a report."""
-    parts = [_parameters(report), _fit(report["fit"]), _views(report["views"])]
+    parts = [parameters_table(report["camera"]), fit_table(report["fit"]), _views(report["views"])]
     shape = (report.get("target") or {}).get("shape")
     if shape:
-        parts.append(_board(shape))
+        parts.append(board_table(shape))
     if report["stages"]:
         parts.append(_stages(report["stages"]))
     if report["crosscheck"]:
-        parts.append(_crosscheck(report["crosscheck"]))
+        parts.append(crosscheck_table(report["crosscheck"]))
     spaced: list[RenderableType] = []
     for part in parts:
         spaced += [part, Text("")]
@@ -71,8 +71,13 @@ def sentence(report: Document) -> str:
     """What was found, in one sentence."""
     fit = report["fit"]
     used = sum(v["status"] == "used" for v in report["views"])
+    models = (
+        [report["camera"]["model"]]
+        if "camera" in report
+        else [c["model"] for c in report["cameras"].values()]
+    )
     said = (
-        f"{report['camera']['model']} from {count(fit['points_used'], 'point')} in {count(used, 'view')}, "
+        f"{', '.join(dict.fromkeys(models))} from {count(fit['points_used'], 'point')} in {count(used, 'view')}, "
         f"rms {number(fit['rms_point'])} px (95 % of the points below {number(fit['p95'])} px)"
     )
     if not fit["converged"]:
@@ -113,7 +118,8 @@ def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
     return f"{value:.{places}f}", f"{sigma:.{places}f}" if places else f"{sigma:.0f}"
 
 
-def _table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
+def table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
+    """A table whose first column stands on the left, the others on the right but for those in `left`."""
     made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for name in columns:
         on_the_left = name == columns[0] or name in left
@@ -121,18 +127,20 @@ def _table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
     return made
 
 
-def _parameters(report: Document) -> Table:
-    camera = report["camera"]
+def parameters_table(camera: Mapping[str, Any], name: str = "") -> Table:
+    """The parameters of a camera; `name` is that of a rig's."""
     size = "x".join(map(str, camera["image_size"] or ())) or "of unknown size"
-    made = _table(f"{camera['model']}, pictures {size}", "parameter", "value", "± sigma", "start")
+    head = f"{name}: " if name else ""
+    made = table(f"{head}{camera['model']}, pictures {size}", "parameter", "value", "± sigma", "start")
     for name, p in camera["parameters"].items():
         value, sigma = with_sigma(p["value"], p["sigma"])
         made.add_row(name, value, "fixed" if p["fixed"] else sigma, f"{p['start']:.6g}")
     return made
 
 
-def _fit(fit: Mapping[str, Any]) -> Table:
-    made = _table(
+def fit_table(fit: Mapping[str, Any]) -> Table:
+    """The error figures."""
+    made = table(
         "reprojection error, px", "rms_point", "rms_coord", "sigma_hat", "median", "p95", "max", "points"
     )
     made.columns[0].justify = "right"
@@ -152,7 +160,7 @@ def _views(views: Sequence[Mapping[str, Any]]) -> RenderableType:
         title += f": the {len(worst)} worst" + (" and those left out" if others else "")
         if len(others) > WORST_VIEWS:
             title += f" (first {WORST_VIEWS})"
-    made = _table(title, "view", "points", "rms", "", left=[""])
+    made = table(title, "view", "points", "rms", "", left=[""])
     made.columns[0].max_width = 30
     made.columns[3].overflow, made.columns[3].no_wrap = "fold", False
     top = max((_or_zero(v["rms_point"]) for v in used), default=0.0)
@@ -166,14 +174,14 @@ def _views(views: Sequence[Mapping[str, Any]]) -> RenderableType:
     return made
 
 
-def _board(shape: Mapping[str, Any]) -> RenderableType:
+def board_table(shape: Mapping[str, Any]) -> RenderableType:
     """The board's shape in words, and the errors of each shape that was tried."""
     taken = shape["kind"] + (f", from {shape['from']}" if shape.get("from") else "")
     parts: list[RenderableType] = [Text(f"board: {taken}", style="bold")]
     if shape.get("words"):
         parts.append(Padding(Text(shape["words"]), (0, 0, 0, 2)))
     if shape.get("tried") and not shape.get("from"):
-        made = _table("", "tried", "rms", "hold-out", "p")
+        made = table("", "tried", "rms", "hold-out", "p")
         made.title = None
         for t in shape["tried"]:
             p = "-" if t["kind"] == "flat" else f"{t['p_value']:.1g}" if t["p_value"] else "< 1e-300"
@@ -187,7 +195,7 @@ def _or_zero(value: float | None) -> float:
 
 
 def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
-    made = _table("stages", "stage", "rms", "fx", "fy", "cx", "cy", "skew", "ms")
+    made = table("stages", "stage", "rms", "fx", "fy", "cx", "cy", "skew", "ms")
     for s in stages:
         k = s["matrix"]
         cells = (
@@ -201,8 +209,9 @@ def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
     return made
 
 
-def _crosscheck(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
-    made = _table(
+def crosscheck_table(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """Each stage beside cv2, and why where they differ."""
+    made = table(
         "cross-check", "stage", "against", "status", "rms of cv2", "apart, px", left=["against", "status"]
     )
     reasons: list[RenderableType] = []

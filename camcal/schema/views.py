@@ -26,10 +26,11 @@ class File(Section):
     sha256: Annotated[str, key("of its content")]
 
 
-class Inputs(Section):
+class Inputs(Section, kw_only=True):
     """What was read."""
 
     image_size: Annotated[Size | None, key("[width, height] or null")]
+    image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("of a rig: by camera")] = UNSET
     views: Annotated[Count, key("number of views, those left out included")]
     points: Annotated[Count, key("number of points read")]
     files: Annotated[list[File], key("each with `path` and `sha256`")]
@@ -128,6 +129,9 @@ class View(Section, kw_only=True):
 
     id: Annotated[str, key("the file's name, or the value of the `view` column")]
     camera: Annotated[str | UnsetType, key("of a rig: the camera's name")] = UNSET
+    instant: Annotated[str | UnsetType, key("of a rig: pictures of the same instant show the same board")] = (
+        UNSET
+    )
     status: Annotated[
         Literal["used", "rejected", "not_found", "unreadable"],
         key("`used`, `rejected`, `not_found` (no target in the picture), `unreadable`"),
@@ -145,6 +149,10 @@ class View(Section, kw_only=True):
     cam_from_board: Annotated[
         BoardPose | None, key("`rotation_vector`, `translation`, `sigma`; null of a view that was not used")
     ]
+    rig_from_board: Annotated[
+        BoardPose | UnsetType,
+        key("of a rig: the board in the frame of the rig, the same for all of an instant"),
+    ] = UNSET
     rejected: Annotated[
         list[RejectedPoint] | UnsetType,
         key("the rejected points of a used view: `row`, `id`, `u`, `v`, `residual`"),

@@ -19,6 +19,7 @@ from camcal.settings.kinds import (
     Words,
 )
 from camcal.settings.option import Option
+from camcal.settings.rig import IMAGE_SIZES, RigOptions
 from camcal.settings.run import (
     CI,
     CONFIG,
@@ -196,6 +197,18 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         replace(DetectionOptions.options()["square"], help="Side of a square of that board, such as 25mm."),
         IMAGE_SIZE,
         *CALIBRATION,
+        *RESULT,
+    ),
+    "rig": (
+        *BOARD,
+        REFINE_CORNERS,
+        replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
+        *(
+            replace(o, help=f"{o.help} auto for pictures, flat for tables by default.", default=None)
+            if o.name == "board_shape"
+            else o
+            for o in RigOptions.command_line("start")
+        ),
         *RESULT,
     ),
     "checkerboard": _IMAGES,

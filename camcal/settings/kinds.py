@@ -226,13 +226,18 @@ def is_report(name: Any) -> bool:
 class Assignments(Kind):
     """Names with values: `p1,p2,k3=0.1`, or a list or mapping; several of them are merged.
 
-    A name without a value gets None, which is refused where `values` says that each needs one.
+    A name without a value gets None, which is refused where `values` says that each needs one. `qualified` names may
+    say of what they are: `left.fx`.
     """
 
     def __init__(
-        self, metavar: str = "NAME[=VALUE],...", example: str = "p1,p2,k3=0.1", values: bool = False
+        self,
+        metavar: str = "NAME[=VALUE],...",
+        example: str = "p1,p2,k3=0.1",
+        values: bool = False,
+        qualified: bool = False,
     ):
-        self.metavar, self.example, self.values = metavar, example, values
+        self.metavar, self.example, self.values, self.qualified = metavar, example, values, qualified
 
     def convert(self, value: Any) -> dict[str, float | None]:
         """Return a dict name -> float or None."""
@@ -259,7 +264,7 @@ class Assignments(Kind):
 
     def _split(self, part: str) -> tuple[str, str | None]:
         name, equals, held = (text.strip() for text in part.partition("="))
-        if not re.fullmatch(r"[A-Za-z_]\w*", name) or (equals and not held):
+        if not re.fullmatch(r"[\w.-]+" if self.qualified else r"[A-Za-z_]\w*", name) or (equals and not held):
             raise refuse(part, "NAME or NAME=VALUE", f"Try: {self.example}")
         return name, held if equals else None
 

@@ -56,13 +56,21 @@ class How:
 
 @overload
 def refine(
-    start: Camera, poses: Poses, observations: Observations, how: How | None = None, on_step: OnStep | None = None
+    start: Camera,
+    poses: Poses,
+    observations: Observations,
+    how: How | None = None,
+    on_step: OnStep | None = None,
 ) -> Calibration: ...
 
 
 @overload
 def refine(
-    start: Rig, poses: Poses, observations: Observations, how: How | None = None, on_step: OnStep | None = None
+    start: Rig,
+    poses: Poses,
+    observations: Observations,
+    how: How | None = None,
+    on_step: OnStep | None = None,
 ) -> RigCalibration: ...
 
 
@@ -169,7 +177,11 @@ def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
         replace(c, params=apply_fixed(c.lens, c.params, fix))
         for c, fix in zip(cameras_of(start), _fixes(start, how), strict=True)
     ]
-    return replace(start, cameras=dict(zip(start.cameras, made, strict=True))) if isinstance(start, Rig) else made[0]
+    return (
+        replace(start, cameras=dict(zip(start.cameras, made, strict=True)))
+        if isinstance(start, Rig)
+        else made[0]
+    )
 
 
 def _rig_poses(start: Camera | Rig) -> Poses | None:

@@ -75,6 +75,10 @@ class Link:
     scatter: float
 
 
+#: what each two cameras (a < b) know of each other
+Links = Mapping[tuple[int, int], Link]
+
+
 def symmetries(data: Observations) -> tuple[Pose, ...]:
     """The turns of the board in its plane after which it looks the same, the identity first."""
     nothing = (Pose.identity(),)
@@ -157,7 +161,9 @@ def _nearest(apart: Array) -> Array:
     return np.where(apart.min(0) < NEARER * apart[0], best, 0)
 
 
-def links(pictures: Pictures, turns: Sequence[Pose], corners: Array, cameras: int) -> dict[tuple[int, int], Link]:
+def links(
+    pictures: Pictures, turns: Sequence[Pose], corners: Array, cameras: int
+) -> dict[tuple[int, int], Link]:
     """What each two cameras (a < b) with shared instants know of each other."""
     found = {}
     for a in range(cameras):
@@ -176,7 +182,7 @@ def shared(pictures: Pictures, a: int, b: int, lag: int = 0) -> tuple[Array, Arr
     return i[first], j[second]
 
 
-def spanning_tree(found: Mapping[tuple[int, int], Link], names: Sequence[str]) -> tuple[Poses, list[tuple[int, int]]]:
+def spanning_tree(found: Links, names: Sequence[str]) -> tuple[Poses, list[tuple[int, int]]]:
     """cam_from_rig of each camera, the first being the reference, and the pairs that connect them.
 
     The tree of the largest information (Prim 1957).
@@ -201,7 +207,7 @@ def spanning_tree(found: Mapping[tuple[int, int], Link], names: Sequence[str]) -
     return Poses.stack([reached[i] for i in range(len(names))]), tree
 
 
-def _not_connected(found: Mapping[tuple[int, int], Link], names: Sequence[str]) -> EstimationError:
+def _not_connected(found: Links, names: Sequence[str]) -> EstimationError:
     """The error that names the parts of a rig which no instant connects, and what would."""
     group = list(range(len(names)))
     for a, b in found:
@@ -254,7 +260,10 @@ def _agreement(boards: Poses, anchor: int, turns: Sequence[Pose], corners: Array
     """How far the boards (B,) of an instant are from one of them, added up, and the symmetries (B,) to get there."""
     there = boards[anchor].apply(corners)
     apart = np.array(
-        [np.sqrt(np.square(Poses.of(boards @ t)[:, None].apply(corners) - there).sum(-1).mean(-1)) for t in turns]
+        [
+            np.sqrt(np.square(Poses.of(boards @ t)[:, None].apply(corners) - there).sum(-1).mean(-1))
+            for t in turns
+        ]
     )
     return float(apart.min(0).sum()), _nearest(apart)
 

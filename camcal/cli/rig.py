@@ -1,0 +1,112 @@
+"""`camcal rig`: several cameras that are mounted to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from camcal.cli.options import options, resolved_options
+from camcal.cli.verbosity import note, verbosity, verbosity_options
+
+if TYPE_CHECKING:
+    from camcal.data.rig_table import RigViews
+    from camcal.plan.solution import RigSolution
+
+
+@click.command("rig")
+@click.argument("inputs", nargs=-1, required=True, metavar="TABLE | NAME=IMAGES...")
+@options("rig")
+@verbosity_options
+@click.pass_context
+def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
+    """Calibrate two or more cameras and where they stand to each other.
+
+    TABLE has the columns camera, view, X, Y, Z, u, v (and sigma, id); the same view is the same instant. Or each
+    camera is given by a name and its pictures: left=FOLDER right='imgs/right*.jpg'. Pictures of the same instant have
+    the same name, or the same number in it. All intrinsics, relative poses and boards are estimated together.
+    """
+    from camcal.cli.job import output_is_free
+    from camcal.plan.rig import calibrate_rig
+    from camcal.settings.rig import RigOptions
+
+    output_is_free(options)
+    views, of_pictures = _read(inputs, options)
+    given = {o.name: options[o.name] for o in RigOptions.command_line("start")}
+    given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
+    refine_points = options["refine_corners"] if of_pictures else False
+    solution = calibrate_rig(views, on_event=_tell, refine_points=refine_points, **given)
+    return _deliver(ctx, solution, options)
+
+
+def _read(inputs: tuple[str, ...], options: dict[str, Any]) -> tuple[RigViews, bool]:
+    """What the cameras saw, and whether pictures show it.
+
+    Raises
+    ------
+    UsageError
+        Where the words are neither one table nor cameras with their pictures.
+    """
+    from camcal.data.rig_table import RigViews, read_rig
+    from camcal.errors import UsageError
+    from camcal.settings.rig import split_camera
+
+    pairs = [(split_camera(text), text) for text in inputs]
+    if len(inputs) == 1 and (pairs[0][0] is None or Path(inputs[0]).is_file()):
+        return RigViews.of(read_rig(inputs[0], options["image_size"])), False
+    folders: dict[str, list[str]] = {}
+    for pair, text in pairs:
+        if pair is None:
+            raise UsageError(
+                f"'{text}' is not the pictures of a camera; NAME=FOLDER is needed, or one table alone.",
+                "Try: camcal rig left=FOLDER right=FOLDER",
+            )
+        folders.setdefault(pair[0], []).append(pair[1])
+    if len(folders) < 2:
+        raise UsageError(
+            f"a rig has two or more cameras; '{next(iter(folders))}' is one.", "Try: left=FOLDER right=FOLDER"
+        )
+    return _detected(folders, options), True
+
+
+def _detected(folders: Mapping[str, list[str]], options: dict[str, Any]) -> RigViews:
+    from camcal.cli.job import detection_events, names_of
+    from camcal.cli.output import progress
+    from camcal.detect.rig_images import detect_rig
+    from camcal.settings.detection import DetectionOptions
+
+    search = {name: options[name] for name in names_of(DetectionOptions) if name in options}
+    with progress("reading pictures") as show:
+        return detect_rig(folders, on_event=detection_events(show), **search)
+
+
+def _tell(event: str, details: Mapping[str, Any]) -> None:
+    if event == "camera":
+        note("camera {name} by itself: {model}, rms {rms_point:.4g} px".format(**details))
+
+
+def _deliver(ctx: click.Context, solution: RigSolution, options: dict[str, Any]) -> int:
+    """Write the report and the rig, show them, sum them up; return the exit code."""
+    from camcal.cli import camera_files
+    from camcal.cli.job import GATE_FELL, command_line
+    from camcal.cli.output import console, emit
+    from camcal.report.document import save
+    from camcal.report.rig import document
+    from camcal.report.rig_table import tables
+    from camcal.report.table import summary
+
+    solution = replace(solution, options=resolved_options(ctx))
+    report = document(solution, command=command_line(ctx))
+    output = options["output"] if camera_files.is_report(options["output"], options) else None
+    if output is not None:
+        save(report, output, options["force"])
+    camera_files.save(solution.rig, options, command_line(ctx))
+    emit(report, options["format"], lambda: tables(report))
+    if verbosity() >= 0:
+        console(stderr=True).print(summary(report))
+    if output is not None:
+        note(f"Report written to {output}.")
+    return GATE_FELL if report["verdict"] == "fail" else 0

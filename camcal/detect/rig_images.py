@@ -1,0 +1,117 @@
+"""The pictures of the cameras of a rig: found, searched for one target, and sorted into instants."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from camcal.data.observations import Observations
+from camcal.data.rig_table import RigViews
+from camcal.detect.images import detect_images
+from camcal.detect.listing import list_pictures, view_ids
+from camcal.errors import CamcalError, DataError
+
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+#: a name is taken apart into text and whole numbers
+NUMBER = re.compile(r"\d+")
+
+
+def detect_rig(
+    folders: Mapping[str, Sequence[str | os.PathLike]], on_event: OnEvent | None = None, **options: Any
+) -> RigViews:
+    """Find the target in the pictures of several cameras.
+
+    Parameters
+    ----------
+    folders : mapping of camera -> folders, files, patterns
+    on_event : callable, optional
+        As of `detect_images`.
+    **options
+        Those of `detect_images`. A target that is to be recognised is the one that the first camera shows.
+
+    Raises
+    ------
+    DataError
+        As `detect_images`, with the camera named; where pictures of different cameras cannot be told to be of the
+        same instant.
+    """
+    names = {name: _listed(name, paths) for name, paths in folders.items()}
+    instants = match(names)
+    spec: list[str] = []
+
+    def listen(event: str, details: Mapping[str, Any]) -> None:
+        if event == "target":
+            spec.append(details["spec"])
+        if on_event is not None:
+            on_event(event, details)
+
+    parts: dict[str, Observations] = {}
+    for name, paths in folders.items():
+        if spec:  # what the first camera shows
+            options = {**options, "target": spec[0], "board": None, "square": None}
+        try:
+            parts[name] = detect_images(paths, **options, on_event=listen)
+        except CamcalError as error:
+            raise type(error)(f"camera '{name}': {error.message}", error.hint) from error
+    return RigViews(parts, instants, _order(instants))
+
+
+def _listed(name: str, paths: Sequence[str | os.PathLike]) -> list[str]:
+    try:
+        return view_ids(list_pictures(paths))
+    except CamcalError as error:
+        raise type(error)(f"camera '{name}': {error.message}", error.hint) from error
+
+
+def match(pictures: Mapping[str, Sequence[str]]) -> dict[str, dict[str, str]]:
+    """The instant of each picture, by camera and name.
+
+    Pictures are of the same instant where their names are the same; else where the names have the same numbers at
+    the place at which the numbers of a camera's names differ; else in their order, where all cameras have as many.
+
+    Raises
+    ------
+    DataError
+        Where none of these holds.
+    """
+    for key in (_by_name, _by_numbers):
+        keys = {camera: key(names) for camera, names in pictures.items()}
+        if all(len(set(k)) == len(k) for k in keys.values()) and _overlap(list(keys.values())):
+            return {c: dict(zip(pictures[c], keys[c], strict=True)) for c in pictures}
+    counts = {c: len(names) for c, names in pictures.items()}
+    if len(set(counts.values())) == 1:
+        return {c: {n: str(i + 1) for i, n in enumerate(names)} for c, names in pictures.items()}
+    said = ", ".join(f"{c} {n}" for c, n in counts.items())
+    raise DataError(
+        f"the pictures cannot be sorted into instants: their names do not agree, and their numbers differ ({said}).",
+        "Name pictures of the same instant by the same number: left01.jpg and right01.jpg.",
+    )
+
+
+def _by_name(names: Sequence[str]) -> list[str]:
+    return [n.rpartition(".")[0] or n for n in names]
+
+
+def _by_numbers(names: Sequence[str]) -> list[str]:
+    """The numbers in each name that are not the same in all names of the camera."""
+    found = [[str(int(n)) for n in NUMBER.findall(name)] for name in names]
+    if len({len(f) for f in found}) != 1 or not found[0]:
+        return ["" for _ in names]
+    varies = [i for i in range(len(found[0])) if len({f[i] for f in found}) > 1] or [len(found[0]) - 1]
+    return ["-".join(f[i] for i in varies) for f in found]
+
+
+def _overlap(keys: Sequence[Sequence[str]]) -> bool:
+    """Whether each camera shares instants with another one."""
+    count = Counter(k for own in keys for k in set(own))
+    return all(any(count[k] > 1 for k in own) for own in keys)
+
+
+def _order(instants: Mapping[str, Mapping[str, str]]) -> tuple[str, ...]:
+    """The instants by their numbers, else as they come."""
+    found = dict.fromkeys(i for own in instants.values() for i in own.values())
+    numbers = {i: [int(n) for n in NUMBER.findall(i)] for i in found}
+    return tuple(sorted(found, key=lambda i: (numbers[i], i)))

@@ -1,0 +1,227 @@
+"""From the observations of several cameras to a rig.
+
+Each camera alone, then the relative poses by a spanning tree over shared instants, then everything together: a plan of
+attempts as that of one camera, with the same least squares, outlier test, board shapes and rule for what is better.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.holdout import described, folds_wanted, hold_out
+from camcal.assess.rig_checks import check
+from camcal.data.observations import Observations
+from camcal.data.rig_table import RigViews, joined
+from camcal.model.pose import Poses
+from camcal.model.rig import Rig
+from camcal.plan.better import Candidate
+from camcal.plan.boards import SHAPES, with_shape
+from camcal.plan.options import Options
+from camcal.plan.outlying import LOSS, LOSS_ROUNDS
+from camcal.plan.progress import Attempt, Change, Progress, follow
+from camcal.plan.rig_cameras import Alone, alone, board_variance, check_options
+from camcal.plan.solution import RigSolution
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.rig import RigOptions
+from camcal.solve import outliers, robust
+from camcal.solve.calibration import RigCalibration, Stage
+from camcal.solve.losses import LOSSES
+from camcal.solve.refine import How, refine, residuals
+from camcal.solve.rig_start import Links, Pictures, corners_of, links, placed, spanning_tree, symmetries
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+def calibrate_rig(
+    data: Observations | Mapping[str, Observations] | RigViews,
+    *,
+    on_event: OnEvent | None = None,
+    refine_points: bool | None = False,
+    **options: Any,
+) -> RigSolution:
+    """Calibrate a rig: all cameras, where they stand to each other, and the boards, together.
+
+    Parameters
+    ----------
+    data : Observations of several cameras, or mapping of name -> Observations
+        Views of the same id are of the same instant. `camcal.read_rig(path)` reads a table with a column `camera`.
+    on_event : callable, optional
+        Called as the work goes on: `("camera", {name, rms_point, model})`, `("linked", {...})`,
+        `("refined", {rms_point, points, rejected})`, `("crosschecked", {entries})`.
+    **options
+        The fields of `camcal.settings.rig.RigOptions`, as on the command line: `model` (of all, or a mapping by
+        camera), `cameras` (a mapping of name -> Camera or file), `hold`, `reference`, `robust`, `board_shape`, ...
+
+    Returns
+    -------
+    RigSolution
+
+    Raises
+    ------
+    UsageError
+        For an unknown option, model, parameter or camera.
+    DataError
+        For observations that cannot be used.
+    EstimationError
+        Where they do not determine a camera, or do not connect the cameras.
+    """
+    asked = RigOptions.resolve(**options)
+    tell = on_event or (lambda _, __: None)
+    views = RigViews.of(data)
+    names = tuple(views.parts)
+    check_options(asked, names)
+    reference = asked.reference or names[0]
+    views = views.ordered(reference)
+    cameras = {}
+    for name, part in views.parts.items():
+        cameras[name] = alone(name, part, asked, refine_points)
+        fit = cameras[name].fit
+        tell("camera", {"name": name, "rms_point": fit.rms_point, "model": fit.camera.lens.name})
+    progress = follow(PLAN, _begun(cameras, views, asked))
+    solution = _solution(progress, cameras, asked)
+    tell("refined", {"rms_point": solution.rms_point, "rejected": int((~solution.used).sum())})
+    solution = replace(solution, options=asked.described(options))
+    if asked.checks:
+        solution = _assessed(solution, progress, asked)
+    if asked.crosscheck:
+        from camcal.peers.stereo_calibrate import crosscheck  # cv2 is loaded only here
+
+        flat = progress.notes.get("flat")
+        solution = replace(solution, crosscheck=crosscheck(solution, flat, progress.how))
+        tell("crosschecked", {"entries": len(solution.crosscheck)})
+    return solution
+
+
+# ------------------------------------------------------------------------------------------------------ the plan
+def _begun(cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions) -> Progress:
+    """The progress before the cameras are put together."""
+    parts = {n: a.fit.observations for n, a in cameras.items()}
+    data = joined(parts, views.instants, views.order)
+    if asked.robust in ("none", "auto"):
+        data = replace(data, weight=None)
+    fix = {f"{n}.{p}": v for n, a in cameras.items() for p, v in a.fix.items()}
+    shared = {
+        f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
+    }
+    options = Options(**shared)
+    how = How(fix, options.optimizer, options.stopping, options.normalise)
+    first = next(iter(cameras.values())).fit.camera.lens
+    notes = {"cameras": cameras, "pictures": _pictures(cameras, views, data)}
+    return Progress(options, first, how, data, data, notes=notes)
+
+
+def _pictures(cameras: Mapping[str, Alone], views: RigViews, data: Observations) -> Pictures:
+    """The pose of the board before each picture, as its camera alone has it."""
+    found = {}
+    for name, own in cameras.items():
+        variances = board_variance(own.fit)
+        for i, view in enumerate(own.fit.observations.view_ids):
+            found[name, views.instants[name][view]] = own.fit.poses[i], float(variances[i])
+    keys = [
+        (data.cameras[c], data.view_ids[v]) for c, v in zip(data.blocks.camera, data.blocks.view, strict=True)
+    ]
+    poses = Poses.stack([found[k][0] for k in keys])
+    return Pictures(data.blocks.camera, data.blocks.view, poses, np.array([found[k][1] for k in keys]))
+
+
+def _link(progress: Progress) -> Change:
+    """The relative poses of the cameras, and the boards before them, from each camera alone."""
+    begin = time.perf_counter()
+    data, pictures = progress.data, progress.notes["pictures"]
+    turns, corners = symmetries(data), corners_of(data)
+    known = links(pictures, turns, corners, len(data.cameras))
+    relative, tree = spanning_tree(known, data.cameras)
+    data, poses, turned = placed(pictures, relative, data, turns, corners)
+    cameras = {n: a.fit.camera for n, a in progress.notes["cameras"].items()}
+    rig = Rig(cameras, dict(zip(cameras, relative, strict=True)), data.cameras[0])
+    off = residuals(rig, poses, data)[data.used]
+    info = {"tree": [f"{data.cameras[a]}-{data.cameras[b]}" for a, b in tree], "turned_pictures": turned}
+    rms = float(np.sqrt(np.square(off).sum(1).mean()))
+    stage = Stage("spanning-tree", rms, None, time.perf_counter() - begin, info=info)
+    notes = {"rig": rig, "poses": poses, "links": known}
+    return Change(data=data, given=data, stage=stage, notes=notes)
+
+
+def _together(progress: Progress) -> Change:
+    """Everything together, on the points that the cameras alone believe."""
+    rig, poses = progress.notes["rig"], progress.notes["poses"]
+    return Change(fit=Candidate(refine(rig, poses, progress.data, progress.how)))
+
+
+def _reweight(progress: Progress) -> Change:
+    method = progress.options.robust
+    auto = method == "auto"
+    rounds = {"rounds": LOSS_ROUNDS} if auto else {}
+    made = robust.reweight(progress.estimate, progress.how, LOSSES[LOSS if auto else method], **rounds)
+    return Change(fit=Candidate(made), instead=True)
+
+
+def _wants_reweighting(progress: Progress) -> bool:
+    method = progress.options.robust
+    if progress.best is None or method == "none":
+        return False
+    return method != "auto" or not outliers.is_clean(progress.estimate)
+
+
+def _rejects(progress: Progress) -> bool:
+    return progress.best is not None and progress.options.robust == "auto"
+
+
+def _reject(progress: Progress) -> Change | None:
+    kept = robust.reject(progress.estimate, progress.how)
+    return None if kept is progress.estimate else Change(fit=Candidate(kept), instead=True)
+
+
+#: every attempt at a rig whose cameras are known each by itself, in its order
+PLAN: tuple[Attempt, ...] = (
+    Attempt("spanning-tree", lambda p: p.best is None, _link),
+    Attempt("together", lambda p: p.best is None and "rig" in p.notes, _together),
+    Attempt("reweighted", _wants_reweighting, _reweight),
+    Attempt("rejected", _rejects, _reject),
+    *SHAPES,
+)
+
+
+# ---------------------------------------------------------------------------------------------------- the result
+def _solution(progress: Progress, cameras: Mapping[str, Alone], asked: RigOptions) -> RigSolution:
+    """The best fit with its stages."""
+    fit = progress.estimate
+    assert isinstance(fit, RigCalibration)
+    fit = replace(fit, observations=with_shape(fit.observations, progress))
+    own = [_stage_alone(a) for a in cameras.values()]
+    last = Stage("refine", fit.rms_point, None, fit.fit.seconds, info={"converged": fit.fit.converged})
+    selection = {n: a.selection for n, a in cameras.items() if a.selection is not None}
+    return RigSolution(
+        **{f.name: getattr(fit, f.name) for f in fields(RigCalibration)},
+        stages=(*own, *progress.stages, last),
+        selection=selection or None,
+        links=_described(progress.notes["links"], fit.observations.cameras),
+    )
+
+
+def _stage_alone(own: Alone) -> Stage:
+    fit = own.fit
+    info: dict[str, Any] = {"camera": own.name}
+    if own.second_pass is not None:
+        info["second_pass"] = own.second_pass
+    return Stage("alone", fit.rms_point, fit.camera.matrix, fit.fit.seconds, camera=fit.camera, info=info)
+
+
+def _described(found: Links, names: tuple[str, ...]) -> dict[tuple[str, str], dict[str, Any]]:
+    return {(names[a], names[b]): {"instants": k.shared, "scatter": k.scatter} for (a, b), k in found.items()}
+
+
+def _assessed(solution: RigSolution, progress: Progress, asked: RigOptions) -> RigSolution:
+    """The solution with its hold-out and its warnings."""
+    folds = folds_wanted(solution, asked.holdout)
+    how = replace(progress.how, board=solution.board.kind if solution.board else "flat")
+    held = hold_out(solution, how, folds) if folds else None
+    if held is not None:
+        solution = replace(solution, holdout=described(held, None))
+    return replace(solution, warnings=check(solution, progress.notes["pictures"]))

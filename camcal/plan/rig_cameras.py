@@ -1,0 +1,164 @@
+"""The cameras of a rig, each calibrated by itself, as the start of the joint estimate."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.figures import sigma_0
+from camcal.data.formats import files
+from camcal.data.observations import Observations
+from camcal.errors import CamcalError, UsageError
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.plan.known_camera import evaluate
+from camcal.plan.lens import solved_with_found
+from camcal.plan.options import Options
+from camcal.plan.run import solved, usable
+from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.rig import RigOptions, check_names
+from camcal.solve import starts
+from camcal.solve.calibration import Calibration
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Alone:
+    """A camera by itself.
+
+    Attributes
+    ----------
+    name : str
+    fit : Calibration
+    fix : mapping
+        What of it stays in the joint estimate: parameter -> None, or a value.
+    selection : mapping or None
+        How its model was found.
+    second_pass : mapping or None
+        What the second pass over its pictures did.
+    """
+
+    name: str
+    fit: Calibration
+    fix: Mapping[str, float | None]
+    selection: Mapping[str, Any] | None = None
+    second_pass: Mapping[str, Any] | None = None
+
+
+def alone(name: str, data: Observations, asked: RigOptions, refine_points: bool | None) -> Alone:
+    """Calibrate a camera of a rig by itself; one whose intrinsics are given gets the poses of its views.
+
+    Raises
+    ------
+    CamcalError
+        As of one camera; the message names it.
+    """
+    with naming(name):
+        known = known_camera(name, asked)
+        model = asked.model.get(name, asked.model.get(""))
+        options = _options(name, asked, model or (known.lens.name if known else "auto"), refine_points)
+        if known is not None:
+            return _known(name, usable(data), known, options, model is not None, name in asked.hold)
+        if options.model in ("auto", "select"):
+            progress, selection = solved_with_found(usable(data), options)
+        else:
+            progress, selection = solved(data, options), None
+        return Alone(name, progress.fit, progress.how.fix, selection, progress.notes.get("second_pass"))
+
+
+def _options(name: str, asked: RigOptions, model: str, refine_points: bool | None) -> Options:
+    """The options of one of the cameras: its own model, and what is held of it; the board as designed."""
+    shared = {
+        f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
+    }
+    fix = fixed_of(name, model, asked)
+    return Options(**{**shared, "board_shape": "flat"}, model=model, fix=fix, refine_points=refine_points)
+
+
+def fixed_of(name: str, model: str, asked: RigOptions) -> dict[str, float | None]:
+    """What `--fix` holds of a camera: what is said of it, and of all cameras where its model has it.
+
+    Raises
+    ------
+    UsageError
+        Where the model does not have a parameter that is named for this camera.
+    """
+    lens = None if model in ("auto", "select") else lenses.make(model, asked.skew)
+    found = {}
+    for key, value in asked.fix.items():
+        camera, dot, parameter = key.rpartition(".")
+        if not dot and (lens is None or starts.has(lens, parameter)):
+            found[parameter] = value
+        if camera == name:
+            found[parameter] = value
+    return found
+
+
+def known_camera(name: str, asked: RigOptions) -> Camera | None:
+    """The intrinsics that are given for a camera: of a Camera, or a file of one, or of a rig with that name."""
+    given = asked.cameras.get(name)
+    if given is None:
+        if name in asked.hold:
+            raise UsageError(
+                f"'{name}' is to be held, but no intrinsics are given for it.", f"Try: --cameras {name}=FILE"
+            )
+        return None
+    if isinstance(given, Camera):
+        return given
+    path = os.fspath(given)
+    found = files.read(path)
+    if len(found.cameras) > 1 and name in found.names:
+        found = files.select(found, name, path)
+    return files.single(found, path)
+
+
+def _known(
+    name: str, data: Observations, camera: Camera, options: Options, other_model: bool, held: bool
+) -> Alone:
+    """The poses before given intrinsics; these are taken over by the model that is asked for."""
+    if other_model and not held and lenses.make(options.model, options.skew).name != camera.lens.name:
+        camera = starts.regressed(lenses.make(options.model, options.skew), camera, data, options.fix)
+    fit = evaluate(camera, data, options.robust, options.seed)
+    fix = dict.fromkeys(camera.lens.names) if held else options.how(camera.lens).fix
+    return Alone(name, fit, fix)
+
+
+def board_variance(fit: Calibration) -> Array:
+    """The variance (V,) of the place of a view's points, from the pose's covariance with the camera held.
+
+    A board of radius r that is turned by small random angles of covariance C moves its points by 2/3 r² tr(C).
+    """
+    scale = sigma_0(fit)
+    blocks = fit.normal.poses
+    lengths = np.sqrt(np.maximum(np.einsum("vii->vi", blocks), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(blocks / (lengths[:, :, None] * lengths[:, None]), hermitian=True)
+    diagonal = np.einsum("vii->vi", inverse) / lengths**2
+    spread = np.array([np.square(v.xyz - v.xyz.mean(0)).sum(1).mean() for v in fit.observations.views])
+    found = diagonal[:, 3:].sum(1) + 2 / 3 * spread * diagonal[:, :3].sum(1)
+    noise = scale**2 if np.isfinite(scale) and scale > 0 else 1.0
+    return np.asarray(found * noise)
+
+
+def check_options(asked: RigOptions, names: tuple[str, ...]) -> None:
+    """Raise a UsageError where an option names a camera that the rig does not have."""
+    qualified = {key.rpartition(".")[0]: value for key, value in asked.fix.items()}
+    check_names(asked.model, names, "--model")
+    check_names(qualified, names, "--fix")
+    check_names(asked.cameras, names, "--cameras")
+    check_names(asked.hold, names, "--hold")
+    check_names((asked.reference or "",), names, "--reference")
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Name the camera in the message of an error."""
+    try:
+        yield
+    except CamcalError as error:
+        raise type(error)(f"camera '{name}': {error.message}", error.hint) from error

@@ -1,0 +1,131 @@
+"""The calibration of a rig as a document: `cameras` and `rig` in place of `camera`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.rig import baseline_sigma, relative_sigmas
+from camcal.geometry import rotations
+from camcal.model.pose import Pose
+from camcal.plan.solution import RigSolution
+from camcal.report.camera import camera_entry
+from camcal.report.document import checked, fit_entry, skipped_entry, stage_entry, used_view, warning_entry
+from camcal.report.embedded import encode
+from camcal.report.head import head
+from camcal.report.plain import plain
+
+Array = np.ndarray
+
+
+def document(
+    solution: RigSolution, *, command: Sequence[str] = (), options: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Make the report of a rig, of plain Python types, in the order of the schema.
+
+    Parameters
+    ----------
+    solution : RigSolution
+    command : sequence of str
+        The words after `camcal`, as typed.
+    options : mapping, optional
+        `{name: {value, from}}`; without it the solution's own options.
+    """
+    data = solution.observations
+    accuracy = covariance(solution)
+    views, places = _views(solution, accuracy)
+    made: dict[str, Any] = {
+        **head(command),
+        "inputs": {
+            "image_size": data.image_size,
+            "image_sizes": dict(zip(data.cameras, data.image_sizes, strict=True)),
+            "views": len(views),
+            "points": data.point_count,
+            "files": list(data.files),
+        },
+        "options": dict(solution.options) if options is None else options,
+        "target": data.target,
+        "stages": [stage_entry(s) for s in solution.stages],
+        "cameras": _cameras(solution, accuracy),
+        "rig": rig_section(solution, accuracy),
+    }
+    if solution.selection is not None:
+        made["selection"] = solution.selection
+    made |= {
+        "views": views,
+        "fit": fit_entry(solution, accuracy),
+        "uncertainty": None,
+        "holdout": solution.holdout,
+        "bias": None,
+        "coverage": None,
+        "crosscheck": list(solution.crosscheck),
+        "warnings": [warning_entry(w) for w in solution.warnings],
+        "verdict": solution.verdict,
+        "grade": solution.grade,
+        "failures": solution.failures,
+        "data": encode(data, places),
+    }
+    return checked(plain(made))
+
+
+def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
+    held = {n: not row.any() for n, row in zip(solution.names, solution.free, strict=True)}
+    sigmas, found = accuracy.sigmas, {}
+    for name, camera in solution.rig.cameras.items():
+        names = camera.lens.names
+        own = {p: sigmas[f"{name}.{p}"] for p in names}
+        fixed = [p for p in names if held[f"{name}.{p}"]]
+        found[name] = camera_entry(camera, own, solution.start.cameras[name].values, fixed)
+    return found
+
+
+def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
+    """The poses of the cameras and their distances, with standard deviations."""
+    rig, names = solution.rig, list(solution.rig.cameras)
+    poses, baselines = {}, {}
+    for name in names[1:]:
+        pose, sigma = rig.cam_from_rig[name], relative_sigmas(solution, accuracy, name)
+        poses[name] = {
+            "rotation_vector": rotations.log(pose.rotation),
+            "translation": pose.translation,
+            "sigma_rotation_deg": np.degrees(sigma[:3]),
+            "sigma_translation": sigma[3:],
+        }
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            baselines[f"{a}-{b}"] = {
+                "value": rig.baseline(a, b),
+                "sigma": baseline_sigma(solution, accuracy, a, b),
+            }
+    return {"reference": rig.reference, "cam_from_rig": poses, "baselines": baselines}
+
+
+def _views(solution: RigSolution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
+    """The entries of all pictures, camera by camera, and where that of each block stands among them."""
+    data, rig = solution.observations, solution.rig
+    entries, at = [], []
+    for block, (camera, view) in enumerate(zip(data.blocks.camera, data.blocks.view, strict=True)):
+        pose = rig.cam_from_rig[data.cameras[camera]] @ solution.poses[view]
+        entry = used_view(solution, block, data.picture(block), pose, None)
+        entry = {
+            "id": entry.pop("id"),
+            "camera": data.cameras[camera],
+            "instant": data.view_ids[view],
+            **entry,
+        }
+        entry["rig_from_board"] = _pose(solution.poses[view])
+        quality = data.picture_quality.get(entry["id"])
+        entries.append(entry | ({"quality": quality} if quality else {}))
+        at.append(len(entries) - 1)
+    for view in data.skipped:
+        entry = skipped_entry(view)
+        entries.append({"id": entry.pop("id"), "camera": view.camera, **entry})
+    order = sorted(range(len(entries)), key=lambda i: data.cameras.index(entries[i]["camera"]))
+    return [entries[i] for i in order], [order.index(i) for i in at]
+
+
+def _pose(pose: Pose) -> dict[str, Array]:
+    return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}

@@ -1,0 +1,71 @@
+"""The report of a rig for people: its cameras, where they stand, the pictures by camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.text import Text
+
+from camcal.report.table import (
+    board_table,
+    crosscheck_table,
+    fit_table,
+    number,
+    parameters_table,
+    table,
+    with_sigma,
+)
+
+Document = Mapping[str, Any]
+
+
+def tables(report: Document) -> RenderableType:
+    """The cameras, their places, the pictures by camera, and the cross-check of a report."""
+    parts: list[RenderableType] = [
+        parameters_table(camera, name) for name, camera in report["cameras"].items()
+    ]
+    parts += [_places(report["rig"]), fit_table(report["fit"]), _pictures(report)]
+    shape = (report.get("target") or {}).get("shape")
+    if shape:
+        parts.append(board_table(shape))
+    if report["crosscheck"]:
+        parts.append(crosscheck_table(report["crosscheck"]))
+    spaced: list[RenderableType] = []
+    for part in parts:
+        spaced += [part, Text("")]
+    return Group(*spaced[:-1])
+
+
+def _places(rig: Mapping[str, Any]) -> RenderableType:
+    made = table(
+        f"relative to {rig['reference']}", "camera", "x", "y", "z", "turned, deg", "sigma", "sigma, deg"
+    )
+    for name, pose in rig["cam_from_rig"].items():
+        cells = [f"{v:.6g}" for v in pose["translation"]]
+        angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
+        sigmas = (float(np.linalg.norm(pose[k])) for k in ("sigma_translation", "sigma_rotation_deg"))
+        made.add_row(escape(name), *cells, f"{angle:.5g}", *(number(s, 2) for s in sigmas))
+    distances = table("distances", "pair", "value", "sigma")
+    for pair, found in (rig.get("baselines") or {}).items():
+        distances.add_row(escape(pair), *with_sigma(found["value"], found["sigma"]))
+    return Group(made, Text(""), distances)
+
+
+def _pictures(report: Document) -> RenderableType:
+    made = table("pictures by camera", "camera", "used", "of", "points", "rms", "worst")
+    for name in report["cameras"]:
+        own = [v for v in report["views"] if v.get("camera") == name]
+        used = [v for v in own if v["status"] == "used"]
+        points = np.array([v["points"] - v["rejected_points"] for v in used])
+        squares = np.array([v["rms_point"] or 0.0 for v in used]) ** 2
+        rms = float(np.sqrt((points * squares).sum() / max(points.sum(), 1)))
+        worst = max(used, key=lambda v: v["rms_point"] or 0.0, default=None)
+        said = "-" if worst is None else f"{worst['id']} {number(worst['rms_point'], 3)}"
+        made.add_row(
+            escape(name), str(len(used)), str(len(own)), str(int(points.sum())), number(rms), escape(said)
+        )
+    return made
