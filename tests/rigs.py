@@ -1,6 +1,7 @@
 """Simulated rigs with their truth, for the tests of everything about several cameras."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def observed(rig, seed=0, instants=10, noise=0.2, xyz=None, least=12):
 
 def write_table(path, data):
     """The observations as a table with a column `camera`."""
-    with open(path, "w", newline="") as stream:
+    with Path(path).open("w", newline="") as stream:
         out = csv.writer(stream)
         out.writerow(["camera", "view", "X", "Y", "Z", "u", "v", "id"])
         for i in range(data.point_count):

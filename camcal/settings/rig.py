@@ -81,9 +81,9 @@ class Names(Kind):
 
     def convert(self, value: Any) -> tuple[str, ...]:
         """Return a tuple."""
-        parts = value.split(",") if isinstance(value, str) else list(value)
-        names = tuple(str(p).strip() for part in parts for p in str(part).split(","))
-        if not all(names):
+        parts = value if isinstance(value, (list, tuple)) else [value]
+        names = tuple(p.strip() for part in parts if isinstance(part, str) for p in part.split(","))
+        if not all(names) or not all(isinstance(part, str) for part in parts):
             raise refuse(value, "a list of names", "Try: left,right")
         return names
 
