@@ -7,9 +7,16 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
+    from camcal.system.processes import end_on_signals
+    from camcal.system.streams import close, hold_standard_descriptors
+
+    hold_standard_descriptors()
+    end_on_signals()
     from camcal.cli.boundary import run
 
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    close(sys.stdout, sys.stderr)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

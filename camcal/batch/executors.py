@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
-import os
-import signal
-import sys
-import threading
-import time
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
-from typing import Any
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
 from camcal.errors import UsageError
+from camcal.system.processes import start_worker
 
-#: s; how often a worker looks whether its parent is still there, where the system does not tell it
-LOOK = 1.0
 #: s; a cluster that does not answer within this time is not there
 CONNECT = 10
 #: how often Dask gives a job to another worker after its worker was lost
@@ -39,7 +31,11 @@ class Local:
 
     def _start(self) -> Executor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.count, context, _start_worker, (os.getpid(),))
+        try:
+            return ProcessPoolExecutor(self.count, context, start_worker)
+        except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all is done here
+            self.count = 1
+            return ThreadPoolExecutor(1)
 
     def restart(self) -> None:
         """Begin again with new processes, after one was lost and the pool with it."""
@@ -110,27 +106,3 @@ class Cluster:
 def open_pool(scheduler: str | None, count: int) -> Local | Cluster:
     """Processes of this machine, or the cluster at an address."""
     return Local(count) if scheduler is None else Cluster(scheduler)
-
-
-def _start_worker(parent: int) -> None:
-    """Leave ^C to the parent, use one thread, and end with the parent however that ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with(parent)
-    import cv2
-
-    cv2.setNumThreads(1)
-
-
-def _end_with(parent: int) -> None:
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):
-            death_signal = 1  # PR_SET_PDEATHSIG, <sys/prctl.h>
-            libc: Any = ctypes.CDLL(None)
-            libc.prctl(death_signal, signal.SIGKILL)
-
-    def look() -> None:
-        while os.getppid() == parent:
-            time.sleep(LOOK)
-        os._exit(1)
-
-    threading.Thread(target=look, daemon=True).start()

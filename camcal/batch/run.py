@@ -6,6 +6,7 @@ kill nor an object store without appending does harm. Reports that a killed run 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections import deque
@@ -19,6 +20,7 @@ from camcal.batch.storage import Storage
 from camcal.batch.work import DONE, FAILED, JOB, Row, distortion_px, run_jobs, summary_row
 from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
+from camcal.system.documents import parse_yaml
 
 STATE = "batch-state"
 #: s; rows are noted at least so often: what a kill can make the next run read again from the reports
@@ -51,8 +53,10 @@ class State:
         for name in sorted(self.storage.names(STATE)):
             text = self.storage.read(f"{STATE}/{name}") or ""
             self._files = max(self._files, int(name.partition(".")[0]) if name[:1].isdigit() else 0)
-            for row in map(json.loads, text.splitlines()):
-                self._take(row, digests)
+            for line in text.splitlines():
+                # what is damaged is done again
+                with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                    self._take(json.loads(line), digests)
         there = {name.removesuffix(".yaml") for name in self.storage.names() if name.endswith(".yaml")}
         for name in [name for name in self.rows if name not in there]:
             del self.rows[name]
@@ -67,17 +71,13 @@ class State:
 
     def _from_report(self, name: str) -> Row | None:
         """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
-        import yaml
-
         from camcal.data.formats.camcal import camera_of_entry
 
         try:
-            report = yaml.load(
-                self.storage.read(f"{name}.yaml") or "", getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-            )
+            report = parse_yaml(self.storage.read(f"{name}.yaml") or "", f"{name}.yaml", aliases=0)
             digest = report["options"][JOB]["value"]
             row = summary_row(report, distortion_px(camera_of_entry(report["camera"])))
-        except (CamcalError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        except (CamcalError, AttributeError, KeyError, TypeError, ValueError):
             return None
         return {"name": name, "type": "", "digest": digest, "seconds": None, **row}
 
@@ -135,8 +135,6 @@ def run(
     if resume:
         state.load(jobs)
     todo = [job for job in jobs if job.name not in state.rows]
-    for job in todo:
-        storage.sweep(f"{job.name}.yaml")
     try:
         if todo:
             with one_thread_each():

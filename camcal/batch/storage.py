@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from camcal.data.writing import atomic_write, sweep
 from camcal.errors import DataError, UsageError
+from camcal.system.documents import LARGEST
+from camcal.system.reading import read_text
+from camcal.system.writing import atomic_write
 
 
 def is_remote(path: str) -> bool:
@@ -61,7 +63,9 @@ class Storage:
         """The text of a file; None where there is none."""
         try:
             if self.remote is None:
-                return Path(self._path(name)).read_text(encoding="utf-8")
+                if not Path(self._path(name)).exists():
+                    return None
+                return read_text(self._path(name), LARGEST)
             return self.remote.cat_file(self._path(name)).decode("utf-8")
         except FileNotFoundError:
             return None
@@ -83,11 +87,6 @@ class Storage:
             Path(self._path(name)).unlink(missing_ok=True)
         else:
             self.remote.rm_file(self._path(name))
-
-    def sweep(self, name: str) -> None:
-        """Remove temporary files that a killed process has left beside a file."""
-        if self.remote is None:
-            sweep(self._path(name))
 
 
 def _connect(address: str) -> tuple[Any, str]:

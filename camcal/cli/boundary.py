@@ -9,6 +9,9 @@
 | 70   | a bug of camcal                                 |
 | 130  | interrupted                                     |
 | 141  | the reader of stdout went away (as a shell says)|
+| 143  | terminated (129: the terminal was closed)       |
+
+What the system refuses (a full disk, no memory, no permission) is no bug of camcal's: exit 3.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from typing import Any
 import click
 
 from camcal.errors import CamcalError
+from camcal.system import streams, text
+from camcal.system.processes import Terminated
 
 BUG, INTERRUPTED, BROKEN_PIPE = 70, 130, 141
 DATA = 3
@@ -32,10 +37,15 @@ def run(args: Sequence[str]) -> int:
     click's own `main` is not used: it turns ^C and a bare EOFError into the same `Abort`, and a broken
     pipe into exit code 1.
     """
+    with streams.outlets():
+        return _run(args)
+
+
+def _run(args: Sequence[str]) -> int:
     state: dict[str, Any] = {"verbosity": 0, "args": list(args)}
     try:
         code = _invoke(list(args), state)
-        sys.stdout.flush()  # a pipe that broke is noticed here, not in the interpreter's last breath
+        sys.stdout.flush()  # a pipe that broke is noticed here, not when the interpreter ends
         return code
     except CamcalError as error:
         return _say(error.message, error.hint, error.exit_code)
@@ -44,13 +54,19 @@ def run(args: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         click.echo("Interrupted.", err=True)
         return INTERRUPTED
+    except Terminated as error:
+        click.echo("Terminated.", err=True)
+        return error.exit_code
     except BrokenPipeError:
-        _silence_stdout()
+        streams.silence(sys.stdout)
         return BROKEN_PIPE
+    except MemoryError:
+        return _say("there is not enough memory.", "Try less data at a time, or smaller pictures.", DATA)
     except OSError as error:
-        if error.filename is None:
+        if error.strerror is None:  # not raised by the system
             return _report_bug(error, args, state["verbosity"])
-        return _say(f"{error.filename}: {error.strerror}.", None, DATA)
+        where = "the system refused" if error.filename is None else f"{error.filename}"
+        return _say(f"{where}: {error.strerror}.", None, DATA)
     except Exception as error:  # noqa: BLE001 - the boundary: whatever else arrives here is a bug
         return _report_bug(error, args, state["verbosity"])
 
@@ -108,9 +124,9 @@ def _closest_option(error: click.NoSuchOption, ctx: click.Context | None) -> str
 
 
 def _say(message: str, hint: str | None, code: int) -> int:
-    click.echo(f"Error: {message}", err=True)
+    click.echo(f"Error: {text.message(message)}", err=True)
     for line in (hint or "").splitlines():
-        click.echo(f"  {line}", err=True)
+        click.echo(f"  {text.message(line)}", err=True)
     return code
 
 
@@ -129,9 +145,3 @@ def _report_bug(error: Exception, args: Sequence[str], verbosity: int) -> int:
 
 def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or ["no message"])[0]
-
-
-def _silence_stdout() -> None:
-    """Point stdout at nothing, so that the interpreter's last flush does not complain."""
-    with open(os.devnull, "w") as sink:  # noqa: PTH123 - pathlib would be imported for this alone
-        os.dup2(sink.fileno(), sys.stdout.fileno())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 import shlex
@@ -12,6 +13,8 @@ import traceback
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
+
+import platformdirs
 
 from camcal.version import __version__
 
@@ -35,7 +38,7 @@ def write_log(error: Exception, args: Sequence[str]) -> Path | None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / name
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", errors="backslashreplace")
         except OSError:
             continue  # the next folder is tried; the caller says so where none is left
         return path
@@ -43,12 +46,11 @@ def write_log(error: Exception, args: Sequence[str]) -> Path | None:
 
 
 def _folders() -> Iterator[Path]:
-    """Where a log may go, best first: the XDG state folder, its default, the temporary folder."""
-    if state := os.environ.get("XDG_STATE_HOME"):
-        yield Path(state) / "camcal"
-    if home := os.environ.get("HOME") or os.environ.get("USERPROFILE"):
-        yield Path(home) / ".local" / "state" / "camcal"
-    yield Path(tempfile.gettempdir())
+    """Where a log may go, best first: the platform's folder for the state of programs, the temporary folder."""
+    with contextlib.suppress(RuntimeError):  # the system does not know the user
+        yield platformdirs.user_state_path("camcal", appauthor=False)
+    with contextlib.suppress(OSError):
+        yield Path(tempfile.gettempdir())
 
 
 def _version(package: str) -> str:

@@ -14,6 +14,8 @@ from typing import Any
 import click
 
 from camcal.cli.verbosity import verbosity
+from camcal.system.streams import Outlet
+from camcal.system.text import printable
 
 WIDTH_OFF_A_TERMINAL = 80
 
@@ -42,16 +44,25 @@ def emit(document: Any, format: str, as_table: Callable[[], Any]) -> None:
 def console(stderr: bool = False) -> Any:
     """Return a rich console: the terminal's width, or 80 columns where the stream is no terminal."""
     from rich.console import Console
+    from rich.segment import Segment
 
-    class PipeConsole(Console):
-        """rich leaves the program by itself where a pipe breaks; camcal's boundary does that."""
+    class SafeConsole(Console):
+        """rich leaves the program by itself where a pipe breaks; camcal's boundary does that.
+
+        What a terminal would obey is taken from all text before rich adds its own styles.
+        """
 
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    stream = sys.stderr if stderr else sys.stdout
+        def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+            for part in super().render(renderable, options):
+                yield part if part.control else Segment(printable(part.text), part.style)
+
+    stream: Any = sys.stderr if stderr else sys.stdout
+    stream = stream.styled() if isinstance(stream, Outlet) else stream
     width = None if stream.isatty() else WIDTH_OFF_A_TERMINAL
-    return PipeConsole(file=stream, width=width, highlight=False, soft_wrap=False)
+    return SafeConsole(file=stream, width=width, highlight=False, soft_wrap=False)
 
 
 @contextmanager

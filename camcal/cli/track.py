@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -169,7 +168,9 @@ def _frames(
             )
         return _from_pictures(frames, options)
     if frames[0] == "-":
-        return _from_stream(sys.stdin.buffer, "stdin", before_read)
+        from camcal.system.streams import standard_input
+
+        return _from_stream(standard_input(), "stdin", before_read)
     from camcal.data.blocks import open_binary
 
     return _from_stream(open_binary(frames[0]), frames[0])

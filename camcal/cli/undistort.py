@@ -111,22 +111,20 @@ def _resample_all(
     """Resample every picture; the number of those that could not be, and of all."""
     from camcal.cli.output import progress
     from camcal.detect.decode import UnreadableError
-    from camcal.detect.resample import read_pictures, resample, write_picture, written_name
+    from camcal.detect.resample import other_size, read_pictures, resample, write_picture, written_name
 
     failed = count = 0
     with progress("undistorting") as show:
-        for count, (path, picture) in enumerate(read_pictures(files), 1):
+        for count, (path, picture) in enumerate(read_pictures(files, size), 1):
             try:
                 if isinstance(picture, UnreadableError):
                     raise picture
                 if picture.shape[1::-1] != size:
-                    found = "x".join(map(str, picture.shape[1::-1]))
-                    needed = "x".join(map(str, size or ()))
-                    raise UnreadableError(f"it is {found}, the camera is for {needed}")
+                    raise UnreadableError(other_size(picture.shape[1::-1], size))
                 out = resample(picture, made.u, made.v, options["interpolation"])
                 write_picture(folder / written_name(path), out, options["force"])
             except UnreadableError as reason:
                 failed += 1
-                click.echo(f"{path}: {reason}", err=True)
+                note(f"{path}: {reason}", -9)
             show(count, max(count, len(files)))
     return failed, count

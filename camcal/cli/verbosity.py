@@ -35,4 +35,6 @@ def verbosity() -> int:
 def note(message: str, level: int = 0) -> None:
     """Say something on stderr; `level` 0 is left out by -q, 1 needs -v."""
     if verbosity() >= level:
-        click.echo(message, err=True)
+        from camcal.system.text import message as shown
+
+        click.echo(shown(message), err=True)

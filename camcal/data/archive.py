@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import io
-import struct
-import tokenize
-import zipfile
-import zlib
 
 import numpy as np
 
-from camcal.data.blocks import open_binary, read_bytes
+from camcal.data import npz
 from camcal.data.columns import plain
-from camcal.data.table import Table, is_id
+from camcal.data.table import LARGEST_VALUE, Table, is_id
 from camcal.errors import DataError
 from camcal.registry import suggestion
+from camcal.system.reading import read_file
 
 Array = np.ndarray
 WRITE_IT = "Write it with numpy.savez(path, xyz=..., uv=...)."
@@ -28,10 +25,8 @@ NAMES = {
     "image_size": "imagesize imgsize",
 }
 _BY_NAME = {alias: role for role, text in NAMES.items() for alias in text.split()}
-_BROKEN = (
-    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError),
-    *(zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, tokenize.TokenError),
-)
+#: bytes of an archive: larger than its arrays may be, as numbers hardly shrink
+LARGEST = npz.LARGEST + (64 << 20)
 
 
 def read_archive(path: str) -> tuple[Table, tuple[int, int] | None]:
@@ -54,8 +49,7 @@ def read_archive(path: str) -> tuple[Table, tuple[int, int] | None]:
     DataError
         Where the archive is broken, lacks an array, or an array has the wrong shape, type or values.
     """
-    with open_binary(path) as stream:
-        data = read_bytes(stream, -1, path)
+    data = read_file(path, LARGEST, "an .npz archive of points", "Check the name and the folder.")
     if not data:
         raise DataError(f"{path}: the file is empty (0 bytes).", WRITE_IT)
     arrays = _arrays(data, path)
@@ -85,24 +79,24 @@ def read_archive(path: str) -> tuple[Table, tuple[int, int] | None]:
 
 def _arrays(data: bytes, path: str) -> dict[str, Array]:
     """The arrays by what they are; those with other names are left alone, unless they look misspelt."""
-    found: dict[str, Array] = {}
+    found: dict[str, str] = {}
     if data.startswith(np.lib.format.MAGIC_PREFIX):
         raise DataError(f"{path}: a single array; an archive is needed.", WRITE_IT)
     if not data.startswith(b"PK"):
         raise DataError(f"{path}: not an .npz archive.", WRITE_IT)
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            for name in archive.files:
-                role = _BY_NAME.get(plain(name))
-                if role is None:
-                    near = suggestion(plain(name), _BY_NAME)
-                    if near:
-                        raise DataError(f"{path}: unknown array '{name}'.", near)
-                    continue
-                if role in found:
-                    raise DataError(f"{path}: two arrays mean {role}; one is needed.", "Remove one.")
-                found[role] = archive[name]
-    except _BROKEN as error:
+        for name in npz.names(io.BytesIO(data)):
+            role = _BY_NAME.get(plain(name))
+            if role is None:
+                near = suggestion(plain(name), _BY_NAME)
+                if near:
+                    raise DataError(f"{path}: unknown array '{name}'.", near)
+                continue
+            if role in found:
+                raise DataError(f"{path}: two arrays mean {role}; one is needed.", "Remove one.")
+            found[role] = name
+        given = npz.arrays(io.BytesIO(data), found.values())
+    except npz.BROKEN as error:
         if "allow_pickle" in str(error):
             raise DataError(
                 f"{path}: an array of Python objects; arrays of numbers are needed.",
@@ -110,7 +104,7 @@ def _arrays(data: bytes, path: str) -> dict[str, Array]:
             ) from None
         reason = str(error).partition("\n")[0].rstrip(".") or type(error).__name__
         raise DataError(f"{path}: not a readable .npz archive: {reason}.", WRITE_IT) from None
-    return found
+    return {role: given[name] for role, name in found.items()}
 
 
 def _numeric(array: Array, name: str, path: str) -> Array:
@@ -170,8 +164,8 @@ def _views(array: Array | None, lead: tuple[int, ...], path: str) -> tuple[tuple
 def _check_values(table: Table) -> None:
     for i, name in enumerate(table.columns):
         values = table.values[:, i]
-        good = np.isfinite(values)
-        needed = "a finite number is"
+        good = np.abs(values) <= LARGEST_VALUE  # NaN is not
+        needed = f"a finite number below {LARGEST_VALUE:g} is"
         if name == "sigma":
             good, needed = good & (values > 0), "a number above 0 is"
         if name == "id":

@@ -15,6 +15,8 @@ import numpy as np
 
 from camcal.data.layout import find_separator, is_number
 from camcal.errors import DataError
+from camcal.system.documents import LARGEST
+from camcal.system.reading import read_text
 
 Array = np.ndarray
 
@@ -40,13 +42,7 @@ def read_dlt(path: str | os.PathLike) -> Array:
         Where the file is missing or holds anything but eleven rows of numbers.
     """
     source = Path(path)
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(
-            f"cannot read '{source}': it is not a text file that is there.", "Check the path."
-        ) from error
-    return matrices(text, source)
+    return matrices(read_text(source, LARGEST, "a table of DLT coefficients"), source)
 
 
 def matrices(text: str, source: Path) -> Array:

@@ -16,6 +16,8 @@ from camcal.data.columns import plain
 from camcal.data.dltdv import as_long, is_xypts
 from camcal.data.layout import find_separator, is_number
 from camcal.errors import DataError
+from camcal.system.documents import LARGEST
+from camcal.system.reading import read_text
 
 Array = np.ndarray
 
@@ -111,12 +113,7 @@ def read_labelled(
 
 def _lines(source: Path) -> list[tuple[int, str]]:
     """The lines with something on them, numbered from 1."""
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise DataError(f"there is no file '{source}'.", "Check the path.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"cannot read '{source}': it is not a text table.", "Give a CSV file.") from error
+    text = read_text(source, LARGEST, "a text table", "Give a CSV file.")
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
         raise DataError(

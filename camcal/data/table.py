@@ -12,8 +12,11 @@ from camcal.data.blocks import Block, TextFile
 from camcal.data.columns import POINTS, Form, shown
 from camcal.data.layout import Layout, find_layout
 from camcal.errors import DataError
+from camcal.system.text import from_cell
 
 Array = np.ndarray
+#: coordinates above it are refused: their fourth powers, as in the products of a DLT, have to fit in float64
+LARGEST_VALUE = 1e70
 LARGEST_ID = 2**53  #: whole numbers up to here are exact as float64
 
 
@@ -90,7 +93,9 @@ def read_table(path: str, form: Form = POINTS) -> Table:
         rows += len(numbers)
         if views:
             plain = str if block.quoted else str.strip  # blanks in quotes belong to the name
-            raw = {view: names.setdefault(plain(view), len(names)) for view in dict.fromkeys(views)}
+            raw = {
+                view: names.setdefault(from_cell(plain(view)), len(names)) for view in dict.fromkeys(views)
+            }
             index.append(np.fromiter(map(raw.__getitem__, views), np.int32, len(views)))
     if layout is None or not values:
         found = "only comments and blank lines" if layout is None else "a header but no rows"
@@ -118,7 +123,9 @@ def _parse(block: Block, layout: Layout, path: str) -> tuple[Array, list[str] | 
         numbers, views = split(block.lines, layout, place)
     except ValueError:
         _diagnose(block, layout, path)
-    good = np.isfinite(numbers).all() and (views is None or all(map(str.strip, dict.fromkeys(views))))
+    good = (np.abs(numbers) <= LARGEST_VALUE).all() and (
+        views is None or all(map(str.strip, dict.fromkeys(views)))
+    )
     if "sigma" in columns:
         good = good and (numbers[:, columns.index("sigma")] > 0).all()
     if "id" in columns:
@@ -193,6 +200,11 @@ def _check_field(field: str, role: str, layout: Layout, where: str) -> None:
         raise DataError(
             f"{where}: {role} is {shown(field)}; a finite number is needed.",
             "Remove that row.",
+        )
+    if abs(value) > LARGEST_VALUE:
+        raise DataError(
+            f"{where}: {role} is {shown(field)}; a number below {LARGEST_VALUE:g} is needed.",
+            "Is it damaged?",
         )
     if role == "sigma" and value <= 0:
         raise DataError(

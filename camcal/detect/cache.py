@@ -5,12 +5,9 @@ An entry is an npz file with plain arrays and a text; one that cannot be read is
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
+import io
 import json
-import os
-import tempfile
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +15,12 @@ from typing import Any
 import numpy as np
 import platformdirs
 
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError)
+from camcal.data import npz
+from camcal.errors import CamcalError
+from camcal.system.reading import read_file
+from camcal.system.writing import atomic_write
+
+LARGEST = 64 << 20  #: bytes of an entry: a board of 1000 x 1000 points, four arrays of two numbers each
 
 
 def default_folder() -> Path | None:
@@ -38,27 +40,23 @@ def entry(folder: Path, picture_sha256: str, detector: str) -> Path:
 def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
     """The arrays and the values of an entry; None where there is none or it is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files if name != "values"}
-            values = json.loads(str(stored["values"][()]))
-    except DAMAGED:
+        stream = io.BytesIO(read_file(path, LARGEST))
+        arrays = npz.arrays(stream, npz.names(stream), LARGEST)
+        values = json.loads(str(arrays.pop("values")[()]))
+    except (CamcalError, RecursionError, *npz.BROKEN):
         return None
     return (arrays, values) if isinstance(values, dict) else None
 
 
 def store(path: Path, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> str | None:
     """Write an entry, complete or not at all; the reason where that is not possible."""
-    temporary = None
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, values=np.array(json.dumps(values)), **arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=".", suffix=".part", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, allow_pickle=False, values=np.array(json.dumps(values)), **arrays)
-        Path(temporary).replace(path)
+        atomic_write(path, stream.getvalue(), force=True)
     except OSError as error:
         return error.strerror or str(error)
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                Path(temporary).unlink()
+    except CamcalError as error:
+        return error.message
     return None

@@ -8,17 +8,19 @@ picture becomes its luma. The mosaic of a raw colour picture is brought to one l
 from __future__ import annotations
 
 import io
-import struct
 from importlib import import_module
 
 import cv2
 import numpy as np
 
+from camcal.detect.headers import header_size
 from camcal.detect.mosaic import evened, levels
 
 Array = np.ndarray
 
-MOST_PIXELS = 400_000_000  #: a picture with more is not decoded
+#: a picture with more is not decoded: the largest cameras of one exposure have 151 million (2026), and finding a
+#: board takes about 20 bytes a pixel
+MOST_PIXELS = 200_000_000
 JPEG = b"\xff\xd8"
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -44,12 +46,7 @@ def decode_gray(data: bytes) -> Array:
     cut = _truncated(data)
     if cut:
         raise UnreadableError(cut)
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), FLAGS)
-    except cv2.error as error:
-        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
-    except MemoryError as error:
-        raise UnreadableError("there is not enough memory to decode it") from error
+    picture = decoded(np.frombuffer(data, np.uint8), FLAGS)
     if picture is None or picture.size == 0:
         heic = _from_heic(data) if _is_heic(data) else None
         if heic is None:
@@ -59,6 +56,22 @@ def decode_gray(data: bytes) -> Array:
     # JPEG would not keep a mosaic
     phases = levels(gray) if picture.ndim == 2 and not data.startswith(JPEG) else None
     return gray if phases is None else evened(gray, phases)
+
+
+def decoded(data: Array, flags: int) -> Array | None:
+    """What OpenCV makes of a file; None where it cannot tell.
+
+    Raises
+    ------
+    UnreadableError
+        Where its decoder fails or there is not enough memory.
+    """
+    try:
+        return cv2.imdecode(data, flags)
+    except cv2.error as error:
+        raise UnreadableError(f"the decoder failed: {str(error.err).strip()[:80]}") from error
+    except MemoryError as error:
+        raise UnreadableError("there is not enough memory to decode it") from error
 
 
 def _is_heic(data: bytes) -> bool:
@@ -102,6 +115,8 @@ def check_size(data: bytes) -> tuple[int, int] | None:
         raise UnreadableError(
             f"{size[0]}x{size[1]} pixels are more than the {MOST_PIXELS // 10**6} million allowed"
         )
+    if size and min(size) < 1:
+        raise UnreadableError(f"a picture of {size[0]}x{size[1]} pixels: it is damaged")
     return size
 
 
@@ -119,38 +134,6 @@ def _as_integers(picture: Array) -> Array:
     values = np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     low, high = float(values.min()), float(values.max())
     return ((values - low) * (65535.0 / max(high - low, 1e-30))).astype(np.uint16)
-
-
-def header_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) by the header of a PNG, BMP, PNM or JPEG file; None where it cannot be told."""
-    if data.startswith(b"\x89PNG\r\n\x1a\n") and len(data) >= 24:
-        return struct.unpack(">II", data[16:24])
-    if data.startswith(b"BM") and len(data) >= 26:
-        width, height = struct.unpack("<ii", data[18:26])
-        return abs(width), abs(height)
-    if data[:2] in (b"P2", b"P3", b"P5", b"P6"):
-        words = [w for w in data[2:200].split() if w.isdigit()]
-        return (int(words[0]), int(words[1])) if len(words) >= 2 else None
-    if data.startswith(b"\xff\xd8"):
-        return _jpeg_size(data)
-    return None
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Walk the segments of a JPEG file to its frame header (ITU T.81, B.2.2)."""
-    at = 2
-    while at + 9 < len(data):
-        if data[at] != 0xFF:
-            return None
-        marker = data[at + 1]
-        if marker == 0xFF:
-            at += 1
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        else:
-            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
-    return None
 
 
 def _truncated(data: bytes) -> str | None:

@@ -81,9 +81,11 @@ def examine(task: Task) -> Outcome:
         if known is not None:
             return replace(known, taken=fetched.taken)
         gray = fetched.decode()
+        outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
-    outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
+    except MemoryError:
+        return Outcome(task.path, "unreadable", "there is not enough memory for it", sha256)
     if place is None or outcome.code == "time":  # a slow moment must not be remembered
         return outcome
     return _into_cache(place, outcome)

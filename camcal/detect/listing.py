@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePath, PurePosixPath
 
-from camcal.data.writing import readable
 from camcal.detect.frames import is_film
 from camcal.detect.sources import ARCHIVES, RAW, exists, page_count
 from camcal.errors import DataError
+from camcal.system.text import readable
 
 #: endings of the files that a folder is searched for
 PICTURES = (

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from camcal.data.writing import atomic_write
-from camcal.detect.decode import UnreadableError, check_size, decode_gray
+from camcal.detect.decode import UnreadableError, check_size, decode_gray, decoded
 from camcal.detect.frames import colour_frames, is_film, read_frame
 from camcal.detect.sources import read_bytes, split
 from camcal.errors import DataError
@@ -27,9 +27,12 @@ WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 
 
-def read_pictures(files: Iterable[Path]) -> Iterator[tuple[Path, Array | UnreadableError]]:
+def read_pictures(
+    files: Iterable[Path], size: tuple[int, int] | None = None
+) -> Iterator[tuple[Path, Array | UnreadableError]]:
     """The pixels (height, width) or (height, width, channels) of pictures as they are stored, or the reason.
 
+    With `size`, a picture whose header states another one is not decoded.
     In place of a film comes each of its frames, as `movie.mp4#123`.
     """
     for path in files:
@@ -38,27 +41,35 @@ def read_pictures(files: Iterable[Path]) -> Iterator[tuple[Path, Array | Unreada
                 for number, frame in colour_frames(path):
                     yield path.with_name(f"{path.name}#{number}"), frame
             else:
-                yield path, _read(path)
+                yield path, _read(path, size)
         except UnreadableError as reason:
             yield path, reason
 
 
-def _read(path: Path) -> Array:
+def _read(path: Path, size: tuple[int, int] | None) -> Array:
     file, number = split(path)
     if number is not None and is_film(file):
         return read_frame(file, number, colour=True)
     data = read_bytes(file)
-    check_size(data)
+    stated = check_size(data)
+    if None not in (size, stated) and stated != size:
+        raise UnreadableError(other_size(stated, size))
     encoded = np.frombuffer(data, np.uint8)
     if number is not None:
         done, pictures = cv2.imdecodemulti(encoded, _FLAGS, range=(number, number + 1))
         picture = pictures[0] if done and len(pictures) else None
     else:
-        picture = cv2.imdecode(encoded, _FLAGS)
+        picture = decoded(encoded, _FLAGS)
     if picture is None:
         decode_gray(data)  # raises, with the reason
         raise UnreadableError("it is not a picture of a known format, or has no such page")
     return picture
+
+
+def other_size(found: tuple[int, ...] | None, needed: tuple[int, int] | None) -> str:
+    """The reason why a picture of another size than the camera's is left out."""
+    words = ["x".join(map(str, size or ())) for size in (found, needed)]
+    return f"it is {words[0]}, the camera is for {words[1]}"
 
 
 def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") -> Array:

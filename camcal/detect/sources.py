@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -19,12 +20,15 @@ import numpy as np
 from camcal.detect.decode import FLAGS, UnreadableError, as_gray, check_size, decode_gray
 from camcal.detect.exif import UNKNOWN, Taken, read_exif
 from camcal.detect.frames import is_film, read_frame
+from camcal.errors import DataError
+from camcal.system.reading import read_file
 
 Array = np.ndarray
 
 ARCHIVES = (".zip",)
 #: raw pictures of cameras: cv2 would read the small preview in some of them
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw")
+MOST_BYTES = 2 << 30  #: of a picture's file: more than 200 million pixels of three 16-bit colours
 MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
 
 
@@ -130,15 +134,17 @@ def read_bytes(path: Path) -> bytes:
     archive = archive_of(path)
     try:
         if archive is None:
-            return path.read_bytes()
+            return read_file(path, MOST_BYTES, "a picture")
         with zipfile.ZipFile(archive) as opened:
             entry = opened.getinfo(path.relative_to(archive).as_posix())
             if entry.file_size > MOST_UNPACKED:
                 raise UnreadableError(f"it would have {entry.file_size:,} bytes unpacked")
             return opened.read(entry)
+    except DataError as error:
+        raise UnreadableError(f"it cannot be read: {error.message.rstrip('.')}") from error
     except OSError as error:
         raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error
-    except (zipfile.BadZipFile, KeyError, RuntimeError, NotImplementedError, EOFError, ValueError) as error:
+    except (zipfile.BadZipFile, KeyError, RuntimeError, EOFError, ValueError, zlib.error) as error:
         raise UnreadableError(f"the archive '{archive}' cannot be read: {error}") from error
 
 

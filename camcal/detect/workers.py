@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from typing import Any, TypeVar
+
+from camcal.system.processes import start_worker
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -88,7 +89,12 @@ def usable_processors() -> int:
 def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
     """Yield (index, result); return the items that a broken pool has lost, or None where all are done."""
     before = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker)
+    try:
+        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
+    except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all is done here
+        for index, item in numbered:
+            yield index, function(item)
+        return None
     running: dict[Future, tuple[int, T]] = {}
     finished = False
     try:
@@ -140,11 +146,3 @@ def one_thread_each() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-def _start_worker() -> None:
-    """Leave ^C to the parent, and the processors to the other workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import cv2
-
-    cv2.setNumThreads(1)

@@ -28,6 +28,8 @@ COLUMNS = ("view", "id", "X", "Y", "Z", "u", "v", "sigma", "used")
 WEIGHT = "weight"
 ENCODING = "zlib+base64"
 _WRAP = 100
+#: bytes of the table, unpacked: 10 million rows
+LARGEST = 800_000_000
 
 
 def encode(data: Observations, places: Sequence[int]) -> dict[str, Any]:
@@ -94,6 +96,11 @@ def _table(data: Data) -> dict[str, Array]:
     if missing:
         raise DataError(f"the report's data lack the column '{missing[0]}'.", "The file is damaged.")
     count = len(data.columns) * data.rows
+    if 8 * count > LARGEST:
+        raise DataError(
+            f"the report's data claim {data.rows} rows; at most {LARGEST // 8 // len(data.columns)} are read.",
+            "The file is damaged.",
+        )
     try:
         packed = base64.b64decode(data.text)
         # no more than the rows need: a few bytes could stand for more than fits in memory

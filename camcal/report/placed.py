@@ -17,6 +17,8 @@ from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.report.yaml import read_document
 from camcal.routes.placed import PlacedCamera
+from camcal.system.documents import LARGEST
+from camcal.system.reading import read_text
 
 
 def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
@@ -60,12 +62,10 @@ def _is_dlt(source: Path) -> bool:
     if source.suffix.lower() in (".yaml", ".yml", ".json"):
         return False
     try:
-        return looks_like_dlt(source.read_text(encoding="utf-8-sig")) or source.suffix.lower() in (
-            ".csv",
-            ".txt",
-        )
-    except (OSError, UnicodeDecodeError):
+        text = read_text(source, LARGEST)
+    except DataError:
         return False
+    return looks_like_dlt(text) or source.suffix.lower() in (".csv", ".txt")
 
 
 def _single_pose(found: Mapping[str, Any]) -> Pose | None:

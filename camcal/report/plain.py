@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.writing import readable
+from camcal.system.text import readable
 
 
 def plain(value: Any) -> Any:

@@ -18,20 +18,18 @@ from typing import Any
 
 import yaml
 
-from camcal.data.writing import atomic_write
 from camcal.errors import DataError
+from camcal.system.documents import LARGEST, parse_yaml
+from camcal.system.reading import read_text
+from camcal.system.text import escaped, has_unsafe
+from camcal.system.writing import atomic_write
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 #: a mapping or list that is this short, as text, stands on one line
 LINE = 96
-#: bytes of a document that is read: a report of ten million points, 9 columns of 8 bytes, as text
-LARGEST = 1 << 30
 #: text that YAML 1.2 reads as a number though PyYAML does not, such as the id 08
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0[ox][0-9a-fA-F]+")
-#: `&name` where YAML could mean an anchor
-_ANCHOR = re.compile(r"(?:^|[\s\[{,:-])&\w", re.MULTILINE)
 
 
 class ReportDumper(_Dumper):
@@ -68,7 +66,7 @@ def _collection(dumper: Any, value: Any) -> Any:
 
 
 def _text(dumper: Any, value: str) -> Any:
-    style = "|" if "\n" in value else "'" if _NUMBER.fullmatch(value) else None
+    style = '"' if has_unsafe(value) else "|" if "\n" in value else "'" if _NUMBER.fullmatch(value) else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
 
@@ -79,7 +77,8 @@ ReportDumper.add_representer(str, _text)
 
 def dump_yaml(document: Any) -> str:
     """The YAML text of a plain document (see `plain.py`), in the order of its keys."""
-    return yaml.dump(document, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
+    text = yaml.dump(document, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
+    return escaped(text)  # such characters stand in quoted text alone, see `_text`
 
 
 def dump_json(document: Any) -> str:
@@ -90,7 +89,7 @@ def dump_json(document: Any) -> str:
     """
     marker = "\ue000inf"  # a private-use character: it stands in no text of a report
     text = json.dumps(_finite(document, marker), ensure_ascii=False, indent=1, allow_nan=False)
-    return text.replace(f'"-{marker}"', "-1e999").replace(f'"{marker}"', "1e999") + "\n"
+    return escaped(text.replace(f'"-{marker}"', "-1e999").replace(f'"{marker}"', "1e999")) + "\n"
 
 
 def _finite(value: Any, marker: str) -> Any:
@@ -121,49 +120,17 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
     Raises
     ------
     DataError
-        Where the file is missing, unreadable, too large, not YAML, or no mapping, or has aliases (`*name`):
-        a few lines of them can stand for more than fits in memory.
+        Where the file is missing, unreadable, too large, not YAML, nested too deep, or no mapping, or has
+        aliases (`*name`): a few lines of them can stand for more than fits in memory.
     """
-    source = Path(path)
-    try:
-        size = source.stat().st_size
-        if size > LARGEST:
-            raise DataError(
-                f"'{source}' has {size} bytes; at most {LARGEST} are read.", "A camcal report is a YAML file."
-            )
-        text = source.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise DataError(f"there is no file '{source}'.", "Check the path.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text"
-        raise DataError(f"cannot read '{source}': {reason}.", "A camcal report is a YAML file.") from error
-    found = _parse(text, source)
-    if not isinstance(found, dict):
-        raise DataError(f"'{source}' is no camera file: it holds no mapping.", "Give a camcal report.")
-    return found
-
-
-def _parse(text: str, source: Path) -> Any:
+    text = read_text(path, LARGEST, "a camcal report", "A camcal report is a YAML file.")
+    found = None
     if text.lstrip().startswith("{"):
         # JSON first: YAML 1.1 would take its 1e999 for a word; what neither can read is YAML's to refuse
         with contextlib.suppress(ValueError, RecursionError):
-            return json.loads(text)
-    try:
-        text = _as_yaml(text)
-        if _ANCHOR.search(text) and any(isinstance(e, yaml.AliasEvent) for e in yaml.parse(text, _Loader)):
-            raise DataError(f"'{source}' has YAML aliases, which are not read.", "Write the values out.")
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        raise DataError(f"'{source}' is not a YAML file: it breaks{where}.", "Is it damaged?") from error
-    except (RecursionError, ValueError) as error:
-        raise DataError(f"'{source}' cannot be read: {error}.", "Is it damaged?") from error
-
-
-def _as_yaml(text: str) -> str:
-    """OpenCV's files begin with `%YAML:1.0`, which YAML's grammar does not have, and tag their matrices."""
-    if text.startswith("%YAML:"):
-        text = text.partition("\n")[2]
-    # a single row is an `opencv-matrix` in 4.x and an `opencv-nd-matrix` in 5.0
-    return text.replace("!!opencv-matrix", "").replace("!!opencv-nd-matrix", "")
+            found = json.loads(text)
+    if found is None:
+        found = parse_yaml(text, path, aliases=0)
+    if not isinstance(found, dict):
+        raise DataError(f"'{path}' is no camera file: it holds no mapping.", "Give a camcal report.")
+    return found

@@ -12,6 +12,7 @@ from camcal.data.labelled import read_labelled
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.lines import LEAST_LENGTH, find_lines
 from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.sources import read_bytes
 from camcal.errors import DataError
 from camcal.model.pose import Array
 from camcal.routes.lines import Lines
@@ -91,8 +92,6 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
 def read_gray(path: Path) -> Array:
     """A picture in grey; DataError where it is none."""
     try:
-        return decode_gray(path.read_bytes())
-    except OSError as error:
-        raise DataError(f"cannot read '{path}': {error.strerror}.", "Check the path.") from error
+        return decode_gray(read_bytes(path))
     except UnreadableError as error:
         raise DataError(f"cannot read '{path}': {error}.", "Give a picture, or a table line,u,v.") from error

@@ -12,6 +12,8 @@ from camcal.settings.kinds import Kind, Real, parts_of, real, refuse, shown
 UNITS = ("um", "mm", "cm", "m", "in")
 #: board sizes in cells: two rows are the least that make a plane; a side of 1000 does not fit in a picture
 LEAST_CELLS, MOST_CELLS = 2, 1000
+#: lengths in their own unit: a square of a nanometre in km, and the reverse, with a margin of a million
+LEAST_LENGTH, MOST_LENGTH = 1e-18, 1e18
 #: a positive distance in the unit of the data, or inf
 DISTANCE = Real(0, above=True, infinite=True, metavar="D|inf")
 
@@ -56,9 +58,10 @@ def parse_length(text: str) -> Length:
     match = re.fullmatch(r"([0-9.]+(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*)", text.strip())
     value = (real(match[1]) if match else None) or 0.0
     unit = match[2] if match else ""
-    if not 0 < value < math.inf or (unit and unit not in UNITS):
+    if not LEAST_LENGTH <= value <= MOST_LENGTH or (unit and unit not in UNITS):
         raise UsageError(
-            f"{shown(text)} is not a length.", f"Write a positive number and {', '.join(UNITS)} or no unit."
+            f"{shown(text)} is not a length.",
+            f"Write a positive number below {MOST_LENGTH:g} and {', '.join(UNITS)} or no unit.",
         )
     return Length(value, unit or "unit")
 

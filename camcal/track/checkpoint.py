@@ -5,18 +5,24 @@ The first line names the schema and the SHA-256 of the second, which is one JSON
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from camcal.data.writing import atomic_write, sweep
-from camcal.errors import DataError, UsageError
+import numpy as np
+
+from camcal.errors import CamcalError, DataError, UsageError
+from camcal.system.reading import read_text
+from camcal.system.writing import atomic_write, sweep
 from camcal.track.keep import pack, unpack
 
 SCHEMA = "camcal-track-state/2"
 _HINT = "Choose another --state."
+#: bytes; a state of some hundred parameters with its window of frames is below 10 MB
+LARGEST = 256 << 20
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
@@ -34,9 +40,9 @@ def load(path: Path) -> dict[str, Any]:
     DataError
         Where the file is no checkpoint of this version, or is damaged.
     """
-    sweep(path)
+    sweep(path.resolve().parent)
+    head, _, body = read_text(path, LARGEST, "a state of `camcal track`", _HINT).partition("\n")
     try:
-        head, _, body = path.read_text(encoding="utf-8").partition("\n")
         found = json.loads(head)
     except (ValueError, RecursionError):
         raise DataError(f"{path}: not a state of `camcal track`.", _HINT) from None
@@ -45,7 +51,27 @@ def load(path: Path) -> dict[str, Any]:
     body = body.removesuffix("\n")
     if found.get("sha256") != _digest(body):
         raise DataError(f"{path}: the state is damaged: its checksum does not match.", _HINT)
-    return json.loads(body, object_hook=unpack)
+    with damage(path):
+        return json.loads(body, object_hook=unpack)
+
+
+@contextlib.contextmanager
+def damage(path: Path) -> Iterator[None]:
+    """Say of any error of what a state holds that it is damaged: its checksum only proves that it is complete."""
+    try:
+        yield
+    except CamcalError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError) as error:
+        raise _damaged(path, error) from error
+    except (TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> DataError:
+    said = str(error).partition("\n")[0][:200] or type(error).__name__
+    what = f"{said} is missing" if isinstance(error, KeyError) else said
+    return DataError(f"{path}: the state is damaged: {what}.", _HINT)
 
 
 def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -120,10 +120,23 @@ class Follower(Kept):
         self._read = 0
         self._alarm: Alarm | None = None
         self._settling = 0
+        self._resumed = False
 
     # ------------------------------------------------------------------ the run
     def run(self, frames: Iterable[Frame]) -> Summary:
-        """Take all frames, then finish."""
+        """Take all frames, then finish.
+
+        Raises
+        ------
+        DataError
+            Where the state that the run went on from does not fit the frames: it is damaged.
+        """
+        if self._resumed and self.state_file is not None:
+            with checkpoint.damage(self.state_file):
+                return self._run(frames)
+        return self._run(frames)
+
+    def _run(self, frames: Iterable[Frame]) -> Summary:
         since = 0
         for frame in self._unread(frames):
             self._take(frame)
@@ -226,14 +239,16 @@ class Follower(Kept):
         """
         if self.state_file is None:
             return
-        if not self.state_file.is_file():
+        if not self.state_file.exists():
             content = {"options": self.options, "rows": 0, "run": self.state()}
             checkpoint.save(self.state_file, content)
             return
         saved = checkpoint.load(self.state_file)
-        checkpoint.require_same(self.state_file, saved["options"], self.options)
-        self.restore(saved["run"])
-        self.output.resume(saved["rows"])
+        with checkpoint.damage(self.state_file):
+            checkpoint.require_same(self.state_file, saved["options"], self.options)
+            self.restore(saved["run"])
+            self.output.resume(int(saved["rows"]))
+        self._resumed = True
 
 
 def _number(frame: Frame) -> int:

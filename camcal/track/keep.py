@@ -44,16 +44,30 @@ class Kept:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over a state of `state`."""
+        if set(state) != set(self._names()):
+            raise ValueError(f"{', '.join(sorted(set(state) ^ set(self._names())))} of {type(self).__name__}")
         for name in self._names():
             own = getattr(self, name)
             if isinstance(own, Kept):
                 own.restore(state[name])
+            elif not _alike(own, state[name]):
+                raise ValueError(f"{name} of {type(self).__name__} is a {type(state[name]).__name__}")
             else:
                 setattr(self, name, state[name])
 
     @classmethod
     def _names(cls) -> list[str]:
         return [name for base in reversed(cls.__mro__) for name in vars(base).get("kept", ())]
+
+
+def _alike(own: Any, given: Any) -> bool:
+    """Whether a value may stand where `own` stands in an object that has seen no frame."""
+    if own is None or given is None:
+        return True
+    for kind in ((bool, int, float, np.generic), str, (list, tuple), Mapping, np.ndarray):
+        if isinstance(own, kind):
+            return isinstance(given, kind)
+    return isinstance(given, type(own))
 
 
 def pack(value: Any) -> Any:
@@ -86,7 +100,10 @@ def pack(value: Any) -> Any:
 def unpack(packed: dict[str, Any]) -> Any:
     """Rebuild one JSON object that `pack` made; the `object_hook` of `json.loads`."""
     if _ARRAY in packed:
-        data = np.frombuffer(base64.b64decode(packed[_ARRAY]), np.dtype(packed["dtype"]))
+        kind = np.dtype(packed["dtype"])
+        if kind.kind not in "biuf":
+            raise ValueError(f"an array of {kind}")
+        data = np.frombuffer(base64.b64decode(packed[_ARRAY]), kind)
         return data.reshape(packed["shape"], order=packed["order"]).copy("K")
     if _VALUE in packed:
         cls, _ = _VALUES[packed.pop(_VALUE)]

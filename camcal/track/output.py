@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import secrets
 import sys
 from pathlib import Path
-from typing import IO
+from typing import Any
 
-from camcal.data.writing import is_special
 from camcal.errors import UsageError
+from camcal.system.writing import PartFile, is_special, lock_or_refuse, refusals, write_all
 from camcal.track.estimator import TrackState
 from camcal.track.table import Table
 
@@ -45,9 +45,9 @@ class Output:
         self.special = path is None or is_special(path)  # a device or a pipe is never replaced
         self.growing = growing or self.special
         # a symbolic link stays; its target is replaced
-        self.path = path if path is None or self.special else path.resolve()
-        self._part: Path | None = None
-        self._stream: IO[str] | None = None
+        self.path = path if path is None or self.special else Path(os.path.realpath(path))
+        self._part: PartFile | None = None
+        self._handle = -1
         self._states: list[TrackState] = []
         self._begun = False
 
@@ -59,33 +59,44 @@ class Output:
 
     def flush(self) -> int:
         """Write what there is; the number of bytes in the file so far, 0 for stdout, devices and pipes."""
-        stream = self._stream = self._stream or self._open("w")
+        text = ""
         if not self._begun:
             self._begun = True
-            if self.format == "csv":
-                stream.write(self.table.header)
+            text = self.table.header if self.format == "csv" else ""
         if self._states:
-            stream.write(
-                self.table.csv(self._states) if self.format == "csv" else self.table.jsonl(self._states)
-            )
+            text += self.table.csv(self._states) if self.format == "csv" else self.table.jsonl(self._states)
             self._states = []
-        stream.flush()
-        return 0 if self.special else stream.tell()
-
-    def _open(self, mode: str) -> IO[str]:
         if self.path is None:
-            return sys.stdout
-        if self.growing:
-            stream = self.path.open(mode if self.special else "a+", encoding="utf-8", newline="")
-            if not self.special:
-                _lock(stream, self.path)
-                if mode == "w":
-                    stream.truncate(0)
-            return stream
-        self._part = self.path.with_name(f".{self.path.name[:40]}.{secrets.token_hex(8)}.part")
-        # O_EXCL: never a file, or a link, that somebody else has put there
-        handle = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        return os.fdopen(handle, "w", encoding="utf-8", newline="")
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return 0
+        with self._refusals():
+            self._open()
+            self._write(text.encode("utf-8"))
+            return 0 if self.special or self._part else os.lseek(self._handle, 0, os.SEEK_CUR)
+
+    def _write(self, data: bytes) -> None:
+        if self._part is not None:
+            self._part.write(data)
+        else:
+            write_all(self._handle, data)
+
+    def _refusals(self) -> Any:
+        return contextlib.nullcontext() if self.path is None else refusals(self.path)
+
+    def _open(self, size: int = 0) -> None:
+        """Open the file, once; of a growing one the first `size` bytes are kept."""
+        if self.path is None or self._handle >= 0 or self._part is not None:
+            return
+        if self.special:
+            self._handle = os.open(self.path, os.O_WRONLY | os.O_CLOEXEC)
+        elif self.growing:
+            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            lock_or_refuse(self._handle, self.path)
+            os.truncate(self._handle, size)
+            os.lseek(self._handle, 0, os.SEEK_END)
+        else:
+            self._part = PartFile(self.path)
 
     def resume(self, size: int) -> None:
         """Go on with a file of which the first `size` bytes count; with stdout, a device or a pipe, go on
@@ -107,8 +118,8 @@ class Output:
                 "Give the table that the state was made with, or begin anew with another --state.",
             )
         self._begun = True
-        self._stream = self._open("a+")
-        self._stream.truncate(size)
+        with self._refusals():
+            self._open(size)
 
     def finish(self) -> None:
         """Close the file; it takes its name.
@@ -117,35 +128,24 @@ class Output:
         ------
         UsageError
             Where another program has made a file of that name meanwhile.
+        DataError
+            Where the system refuses to write.
         """
         self.flush()
-        if self._stream is None or self.path is None:
-            return
-        self._stream.close()
-        if self._part is not None:
-            if self.force or not self.path.exists():
-                self._part.replace(self.path)
-            else:
-                raise UsageError(f"'{self.path}' exists already.", "Another program made it meanwhile.")
+        with self._refusals():
+            if self._part is not None:
+                self._part.commit(self.force)
+            elif self._handle >= 0 and not self.special:
+                os.fsync(self._handle)
+        self._close()
 
     def discard(self) -> None:
         """Remove the temporary file of a table that will not be completed."""
-        if self._stream is not None and self.path is not None:
-            self._stream.close()
         if self._part is not None:
-            self._part.unlink(missing_ok=True)
+            self._part.discard()
+        self._close()
 
-
-def _lock(stream: IO[str], path: Path) -> None:
-    """Refuse a growing table that another run is writing to; the system drops the lock with the process."""
-    try:
-        import fcntl
-    except ImportError:  # not a POSIX system: no such lock
-        return
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        stream.close()
-        raise UsageError(f"'{path}' is being written by another run.", "Choose another --output.") from None
-    except OSError:  # a file system without locks
-        return
+    def _close(self) -> None:
+        if self._handle >= 0:
+            handle, self._handle = self._handle, -1
+            os.close(handle)

@@ -16,7 +16,8 @@ from typing import BinaryIO
 import numpy as np
 
 from camcal.data.blocks import LONGEST_LINE
-from camcal.data.columns import FRAMES, plain, role_of
+from camcal.data.columns import FRAMES, plain, role_of, shown
+from camcal.data.table import LARGEST_VALUE
 from camcal.errors import DataError
 from camcal.registry import suggestion
 from camcal.track.frames import Frame
@@ -148,7 +149,7 @@ class FrameReader:
             name = "frame" if role == "view" else role
             if name is None:
                 hint = suggestion(plain(field), (*NEEDED, *OPTIONAL)) or f"Columns: {_FORM}"
-                raise DataError(f"{self.name}: unknown column '{field}'.", hint)
+                raise DataError(f"{self.name}: unknown column '{shown(field)}'.", hint)
             if name in columns:
                 first = fields[columns.index(name)]
                 raise DataError(
@@ -210,7 +211,7 @@ class FrameReader:
             for column, field in zip(self.columns, fields, strict=True):
                 if field.strip() and not _is_number(field):
                     raise DataError(
-                        f"{self.name}:{first + index}: '{field.strip()}' in column {column} is not a number.",
+                        f"{self.name}:{first + index}: '{shown(field)}' in column {column} is not a number.",
                         "Leave the field empty where the point is missing.",
                     )
                 row.append(float(field) if field.strip() else np.nan)
@@ -223,12 +224,15 @@ class FrameReader:
             wrong = {
                 "the frame is not a whole number": ~(np.abs(number) < 2.0**53) | (number != np.round(number)),
                 "infinite number": np.isinf(table).any(1),
+                f"a number above {LARGEST_VALUE:g}": (np.abs(table[:, 1:]) > LARGEST_VALUE).any(1),
                 "sigma is not positive": sigma <= 0,
             }
         for what, rows in wrong.items():
             if rows.any():
                 index = int(rows.argmax())
-                raise DataError(f"{self.name}:{first + index}: {what} ({lines[index]}).", f"Columns: {_FORM}")
+                raise DataError(
+                    f"{self.name}:{first + index}: {what} ({shown(lines[index])}).", f"Columns: {_FORM}"
+                )
 
     def _close(self) -> Frame:
         """The frame of the rows collected so far, without its missing points."""

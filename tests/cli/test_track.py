@@ -210,7 +210,7 @@ def test_killed_and_started_again(tmp_path):
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
         process.communicate()
-    (tmp_path / ".state.0123456789abcdef.part").write_text("killed while it wrote")
+    (tmp_path / ".state.0123456789abcdef.camcal.part").write_text("killed while it wrote")
     last = start(*args)
     said = last.communicate()[1].decode()
     assert last.returncode == 0, said

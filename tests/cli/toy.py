@@ -20,7 +20,7 @@ FAILURES = {
     "abort": click.Abort(),
     "bug": ZeroDivisionError("division by zero\nsecond line"),
     "end-of-file": EOFError("from a library, not from the user"),
-    "nameless-os-error": OSError(5, "Input/output error"),
+    "nameless-os-error": OSError("from a library, not from the system"),
 }
 
 

@@ -10,11 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from camcal.data import writing
 from camcal.data.observations import Correspondences, View
 from camcal.data.points import read_points
-from camcal.data.writing import atomic_write, check_writable, write_points
-from camcal.errors import UsageError
+from camcal.data.table import LARGEST_VALUE
+from camcal.data.writing import write_points
+from camcal.errors import DataError, UsageError
+from camcal.system import writing
+from camcal.system.text import cell
+from camcal.system.writing import atomic_write, check_writable
 
 
 def names_in(folder):
@@ -70,7 +73,7 @@ def test_nothing_is_left_behind_where_writing_fails(tmp_path, monkeypatch, error
         raise error
 
     monkeypatch.setattr(writing.os, "fsync", fail)
-    with pytest.raises((UsageError, KeyboardInterrupt)) as caught:
+    with pytest.raises((DataError, KeyboardInterrupt)) as caught:
         atomic_write(tmp_path / "f", "new", force=True)
     if isinstance(error, OSError):
         assert caught.value.message.endswith("no space left on device.")
@@ -102,7 +105,7 @@ def test_a_device_is_written_to():
 
 
 # The names of views and numbers as they come; zero and its negative are the same point.
-NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+NUMBER = st.floats(-LARGEST_VALUE, LARGEST_VALUE)
 NAME = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\r\n\0"), min_size=1, max_size=12)
 NAMES = st.lists(NAME.filter(str.strip), min_size=1, max_size=4, unique=True)
 
@@ -149,6 +152,7 @@ def test_points_read_back_whatever_separates_them(tmp_path, c, separator, comma)
     for name, *numbers in rows[1:]:
         if comma and separator in ";\t":
             numbers = [n.replace(".", ",") for n in numbers]
+        name = cell(name)
         lines.append(separator.join(['"' + name.replace('"', '""') + '"', *numbers]))
     path.write_text("# again\n\n" + "\n".join(lines), encoding="utf-8", newline="")
     check_same(read_points(path), c)

@@ -220,20 +220,20 @@ class TestBadFiles:
     def test_nested_too_deep(self, tmp_path, text):
         path = tmp_path / "r.yaml"
         path.write_text(text)
-        with pytest.raises(DataError, match=r"not a YAML file|cannot be read"):
+        with pytest.raises(DataError, match=r"nested more than 60 deep|it breaks at line 1"):
             load(path)
 
     def test_a_number_of_many_digits(self, tmp_path):
         path = tmp_path / "r.json"
         path.write_text('{"schema": "camcal-report/1", "n": ' + "9" * 5000 + "}")
-        with pytest.raises(DataError, match="cannot be read"):
+        with pytest.raises(DataError, match="Exceeds the limit"):
             load(path)
 
     def test_too_large(self, tmp_path, monkeypatch):
         monkeypatch.setattr("camcal.report.yaml.LARGEST", 9)
         path = tmp_path / "r.yaml"
         path.write_text("a: 1\nb: 22")
-        with pytest.raises(DataError, match="10 bytes; at most 9 are read"):
+        with pytest.raises(DataError, match="more than 9 bytes"):
             load(path)
         path.write_text("a: 1\nb: 2")
         with pytest.raises(DataError, match="not a camcal report"):

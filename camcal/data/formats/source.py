@@ -6,8 +6,6 @@ scipy; all with limits on size and depth.
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -15,16 +13,9 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-import yaml
-
 from camcal.errors import DataError
-
-#: bytes; a Metashape project or a reconstruction of thousands of pictures stays below
-LARGEST = 256 << 20
-#: levels of nesting; the deepest file known (a reconstruction of AliceVision) has 9
-DEEPEST = 60
-#: aliases of one file; Kalibr's writer makes a few where two cameras share a list
-MOST_ALIASES = 1000
+from camcal.system.documents import DEEPEST, LARGEST, broken, parse_json, parse_toml, parse_yaml
+from camcal.system.reading import read_file
 
 KINDS = {
     **dict.fromkeys((".yaml", ".yml"), "yaml"),
@@ -32,7 +23,6 @@ KINDS = {
     **dict.fromkeys((".xml", ".lcp", ".xcp", ".qca"), "xml"),
     ".toml": "toml",
 }
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class Source:
@@ -48,7 +38,7 @@ class Source:
 
     def __init__(self, path: Path, data: bytes | None = None):
         self.path, self.suffix = path, path.suffix.lower()
-        self.data = _read(path) if data is None else data
+        self.data = read_file(path, LARGEST, "a camera file") if data is None else data
         #: content that belongs beside the file, by name, where it is not on the disk yet
         self.beside: Mapping[str, str | bytes] = {}
 
@@ -98,7 +88,7 @@ class Source:
         DataError
             Where the content is not what its kind says.
         """
-        parser = {"yaml": _yaml, "json": _json, "toml": _toml}.get(self.kind)
+        parser = {"yaml": parse_yaml, "json": parse_json, "toml": parse_toml}.get(self.kind)
         return None if parser is None else parser(self.text or "", self.path)
 
     @property
@@ -135,89 +125,6 @@ def _has_controls(data: bytes) -> bool:
     return any(b < 32 and b not in b"\t\n\r\f" for b in data)
 
 
-def _read(path: Path) -> bytes:
-    try:
-        if path.is_dir():
-            raise DataError(f"'{path}' is a folder; a camera file is needed.", "Name the file in it.")
-        if path.exists() and not path.is_file():
-            raise DataError(
-                f"'{path}' is no ordinary file; a camera file is needed.", "Copy it to a file first."
-            )
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST + 1)
-    except FileNotFoundError:
-        raise DataError(f"there is no file '{path}'.", "Check the path.") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise DataError(f"cannot read '{path}': {reason.lower()}.", "Check the path.") from None
-    if len(data) > LARGEST:
-        raise DataError(
-            f"'{path}' has more than {LARGEST >> 20} MB; a camera file is smaller.", "Is it the right file?"
-        )
-    return data
-
-
-def _broken(path: Path, kind: str, why: object) -> DataError:
-    return DataError(f"'{path}' is not readable as {kind}: {why}.", "Is it damaged?")
-
-
-def _json(text: str, path: Path) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise _broken(path, "JSON", f"{error.msg} at line {error.lineno}") from None
-    except (ValueError, RecursionError) as error:
-        raise _broken(path, "JSON", error) from None
-
-
-def _toml(text: str, path: Path) -> Any:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise _broken(path, "TOML", str(error).rstrip(".")) from None
-
-
-def _yaml(text: str, path: Path) -> Any:
-    text = as_yaml(text)
-    try:
-        _check_events(text, path)
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}" if mark is not None else "an unknown character"
-        raise _broken(path, "YAML", f"it breaks at {where}") from None
-    except (ValueError, RecursionError, OverflowError, TypeError) as error:
-        raise _broken(path, "YAML", error) from None
-
-
-def as_yaml(text: str) -> str:
-    """OpenCV's YAML as YAML: 4.x begins with `%YAML:1.0`; matrices have tags, nd-matrices since 5.0."""
-    if text.startswith("%YAML"):
-        text = text.partition("\n")[2]
-    return text.replace("!!opencv-matrix", "").replace("!!opencv-nd-matrix", "")
-
-
-def _check_events(text: str, path: Path) -> None:
-    """Refuse deep nesting, and aliases within what has an anchor: a few lines of them stand for gigabytes."""
-    depth = aliases = 0
-    anchored: list[int] = []
-    for event in yaml.parse(text, _Loader):
-        if isinstance(event, yaml.AliasEvent):
-            aliases += 1
-            if anchored or aliases > MOST_ALIASES:
-                raise _broken(path, "YAML", "it repeats what itself repeats something (aliases)")
-        elif isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if event.anchor:
-                anchored.append(depth)
-            if depth > DEEPEST:
-                raise _broken(path, "YAML", f"nested more than {DEEPEST} deep")
-        elif isinstance(event, yaml.CollectionEndEvent):
-            if anchored and anchored[-1] == depth:
-                anchored.pop()
-            depth -= 1
-
-
 def _xml(data: bytes, path: Path) -> ElementTree.Element:
     """Parse XML with expat; entities of the file's own are refused, external ones are never fetched."""
     builder, depth = ElementTree.TreeBuilder(), 0
@@ -226,7 +133,7 @@ def _xml(data: bytes, path: Path) -> ElementTree.Element:
         nonlocal depth
         depth += 1
         if depth > DEEPEST:
-            raise _broken(path, "XML", f"nested more than {DEEPEST} deep")
+            raise broken(path, "XML", f"nested more than {DEEPEST} deep")
         builder.start(tag.rpartition("}")[2], {k.rpartition("}")[2]: v for k, v in attributes.items()})
 
     def end(tag: str) -> None:
@@ -235,7 +142,7 @@ def _xml(data: bytes, path: Path) -> ElementTree.Element:
         builder.end(tag.rpartition("}")[2])
 
     def entity(*_: Any) -> None:
-        raise _broken(path, "XML", "it defines entities")
+        raise broken(path, "XML", "it defines entities")
 
     parser = expat.ParserCreate(namespace_separator="}")
     parser.StartElementHandler, parser.EndElementHandler = start, end
@@ -245,6 +152,6 @@ def _xml(data: bytes, path: Path) -> ElementTree.Element:
         parser.Parse(data.lstrip(), True)
         return builder.close()
     except expat.ExpatError as error:
-        raise _broken(path, "XML", f"{expat.errors.messages[error.code]} at line {error.lineno}") from None
+        raise broken(path, "XML", f"{expat.errors.messages[error.code]} at line {error.lineno}") from None
     except (AssertionError, ValueError, LookupError) as error:
-        raise _broken(path, "XML", error or "it has no element") from None
+        raise broken(path, "XML", error or "it has no element") from None

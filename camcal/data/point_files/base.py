@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.data.formats.source import Source
-from camcal.data.table import Table
+from camcal.data.table import LARGEST_VALUE, Table
 from camcal.errors import DataError
 
 Array = np.ndarray
@@ -66,8 +66,9 @@ def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | No
     columns = ("X", "Y", "Z", "u", "v", *(("id",) if with_ids else ()))
     blocks = [np.c_[xyz, uv, ids] if with_ids else np.c_[xyz, uv] for _, xyz, uv, ids in kept]
     values = np.concatenate(blocks).astype(float)
-    if not np.isfinite(values).all():
-        raise DataError(f"{source.path}: a coordinate that is not finite.", "Remove that point.")
+    if not (np.abs(values) <= LARGEST_VALUE).all():
+        said = f"a coordinate that is not finite, or above {LARGEST_VALUE:g}"
+        raise DataError(f"{source.path}: {said}.", "Remove that point.")
     index = np.repeat(np.arange(len(kept)), [len(b) for b in blocks])
     names = tuple(name for name, *_ in kept)
     digest = hashlib.sha256(source.data).hexdigest()

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from camcal.detect.targets.base import Pattern, whole_number
 from camcal.detect.targets.dictionaries import (
@@ -28,6 +27,8 @@ from camcal.detect.targets.dictionaries import (
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.errors import DataError, UsageError
 from camcal.settings.sizes import parse_grid, parse_length
+from camcal.system.documents import LARGEST, parse_yaml
+from camcal.system.reading import read_text
 
 Array = np.ndarray
 
@@ -179,14 +180,8 @@ def read_kalibr(path: Path) -> tuple[int, int, float, float]:
     DataError
         Where the file is missing, is not YAML, or is not about an aprilgrid.
     """
-    try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror}.", "Check the path.") from None
-    except (yaml.YAMLError, UnicodeDecodeError):
-        raise DataError(
-            f"{path} is not a YAML file.", "Kalibr's file is needed: target_type, tagCols, ..."
-        ) from None
+    needed = "Kalibr's file is needed: target_type, tagCols, ..."
+    found = parse_yaml(read_text(path, LARGEST, "Kalibr's description of a target", needed), path)
     kind = found.get("target_type") if isinstance(found, dict) else None
     if kind != "aprilgrid":
         raise DataError(f"{path} describes {kind or 'no target'}.", "target_type: 'aprilgrid' is needed.")

@@ -13,6 +13,11 @@ from camcal.model.lenses import make
 
 Array = np.ndarray
 
+#: pixels of a new picture, as many as a picture that is read may have; its map takes 8 bytes a pixel
+MOST_PIXELS = 200_000_000
+#: pixels that are mapped at a time: some 60 bytes each
+STRIP = 1 << 20
+
 #: output projections: what they are called -> the lens without distortion that makes them
 PROJECTIONS = {"perspective": "pinhole", "equidistant": "kb:0"}
 #: half-angle, rad, that a projection is let reach: a plane cannot hold 90 degrees, and at 80 a pixel at the rim
@@ -73,17 +78,27 @@ def undistortion(
     if camera.image_size is None:
         raise UsageError("the camera's file does not say how large its image is.", "Give --image-size WxH.")
     new = size or camera.image_size
+    if new[0] * new[1] > MOST_PIXELS:
+        raise UsageError(
+            f"a picture of {new[0]}x{new[1]} pixels; at most {MOST_PIXELS // 10**6} million are made.",
+            "Give a smaller --size.",
+        )
     if isinstance(keep, str):
         target = (_all_pixels if keep == "all" else _no_black)(camera, new, projection)
     else:
         target = _given_field(keep, new, projection)
     width, height = new
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    seen, inside = _sources(camera, target, np.stack([u, v], -1))
-    seen[~inside] = -1
-    return Undistortion(
-        target, seen[..., 0].astype(np.float32), seen[..., 1].astype(np.float32), float(1 - inside.mean())
-    )
+    u, v = np.empty((2, height, width), np.float32)
+    shown = 0
+    step = max(1, STRIP // width)
+    for top in range(0, height, step):
+        rows = np.arange(top, min(top + step, height), dtype=float)
+        pixels = np.stack(np.meshgrid(np.arange(width, dtype=float), rows), -1)
+        seen, inside = _sources(camera, target, pixels)
+        seen[~inside] = -1
+        u[top : top + step], v[top : top + step] = seen[..., 0], seen[..., 1]
+        shown += int(inside.sum())
+    return Undistortion(target, u, v, 1 - shown / (width * height))
 
 
 def _sources(camera: Camera, target: Camera, pixels: Array) -> tuple[Array, Array]:

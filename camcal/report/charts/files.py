@@ -15,6 +15,7 @@ from camcal.plan.solution import Solution
 from camcal.report.charts import charts
 from camcal.report.charts.base import Arrows, Bars, Cells, Chart, Line, Points, tick_text
 from camcal.report.charts.colours import DIVERGING, SEQUENTIAL
+from camcal.system.text import printable
 
 #: the light page's colours
 TONES = {
@@ -74,7 +75,7 @@ def drawn(chart: Chart, format: str) -> bytes:
     """One chart as the bytes of a file, the same bytes every time."""
     import matplotlib
 
-    with matplotlib.rc_context({"svg.hashsalt": "camcal", "font.size": 9}):
+    with matplotlib.rc_context({"svg.hashsalt": "camcal", "font.size": 9, "text.parse_math": False}):
         return _drawn(chart, format)
 
 
@@ -95,7 +96,7 @@ def _drawn(chart: Chart, format: str) -> bytes:
     if bars is not None:
         few = len(bars.names) <= 30
         axes.set_xticks(np.arange(len(bars.names)) if few else [])
-        axes.set_xticklabels(bars.names if few else [], rotation=60, ha="right")
+        axes.set_xticklabels([printable(n) for n in bars.names] if few else [], rotation=60, ha="right")
     if any(getattr(layer, "label", "") for layer in chart.layers):
         axes.legend(loc="best", fontsize=8)
     buffer = io.BytesIO()

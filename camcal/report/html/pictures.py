@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from camcal.plan.solution import Solution
 from camcal.report.charts.residuals import enlargement
+from camcal.system.reading import is_file
 
 Array = np.ndarray
 
@@ -19,6 +21,7 @@ WIDTH = 340
 QUALITY = 62
 #: more thumbnails than this are not shown: the worst views, and some of those that were not used
 MOST_USED, MOST_OTHERS = 24, 8
+MOST_NAMED = 6  #: pictures that have changed
 
 
 @dataclass(frozen=True)
@@ -49,14 +52,23 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     chosen = _chosen(report["views"])
     index = {v.id: i for i, v in enumerate(solution.observations.views)}
     scale = _scale(solution)
-    made = []
+    made, changed = [], []
     for entry in chosen:
-        path = paths.get(entry["id"])
-        found = None if path is None else _thumbnail(solution, entry, index.get(entry["id"]), path, scale)
+        picture = paths.get(entry["id"])
+        if picture is None:
+            continue
+        try:
+            found = _thumbnail(solution, entry, index.get(entry["id"]), picture, scale)
+        except ChangedError:
+            changed.append(entry["id"])
+            continue
         if found is not None:
             made.append(found)
-    missing = len(report["views"]) - len(made)
+    missing = len(report["views"]) - len(made) - len(changed)
     said = f"Arrows: residuals, {scale:g} times enlarged."
+    if changed:
+        names = ", ".join(changed[:MOST_NAMED]) + ", ..." * (len(changed) > MOST_NAMED)
+        said += f" {len(changed)} pictures are not those of the calibration any more, and not shown: {names}."
     if missing:
         said += (
             f" {missing} pictures are not shown: the worst come first, and files that are gone are left out."
@@ -64,16 +76,20 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     return made, said
 
 
-def _paths(report: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """Where the picture of each view is, by the view's id."""
+class ChangedError(Exception):
+    """A file is not the picture of the calibration: its SHA-256 is another, or not known."""
+
+
+def _paths(report: dict[str, Any], folder: Path) -> dict[str, tuple[Path, str | None]]:
+    """Where the picture of each view is and the SHA-256 that it had, by the view's id."""
     found = {}
     names = {e["id"] for e in report["views"]}
     for file in report["inputs"]["files"] or []:
         for path in (Path(file["path"]), folder / file["path"], folder / Path(file["path"]).name):
-            if path.is_file():
+            if is_file(path):
                 known = [n for n in (str(file["path"]), path.name, *_tails(path)) if n in names]
                 if known:
-                    found[known[0]] = path
+                    found[known[0]] = path, file.get("sha256")
                 break
     return found
 
@@ -99,9 +115,13 @@ def _scale(solution: Solution) -> float:
 
 
 def _thumbnail(
-    solution: Solution, entry: dict[str, Any], index: int | None, path: Path, scale: float
+    solution: Solution,
+    entry: dict[str, Any],
+    index: int | None,
+    picture: tuple[Path, str | None],
+    scale: float,
 ) -> Thumbnail | None:
-    read = _read(path)
+    read = _read(*picture)
     if read is None:
         return None
     uri, size = read
@@ -125,21 +145,28 @@ def _dots(uv: Array) -> str:
     return "".join(f"M{u:.1f} {v:.1f}h0" for u, v in uv)
 
 
-def _read(path: Path) -> tuple[str, tuple[int, int]] | None:
-    """A small JPEG of a picture as a data URI, and the picture's own (width, height)."""
+def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
+    """A small JPEG of a picture as a data URI, and the picture's own (width, height).
+
+    A report of a stranger may name any file: only what was in the calibration is shown.
+    """
     import cv2
 
     from camcal.detect.decode import UnreadableError, decode_gray
+    from camcal.detect.sources import read_bytes
 
     try:
-        gray = decode_gray(path.read_bytes())
-    except (OSError, UnreadableError):
+        data = read_bytes(path)
+        if hashlib.sha256(data).hexdigest() != sha256:
+            raise ChangedError(path)
+        gray = decode_gray(data)
+    except UnreadableError:
         return None
     if gray.dtype != np.uint8:
         gray = (gray >> 8).astype(np.uint8)
     height, width = gray.shape
     small = cv2.resize(gray, (WIDTH, max(1, round(WIDTH * height / width))), interpolation=cv2.INTER_AREA)
-    done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    done, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not done:
         return None
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii"), (width, height)
+    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii"), (width, height)

@@ -1,0 +1,54 @@
+"""Signals that end the program, and worker processes that end with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import FrameType
+
+#: the signals that ask a program to end, and exit codes of a shell for them: 128 + number
+ENDING = ("SIGTERM", "SIGHUP")
+
+
+class Terminated(BaseException):
+    """The program was asked to end; raised where it is at work, so that it cleans up as on ^C."""
+
+    def __init__(self, number: int):
+        super().__init__(number)
+        self.exit_code = 128 + number
+
+
+def end_on_signals() -> None:
+    """Raise `Terminated` on SIGTERM and SIGHUP; a second signal ends the program at once."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise Terminated(number)
+
+    for name in ENDING:
+        number = getattr(signal, name, None)
+        # what is ignored stays ignored: nohup
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, end)
+
+
+def start_worker() -> None:
+    """Begin a worker process: ^C is the parent's, one thread, and an end with the parent however that ends."""
+    import multiprocessing
+    import threading
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def _end_with(parent: int) -> None:
+    """Wait for the end of the parent, which the system tells, and end."""
+    from multiprocessing import connection
+
+    connection.wait([parent])
+    os._exit(1)

@@ -1,0 +1,63 @@
+"""Text that leaves the program: what a terminal, a spreadsheet or a file's encoding would take for something else.
+
+Names come from file names and tables of strangers. A terminal obeys control characters in them (ECMA-48), a
+right-to-left override hides the end of a name (Unicode TR 36, 2.5), and a spreadsheet runs a cell that begins
+with `= + - @` as a formula.
+"""
+
+from __future__ import annotations
+
+import re
+
+#: control characters except line end and tab: C0, DEL, C1 (ECMA-48), and Unicode's controls of direction and lines
+UNSAFE = "\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069"
+_UNSAFE = re.compile(f"[{UNSAFE}]")
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
+LONGEST_WORD = 300  #: characters of one word of a message; longer than a path that somebody would type
+LONGEST_MESSAGE = 2000  #: characters; a screen of text
+
+
+def readable(text: str) -> str:
+    r"""The text as UTF-8 can hold it: bytes of a file's name that are none become `\xe9`."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return text
+
+
+def printable(text: str) -> str:
+    """The text without what a terminal would obey; each such character is replaced by one sign of the same width."""
+    return _UNSAFE.sub("\ufffd", readable(text))
+
+
+def escaped(text: str) -> str:
+    r"""The text of a JSON document, or of YAML with quoted strings, with such characters as `\u202e`."""
+    return _UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def has_unsafe(text: str) -> bool:
+    """Whether a terminal would obey something in the text."""
+    return _UNSAFE.search(text) is not None
+
+
+def message(text: str) -> str:
+    """The text of a message: one line, long words and long texts with their middle left out."""
+    text = " ".join(printable(text).split())
+    text = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda found: _without_middle(found[0], LONGEST_WORD), text)
+    return _without_middle(text, LONGEST_MESSAGE)
+
+
+def _without_middle(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[: longest // 2]}...{text[-longest // 4 :]}"
+
+
+def cell(name: str) -> str:
+    """A name as a cell of a table: an apostrophe before what a spreadsheet would run as a formula."""
+    return "'" + name if _FORMULA.match(name) and not _NUMBER.fullmatch(name) else name
+
+
+def from_cell(name: str) -> str:
+    """The name that `cell` was given."""
+    return name[1:] if name[:1] == "'" and cell(name[1:]) == name else name
