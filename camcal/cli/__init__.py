@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "convert": ("camcal.cli.convert:command", "Convert a camera to another format or lens model."),
     "lens-fit": ("camcal.cli.lens_fit:command", "Fit a lens to pairs of ideal and distorted points."),
     "undistort": ("camcal.cli.undistort:command", "Remove the distortion from pictures."),
+    "rectify": ("camcal.cli.rectify:command", "Rectify pictures of two cameras: points lie in equal rows."),
     "report": ("camcal.cli.report:command", "Show a report as one self-contained HTML page."),
     "compare-optimizers": (
         "camcal.cli.compare_optimizers:command",

@@ -157,7 +157,12 @@ def _write(
 
     form = files.target_format(target, name)
     if cameras.has_poses and len(cameras.cameras) > 1 and not (form.poses and "{camera}" not in str(target)):
-        note(f"The poses between the cameras are not written: {form.title} has no place for them.")
+        held = (
+            "; R and P hold the rectification of the pair"
+            if form.rectified and len(cameras.cameras) == 2
+            else ""
+        )
+        note(f"The poses between the cameras are not written: {form.title} has no place for them{held}.")
     made = []
     for path, gap in files.write(target, cameras, name, options["force"]).items():
         note(f"Camera written to {path} ({form.name}): it reads back within {gap.max_px:.1g} px.")

@@ -23,11 +23,15 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
     each view is fitted anew, and what remains is reported as after a calibration. Of a rig, the table names the
     camera of each point in a column `camera`, and each view has one pose for all cameras. With --lines the data are
-    straight lines, and the report says how straight they become.
+    straight lines, and the report says how straight they become. With --natural the data are pictures of anything by
+    two cameras of a rig (left=PICTURES right=PICTURES), and the report says how far points lie from their rows;
+    --max-rms is then a limit of that.
     """
     from camcal.cli.job import command_line, deliver_solution, output_is_free, read_data
 
     output_is_free(options)
+    if options["natural"]:
+        return _natural(camera, data, options, command_line(ctx))
     if options["lines"]:
         return _straightness(camera, data, options, command_line(ctx))
     from camcal.plan.known_camera import evaluate
@@ -65,3 +69,17 @@ def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], 
     found = evaluation(load_camera(camera), data, words)
     deliver(found, options, "Report", lambda: tables(found))
     return 0
+
+
+def _natural(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:
+    from camcal.cli.job import GATE_FELL
+    from camcal.cli.results import deliver
+    from camcal.report.stereo import natural, natural_table
+
+    found = natural(camera, data, options["max_rms"], words)
+    for warning in found["warnings"]:
+        note(f"{warning['message']} {warning['hint']}")
+    for failure in found["failures"]:
+        note(f"{failure}.")
+    deliver(found, options, "Report", lambda: natural_table(found["natural"]))
+    return GATE_FELL if found["verdict"] == "fail" else 0

@@ -20,7 +20,9 @@ ROUNDS = 10
 FOCAL = np.geomspace(0.26, 6.0, 60)
 
 
-def fundamental(first: Array, second: Array, seed: int = 0) -> tuple[Array, Array] | None:
+def fundamental(
+    first: Array, second: Array, seed: int = 0, least: float = LEAST_FAR
+) -> tuple[Array, Array] | None:
     """F (3, 3) with x2ᵀ F x1 = 0 of matches (N, 2), and which of them agree (N,); None with fewer than eight.
 
     Least median of squares over samples of eight, then the normalised eight-point algorithm (section 11.2) weighted
@@ -29,29 +31,41 @@ def fundamental(first: Array, second: Array, seed: int = 0) -> tuple[Array, Arra
     if len(first) < LEAST:
         return None
     t1, t2 = projective.normalisation(first[None])[0], projective.normalisation(second[None])[0]
-    a, b = _mapped(first, t1), _mapped(second, t2)
+    scale = np.sqrt(t1[0, 0] * t2[0, 0])  # normalised units of a px
+    f, good = agreeing(_mapped(first, t1), _mapped(second, t2), least * scale, seed)
+    f = t2.T @ f @ t1
+    return f / np.linalg.norm(f), good
+
+
+def agreeing(a: Array, b: Array, least: float, seed: int = 0, axes: int = 2) -> tuple[Array, Array]:
+    """F (3, 3) with bᵀ F a = 0, and which pairs agree (N,), of at least eight homogeneous points or unit rays (N, 3).
+
+    Parameters
+    ----------
+    least : float
+        Pairs below this Sampson distance always agree: of the coordinates for `axes` = 2, an angle (rad) between unit
+        rays for `axes` = 3.
+    """
     rng = np.random.default_rng(seed)
     count = len(a)
     samples = np.stack([rng.choice(count, LEAST, replace=False) for _ in range(SAMPLES)])
     found = _linear(a[samples], b[samples])
-    scale = np.sqrt(t1[0, 0] * t2[0, 0])  # normalised units of a px
-    squares = sampson(found, a, b) ** 2
+    squares = sampson(found, a, b, axes) ** 2
     best = int(np.median(squares, axis=1).argmin())
     f, spread = found[best], 1.4826 * np.sqrt(np.median(squares[best])) * (1 + 5 / max(count - 7, 1))
     good = np.ones(count, bool)
     for _ in range(ROUNDS):
-        off = sampson(f[None], a, b)[0]
-        again = np.abs(off) <= max(FAR * spread, LEAST_FAR * scale)
+        off = sampson(f[None], a, b, axes)[0]
+        again = np.abs(off) <= max(FAR * spread, least)
         if again.sum() < LEAST:
             break
-        f = _weighted(f, a[again], b[again])
-        off = sampson(f[None], a, b)[0]
+        f = _weighted(f, a[again], b[again], axes)
+        off = sampson(f[None], a, b, axes)[0]
         spread = float(np.sqrt(np.square(off[again]).sum() / max(again.sum() - 7, 1)))
         if (again == good).all():
             break
         good = again
-    f = t2.T @ f @ t1
-    return f / np.linalg.norm(f), good
+    return f, good
 
 
 def _mapped(uv: Array, t: Array) -> Array:
@@ -69,22 +83,26 @@ def _linear(a: Array, b: Array, roots: Array | None = None) -> Array:
     return (u * s[..., None, :]) @ vt
 
 
-def _weighted(f: Array, a: Array, b: Array) -> Array:
+def _weighted(f: Array, a: Array, b: Array, axes: int) -> Array:
     for _ in range(3):
-        f = _linear(a, b, 1 / np.maximum(_gradient(f[None], a, b)[0], 1e-12))
+        f = _linear(a, b, 1 / np.maximum(_gradient(f[None], a, b, axes)[0], 1e-12))
     return f
 
 
-def _gradient(f: Array, a: Array, b: Array) -> Array:
-    """|∂(bᵀ F a)| (H, N) by the four image coordinates."""
+def _gradient(f: Array, a: Array, b: Array, axes: int) -> Array:
+    """|∂(bᵀ F a)| (H, N) by the first `axes` coordinates of both points."""
     fa, fb = np.einsum("hij,nj->hni", f, a), np.einsum("hij,ni->hnj", f, b)
-    return np.sqrt(np.square(fa[..., :2]).sum(-1) + np.square(fb[..., :2]).sum(-1))
+    return np.sqrt(np.square(fa[..., :axes]).sum(-1) + np.square(fb[..., :axes]).sum(-1))
 
 
-def sampson(f: Array, a: Array, b: Array) -> Array:
-    """Signed Sampson distances (H, N) of homogeneous points (N, 3) for matrices (H, 3, 3) (eq. 11.9)."""
+def sampson(f: Array, a: Array, b: Array, axes: int = 2) -> Array:
+    """Signed Sampson distances (H, N) of homogeneous points (N, 3) for matrices (H, 3, 3) (eq. 11.9).
+
+    With `axes` = 3 of unit rays, where they are angles: the component along a ray changes bᵀ F a by that value itself,
+    which is 0 to first order.
+    """
     value = np.einsum("ni,hij,nj->hn", b, f, a)
-    return value / np.maximum(_gradient(f, a, b), 1e-300)
+    return value / np.maximum(_gradient(f, a, b, axes), 1e-300)
 
 
 def axes_apart(f: Array, centre: Array) -> float:

@@ -110,6 +110,13 @@ _COMPARE_OPTIMIZERS = (
     *REPORT,
 )
 
+_INTERPOLATION = Option(
+    "interpolation",
+    Words(("nearest", "linear", "cubic", "lanczos")),
+    "Between pixels.",
+    "linear",
+)
+
 _UNDISTORT = (
     Option("camera", FILE, "A camera file of any format.", short="-c", required=True),
     replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
@@ -126,12 +133,7 @@ _UNDISTORT = (
         "Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
         "perspective",
     ),
-    Option(
-        "interpolation",
-        Words(("nearest", "linear", "cubic", "lanczos")),
-        "Between pixels.",
-        "linear",
-    ),
+    _INTERPOLATION,
     Option(
         "maps",
         Several(OUT),
@@ -140,6 +142,26 @@ _UNDISTORT = (
     ),
     IMAGE_SIZE,
     FORCE,
+    CONFIG,
+)
+
+_RECTIFY = (
+    replace(OUTPUT, help="Where the pictures, maps and matrices go.", metavar="FOLDER", required=True),
+    Option(
+        "alpha",
+        Real(0, 1),
+        "0: no black anywhere; 1: all pixels of both pictures; by default the scale in the middle is kept.",
+    ),
+    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option(
+        "projection",
+        Words(("auto", "perspective", "latitude-longitude")),
+        "latitude-longitude is for wide lenses; auto takes it beyond 60 degrees from the axis.",
+        "auto",
+    ),
+    _INTERPOLATION,
+    FORCE,
+    FORMAT,
     CONFIG,
 )
 
@@ -233,6 +255,12 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "evaluate": (
         Option("lines", SWITCH, "The data are straight lines: pictures of them, or tables line,u,v.", False),
+        Option(
+            "natural",
+            SWITCH,
+            "The data are pictures of anything, NAME=PICTURES of two cameras of a rig taken at the same instants.",
+            False,
+        ),
         *BOARD,
         IMAGE_SIZE,
         _OF["robust"],
@@ -354,6 +382,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "undistort": _UNDISTORT,
+    "rectify": _RECTIFY,
     "report": (
         replace(OUTPUT, help="The page (HTML); REPORT with .html by default."),
         PLOTS,

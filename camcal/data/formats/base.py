@@ -59,11 +59,14 @@ class NamedCamera:
     camera : Camera or ForeignCamera
     pose : Pose or None
         cam_from_rig: from the frame that all cameras of the file share, where the file has poses.
+    rectification : (R (3, 3), P (3, 4)) or None
+        Of a pair that is written: see `camcal.model.rectification`.
     """
 
     name: str
     camera: Any
     pose: Pose | None = None
+    rectification: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,8 @@ class Format:
         Whether one file holds several cameras.
     poses : bool
         Whether cameras have poses.
+    rectified : bool
+        Whether the files of a pair hold its rectification, R and P of each camera.
     size : bool
         Whether the file says how large the image is.
     centre : str
@@ -150,6 +155,7 @@ class Format:
     models: tuple[str, ...]
     several: bool = False
     poses: bool = False
+    rectified: bool = False
     size: bool = True
     centre: str = "(0, 0)"
     order: str = ""

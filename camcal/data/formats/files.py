@@ -18,6 +18,7 @@ from camcal.data.formats.source import Source
 from camcal.errors import CamcalError, DataError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.model.rectification import PERSPECTIVE, rectify
 from camcal.registry import load, look_up
 
 Array = np.ndarray
@@ -304,6 +305,8 @@ def write(
 
     form = target_format(path, name)
     text = os.fspath(path)
+    if form.rectified:
+        cameras = with_rectification(cameras)
     parts = {text: cameras}
     if "{camera}" in text:
         parts = {text.replace("{camera}", c.name): replace(cameras, cameras=(c,)) for c in cameras.cameras}
@@ -319,6 +322,26 @@ def write(
     for target, data in made.items():
         atomic_write(target, data, force)
     return gaps
+
+
+def with_rectification(cameras: CameraFile) -> CameraFile:
+    """A pair of cameras with R and P of each, where it can be rectified to perspective pictures; others as they are."""
+    if len(cameras.cameras) != 2 or not cameras.has_poses:
+        return cameras
+    first, second = cameras.cameras
+    assert first.pose is not None and second.pose is not None
+    try:
+        found = rectify(
+            exact(first.camera),
+            exact(second.camera),
+            second.pose @ first.pose.inverse(),
+            projection=PERSPECTIVE,
+        )
+    except CamcalError:  # one behind the other, or without an image size: the file is complete without it
+        return cameras
+    m = found.matrices()
+    pair = (replace(c, rectification=(m[f"R{i}"], m[f"P{i}"])) for i, c in enumerate((first, second), 1))
+    return replace(cameras, cameras=tuple(pair))
 
 
 def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:

@@ -2,7 +2,7 @@
 
 A camera is a matrix and the coefficients in cv2's order; how many there are says which of OpenCV's models it
 is, `fisheye_model` that it is cv2.fisheye's and `xi` that it is cv2.omnidir's. A stereo file holds M1 D1 M2
-D2 R T, where x_2 = R x_1 + T.
+D2 R T, where x_2 = R x_1 + T, and R1 R2 P1 P2 Q of the rectified pair.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
         for i, named in enumerate(cameras.cameras, 1):
             entries |= _one(named.camera, f"M{i}", f"D{i}", f"xi{i}", entries)
         entries |= _pair(cameras)
-    return {".json": _as_json, ".xml": _as_xml}.get(suffix, _as_yaml)(entries)
+    return {".json": _as_json, ".xml": _as_xml}.get(suffix, as_yaml)(entries)
 
 
 def _one(camera: Camera, matrix: str, bend: str, xi: str, before: Mapping[str, Any]) -> dict[str, Any]:
@@ -239,7 +239,20 @@ def _pair(cameras: CameraFile) -> dict[str, Any]:
     e = rotations.skew(between.translation) @ between.rotation
     k1, k2 = (np.linalg.inv(c.camera.matrix) for c in cameras.cameras)
     f = k2.T @ e @ k1
-    return {"R": between.rotation, "T": between.translation.reshape(3, 1), "E": e, "F": f / (f[2, 2] or 1.0)}
+    made = {"R": between.rotation, "T": between.translation.reshape(3, 1), "E": e, "F": f / (f[2, 2] or 1.0)}
+    return made | _rectification(cameras)
+
+
+def _rectification(cameras: CameraFile) -> dict[str, Any]:
+    """R1 R2 P1 P2 Q, as cv2.stereoRectify names them, where the pair can be rectified."""
+    first, second = (c.rectification for c in cameras.cameras)
+    if first is None or second is None:
+        return {}
+    (r1, p1), (r2, p2) = first, second
+    along = p2[:2, 3]
+    shift = float(along[np.abs(along).argmax()]) / p2[0, 0]
+    q = [[1, 0, 0, -p1[0, 2]], [0, 1, 0, -p1[1, 2]], [0, 0, 0, p1[0, 0]], [0, 0, -1 / shift, 0]]
+    return {"R1": r1, "R2": r2, "P1": p1, "P2": p2, "Q": np.array(q, float)}
 
 
 def _rows(values: Array, width: int = 4) -> list[str]:
@@ -247,7 +260,7 @@ def _rows(values: Array, width: int = 4) -> list[str]:
     return [", ".join(words[i : i + width]) for i in range(0, len(words), width)]
 
 
-def _as_yaml(entries: Mapping[str, Any]) -> str:
+def as_yaml(entries: Mapping[str, Any]) -> str:
     """`%YAML:1.0`, which 4.x writes and both versions read."""
     lines = ["%YAML:1.0", "---"]
     for name, value in entries.items():
@@ -304,6 +317,7 @@ FORMAT = Format(
     MODELS,
     several=True,
     poses=True,
+    rectified=True,
     order="camera_matrix; k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tauX tauY]]]]; fisheye k1 k2 k3 k4; x_2 = R x_1 + T",
     traps=(
         "Four coefficients mean k1 k2 p1 p2, or cv2.fisheye's k1 to k4 where `fisheye_model` is 1.",

@@ -120,16 +120,17 @@ def _write(cameras: CameraFile, suffix: str) -> str:
     )
     model, d = _model(spec, terms)
     k = terms.matrix.ravel().tolist()
-    p = np.c_[terms.matrix, np.zeros(3)].ravel().tolist()
+    turn, projection = named.rectification or (np.eye(3), np.c_[terms.matrix, np.zeros(3)])
+    r, p = turn.ravel().tolist(), projection.ravel().tolist()
     width, height = named.camera.image_size
     if ini:
-        return _ini(named.name, width, height, k, d, p)
+        return _ini(named.name, width, height, k, d, r, p)
     return (
         f"image_width: {width}\nimage_height: {height}\ncamera_name: {_name(named.name)}\n"
         + _matrix("camera_matrix", 3, 3, k)
         + f"distortion_model: {model}\n"
         + _matrix("distortion_coefficients", 1, len(d), d)
-        + _matrix("rectification_matrix", 3, 3, np.eye(3).ravel().tolist())
+        + _matrix("rectification_matrix", 3, 3, r)
         + _matrix("projection_matrix", 3, 4, p)
     )
 
@@ -150,16 +151,17 @@ def _yaml_number(value: float) -> str:
     return text if "e" not in text or "." in text else text.replace("e", ".0e")
 
 
-def _ini(name: str, width: int, height: int, k: list[float], d: list[float], p: list[float]) -> str:
+def _ini(
+    name: str, width: int, height: int, k: list[float], d: list[float], r: list[float], p: list[float]
+) -> str:
     def rows(values: list[float], columns: int) -> str:
         return "\n".join(
             " ".join(number(v) for v in values[i : i + columns]) for i in range(0, len(values), columns)
         )
 
-    identity = np.eye(3).ravel().tolist()
     return (
         f"# written by camcal\n\n[image]\n\nwidth\n{width}\n\nheight\n{height}\n\n[{_name(name)}]\n\n"
-        f"camera matrix\n{rows(k, 3)}\n\ndistortion\n{rows(d, 5)}\n\n\nrectification\n{rows(identity, 3)}\n\n"
+        f"camera matrix\n{rows(k, 3)}\n\ndistortion\n{rows(d, 5)}\n\n\nrectification\n{rows(r, 3)}\n\n"
         f"projection\n{rows(p, 4)}\n\n"
     )
 
@@ -172,12 +174,14 @@ FORMAT = Format(
     _read,
     _write,
     MODELS,
+    rectified=True,
     order="camera_matrix row by row; plumb_bob k1 k2 p1 p2 k3; rational_polynomial also k4 k5 k6; "
     "equidistant k1 k2 k3 k4",
     traps=(
         "Some files have five coefficients under rational_polynomial; they are read as OpenCV does, k4 to k6 as 0.",
         "ROS melodic called `equidistant` `fisheye` for a time; both are read.",
-        "P is the camera of the rectified picture, not the calibration; camcal writes R = I and P = [K | 0].",
+        "P is the camera of the rectified picture, not the calibration; camcal writes R = I and P = [K | 0] of one "
+        "camera, and the rectification of a pair, with P[0, 3] = -f times the baseline.",
         "camera_name is letters, digits and underscores.",
     ),
     source="ROS, camera_calibration_parsers and sensor_msgs/CameraInfo",

@@ -133,7 +133,7 @@ def _given_field(field: float, size: tuple[int, int], projection: str) -> Camera
 
 def _all_pixels(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
     """The largest focal length at which every pixel of the old picture is in the new one, square pixels."""
-    rays = camera.unproject(_grid(camera.image_size or size))
+    rays = camera.unproject(border_grid(camera.image_size or size))
     rays = rays[np.isfinite(rays).all(1)]
     rays = rays[np.arccos(np.clip(rays[:, 2], -1, 1)) <= WIDEST[projection]]
     if not len(rays):
@@ -146,7 +146,7 @@ def _all_pixels(camera: Camera, size: tuple[int, int], projection: str) -> Camer
 
 def _no_black(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
     """The smallest focal length at which every pixel of the new picture lies in the old one."""
-    grid = _grid(size, size[0], size[1])
+    grid = border_grid(size, size[0], size[1])
 
     def covered(f: float) -> bool:
         return bool(_sources(camera, _camera(projection, f, size), grid)[1].all())
@@ -157,10 +157,10 @@ def _no_black(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
         high *= 1.5
         if high > 1e6 * max(size):
             raise EstimationError("the middle of the picture has no ray.", "Check the camera's file.")
-    return _camera(projection, _bisected(covered, low, high), size)
+    return _camera(projection, bisected(covered, low, high), size)
 
 
-def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
+def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
     """The smallest value found at which `holds`, which it does at `high`; to a thousandth of a percent."""
     while high > low * (1 + 1e-5):
         middle = np.sqrt(low * high)
@@ -168,7 +168,7 @@ def _bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
     return high
 
 
-def _grid(size: tuple[int, int], along: int = SIDE, down: int = SIDE) -> Array:
+def border_grid(size: tuple[int, int], along: int = SIDE, down: int = SIDE) -> Array:
     """Pixels (N, 2) on the sides of a picture, so many along and down them, and more coarsely across it."""
     w, h = size[0] - 1.0, size[1] - 1.0
     a, b = np.linspace(0, w, along), np.linspace(0, h, down)

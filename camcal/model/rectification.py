@@ -1,0 +1,306 @@
+"""Rectification of two cameras: both pictures turned and resampled so that a point lies in the same row of both.
+
+The cameras are first given the same orientation, each turned by half of the rotation between them; both are then
+turned by the smallest rotation that puts the baseline on the x axis (a horizontal pair) or on the y axis (a vertical
+one). That is the rotation of A. Fusiello, E. Trucco & A. Verri, A compact algorithm for rectification of stereo pairs
+(2000), with the mean orientation of both cameras in place of that of the first; cv2.stereoRectify chooses it too.
+
+The rectified picture of either camera is, with (x, y, z) in its rectified frame and the baseline along x,
+
+    perspective:         u = f x / z + cx,              v = f y / z + cy                                  (1)
+    latitude-longitude:  u = f asin(x / r) + cx,        v = f atan2(y, z) + cy,     r = |(x, y, z)|       (2)
+
+In (2) a row is a half-plane through the baseline, so that fields beyond 180 degrees have rows too. Of a vertical pair
+the two coordinates change places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.errors import EstimationError, UsageError
+from camcal.geometry import rotations
+from camcal.model.camera import Camera
+from camcal.model.lenses.undistort import bisected, border_grid
+from camcal.model.pose import Pose
+
+Array = np.ndarray
+
+PERSPECTIVE, LATITUDE_LONGITUDE = "perspective", "latitude-longitude"
+#: half-angle, rad, up to which `auto` takes a perspective picture: there a pixel at the rim is 1 / cos² = 4 times as
+#: long as in the middle, and at 70 degrees 9 times
+WIDE = np.deg2rad(60)
+#: half-angle, rad, that is shown at most: a plane cannot hold 90 degrees; near the baseline, which both kinds approach
+#: there, rows come together and disparities say nothing of the distance
+WIDEST = {PERSPECTIVE: np.deg2rad(80), LATITUDE_LONGITUDE: np.deg2rad(85)}
+
+
+@dataclass(frozen=True)
+class Rectification:
+    """The rectified pictures of two cameras, of the same scale, centre and size.
+
+    Attributes
+    ----------
+    cameras : (Camera, Camera)
+    turns : (2, 3, 3) array
+        R1 and R2: rectified_from_cam of each.
+    shift : float
+        Of the second camera's frame from the first one's along the baseline, in the unit of the poses: negative where
+        the second one is on the right of, or below, the first; disparities (first less second) are then positive.
+    axis : int
+        0 of a horizontal pair, 1 of a vertical one.
+    projection : str
+        `PERSPECTIVE` or `LATITUDE_LONGITUDE`.
+    focal : float
+        px, or px per rad.
+    centre : (2,) array
+        (cx, cy), px: of both pictures, so that points at infinity have the disparity 0.
+    image_size : (width, height)
+    """
+
+    cameras: tuple[Camera, Camera]
+    turns: Array
+    shift: float
+    axis: int
+    projection: str
+    focal: float
+    centre: Array
+    image_size: tuple[int, int]
+
+    def pixels(self, rays: Array) -> Array:
+        """Rectified pixels (..., 2) of directions (..., 3) of the rectified frame; NaN beyond `WIDEST`."""
+        return self.focal * _flat(rays, self.projection, self.axis) + self.centre
+
+    def rays(self, pixels: Array) -> Array:
+        """Directions (..., 3) of unit length, in the rectified frame, of rectified pixels (..., 2)."""
+        return _unflat((np.asarray(pixels, float) - self.centre) / self.focal, self.projection, self.axis)
+
+    def rectified(self, side: int, uv: Array) -> Array:
+        """Where pixels (..., 2) of the picture of the first (0) or second (1) camera lie then; NaN where nowhere."""
+        return self.pixels(self.cameras[side].unproject(np.asarray(uv, float)) @ self.turns[side].T)
+
+    def disparities(self, first: Array, second: Array) -> tuple[Array, Array]:
+        """Along the baseline and across it (...), px, of pixels (..., 2) of both pictures that show the same points.
+
+        The one across it, "vertical disparity", is 0 where the calibration is right.
+        """
+        difference = self.rectified(0, first) - self.rectified(1, second)
+        return difference[..., self.axis], difference[..., 1 - self.axis]
+
+    def maps(self, side: int) -> tuple[Array, Array]:
+        """Where in the picture of a camera each rectified pixel lies: u, v (height, width) float32; -1 where nowhere."""
+        width, height = self.image_size
+        u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+        rays = self.rays(np.stack([u, v], -1))
+        seen, inside = _sources(self.cameras[side], self.turns[side], rays)
+        seen[~inside] = -1
+        return seen[..., 0].astype(np.float32), seen[..., 1].astype(np.float32)
+
+    def matrices(self) -> dict[str, Array]:
+        """R1, R2 (3, 3), P1, P2 (3, 4) and Q (4, 4) as cv2.stereoRectify names them; of (2) R1 and R2 alone.
+
+        Q takes (u, v, disparity, 1) to homogeneous coordinates in the rectified frame of the first camera.
+        """
+        made = {"R1": self.turns[0], "R2": self.turns[1]}
+        if self.projection != PERSPECTIVE:
+            return made
+        cx, cy = self.centre
+        p1 = np.array([[self.focal, 0, cx, 0], [0, self.focal, cy, 0], [0, 0, 1.0, 0]])
+        p2 = p1.copy()
+        p2[self.axis, 3] = self.focal * self.shift
+        q = np.array([[1, 0, 0, -cx], [0, 1, 0, -cy], [0, 0, 0, self.focal], [0, 0, -1 / self.shift, 0]])
+        return made | {"P1": p1, "P2": p2, "Q": q}
+
+
+def aligned(second_from_first: Pose) -> tuple[Array, float, int]:
+    """R1 and R2 (2, 3, 3), the shift along the baseline, and its axis (0 or 1); see `Rectification`.
+
+    Raises
+    ------
+    EstimationError
+        Where both cameras stand at the same place.
+    """
+    half = rotations.exp(-rotations.log(second_from_first.rotation) / 2)
+    between = half @ second_from_first.translation
+    length = float(np.linalg.norm(between))
+    if length == 0:
+        raise EstimationError(
+            "the two cameras stand at the same place: there is no baseline to rectify along.",
+            "Check the translations in the file of the rig.",
+        )
+    axis = int(abs(between[1]) > abs(between[0]))
+    target = np.zeros(3)
+    target[axis] = 1.0 if between[axis] >= 0 else -1.0
+    across = np.cross(between / length, target)
+    sine, cosine = float(np.linalg.norm(across)), float(between @ target) / length
+    turn = rotations.exp(across * (np.arctan2(sine, cosine) / sine if sine else 0.0))
+    return np.stack([turn @ half.T, turn @ half]), length * float(target[axis]), axis
+
+
+def rectify(
+    first: Camera,
+    second: Camera,
+    second_from_first: Pose,
+    alpha: float | None = None,
+    size: tuple[int, int] | None = None,
+    projection: str = "auto",
+) -> Rectification:
+    """Lay out the rectified pictures of two cameras.
+
+    Parameters
+    ----------
+    first, second : Camera
+        With their image sizes.
+    alpha : float, optional
+        0: the largest field in which neither picture is black anywhere; 1: all pixels of both; between: in
+        proportion. By default the scale in the middle of the pictures is kept (the smaller one of the two).
+    size : (width, height), optional
+        Of the rectified pictures; that of the first camera's by default.
+    projection : str
+        `PERSPECTIVE`, `LATITUDE_LONGITUDE`, or `auto`: the latter where a picture reaches beyond `WIDE`.
+
+    Raises
+    ------
+    UsageError
+        Where a camera does not know its image size.
+    EstimationError
+        Where the cameras stand at the same place, a picture shows the other camera's place (a perspective picture
+        then has no rows), or nothing is left that both show.
+    """
+    for camera in (first, second):
+        if camera.image_size is None:
+            raise UsageError(
+                "the file of the rig does not say how large the pictures are.", "Write image_size into it."
+            )
+    assert first.image_size is not None
+    cameras, new = (first, second), size or first.image_size
+    turns, shift, axis = aligned(second_from_first)
+    borders = [_border(c, t) for c, t in zip(cameras, turns, strict=True)]
+    if projection == "auto":
+        reach = max(float(np.arccos(np.clip(b[:, 2], -1, 1)).max(initial=0.0)) for b in borders)
+        projection = LATITUDE_LONGITUDE if reach > WIDE else PERSPECTIVE
+    if projection == PERSPECTIVE:
+        _refuse_epipoles(cameras, turns, axis)
+    flat = [_flat(b, projection, axis) for b in borders]
+    flat = [m[np.isfinite(m).all(1)] for m in flat]
+    if not all(len(m) for m in flat):
+        raise _nothing_shared()
+    centre = np.mean([m.mean(0) for m in flat], 0)
+    focal = _kept_scale(cameras, new)
+    half = (np.array(new) - 1) / 2
+    if alpha is not None:
+        everything = float((half / np.max([np.abs(m - centre).max(0) for m in flat], 0)).min())
+        covered = (
+            everything if alpha == 1 else _covering(cameras, turns, projection, axis, centre, new, everything)
+        )
+        focal = (1 - alpha) * covered + alpha * everything
+    made = Rectification(cameras, turns, shift, axis, projection, focal, half - focal * centre, new)
+    rays = made.rays(border_grid(new))
+    if not np.all([_sources(c, t, rays)[1] for c, t in zip(cameras, turns, strict=True)], 0).any():
+        raise _nothing_shared()
+    return made
+
+
+def _flat(rays: Array, projection: str, axis: int) -> Array:
+    """Equations (1) and (2) without scale and centre; NaN beyond `WIDEST`."""
+    x, y, z = np.moveaxis(np.asarray(rays, float), -1, 0)
+    length = np.sqrt(x * x + y * y + z * z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if projection == PERSPECTIVE:
+            out, limit = np.stack([x / z, y / z], -1), z > np.cos(WIDEST[projection]) * length
+        else:
+            along, across = (x, y) if axis == 0 else (y, x)
+            latitude = np.arcsin(np.clip(along / length, -1, 1))
+            pair = [latitude, np.arctan2(across, z)]
+            out, limit = (
+                np.stack(pair if axis == 0 else pair[::-1], -1),
+                np.abs(latitude) <= WIDEST[projection],
+            )
+    return np.where(limit[..., None], out, np.nan)
+
+
+def _unflat(m: Array, projection: str, axis: int) -> Array:
+    if projection == PERSPECTIVE:
+        rays = np.concatenate([m, np.ones((*m.shape[:-1], 1))], -1)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    latitude, longitude = m[..., axis], m[..., 1 - axis]
+    shown = (np.abs(latitude) <= WIDEST[projection]) & (np.abs(longitude) <= np.pi)
+    along, across = np.sin(latitude), np.cos(latitude) * np.sin(longitude)
+    rays = np.stack([along, across] if axis == 0 else [across, along], -1)
+    rays = np.concatenate([rays, (np.cos(latitude) * np.cos(longitude))[..., None]], -1)
+    return np.where(shown[..., None], rays, np.nan)
+
+
+def _sources(camera: Camera, turn: Array, rays: Array) -> tuple[Array, Array]:
+    """Where directions (..., 3) of the rectified frame lie in the picture as taken, and which do."""
+    assert camera.image_size is not None
+    seen = camera.project(rays @ turn)
+    with np.errstate(invalid="ignore"):
+        # half a pixel beyond the outermost centres is still the picture
+        inside = ((seen >= -0.5) & (seen <= np.array(camera.image_size) - 0.5)).all(-1)
+    return seen, np.asarray(inside)
+
+
+def _border(camera: Camera, turn: Array) -> Array:
+    """Directions (N, 3), in the rectified frame, of pixels along the sides of a picture and across it."""
+    assert camera.image_size is not None
+    rays = camera.unproject(border_grid(camera.image_size)) @ turn.T
+    return np.asarray(rays[np.isfinite(rays).all(1)])
+
+
+def _kept_scale(cameras: tuple[Camera, Camera], size: tuple[int, int]) -> float:
+    """The smaller scale on the optical axis, px per rad, in pictures reduced or enlarged to `size`."""
+    found = []
+    for camera in cameras:
+        d_xyz = camera.lens.jacobians(camera.params, np.array([[0.0, 0.0, 1.0]]))[1]
+        scale = float(np.sqrt(abs(np.linalg.det(d_xyz[0, :, :2]))))
+        if not np.isfinite(scale):  # the axis is outside the domain of the lens
+            scale = float(np.sqrt(abs(np.linalg.det(camera.matrix[:2, :2]))))
+        assert camera.image_size is not None
+        found.append(scale * min(np.array(size) / np.array(camera.image_size)))
+    return min(found)
+
+
+def _covering(
+    cameras: tuple[Camera, Camera],
+    turns: Array,
+    projection: str,
+    axis: int,
+    centre: Array,
+    size: tuple[int, int],
+    low: float,
+) -> float:
+    """The smallest scale at which every rectified pixel lies in both pictures."""
+    grid = border_grid(size, size[0], size[1]) - (np.array(size) - 1) / 2
+
+    def covered(focal: float) -> bool:
+        rays = _unflat(grid / focal + centre, projection, axis)
+        return all(_sources(c, t, rays)[1].all() for c, t in zip(cameras, turns, strict=True))
+
+    high = low
+    while not covered(high):
+        high *= 1.5
+        if high > 1e3 * low:
+            raise _nothing_shared()
+    return bisected(covered, low, high)
+
+
+def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) -> None:
+    """A perspective picture that shows the place of the other camera would have to reach to infinity."""
+    along = np.eye(3)[axis]
+    for camera, turn in zip(cameras, turns, strict=True):
+        if _sources(camera, turn, np.stack([along, -along]))[1].any():
+            raise EstimationError(
+                "the cameras stand one behind the other: the baseline lies in the field of view, and perspective "
+                "pictures cannot be rectified.",
+                f"Try: --projection {LATITUDE_LONGITUDE}",
+            )
+
+
+def _nothing_shared() -> EstimationError:
+    return EstimationError(
+        "nothing is left that both rectified pictures show: the cameras look in different directions.",
+        "Choose two cameras of the rig that look the same way, or give --alpha 1.",
+    )

@@ -1,0 +1,100 @@
+"""A pair of cameras judged on pictures of anything: how far points lie from their rows.
+
+Vertical disparity needs no board, so no error of a board can hide in it. Which matches are right is decided without
+the relative pose under test: a fundamental matrix is fitted to the matches themselves (after the lens distortion is
+removed), and those are kept that agree with it. It is free to take any rotation, translation, focal length and
+principal point, so a calibration that is wrong in those keeps its matches and shows its error in full. The limit of
+what agrees grows with the scatter of the matches, so that an error of the distortion does not remove them either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.errors import DataError
+from camcal.model.pose import Array
+from camcal.model.rectification import PERSPECTIVE, Rectification
+from camcal.routes.epipolar import LEAST, agreeing, fundamental
+
+#: px; matches nearer than this to their own epipolar line always count: five times the scatter of the points of
+#: `camcal.detect.matches`; of wrong matches, which are anywhere in the picture, hardly one in a hundred is so near
+NEAR = 1.0
+#: points whose mean is taken for what is not noise; with 50 matches they reach over a fifth of the picture
+NEIGHBOURS = 8
+
+
+@dataclass(frozen=True)
+class Natural:
+    """Matches of a pair of pictures.
+
+    Attributes
+    ----------
+    first, second : (N, 2) arrays, px
+        Of the pictures as taken.
+    vertical, disparity : (N,) arrays, px of the rectified pictures
+        Across the baseline and along it, first less second.
+    good : (N,) bool array
+        Those that agree with each other.
+    noise : (N,) array, px of the rectified pictures
+        How far each `vertical` is from the mean of its neighbours in picture and depth, scaled to the scatter of one:
+        what is random, while errors of the calibration change slowly. NaN where `good` is False.
+    """
+
+    first: Array
+    second: Array
+    vertical: Array
+    disparity: Array
+    good: Array
+    noise: Array
+
+
+def judge(pair: Rectification, first: Array, second: Array, name: str = "the pair") -> Natural:
+    """Vertical disparities of matches (N, 2) between the pictures as taken.
+
+    Raises
+    ------
+    DataError
+        Where fewer than eight matches lie in both rectified pictures or agree with each other.
+    """
+    disparity, vertical = pair.disparities(first, second)
+    shown = np.isfinite(vertical)
+    if shown.sum() < LEAST:
+        raise _too_few(name, int(shown.sum()))
+    first, second, vertical, disparity = first[shown], second[shown], vertical[shown], disparity[shown]
+    good = _agreeing(pair, first, second)
+    if good.sum() < LEAST:
+        raise _too_few(name, int(good.sum()))
+    noise = np.full(len(good), np.nan)
+    noise[good] = _local_scatter(np.c_[first[good], disparity[good]], vertical[good])
+    return Natural(first, second, vertical, disparity, good, noise)
+
+
+def _agreeing(pair: Rectification, first: Array, second: Array) -> Array:
+    """Perspective pictures by a fundamental matrix; wide ones by the same relation of unit rays, for any angle."""
+    if pair.projection == PERSPECTIVE:
+        found = fundamental(pair.rectified(0, first), pair.rectified(1, second), least=NEAR)
+        assert found is not None  # there are eight
+        return found[1]
+    a, b = (c.unproject(uv) for c, uv in zip(pair.cameras, (first, second), strict=True))
+    return agreeing(a, b, NEAR / pair.focal, axes=3)[1]
+
+
+def _local_scatter(places: Array, values: Array) -> Array:
+    """Each value less the mean of those of the nearest points, over √(1 + 1/k): of noise alone, that of one value.
+
+    `places` (N, 3) are pixels and disparities, each in units of its spread: a wrong translation is felt by the depth.
+    """
+    places = places / np.maximum(places.std(0), 1e-12)
+    count = min(NEIGHBOURS, len(places) - 1)
+    _, nearest = cKDTree(places).query(places, count + 1)
+    return np.asarray((values - values[nearest[:, 1:]].mean(1)) / np.sqrt(1 + 1 / count))
+
+
+def _too_few(name: str, count: int) -> DataError:
+    return DataError(
+        f"{name}: {count} points are found in both pictures; {LEAST} are needed.",
+        "Take pictures of a scene with texture, both at the same instant, and check which camera took which.",
+    )
