@@ -34,7 +34,7 @@ PLACED = 0.5
 def matches(first: Array, second: Array) -> tuple[Array, Array]:
     """Pixels (N, 2) of both grey pictures (8 or 16 bits) that look alike, (0, 0) the centre of the top-left pixel."""
     first, second = _bytes(first), _bytes(second)
-    sift = cv2.SIFT_create(nfeatures=MOST)
+    sift = cv2.SIFT_create(nfeatures=MOST)  # type: ignore[attr-defined]
     (a, d1), (b, d2) = (sift.detectAndCompute(p, None) for p in (first, second))
     empty = np.zeros((0, 2))
     if d1 is None or d2 is None or min(len(d1), len(d2)) < 2:

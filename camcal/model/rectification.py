@@ -90,7 +90,7 @@ class Rectification:
         return difference[..., self.axis], difference[..., 1 - self.axis]
 
     def maps(self, side: int) -> tuple[Array, Array]:
-        """Where in the picture of a camera each rectified pixel lies: u, v (height, width) float32; -1 where nowhere."""
+        """Where in the picture as taken each rectified pixel lies: u, v (height, width) float32; -1 where nowhere."""
         width, height = self.image_size
         u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
         rays = self.rays(np.stack([u, v], -1))
