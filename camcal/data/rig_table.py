@@ -74,6 +74,7 @@ def read_rig(
         A table with a first row that names its columns: camera, view, X, Y, Z, u, v and, where there are any, sigma
         and id (or point). The same view is the same instant for all cameras.
     image_sizes : (width, height), or mapping of camera -> (width, height), optional
+        In a mapping, that of "" is for all others.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def read_rig(
         cameras=names,
         point=None if "point" not in found.names else _point_ids(found)[order],
         sigma=None if sigma is None else sigma[order],
-        image_sizes=tuple(sizes.get(n) for n in names),
+        image_sizes=tuple(sizes.get(n, sizes.get("")) for n in names),
         files=({"path": str(path), "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()},),
     )
     _check_once(made, found, order)

@@ -72,7 +72,7 @@ def run(task: Task, guess: Camera | None) -> Result:
         )
     k, bend, rvecs, tvecs = answer(returned)
     return Result(
-        camera_of(solution, k, bend),
+        camera_of(solution.camera, k, bend),
         _poses(task, rvecs, tvecs),
         rms_of(task.views, k, bend, rvecs, tvecs),
         bend,
@@ -91,11 +91,11 @@ def begin(task: Task, guess: Camera | None) -> tuple[Camera | None, int, Array, 
     solution = task.solution
     if guess is None and _needs_guess(task):
         guess = solution.start
-    flags = flags_of(solution)
+    flags = flags_of(solution.camera, solution.free)
     start = solution.start if guess is None else guess
     if guess is not None:
         flags |= cv2.CALIB_USE_INTRINSIC_GUESS
-    return guess, flags, start.matrix.copy(), _coefficients(start)
+    return guess, flags, start.matrix.copy(), coefficients(start)
 
 
 @contextmanager
@@ -126,16 +126,16 @@ def where(guess: Camera | None, solution: Calibration) -> str:
     return "at camcal's start" if guess is solution.start else "at camcal's optimum"
 
 
-def flags_of(solution: Calibration) -> int:
-    """cv2's flags for the free parameters of a solution; their values are never stored, they vary by version.
+def flags_of(camera: Camera, free: Array) -> int:
+    """cv2's flags for the free parameters (P, F) of a camera; their values are never stored, they vary by version.
 
     Raises
     ------
     NotComparableError
         Where cv2 cannot hold, or free, exactly those.
     """
-    lens, free = solution.camera.lens, solution.free
-    form = lens.opencv(solution.camera.params)
+    lens = camera.lens
+    form = lens.opencv(camera.params)
     assert form is not None
     estimated = {n for n, row in zip(lens.names, free, strict=True) if row.any()}
     names = [f"CALIB_{f}" for f in form.flags]
@@ -146,10 +146,10 @@ def flags_of(solution: Calibration) -> int:
             raise NotComparableError(f"cv2 cannot hold {held} without {', '.join(group)}")
         if not any(inside):
             names.append(flag)
-    names += _focal_flags(solution, estimated)
-    if "skew" in estimated or solution.camera.values.get("skew", 0.0) != 0:
+    names += _focal_flags(free, estimated)
+    if "skew" in estimated or camera.values.get("skew", 0.0) != 0:
         raise NotComparableError("cv2 has no skew")
-    _refuse_ties(solution)
+    _refuse_ties(free)
     missing = [n for n in names if not hasattr(cv2, n)]
     if missing:
         raise NotComparableError(f"this cv2 has no {missing[0]}")
@@ -159,19 +159,19 @@ def flags_of(solution: Calibration) -> int:
     return flags
 
 
-def _focal_flags(solution: Calibration, estimated: set[str]) -> list[str]:
+def _focal_flags(free: Array, estimated: set[str]) -> list[str]:
     inside = [n in estimated for n in ("fx", "fy")]
     if not any(inside):
         return ["CALIB_FIX_FOCAL_LENGTH"]
     if not all(inside):
         raise NotComparableError("cv2 cannot hold one of fx, fy and estimate the other")
-    tied = np.linalg.matrix_rank(solution.free[:2]) == 1
+    tied = np.linalg.matrix_rank(free[:2]) == 1
     return ["CALIB_FIX_ASPECT_RATIO"] if tied else []
 
 
-def _refuse_ties(solution: Calibration) -> None:
+def _refuse_ties(free: Array) -> None:
     """Refuse parameters that move together other than fx and fy."""
-    rows = solution.free[2:]
+    rows = free[2:]
     if (np.count_nonzero(rows, axis=1) > 1).any() or (np.count_nonzero(rows, axis=0) > 1).any():
         raise NotComparableError("cv2 cannot tie distortion coefficients to one another")
 
@@ -185,7 +185,7 @@ def _needs_guess(task: Task) -> bool:
     return not flat or bent or bool(held & {"fx", "fy", "cx", "cy"})
 
 
-def _coefficients(camera: Camera) -> Array:
+def coefficients(camera: Camera) -> Array:
     """The distortion in cv2's order, as long as cv2 wants it for its flags (5, 8, 12 or 14)."""
     form = camera.lens.opencv(camera.params)
     assert form is not None
@@ -193,12 +193,12 @@ def _coefficients(camera: Camera) -> Array:
     return np.r_[form.distortion, np.zeros(length - len(form.distortion))].reshape(1, -1)
 
 
-def camera_of(solution: Calibration, matrix: Array, distortion: Array) -> Camera:
-    """A camera of the solution's model with cv2's numbers."""
-    lens = solution.camera.lens
+def camera_of(like: Camera, matrix: Array, distortion: Array) -> Camera:
+    """A camera of the model of another one with cv2's numbers."""
+    lens = like.lens
     values = dict(zip(COEFFICIENTS, distortion.tolist(), strict=False))
     values |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
-    return Camera(lens, lens.from_values(values), solution.camera.image_size)
+    return Camera(lens, lens.from_values(values), like.image_size)
 
 
 def _poses(task: Task, rvecs: Array, tvecs: Array) -> Poses:

@@ -135,7 +135,7 @@ def run(task: Task, guess: Camera | None) -> Result:
     placed = np.empty_like(board.points)
     placed[_rows(board.ideal, ideal[order])] = points
     return Result(
-        camera_of(solution, k, bend),
+        camera_of(solution.camera, k, bend),
         poses,
         rms_of([(found, uv) for uv in seen], k, bend, rvecs, tvecs),
         bend,

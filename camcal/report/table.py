@@ -84,7 +84,7 @@ def sentence(report: Document) -> str:
         said += ", not converged"
     entries = report["crosscheck"]
     if entries:
-        own = [e for e in entries if e["stage"] == "refine" and "calibrate" in e["against"]]
+        own = [e for e in entries if e["stage"] == "refine" and "calibrate" in e["against"].lower()]
         agree = sum(e["status"] == "pass" for e in entries)
         asked = sum(e["status"] != "not_applicable" for e in entries)
         if any(e["status"] != "not_applicable" for e in own):

@@ -1,0 +1,30 @@
+"""Which pictures of several cameras are of the same instant."""
+
+import pytest
+
+from camcal.detect.rig_images import match
+from camcal.errors import DataError
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "instants"),
+    [
+        (["left01.jpg", "left02.jpg"], ["right01.jpg", "right02.jpg"], ["1", "2"]),
+        (["07.png", "08.png"], ["07.png", "08.png"], ["07", "08"]),
+        (["cam0_7.png", "cam0_9.png"], ["cam1_9.png", "cam1_10.png"], ["7", "9"]),
+        (["a.png", "b.png"], ["c.png", "d.png"], ["1", "2"]),
+    ],
+)
+def test_names(left, right, instants):
+    found = match({"left": left, "right": right})
+    assert list(found["left"].values()) == instants
+
+
+def test_a_missing_picture_shifts_nothing():
+    found = match({"left": ["l1.png", "l2.png", "l3.png"], "right": ["r1.png", "r3.png"]})
+    assert found["right"] == {"r1.png": "1", "r3.png": "3"}
+
+
+def test_names_that_say_nothing():
+    with pytest.raises(DataError, match=r"left 3, right 2"):
+        match({"left": ["a.png", "b.png", "c.png"], "right": ["x.png", "y.png"]})
