@@ -25,10 +25,11 @@ def command(ctx: click.Context, images: tuple[str, ...], save_corners: Path | No
     where --target and --board do not say it.
     """
     from camcal.cli.inputs import refuse_tables
-    from camcal.cli.job import calibrate_and_report, output_is_free, read_pictures
+    from camcal.cli.job import calibrate_and_report, in_order, output_is_free, read_pictures
 
     refuse_tables(images)
     output_is_free({**options, "save_corners": save_corners}, "save_corners")
+    images = in_order(images, options, ctx)
     return calibrate_and_report(ctx, read_pictures(images, options), options, save_corners)
 
 

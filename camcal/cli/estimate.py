@@ -28,10 +28,11 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     reported beside.
     """
     from camcal.cli.inputs import refuse_pictures
-    from camcal.cli.job import calibrate_and_report, output_is_free
+    from camcal.cli.job import calibrate_and_report, in_order, output_is_free
 
     output_is_free(options)
     refuse_pictures(points)
+    points = in_order(points, options, ctx)
     from camcal.data.points import read_points
 
     given = {name: options[name] for name in ("points3d", "points2d", "image_size", "board")}

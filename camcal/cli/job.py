@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl", ".yml", ".yaml", ".xml", ".json")
 GATE_FELL = 1
+PATIENT = 60.0  #: s; with --reproducible a busy machine must not decide which pictures are given up
 
 OnPicture = Callable[[Mapping[str, Any]], Any]
 
@@ -64,6 +65,21 @@ def read_data(
     return read_pictures(paths, options, on_picture)
 
 
+def in_order(paths: tuple[Any, ...], options: Mapping[str, Any], ctx: click.Context) -> tuple[Any, ...]:
+    """The inputs as they were given; with --reproducible in the order of their names, in the report too."""
+    if not options.get("reproducible"):
+        return paths
+    from camcal.detect.listing import natural_order
+
+    ordered = tuple(sorted(paths, key=lambda path: natural_order(Path(path))))
+    state = ctx.find_root().ensure_object(dict)
+    names, new = [str(p) for p in paths], iter(str(p) for p in ordered)
+    words = state.get("args", [])
+    if [word for word in words if word in names] == names:  # not where an option's value is also an input
+        state["args"] = [next(new) if word in names else word for word in words]
+    return ordered
+
+
 def read_pictures(
     paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
 ) -> Correspondences:
@@ -74,6 +90,8 @@ def read_pictures(
     from camcal.detect.images import detect_images
 
     search = {name: options[name] for name in names_of(DetectionOptions) if name in options}
+    if options.get("reproducible"):
+        search["seconds"] = max(search["seconds"], PATIENT)
     with progress("reading pictures") as show:
         return detect_images(paths, **search, on_event=detection_events(show, on_picture))
 
@@ -196,6 +214,10 @@ def deliver_solution(
         from camcal.report.plain import plain
 
         report |= plain(sections)
+    if options.get("reproducible"):
+        from camcal.report.reproducible import without_times
+
+        report = without_times(report)
     output = options["output"] if camera_files.is_report(options["output"], options) else None
     if output is not None:
         save(report, output, options["force"])

@@ -100,14 +100,27 @@ def _item_of(setting: Option) -> Kind:
 
 def options(command: str) -> Callable[[Any], Any]:
     """Return a decorator that gives a command its options."""
-    reading = {"is_eager": True, "expose_value": False, "callback": _read_config(command)}
-    made = [SettingOption(o, **(reading if o.name == "config" else {})) for o in OPTIONS[command]]
+    early = {
+        "config": {"is_eager": True, "expose_value": False, "callback": _read_config(command)},
+        # numpy reads the number of its threads when it is loaded, which no command has done yet
+        "reproducible": {"is_eager": True, "callback": _use_one_thread},
+    }
+    made = [SettingOption(o, **early.get(o.name, {})) for o in OPTIONS[command]]
 
     def apply(function: Any) -> Any:
         function.__dict__.setdefault("__click_params__", []).extend(reversed(made))
         return function
 
     return apply
+
+
+def _use_one_thread(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
+    """With --reproducible, sums are formed in one order, however many processors there are."""
+    if value:
+        from camcal.system.processes import use_one_thread
+
+        use_one_thread()
+    return value
 
 
 def _read_config(command: str) -> Callable[[click.Context, click.Parameter, Path | None], None]:

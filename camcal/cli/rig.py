@@ -94,12 +94,15 @@ def _deliver(ctx: click.Context, solution: RigSolution, options: dict[str, Any])
     from camcal.cli.job import GATE_FELL, command_line
     from camcal.cli.output import console, emit
     from camcal.report.document import save
+    from camcal.report.reproducible import without_times
     from camcal.report.rig import document
     from camcal.report.rig_table import tables
     from camcal.report.table import summary
 
     solution = replace(solution, options=resolved_options(ctx))
     report = document(solution, command=command_line(ctx))
+    if options.get("reproducible"):
+        report = without_times(report)
     output = options["output"] if camera_files.is_report(options["output"], options) else None
     if output is not None:
         save(report, output, options["force"])

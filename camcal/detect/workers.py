@@ -12,13 +12,12 @@ from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from typing import Any, TypeVar
 
-from camcal.system.processes import start_worker
+from camcal.system.processes import THREADS, start_worker
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 ALONE = 0.4  #: s; work of one process before others are thought of
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  #: read once, at the start
 WORTH_IT = 1.5  #: s; starting processes costs about a third of that
 AHEAD = 3  #: items to a process that wait or are worked on; each may hold a picture
 MANY = 10**6  #: stands for a number of items that is not known

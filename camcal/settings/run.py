@@ -61,7 +61,15 @@ CI = (
     Option("summary", OUT, "Add a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY."),
 )
 
+REPRODUCIBLE = Option(
+    "reproducible",
+    SWITCH,
+    "The same report, byte for byte, from the same input, options and version: no times, one thread, inputs in the "
+    "order of their names.",
+    False,
+)
+
 #: where results go and where options come from
 REPORT = (OUTPUT, FORCE, FORMAT, CONFIG)
 #: the same of the main jobs
-RESULT = (OUTPUT_OR_CAMERA, SAVE_CAMERA, FORCE, FORMAT, CONFIG)
+RESULT = (OUTPUT_OR_CAMERA, SAVE_CAMERA, FORCE, FORMAT, CONFIG, REPRODUCIBLE)

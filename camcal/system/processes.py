@@ -10,6 +10,16 @@ from types import FrameType
 ENDING = ("SIGTERM", "SIGHUP")
 
 
+#: environment variables that linear algebra and OpenCV read once, when they are loaded
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_OF_OPENCV = "OPENCV_FOR_THREADS_NUM"
+
+
+def use_one_thread() -> None:
+    """Let libraries that are not loaded yet, here and in worker processes, use one thread."""
+    os.environ.update(dict.fromkeys((*THREADS, _OF_OPENCV), "1"))
+
+
 class Terminated(BaseException):
     """The program was asked to end; raised where it is at work, so that it cleans up as on ^C."""
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camcal.data.writing import readable
 from camcal.detect import decode
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.exif import Taken, read_exif
@@ -18,6 +17,7 @@ from camcal.detect.listing import list_pictures, view_ids
 from camcal.detect.mosaic import levels
 from camcal.detect.sources import read_gray
 from camcal.errors import DataError
+from camcal.system.text import readable
 from tests.detect import drawing
 
 SIZE, SHAPE = (6, 5), (240, 200)

@@ -1,5 +1,6 @@
 """The page: self-contained, complete, readable, and alive in a real browser."""
 
+import hashlib
 import json
 import re
 import sys
@@ -155,10 +156,15 @@ def test_thumbnails(tmp_path, full):
         cv2.imwrite(str(tmp_path / name), picture)
     (tmp_path / names[3]).write_bytes(b"no picture")
     renamed = tuple(names)
-    files = tuple({"path": f"somewhere/{n}", "sha256": "0"} for n in names)
+    there = [tmp_path / n for n in names[:4]]
+    digests = [hashlib.sha256(p.read_bytes()).hexdigest() for p in there]
+    digests[1] = "0"  # another picture has taken its place
+    digests += ["0"] * (len(names) - len(digests))
+    files = tuple({"path": f"somewhere/{n}", "sha256": d} for n, d in zip(names, digests, strict=True))
     s = replace(full, observations=replace(full.observations, view_ids=renamed, files=files))
     found = page(document(s), s, str(tmp_path / "report.yaml"))
-    assert found.count("data:image/jpeg;base64,") == 3
+    assert found.count("data:image/jpeg;base64,") == 2
+    assert f"1 pictures are not those of the calibration any more, and not shown: {names[1]}." in found
     assert "10 pictures are not shown" in found
     assert 'class="dots lost"' in found  # the rejected points of the first view
 

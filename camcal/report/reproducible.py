@@ -1,0 +1,20 @@
+"""What `--reproducible` leaves out of a report: whatever differs between runs of the same input and options."""
+
+from __future__ import annotations
+
+from typing import Any
+
+#: keys of times; they stay, as null, so that a report has the same keys
+TIMES = ("seconds",)
+
+
+def without_times(value: Any, known: tuple[str, ...] = TIMES) -> Any:
+    """The document with null in the place of times; `options` are what the user asked for, and stay."""
+    if isinstance(value, dict):
+        return {
+            name: None if name in known else part if name == "options" else without_times(part, known)
+            for name, part in value.items()
+        }
+    if isinstance(value, list):
+        return [without_times(part, known) for part in value]
+    return value
