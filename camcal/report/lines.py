@@ -33,7 +33,7 @@ def report(
     """Find a lens from lines, and say how straight they become."""
     lines, found = read_lines(paths, image_size)
     chosen = found if robust == "auto" else robust == "lines"
-    fit = estimate(lines, lenses.make(model), fix, chosen)
+    fit = estimate(lines, lenses.make(model), fix, chosen, resistant=robust != "none")
     kept = lines.take(fit.used)
     sigmas = {
         n: _finite(s)

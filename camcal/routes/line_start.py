@@ -32,8 +32,12 @@ FINE = 0.05
 ROUNDS = 6
 
 
-def estimate(lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: bool) -> LineFit:
+def estimate(
+    lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: bool, resistant: bool = False
+) -> LineFit:
     """The lens whose lines are straightest, and with `robust` which of the candidates are straight lines.
+
+    `resistant`: the last fit is that of `fit`, in which points that lie on no line lose weight.
 
     Raises
     ------
@@ -60,6 +64,8 @@ def estimate(lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: 
             break
         used = again
         found = _of_model(lines, used, found.camera, lens, fix)
+    if resistant:
+        found = fit(lines.take(used), found.camera, held(lens, fix), resistant)
     return replace(found, used=used)
 
 

@@ -28,6 +28,12 @@ from camcal.solve.parameters import apply_fixed, free_matrix
 
 LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
 LEAST_LINES = 2
+#: distances beyond this many σ lose weight: 95 % efficiency on Gaussian noise (Huber, Robust estimation of a
+#: location parameter, 1964); the median of |r| of a normal distribution of σ = 1
+HUBER, NORMAL_MEDIAN = 1.345, 0.6744898
+#: the root mean square exceeds the σ from the median by chance by less than this over sqrt(N): 4 standard
+#: deviations of the ratio, 1.17 / sqrt(N) for a median against a root mean square
+HEAVIER = 4.7
 #: rounds of renewed denominators, and the change of the lens in its standard deviations that ends them
 ROUNDS, SETTLED = 12, 1e-3
 #: a direction of the parameters is undetermined where it moves the lines by less than this part of the direction
@@ -136,8 +142,11 @@ def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]
     return {**names, **dict.fromkeys(lens.default_fixed), **fix}
 
 
-def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None]) -> LineFit:
+def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant: bool = False) -> LineFit:
     """The lens whose lines are straightest in px, from a start.
+
+    With `resistant`, points weigh by Huber's loss from the second round on where the distances are not Gaussian:
+    some lie on no line.
 
     Raises
     ------
@@ -159,10 +168,11 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None]) -> LineFit
     fitted: Fitted[_State] | None = None
     total = 0
     moving = _moving(lines, lens, free, state)
+    weight = np.ones(len(lines.uv))
     for number in range(ROUNDS):
         before = state.params
         # what moves nothing at the start (the centre of a lens without distortion) waits for the rest
-        fitted = _round(lines, lens, free if number or not len(moving) else free[:, moving], state)
+        fitted = _round(lines, lens, free if number or not len(moving) else free[:, moving], state, weight)
         if fitted is None:
             raise EstimationError(
                 f"points lie outside the domain of model '{lens.name}' at its start.", "Try another model."
@@ -170,13 +180,22 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None]) -> LineFit
         state, total = fitted.state, total + fitted.iterations
         if number == 0 and len(moving) < free.shape[1]:
             continue
+        if resistant:
+            weight = _weights(distances(Camera(lens, state.params), lines))
         sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free, len(lines.uv))[0])))
         moved = np.abs(state.params - before)
         scale = np.sqrt(2 * fitted.normal.cost / len(lines.uv)) * sigma
         if (moved <= SETTLED * scale + 1e-12 * np.abs(before)).all():
             break
     assert fitted is not None
-    return _finished(lines, start, free, fix, fitted, total)
+    return _finished(lines, start, free, weight, fitted, total)
+
+
+def _weights(off: Array) -> Array:
+    """Weights (N,) of points at distances (N,) from their lines: 1 for all where these look Gaussian."""
+    sigma = float(np.median(np.abs(off))) / NORMAL_MEDIAN
+    heavy = np.sqrt(np.square(off).mean()) > sigma * (1 + HEAVIER / np.sqrt(len(off)))
+    return 1 / np.maximum(np.abs(off) / (HUBER * sigma), 1.0) if heavy and sigma > 0 else np.ones(len(off))
 
 
 def _check(lines: Lines) -> None:
@@ -199,11 +218,13 @@ def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
     return np.flatnonzero(np.sqrt(np.square(by_params).mean(0)) > DEAD)
 
 
-def _round(lines: Lines, lens: Lens, free: Array, state: _State) -> Fitted[_State] | None:
+def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) -> Fitted[_State] | None:
     """Minimise with the nearest points and the denominators as they are at the start."""
     near = nearest_points(Camera(lens, state.params), lines.uv, state.normals[lines.line])
     if near is None:
         return None
+    root = np.sqrt(weight)
+    per_unit, distance = root * near.weight, root * near.distance
 
     def linearise(s: _State) -> Normal | None:
         now = line_rays(Camera(lens, s.params), near.uv)
@@ -211,10 +232,10 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State) -> Fitted[_Stat
             return None
         d, _, by_params = now
         n = s.normals[lines.line]
-        residual = near.weight * (n * d).sum(1) + near.distance
-        shared = near.weight[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
+        residual = per_unit * (n * d).sum(1) + distance
+        shared = per_unit[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
         tangent = tangents(s.normals)[lines.line]
-        own = near.weight[:, None] * np.einsum("nik,ni->nk", tangent, d)
+        own = per_unit[:, None] * np.einsum("nik,ni->nk", tangent, d)
         return Normal.of_groups(residual, shared, own, lines.line, len(lines))
 
     def moved(s: _State, step: Array, own: Array) -> _State:
@@ -331,7 +352,7 @@ def _finished(
     lines: Lines,
     start: Camera,
     free: Array,
-    fix: Mapping[str, float | None],
+    weight: Array,
     fitted: Fitted[_State],
     total: int,
 ) -> LineFit:
@@ -343,7 +364,9 @@ def _finished(
     covariance, lost = _covariance(fitted.normal.reduced(), free, len(lines.uv))
     factor = inflation(off, lines.line)
     freedom = len(off) - 2 * len(lines) - free.shape[1]
-    covariance = covariance * (off @ off / freedom) * factor
+    # Huber & Ronchetti, Robust Statistics, 2009, (7.83), with (JᵀWJ)⁻¹ mean(w) for (JᵀJ)⁻¹
+    score, inside = weight * off, float((weight == 1).mean())
+    covariance = covariance * (weight.mean() / inside**2 * (score @ score) / freedom) * factor
     names = camera.lens.names
     # a parameter is undetermined where an undetermined direction moves it noticeably
     share = np.abs(lost).max(1, initial=0) if lost.size else np.zeros(len(names))

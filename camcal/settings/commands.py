@@ -291,7 +291,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         replace(
             _OF["robust"],
             kind=Words(("auto", "none", "lines")),
-            help="lines leaves out those that are not straight beside the others; auto does so in pictures.",
+            help="lines leaves out those that are not straight beside the others; auto does so in pictures. "
+            "Points far from their line lose weight, but with none.",
             metavar="auto|none|lines",
         ),
         _OF["crosscheck"],

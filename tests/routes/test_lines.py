@@ -69,6 +69,31 @@ def test_sigmas_are_those_of_the_errors():
     assert 0.6 < np.mean(normed) / 3 < 1.5  # the mean of 25 χ² with 3 degrees spreads by 16 %
 
 
+def test_points_that_lie_on_no_line_lose_their_weight():
+    clean = lines_of(BROWN, noise_px=0.1, seed=3)
+    rng = np.random.default_rng(3)
+    wrong = rng.random(len(clean.uv)) < 0.03
+    uv = clean.uv + np.where(wrong[:, None], rng.normal(0, 15.0, clean.uv.shape), 0.0)
+    lines = Lines(uv, clean.line, clean.names, SIZE)
+    what = {"fx": 1280.0, "fy": 1280.0}
+    off = {}
+    for resistant in (False, True):
+        found = estimate(lines, BROWN.lens, what, robust=False, resistant=resistant)
+        off[resistant] = (found.camera.params - BROWN.params)[2:] / np.sqrt(np.diagonal(found.covariance))[2:]
+        off[resistant, "k1"] = abs(found.camera.values["k1"] + 0.25)
+    assert np.abs(off[True]).max() < 3.5  # sigmas hold: the largest of four
+    assert off[True, "k1"] < 0.3 * off[False, "k1"]
+
+
+def test_points_with_gaussian_noise_keep_their_weight():
+    lines = lines_of(BROWN, noise_px=0.1, seed=4)
+    what = {"fx": 1280.0, "fy": 1280.0}
+    plain, resistant = (
+        estimate(lines, BROWN.lens, what, robust=False, resistant=r).camera.params for r in (False, True)
+    )
+    np.testing.assert_allclose(resistant, plain, rtol=1e-4)
+
+
 def test_no_shrinking_of_the_picture_with_noise():
     """Plain least squares of the undistorted points draws the coefficient to where the picture is smallest."""
     errors = []
