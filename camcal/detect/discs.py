@@ -86,7 +86,7 @@ def find_discs(gray: Array) -> Discs:
     if not found:
         return Discs(np.zeros((0, 2)), np.zeros((0, 2, 2)))
     discs = Discs(np.array([c for c, _ in found]), np.array([s for _, s in found]))
-    return _distinct(discs.take(_dark_inside(smooth, discs)))
+    return distinct(discs.take(_dark_inside(smooth, discs)))
 
 
 def ellipse_of(outline: Array) -> tuple[Array, Array] | None:
@@ -128,7 +128,7 @@ def _dark_inside(gray: Array, discs: Discs) -> Array:
     )  # one of the eight may fall on something else
 
 
-def _distinct(discs: Discs) -> Discs:
+def distinct(discs: Discs) -> Discs:
     """Each disc once: of several outlines around one centre the largest, which is that of the disc."""
     size = discs.radius
     order = np.argsort(-size)[:MOST_DISCS]

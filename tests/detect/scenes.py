@@ -21,6 +21,7 @@ SPECS = (
     "circles:10x8:2.5mm:1.5mm",
     "asymmetric-circles:4x11:20mm",
     "asymmetric-circles:5x6:20mm",
+    "squares:8x6:12mm:0.8",
 )
 
 

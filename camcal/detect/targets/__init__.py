@@ -15,6 +15,7 @@ TARGETS = {
     "aprilgrid": "camcal.detect.targets.aprilgrid:AprilGrid",
     "circles": "camcal.detect.targets.circles:Circles",
     "asymmetric-circles": "camcal.detect.targets.circles:AsymmetricCircles",
+    "squares": "camcal.detect.targets.squares:SquareGrid",
 }
 
 SUMMARIES = {
@@ -22,6 +23,7 @@ SUMMARIES = {
     "charuco": "checkerboard with markers; charuco:9x7:40mm:20mm:4X4_100 = squares, side, marker, dictionary",
     "aprilgrid": "Kalibr's tags; aprilgrid:6x6:22mm:0.3 = tags, side, spacing; or aprilgrid:FILE.yaml",
     "circles": "discs in rows; circles:10x8:2.5mm = columns, rows, their distance (and :diameter)",
+    "squares": "separate squares (Zhang, BoofCV); squares:8x8:12.7mm:0.78 = side, gap as a share of it",
     "asymmetric-circles": "staggered discs as OpenCV's; asymmetric-circles:4x11:20mm, the distance of rows",
 }
 

@@ -1,0 +1,241 @@
+"""Dark squares by themselves: their outlines in a picture, and their corners as crossings of fitted edges.
+
+A corner at which one dark square meets white is no saddle of grey value. Its place is where two straight edges
+cross: each edge is measured in profiles across it, where they reach the middle between dark and bright, and a
+line is fitted to the places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from camcal.detect.discs import CONCENTRIC, THRESHOLD, WINDOWS, Discs, distinct
+
+Array = np.ndarray
+
+LEAST_SIDE = 6.0  #: px; in smaller squares blur reaches from edge to edge
+CORNER = 0.05  #: of the perimeter; how far an outline may leave the sides of its quadrilateral
+MOST_ANGLE = 0.85  #: |cosine| of the angle at a corner: a square seen at a slant of 60 degrees has less
+ENDS = 0.15  #: of a side at each end where no profile is taken: the other edge's blur reaches there
+SPACING = 1.0  #: px between profiles; nearer ones share their pixels
+STEP = 0.5  #: px between the samples of a profile
+LONGEST, SHORTEST = 3.0, 2.0  #: px to each side that a profile reaches
+REACH = 0.45  #: of the room to the next edge that a profile uses
+ROUNDS = 3  #: of measuring the edges from the corners found last
+LEAST_PROFILES = 4  #: of a side; fewer do not show how well a line fits
+STRAIGHT = 0.5  #: px; an edge whose places scatter by more is none, or is bent
+FLOOR = 0.02  #: px; least scatter of a place: interpolation and 8 bits leave that without noise
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Fitted squares.
+
+    Attributes
+    ----------
+    corners : (K, 4, 2) array
+        px, clockwise.
+    covariance : (K, 4, 2, 2) array
+        px².
+    good : (K,) bool array
+        Where all four edges could be measured.
+    contrast : (K,) array
+        Half the difference of outside and inside, grey levels.
+    blur : (K,) array
+        Width (sigma) of the edges, px.
+    """
+
+    corners: Array
+    covariance: Array
+    good: Array
+    contrast: Array
+    blur: Array
+
+    def take_corners(self, order: Array) -> Squares:
+        """The same squares with their corners in another order."""
+        return replace(self, corners=self.corners[:, order], covariance=self.covariance[:, order])
+
+
+def find_squares(gray: Array) -> Array:
+    """Dark quadrilaterals (K, 4, 2) of a grey uint8 picture, clockwise, px, each once."""
+    side = max(gray.shape)
+    smooth = cv2.GaussianBlur(gray, (0, 0), 0.8)
+    found = []
+    for part in WINDOWS:
+        size = 2 * (max(side // part, 10) // 2) + 1
+        mean, inverse = cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV
+        dark = cv2.adaptiveThreshold(smooth, 255, mean, inverse, size, THRESHOLD)
+        outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        found += [q for q in map(_quadrilateral, outlines) if q is not None]
+    if not found:
+        return np.zeros((0, 4, 2))
+    quads = np.array(found)
+    quads = quads[_dark_inside(smooth, quads)]
+    discs = as_discs(quads)
+    kept = distinct(discs)
+    rows = [int(np.abs(discs.centre - c).sum(1).argmin()) for c in kept.centre]
+    return quads[rows]
+
+
+def _quadrilateral(outline: Array) -> Array | None:
+    """Corners (4, 2) of an outline, clockwise, if it is a convex quadrilateral."""
+    length = cv2.arcLength(outline, True)
+    if length < 4 * LEAST_SIDE:
+        return None
+    corners = cv2.approxPolyDP(outline, CORNER * length, True)[:, 0].astype(float)
+    if len(corners) != 4 or not cv2.isContourConvex(corners.astype(np.float32)):
+        return None
+    sides = np.roll(corners, -1, 0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    unit = sides / np.maximum(lengths, 1e-9)[:, None]
+    if lengths.min() < LEAST_SIDE or np.abs((unit * np.roll(unit, -1, 0)).sum(1)).max() > MOST_ANGLE:
+        return None
+    turns = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
+    return corners if turns > 0 else corners[::-1].copy()  # y points down: positive is clockwise
+
+
+def as_discs(quads: Array) -> Discs:
+    """The ellipses with the centres and the foreshortening of quadrilaterals, of which grids are grown."""
+    centre = quads.mean(1)
+    along = 0.25 * (quads[:, 1] + quads[:, 2] - quads[:, 0] - quads[:, 3])
+    across = 0.25 * (quads[:, 2] + quads[:, 3] - quads[:, 0] - quads[:, 1])
+    half = np.stack([along, across], 2)  # columns: half the sides
+    values, vectors = np.linalg.eigh(half @ half.transpose(0, 2, 1))
+    shape = (vectors * np.sqrt(np.maximum(values, 1e-9))[:, None]) @ vectors.transpose(0, 2, 1)
+    return Discs(centre, shape)
+
+
+def _dark_inside(gray: Array, quads: Array) -> Array:
+    """Mask of those that are darker in the middle than beside all but one of their corners."""
+    centre = quads.mean(1, keepdims=True)
+    at = np.concatenate([centre, centre + (1 + CONCENTRIC) * (quads - centre)], 1).astype(np.float32)
+    value = cv2.remap(gray, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    around = np.sort(value[:, 1:].astype(float), 1)
+    return around[:, 1] > value[:, 0] + THRESHOLD
+
+
+def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
+    """Measure the edges of squares and cross them.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    quads : (K, 4, 2) array
+        Corners to start from, clockwise, right to a px or two.
+    room : (K,) array
+        Distance from an edge to the next one, inside or outside, px.
+    """
+    picture = gray.astype(np.float32)
+    count = len(quads)
+    corners, covariance = quads.astype(float).copy(), np.full((count, 4, 2, 2), np.nan)
+    good, contrast, blur = np.zeros(count, bool), np.zeros(count), np.zeros(count)
+    for k in range(count):
+        reach = min(LONGEST, REACH * float(room[k]))
+        if reach < SHORTEST:
+            continue
+        for _ in range(ROUNDS):
+            edges = [_edge(picture, corners[k, i], corners[k, (i + 1) % 4], reach) for i in range(4)]
+            if any(e is None for e in edges):
+                break
+            known = [e for e in edges if e is not None]
+            crossed = [_crossing(known[i - 1], known[i]) for i in range(4)]
+            corners[k] = [c for c, _ in crossed]
+            covariance[k] = [v for _, v in crossed]
+        else:
+            good[k] = bool(np.isfinite(corners[k]).all())
+            contrast[k] = np.mean([e.contrast for e in known])
+            blur[k] = np.mean([e.blur for e in known])
+    return Squares(corners, covariance, good, contrast, blur)
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A line n·x = d, with what its distance varies by along it."""
+
+    normal: Array
+    distance: float
+    along: Array  #: unit vector
+    middle: float  #: mean of the profiles' places along the line
+    spread: float  #: their sum of squared distances from it
+    count: int
+    variance: float
+    contrast: float
+    blur: float
+
+    def variance_at(self, point: Array) -> float:
+        """Variance of the line's distance at a point of it, px²."""
+        far = float(self.along @ point) - self.middle
+        return self.variance * (1 / self.count + far**2 / self.spread)
+
+
+def _edge(picture: Array, start: Array, end: Array, reach: float) -> _Edge | None:
+    """The line of the edge between two corners, dark on its right (inside)."""
+    side = end - start
+    length = float(np.hypot(*side))
+    along = side / max(length, 1e-9)
+    outward = np.array([along[1], -along[0]])  # clockwise with y down: the left side is outside
+    number = int((1 - 2 * ENDS) * length / SPACING)
+    if number < LEAST_PROFILES:
+        return None
+    at = length * np.linspace(ENDS, 1 - ENDS, number)
+    offset = np.arange(-reach, reach + 1e-9, STEP)
+    places = start + at[:, None, None] * along + offset[None, :, None] * outward
+    u, v = np.moveaxis(places.astype(np.float32), -1, 0)
+    value = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
+    level, total, place = _crossings(value, offset)
+    usual = float(np.median(total))
+    kept = (total > 0.5 * usual) & np.isfinite(place)
+    if usual <= 0 or kept.sum() < LEAST_PROFILES:
+        return None
+    value, level, total, place, at = value[kept], level[kept], total[kept], place[kept], at[kept]
+    # of an edge of width sigma the slope in its middle is the whole rise over sigma sqrt(2 pi)
+    slope = np.abs(np.diff(value, axis=1)).max(1) / STEP
+    width = total / (np.sqrt(2 * np.pi) * np.maximum(slope, 1e-9))
+    design = np.c_[np.ones(len(at)), at - at.mean()]
+    fitted, *_ = np.linalg.lstsq(design, place, rcond=None)
+    scatter = float(np.sqrt(((place - design @ fitted) ** 2).sum() / (len(at) - 2)))
+    if scatter > STRAIGHT:
+        return None
+    ends = start + (at[[0, -1], None] * along) + (design[[0, -1]] @ fitted)[:, None] * outward
+    line = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+    normal = np.array([line[1], -line[0]])
+    middle_at = float(line @ ends.mean(0))
+    spread = float(((at - at.mean()) ** 2).sum())
+    variance = max(scatter, FLOOR) ** 2
+    distance = float(normal @ ends[0])
+    return _Edge(
+        normal, distance, line, middle_at, spread, len(at), variance, 0.5 * usual, float(np.median(width))
+    )
+
+
+def _crossings(value: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """Where profiles (P, S) reach the middle between their dark and their bright end, nearest to offset 0.
+
+    Returns
+    -------
+    level, rise, place : (P,) arrays
+        The middle, the difference of the ends, and the offset; NaN where it is not reached.
+    """
+    ends = max(1, len(offset) // 5)
+    dark, bright = value[:, :ends].mean(1), value[:, -ends:].mean(1)
+    level = 0.5 * (dark + bright)
+    above = value >= level[:, None]
+    up = ~above[:, :-1] & above[:, 1:]
+    far = np.where(up, np.abs(offset[:-1] + 0.5 * STEP), np.inf)
+    i = far.argmin(1)
+    rows = np.arange(len(value))
+    below, over = value[rows, i], value[rows, i + 1]
+    place = offset[i] + STEP * (level - below) / np.where(over > below, over - below, np.nan)
+    return level, bright - dark, np.where(np.isfinite(far[rows, i]), place, np.nan)
+
+
+def _crossing(one: _Edge, other: _Edge) -> tuple[Array, Array]:
+    """Where two lines cross, and its covariance."""
+    normals = np.stack([one.normal, other.normal])
+    inverse = np.linalg.inv(normals)
+    point = inverse @ np.array([one.distance, other.distance])
+    variances = np.array([one.variance_at(point), other.variance_at(point)])
+    return point, (inverse * variances) @ inverse.T

@@ -1,0 +1,192 @@
+"""Separate dark squares in rows, as Zhang's of 1998 and BoofCV's square grid: `squares:8x8:12.7mm:0.78`.
+
+COLUMNSxROWS squares of the given side; the gap between them is a share of it. Point 4 k + c is corner c of the
+k-th square, row by row: upper left, upper right, lower left, lower right. The origin is the upper left corner of
+the first square.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from camcal.detect.board_points import LOCAL_POINTS, from_points
+from camcal.detect.disc_grid import Grid, find_board
+from camcal.detect.outlines import Squares, as_discs, find_squares, refine_squares
+from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
+from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, clock
+from camcal.detect.targets.dictionaries import rectangle
+from camcal.errors import UsageError
+from camcal.settings.kinds import real
+from camcal.settings.sizes import parse_grid, parse_length
+
+Array = np.ndarray
+
+EXAMPLE = "squares:8x8:12.7mm:0.78"
+UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  #: corners of a square, row by row
+CLOCKWISE = np.array([0, 1, 3, 2])  #: which of them come one after the other; the same the other way round
+ENOUGH = 0.8  #: share of the squares that must be seen and fitted
+STRAY = 0.1  #: of a side; a corner farther from where its neighbours put it is not of this grid
+
+
+class SquareGrid(Target):
+    """A grid of `columns` x `rows` squares of side `square`, the gap between them `spacing` of it."""
+
+    kind = "squares"
+    point_kind = "corner"
+
+    def __init__(
+        self, columns: int, rows: int, square: float = 1.0, spacing: float = 1.0, unit: str = "square"
+    ):
+        super().__init__(columns, rows, square, unit)
+        self.spacing = float(spacing)
+        if not 0 < self.spacing <= 5:
+            raise UsageError(
+                f"a gap of {spacing:g} sides is out of range.", "Give it as a share of the side: 0.78"
+            )
+
+    @property
+    def pitch(self) -> float:
+        """Distance of neighbouring squares."""
+        return self.square * (1 + self.spacing)
+
+    @property
+    def _origins(self) -> Array:
+        column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        return np.c_[column.ravel(), row.ravel()] * self.pitch
+
+    @property
+    def points(self) -> Array:
+        """The corners of all squares (4 K, 3)."""
+        corners = self._origins[:, None] + self.square * UNIT
+        return np.c_[corners.reshape(-1, 2), np.zeros(4 * self.columns * self.rows)]
+
+    def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
+        """Look for the whole grid; up to a fifth of the squares may be hidden."""
+        found, sizes = search(gray, seconds, (self.columns, self.rows))
+        if found is not None:
+            return self._fitted(gray, *found)
+        if sizes:
+            seen, wanted = "x".join(map(str, sizes[0])), f"{self.columns}x{self.rows}"
+            said = f"the picture shows a grid of {seen} squares, not {wanted}"
+            return Miss("other-size", said, {"size": sizes[0]})
+        return Miss("none", "no grid of squares was found")
+
+    def _fitted(self, gray: Array, grid: Grid, quads: Array) -> Detection | Miss:
+        centres = self._origins[grid.ids] + 0.5 * self.square
+        _, jacobian, _ = from_points(centres, centres, grid.discs.centre)
+        starts = _ordered(quads, grid.discs.centre, jacobian)
+        side = np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2).min(1)
+        fitted = refine_squares(gray, starts, side * min(1.0, self.spacing)).take_corners(CLOCKWISE)
+        keep = self._in_place(grid.ids, fitted)
+        total = self.columns * self.rows
+        if keep.sum() < max(4, ENOUGH * total):
+            return Miss("none", f"a grid was found, but only {keep.sum()} of its {total} squares can be used")
+        rows = np.flatnonzero(keep)[np.argsort(grid.ids[keep])]
+        ids = (4 * grid.ids[rows, None] + np.arange(4)).ravel()
+        missing = np.setdiff1d(np.arange(4 * total), ids)
+        covariance = fitted.covariance[rows].reshape(-1, 2, 2)
+        scale = 255 / grey_span(gray)
+        info: dict[str, Any] = {
+            "rejected": {int(i): "not seen, or not where its neighbours say" for i in missing},
+            "square_px": float(np.median(side[rows])),
+            "blur_px": float(np.median(fitted.blur[rows])),
+            "contrast": float(np.median(fitted.contrast[rows]) * scale),
+            "covariance": covariance,
+        }
+        sigma = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
+        return Detection(ids, fitted.corners[rows].reshape(-1, 2), sigma, info)
+
+    def _in_place(self, ids: Array, fitted: Squares) -> Array:
+        """Mask of the squares whose corners are where those of their neighbours put them."""
+        keep = fitted.good.copy()
+        rows = np.flatnonzero(keep)
+        points = self.points[(4 * ids[rows, None] + np.arange(4)).ravel(), :2]
+        if len(points) <= LOCAL_POINTS:
+            return keep
+        seen = fitted.corners[rows].reshape(-1, 2)
+        uv, jacobian, certain = from_points(points, points, seen, leave_out=True)
+        room = np.maximum(STRAY * self.square * np.linalg.norm(jacobian, axis=1).min(1), 1.0)
+        stray = certain & (np.linalg.norm(uv - seen, axis=1) > room)
+        keep[rows[stray.reshape(-1, 4).any(1)]] = False
+        return keep
+
+    def pattern(self) -> Pattern:
+        """Black squares, with a margin of half a gap around them."""
+        s, margin = self.square, 0.5 * self.square * max(self.spacing, 0.5)
+        shapes = [rectangle(x, y, x + s, y + s) for x, y in self._origins]
+        far = self._origins.max(0) + s + margin
+        return Pattern(tuple(shapes), np.zeros((0, 3)), (-margin, -margin, float(far[0]), float(far[1])))
+
+    @classmethod
+    def parse(cls, arguments: list[str], named: dict[str, str]) -> SquareGrid:
+        """Read `8x8:12.7mm:0.78`.
+
+        Raises
+        ------
+        UsageError
+            Where an argument is missing, unknown or out of range.
+        """
+        if len(arguments) != 3 or named:
+            raise UsageError(
+                "squares takes columns and rows, the side of a square and the gap as a share of it.",
+                f"Try: {EXAMPLE}",
+            )
+        (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
+        spacing = real(arguments[2])
+        if spacing is None:
+            raise UsageError(f"the gap '{arguments[2]}' is not a number.", f"Try: {EXAMPLE}")
+        return cls(columns, rows, square, spacing, unit)
+
+    def _arguments(self) -> list[str]:
+        return [self._length(self.square), f"{self.spacing:.4g}"]
+
+    def describe(self) -> dict[str, Any]:
+        """What the report says under `target`."""
+        return super().describe() | {"spacing": self.spacing}
+
+
+def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
+    """The corners of each quadrilateral from the board's upper left on, clockwise."""
+    first = np.einsum("kij,j->ki", jacobian, np.array([-1.0, -1.0]))  # towards the upper left corner
+    offset = quads - centres[:, None]
+    cosine = (offset * first[:, None]).sum(2) / np.linalg.norm(offset, axis=2)
+    order = (cosine.argmax(1)[:, None] + np.arange(4)) % 4
+    return np.take_along_axis(quads, order[..., None], 1)
+
+
+def search(
+    gray: Array, seconds: float, size: tuple[int, int] | None
+) -> tuple[tuple[Grid, Array] | None, list[tuple[int, int]]]:
+    """Look for a grid of separate squares from coarse to fine.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    seconds : float
+    size : (columns, rows) or None
+        None for any size.
+
+    Returns
+    -------
+    found : (Grid, (K, 4, 2) array) or None
+        The grid and its squares' outlines, in px of the full picture.
+    sizes : list of (columns, rows)
+        Of the grids that were seen, where none was as wanted.
+    """
+    began, picture = clock(), to_8_bits(gray)
+    sizes: list[tuple[int, int]] = []
+    for factor in reductions(picture.shape):
+        start = clock()
+        quads = (find_squares(reduced(picture, factor)) + 0.5) * factor - 0.5
+        if len(quads) >= 4:
+            discs = as_discs(quads)
+            grid, seen = find_board(discs, False, size, factor)
+            if grid is not None:
+                rows = [int(np.abs(discs.centre - c).sum(1).argmin()) for c in grid.discs.centre]
+                return (grid, quads[rows]), sizes
+            sizes += seen
+        if 5 * (clock() - start) > seconds - (clock() - began):
+            break
+    return None, sizes
