@@ -160,7 +160,7 @@ def _plain_sight(sight: Sight) -> dict[str, Any]:
 
 
 def _sight(values: dict[str, Any]) -> Sight:
-    family, discs = values["family"], values["discs"]
+    family, discs, squares = values["family"], values["discs"], values["squares"]
     return Sight(
         None if family is None else (str(family[0]), int(family[1])),
         tuple(Marker(int(i), np.array(corners, float)) for i, corners in values["markers"]),
@@ -168,6 +168,7 @@ def _sight(values: dict[str, Any]) -> Sight:
         bool(values["whole"]),
         bool(values["marked"]),
         None if discs is None else (int(discs[0]), int(discs[1]), bool(discs[2])),
+        None if squares is None else (int(squares[0]), int(squares[1]), float(squares[2])),
     )
 
 

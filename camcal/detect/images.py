@@ -28,6 +28,7 @@ from camcal.detect.recognition.measure import measured
 from camcal.detect.sources import read_gray
 from camcal.detect.targets.base import DEFAULT_SECONDS, Target
 from camcal.detect.targets.checkerboard import Checkerboard
+from camcal.detect.targets.circles import Circles
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError, UsageError
@@ -281,7 +282,7 @@ def _best(outcomes: list[Outcome]) -> Answer | None:
 
 
 def _measured(run: _Run, best: Answer, looked: list[Outcome]) -> Target:
-    if not isinstance(best.target, TagBoard):
+    if isinstance(best.target, Circles):
         return best.target
     pictures = [run.read(looked[i].path) for i in best.pictures]
     return measured(best.target, [p for p in pictures if p is not None])

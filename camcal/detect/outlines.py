@@ -19,14 +19,16 @@ Array = np.ndarray
 LEAST_SIDE = 6.0  #: px; in smaller squares blur reaches from edge to edge
 CORNER = 0.05  #: of the perimeter; how far an outline may leave the sides of its quadrilateral
 MOST_ANGLE = 0.85  #: |cosine| of the angle at a corner: a square seen at a slant of 60 degrees has less
-ENDS = 0.15  #: of a side at each end where no profile is taken: the other edge's blur reaches there
+#: of a side, and px, at each end where no profile is taken: the blur of the other edge reaches there
+ENDS, ENDS_PX = 0.15, 2.5
 SPACING = 1.0  #: px between profiles; nearer ones share their pixels
 STEP = 0.5  #: px between the samples of a profile
-LONGEST, SHORTEST = 3.0, 2.0  #: px to each side that a profile reaches
+LONGEST, SHORTEST = 4.0, 2.0  #: px to each side that a profile reaches
 REACH = 0.45  #: of the room to the next edge that a profile uses
 ROUNDS = 3  #: of measuring the edges from the corners found last
-LEAST_PROFILES = 4  #: of a side; fewer do not show how well a line fits
+LEAST_PROFILES = 3  #: of a side; fewer do not show how well a line fits
 STRAIGHT = 0.5  #: px; an edge whose places scatter by more is none, or is bent
+PLAIN = 0.1  #: of the contrast; largest standard deviation inside a printed square
 FLOOR = 0.02  #: px; least scatter of a place: interpolation and 8 bits leave that without noise
 
 
@@ -108,6 +110,24 @@ def as_discs(quads: Array) -> Discs:
     return Discs(centre, shape)
 
 
+def plain_inside(gray: Array, quads: Array) -> Array:
+    """Mask of the squares that are uniformly dark inside: a window with a view or a tag is not."""
+    at = np.linspace(-0.6, 0.6, 7)
+    x, y = np.meshgrid(at, at)
+    weights = 0.25 * np.stack(
+        [(1 - x) * (1 - y), (1 + x) * (1 - y), (1 + x) * (1 + y), (1 - x) * (1 + y)], -1
+    )
+    places = (weights.reshape(-1, 4) @ quads).astype(np.float32)
+    inside = cv2.remap(gray, places[..., 0], places[..., 1], cv2.INTER_LINEAR).astype(float)
+    centre = quads.mean(1, keepdims=True)
+    around = (centre + (1 + CONCENTRIC) * (quads - centre)).astype(np.float32)
+    bright = cv2.remap(
+        gray, around[..., 0], around[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    contrast = np.median(bright.astype(float), 1) - np.median(inside, 1)
+    return inside.std(1) < PLAIN * contrast
+
+
 def _dark_inside(gray: Array, quads: Array) -> Array:
     """Mask of those that are darker in the middle than beside all but one of their corners."""
     centre = quads.mean(1, keepdims=True)
@@ -137,7 +157,11 @@ def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
         if reach < SHORTEST:
             continue
         for _ in range(ROUNDS):
-            edges = [_edge(picture, corners[k, i], corners[k, (i + 1) % 4], reach) for i in range(4)]
+            ends = ENDS_PX + reach * _acuteness(corners[k])
+            edges = [
+                _edge(picture, corners[k, i], corners[k, (i + 1) % 4], reach, ends[[i, (i + 1) % 4]])
+                for i in range(4)
+            ]
             if any(e is None for e in edges):
                 break
             known = [e for e in edges if e is not None]
@@ -171,26 +195,34 @@ class _Edge:
         return self.variance * (1 / self.count + far**2 / self.spread)
 
 
-def _edge(picture: Array, start: Array, end: Array, reach: float) -> _Edge | None:
-    """The line of the edge between two corners, dark on its right (inside)."""
-    side = end - start
+def _acuteness(corners: Array) -> Array:
+    """Cotangent (4,) of acute angles at corners, else 0: a profile meets the next edge soon there."""
+    before, after = np.roll(corners, 1, 0) - corners, np.roll(corners, -1, 0) - corners
+    cross = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+    return np.maximum((before * after).sum(1), 0.0) / np.maximum(cross, 1e-9)
+
+
+def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array) -> _Edge | None:
+    """The line of the edge between two corners, dark on its right (inside), `ends` px at the corners left out."""
+    side = stop - start
     length = float(np.hypot(*side))
     along = side / max(length, 1e-9)
     outward = np.array([along[1], -along[0]])  # clockwise with y down: the left side is outside
-    number = int((1 - 2 * ENDS) * length / SPACING)
+    first, last = np.maximum(ENDS * length, ends)
+    number = int((length - first - last) / SPACING) + 1
     if number < LEAST_PROFILES:
         return None
-    at = length * np.linspace(ENDS, 1 - ENDS, number)
+    at = np.linspace(first, length - last, number)
     offset = np.arange(-reach, reach + 1e-9, STEP)
     places = start + at[:, None, None] * along + offset[None, :, None] * outward
     u, v = np.moveaxis(places.astype(np.float32), -1, 0)
     value = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
-    level, total, place = _crossings(value, offset)
+    total, place = _crossings(value, offset)
     usual = float(np.median(total))
     kept = (total > 0.5 * usual) & np.isfinite(place)
     if usual <= 0 or kept.sum() < LEAST_PROFILES:
         return None
-    value, level, total, place, at = value[kept], level[kept], total[kept], place[kept], at[kept]
+    value, total, place, at = value[kept], total[kept], place[kept], at[kept]
     # of an edge of width sigma the slope in its middle is the whole rise over sigma sqrt(2 pi)
     slope = np.abs(np.diff(value, axis=1)).max(1) / STEP
     width = total / (np.sqrt(2 * np.pi) * np.maximum(slope, 1e-9))
@@ -211,13 +243,13 @@ def _edge(picture: Array, start: Array, end: Array, reach: float) -> _Edge | Non
     )
 
 
-def _crossings(value: Array, offset: Array) -> tuple[Array, Array, Array]:
+def _crossings(value: Array, offset: Array) -> tuple[Array, Array]:
     """Where profiles (P, S) reach the middle between their dark and their bright end, nearest to offset 0.
 
     Returns
     -------
-    level, rise, place : (P,) arrays
-        The middle, the difference of the ends, and the offset; NaN where it is not reached.
+    rise, place : (P,) arrays
+        The difference of the ends, and the offset; NaN where the middle is not reached.
     """
     ends = max(1, len(offset) // 5)
     dark, bright = value[:, :ends].mean(1), value[:, -ends:].mean(1)
@@ -229,7 +261,7 @@ def _crossings(value: Array, offset: Array) -> tuple[Array, Array, Array]:
     rows = np.arange(len(value))
     below, over = value[rows, i], value[rows, i + 1]
     place = offset[i] + STEP * (level - below) / np.where(over > below, over - below, np.nan)
-    return level, bright - dark, np.where(np.isfinite(far[rows, i]), place, np.nan)
+    return bright - dark, np.where(np.isfinite(far[rows, i]), place, np.nan)
 
 
 def _crossing(one: _Edge, other: _Edge) -> tuple[Array, Array]:

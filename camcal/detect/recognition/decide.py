@@ -17,6 +17,7 @@ from camcal.detect.targets.base import Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.targets.circles import AsymmetricCircles, Circles
+from camcal.detect.targets.squares import SquareGrid
 from camcal.detect.targets.tag_board import TagBoard
 
 Array = np.ndarray
@@ -57,6 +58,10 @@ def answers(sights: Sequence[Sight]) -> list[Answer]:
         kind = AsymmetricCircles if staggered else Circles
         shown = tuple(i for i, s in enumerate(sights) if s.discs == (columns, rows, staggered))
         found.append(Answer(kind(columns, rows), shown))
+    for columns, rows in {s.squares[:2]: None for s in sights if s.squares}:
+        shown = tuple(i for i, s in enumerate(sights) if s.squares and s.squares[:2] == (columns, rows))
+        spacing = float(np.median([s.squares[2] for i in shown if (s := sights[i]).squares]))
+        found.append(Answer(SquareGrid(columns, rows, 1.0, spacing, "unit"), shown))
     plain = tuple(i for i, s in enumerate(sights) if s.board and not s.marked and i not in with_markers)
     if plain:
         columns, rows = Counter(sights[i].board for i in plain).most_common(1)[0][0] or (0, 0)
@@ -156,6 +161,8 @@ def words(target: Target) -> str:
         return f"a ChArUco board of {size} squares, {ratio}, dictionary {target.dictionary}{legacy}"
     if isinstance(target, AprilGrid):
         return f"an AprilTag grid of {size} tags, {target.dictionary}, gaps {target.spacing:.3g} of a tag"
+    if isinstance(target, SquareGrid):
+        return f"a grid of {size} separate squares, gaps {target.spacing:.3g} of a side"
     if isinstance(target, Circles):
         return f"a grid of {size} discs" + " in staggered rows" * target.staggered
     return f"a checkerboard of {size} inner corners"

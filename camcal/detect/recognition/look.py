@@ -9,7 +9,7 @@ import numpy as np
 from camcal.detect.recognition.families import Family, Marker, read_markers
 from camcal.detect.recognition.layout import find_boards
 from camcal.detect.recognition.marks import squares_hold_marks
-from camcal.detect.targets import circles
+from camcal.detect.targets import circles, squares
 from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.checkerboard import find_any
 
@@ -33,6 +33,8 @@ class Sight:
         Whether the board's squares hold markers (read or not): it is no plain checkerboard.
     discs : (columns, rows, staggered) or None
         A grid of discs.
+    squares : (columns, rows, spacing) or None
+        A grid of separate squares.
     """
 
     family: Family | None = None
@@ -41,6 +43,7 @@ class Sight:
     whole: bool = False
     marked: bool = False
     discs: tuple[int, int, bool] | None = None
+    squares: tuple[int, int, float] | None = None
 
 
 def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
@@ -77,5 +80,8 @@ def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
     if grid is not None:
         sight = Sight(discs=(grid.columns, grid.rows, grid.staggered))
         return sight, Miss("other-target", "the picture shows discs")
+    separate = squares.find_any(gray, seconds)
+    if separate is not None:
+        return Sight(squares=separate), Miss("other-target", "the picture shows separate squares")
     family, markers = read_markers(gray, closely=True)
     return Sight(family, tuple(markers)), miss

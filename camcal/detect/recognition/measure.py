@@ -7,33 +7,39 @@ between tags only roughly.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from camcal.detect.marked_grid import sample_squares
 from camcal.detect.targets.aprilgrid import AprilGrid
-from camcal.detect.targets.base import Detection
+from camcal.detect.targets.base import Detection, Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import black_cells
-from camcal.detect.targets.tag_board import TagBoard
+from camcal.detect.targets.squares import SquareGrid
 from camcal.geometry import homography
 
 Array = np.ndarray
 
+Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid)
+
 MOST_PICTURES = 3  #: that are measured; the figures agree to a per cent from one picture on
 AROUND = 0.2  #: share by which a marker's size by its outline may be wrong
+#: of the gap as a share of the side: what can be printed, and read
+BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, 4.0)}
 GROSS = (
     10.0  #: times the median misfit from which on a block of tags holds a wrong corner, and does not decide
 )
 
 
-def measured(board: TagBoard, pictures: Sequence[Array]) -> TagBoard:
+def measured(board: Target, pictures: Sequence[Array]) -> Target:
     """The same board with its proportions measured in (a few of) the pictures that show it."""
     if isinstance(board, Charuco):
         return _measured_marker(board, pictures[:MOST_PICTURES])
-    if isinstance(board, AprilGrid):
+    if isinstance(board, (AprilGrid, SquareGrid)):
         return _measured_spacing(board, pictures[:MOST_PICTURES])
     return board
 
@@ -91,7 +97,7 @@ def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Arr
     return -float(np.nanmean(np.concatenate(values)))
 
 
-def _measured_spacing(grid: AprilGrid, pictures: Sequence[Array]) -> AprilGrid:
+def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
     """The grid with the spacing for which four tags at a time are most nearly a plane's picture."""
     for _ in range(2):  # the second time with corners that the first guess did not lead to
         found = [d for d in map(grid.find, pictures) if isinstance(d, Detection)]
@@ -101,18 +107,18 @@ def _measured_spacing(grid: AprilGrid, pictures: Sequence[Array]) -> AprilGrid:
             break
         uv = np.concatenate([u for _, u in blocks])
         misfit = partial(_misfit, grid=grid, ids=ids, uv=uv)
-        best = minimize_scalar(misfit, bounds=(0.05, 0.95), method="bounded", options={"xatol": 1e-4})
+        best = minimize_scalar(misfit, bounds=BOUNDS[grid.kind], method="bounded", options={"xatol": 1e-4})
         grid = grid_with_spacing(grid, float(best.x))
     return grid_with_spacing(grid, rounded(grid.spacing, 0.01, 0.004))
 
 
-def _misfit(spacing: float, grid: AprilGrid, ids: Array, uv: Array) -> float:
+def _misfit(spacing: float, grid: Spaced, ids: Array, uv: Array) -> float:
     """Sum of the misfits of a homography to each block of points (B, 16), each block alike, px²."""
     cost = homography.solve(grid_with_spacing(grid, spacing).points[ids, :2], uv)[2]
     return float(np.minimum(cost, GROSS * np.median(cost)).sum())
 
 
-def _blocks(grid: AprilGrid, found: Detection) -> tuple[Array, Array]:
+def _blocks(grid: Spaced, found: Detection) -> tuple[Array, Array]:
     """Points (B, 16) of two by two tags of which every corner was found, and their images (B, 16, 2)."""
     tag = np.arange(grid.columns * grid.rows).reshape(grid.rows, grid.columns)
     four = np.stack([tag[:-1, :-1], tag[:-1, 1:], tag[1:, :-1], tag[1:, 1:]], -1).reshape(-1, 4)
@@ -124,10 +130,11 @@ def _blocks(grid: AprilGrid, found: Detection) -> tuple[Array, Array]:
     return ids[whole], found.uv[rows[whole]]
 
 
-def grid_with_spacing(grid: AprilGrid, spacing: float) -> AprilGrid:
+def grid_with_spacing(grid: Spaced, spacing: float) -> Spaced:
     """The same grid with another spacing."""
-    size = (grid.columns, grid.rows)
-    return AprilGrid(*size, grid.square, spacing, grid.unit, grid.dictionary, grid.border, grid.start)
+    made = copy(grid)
+    made.spacing = spacing
+    return made
 
 
 def rounded(value: float, step: float, near: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from camcal.detect.board_points import LOCAL_POINTS, from_points
 from camcal.detect.disc_grid import Grid, find_board
-from camcal.detect.outlines import Squares, as_discs, find_squares, refine_squares
+from camcal.detect.outlines import Squares, as_discs, find_squares, plain_inside, refine_squares
 from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, clock
 from camcal.detect.targets.dictionaries import rectangle
@@ -27,6 +27,8 @@ EXAMPLE = "squares:8x8:12.7mm:0.78"
 UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  #: corners of a square, row by row
 CLOCKWISE = np.array([0, 1, 3, 2])  #: which of them come one after the other; the same the other way round
 ENOUGH = 0.8  #: share of the squares that must be seen and fitted
+LEAST_UNASKED = 12  #: squares; a smaller grid is believed only where it was asked for
+LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; what targets of this kind have
 STRAY = 0.1  #: of a side; a corner farther from where its neighbours put it is not of this grid
 
 
@@ -78,7 +80,13 @@ class SquareGrid(Target):
         _, jacobian, _ = from_points(centres, centres, grid.discs.centre)
         starts = _ordered(quads, grid.discs.centre, jacobian)
         side = np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2).min(1)
-        fitted = refine_squares(gray, starts, side * min(1.0, self.spacing)).take_corners(CLOCKWISE)
+        # across a foreshortened square it is less far than along its sides
+        across = (
+            4
+            * np.abs(np.linalg.det(grid.discs.shape))
+            / np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2).max(1)
+        )
+        fitted = refine_squares(gray, starts, across * min(1.0, self.spacing)).take_corners(CLOCKWISE)
         keep = self._in_place(grid.ids, fitted)
         total = self.columns * self.rows
         if keep.sum() < max(4, ENOUGH * total):
@@ -145,6 +153,29 @@ class SquareGrid(Target):
     def describe(self) -> dict[str, Any]:
         """What the report says under `target`."""
         return super().describe() | {"spacing": self.spacing}
+
+
+def find_any(gray: Array, seconds: float) -> tuple[int, int, float] | None:
+    """Columns, rows and spacing (to a few per cent) of a grid of separate squares, where a picture shows one.
+
+    Windows in a wall make such grids, too: here the squares have to be dark all over and fit as closely as printed
+    ones.
+    """
+    found, _ = search(gray, seconds, None)
+    if found is None or len(found[0].ids) < LEAST_UNASKED:
+        return None
+    grid, quads = found
+    if plain_inside(to_8_bits(gray), quads).mean() < ENOUGH:
+        return None
+    place = np.c_[grid.ids % grid.columns, grid.ids // grid.columns].astype(float)
+    _, jacobian, certain = from_points(place, place, grid.discs.centre)
+    area = np.abs(np.linalg.det(jacobian))  # of a cell of the grid, against that of the square in it
+    ratio = area / (4 * np.abs(np.linalg.det(grid.discs.shape)))
+    spacing = float(np.sqrt(np.median(ratio[certain]))) - 1 if certain.any() else 0.0
+    if not LEAST_SPACING < spacing < MOST_SPACING:
+        return None
+    target = SquareGrid(grid.columns, grid.rows, 1.0, spacing)
+    return (grid.columns, grid.rows, spacing) if isinstance(target.find(gray, seconds), Detection) else None
 
 
 def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
