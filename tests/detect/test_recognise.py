@@ -158,7 +158,7 @@ REAL = {
     "cases/charuco_partial": ("charuco:9x7:1:0.5:4X4_50", 8),
     "aprilgrid": ("aprilgrid:6x6:1:0.3", 4),
     "circles": ("circles:10x8", 6),
-    "zhang1998": ("squares:8x8:1:0.778", 5),
+    "zhang1998": ("squares:8x8:1:0.8", 5),  # of nominally 0.778; the printed squares are a hundredth smaller
     "circles_asymmetric": ("asymmetric-circles:7x13", 3),
     "opencv_left": ("checkerboard:9x6", 13),
     "cases/picam_border": ("checkerboard:7x7", 17),
