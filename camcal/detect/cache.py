@@ -5,6 +5,7 @@ An entry is an npz file with plain arrays and a text; one that cannot be read is
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 import json
@@ -21,6 +22,8 @@ from camcal.system.reading import read_file
 from camcal.system.writing import atomic_write
 
 LARGEST = 64 << 20  #: bytes of an entry: a board of 1000 x 1000 points, four arrays of two numbers each
+#: rooms of the package whose code decides what is found in a picture
+ROOMS = ("detect", "geometry", "least_squares", "model")
 
 
 def default_folder() -> Path | None:
@@ -31,8 +34,19 @@ def default_folder() -> Path | None:
         return None
 
 
+@functools.cache
+def code() -> str:
+    """Hash of the sources that a detection depends on, so that no entry outlives the code that made it."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for room in ROOMS:
+        for path in sorted((package / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
 def entry(folder: Path, picture_sha256: str, detector: str) -> Path:
-    """The file of a picture under one set of options; `detector` names the options and the version."""
+    """The file of a picture under one set of options; `detector` names the options and the code."""
     options = hashlib.sha256(detector.encode()).hexdigest()[:16]
     return folder / picture_sha256[:2] / f"{picture_sha256[2:]}-{options}.npz"
 

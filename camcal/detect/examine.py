@@ -19,8 +19,6 @@ from camcal.detect.sources import fetch, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
-DETECTOR = 9  #: raise it when a detector comes to find something else in the same picture
-
 
 @dataclass(frozen=True)
 class Task:
@@ -35,7 +33,7 @@ class Task:
     @property
     def detector(self) -> str:
         """Names everything that the result depends on besides the picture."""
-        return f"{DETECTOR} {__version__} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}"
+        return f"{__version__} {cache.code()} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}"
 
 
 @dataclass(frozen=True)

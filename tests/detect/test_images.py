@@ -281,6 +281,14 @@ def test_other_options_are_other_entries(folder, own_cache):
     assert len(set(own_cache.rglob("*.npz"))) == 6
 
 
+def test_an_entry_belongs_to_the_code_that_made_it(folder, own_cache, monkeypatch):
+    detect_images([folder], board="6x5", jobs=1)
+    entries = set(own_cache.rglob("*.npz"))
+    monkeypatch.setattr(cache, "code", lambda: "of another version")
+    detect_images([folder], board="6x5", jobs=1)
+    assert len(set(own_cache.rglob("*.npz")) - entries) == 3
+
+
 @pytest.mark.parametrize("damage", [b"", b"nonsense", None])
 def test_a_damaged_entry_is_ignored_and_rewritten(folder, own_cache, damage):
     first = detect_images([folder], board="6x5")
