@@ -123,6 +123,8 @@ class Observations:
         Which point of the target a row is, `NO_ID` where that is not known.
     sigma : (N,) array or None
         Standard deviation in each coordinate, px; NaN where none was given.
+    set_aside : (N,) array or None
+        The sigmas that `unweighted` took away, px: no weight in an estimate, but known to the outlier test.
     weight : (N,) array or None
         Of a robust loss, 0 to 1; None = 1.
     used : (N,) bool array
@@ -151,6 +153,7 @@ class Observations:
     cameras: tuple[str, ...] = ("camera",)
     point: Array | None = None
     sigma: Array | None = None
+    set_aside: Array | None = None
     weight: Array | None = None
     used: Array = field(default_factory=lambda: np.zeros(0, bool))  #: all rows by default
     reason: Array = field(default_factory=lambda: np.zeros(0, np.uint8))
@@ -276,6 +279,15 @@ class Observations:
         lengths = np.where(np.isfinite(lengths), lengths, np.inf)
         return lengths if self.sigma is None else lengths / np.where(np.isnan(self.sigma), 1.0, self.sigma)
 
+    def allowance(self) -> Array:
+        """How many times as inexact as the middle one each row (N,) is stated to be, at least 1.
+
+        From the sigmas that `unweighted` took away; 1 where there are none.
+        """
+        if self.set_aside is None or np.isnan(self.set_aside).all():
+            return np.ones(len(self.uv))
+        return np.fmax(self.set_aside / np.nanmedian(self.set_aside), 1.0)
+
     def _ids(self, rows: slice) -> Array | None:
         ids = None if self.point is None else self.point[rows]
         return None if ids is None or (ids[:1] == NO_ID).any() else ids
@@ -344,8 +356,11 @@ class Observations:
         return replace(self.with_views([change(v) for v in self.views]), used=self.used, reason=self.reason)
 
     def unweighted(self) -> Observations:
-        """Without sigmas and weights."""
-        return self if self.sigma is None and self.weight is None else replace(self, sigma=None, weight=None)
+        """Without weights; the sigmas are set aside."""
+        if self.sigma is None and self.weight is None:
+            return self
+        aside = self.set_aside if self.sigma is None else self.sigma
+        return replace(self, sigma=None, set_aside=aside, weight=None)
 
     def _rows(self, rows: Array, view_ids: tuple[str, ...]) -> Observations:
         def pick(a: Array | None) -> Any:
@@ -360,6 +375,7 @@ class Observations:
             camera=self.camera[rows],
             point=pick(self.point),
             sigma=pick(self.sigma),
+            set_aside=pick(self.set_aside),
             weight=pick(self.weight),
             used=self.used[rows],
             reason=self.reason[rows],

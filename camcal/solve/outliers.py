@@ -2,10 +2,11 @@
 
 With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
 A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
-one run in a thousand rejects anything at all. s is the larger of that of all points and that of the point's
-view (after the view's own outliers), so that a picture blurred more than the others is not taken apart; a
-view whose s exceeds FAR times that of the median view, that loses more than two thirds of its points, or
-whose rest does not fix a pose, is rejected as a whole.
+one run in a thousand rejects anything at all. Where sigmas are given but not yet used as weights, |r| of a point
+that is stated to be k > 1 times as inexact as the middle one is divided by k first. s is the larger of that of
+all points and that of the point's view (after the view's own outliers), so that a picture blurred more than the
+others is not taken apart; a view whose s exceeds FAR times that of the median view, that loses more than two
+thirds of its points, or whose rest does not fix a pose, is rejected as a whole.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Verdict:
 def test(calibration: Estimate) -> Verdict:
     """Test the residuals of all rows of a fit, those included that it does not rest on."""
     data, parameters = calibration.observations, calibration.free_count
-    lengths = data.standardised(calibration.residuals)
+    lengths = standardised(calibration)
     every = data.split(lengths)
     n = len(lengths)
     sigma = max(robust_sigma(lengths, parameters), _floor(data))
@@ -134,9 +135,15 @@ def looks_gaussian(lengths: Array, sigma: float) -> bool:
 
 def is_clean(calibration: Estimate) -> bool:
     """Whether the residuals show no outlier and are Gaussian as far as median and root mean square tell."""
-    verdict, data = test(calibration), calibration.observations
+    verdict = test(calibration)
+    return not verdict.rejected and looks_gaussian(standardised(calibration), verdict.sigma)
+
+
+def standardised(calibration: Calibration) -> Array:
+    """Lengths (N,) of the residuals in units of what is stated of the points, as far as that is known."""
+    data = calibration.observations
     lengths = data.standardised(calibration.residuals)
-    return not verdict.rejected and looks_gaussian(lengths, verdict.sigma)
+    return lengths if data.sigma is not None else lengths / data.allowance()
 
 
 def _floor(data: Observations) -> float:

@@ -165,14 +165,8 @@ REAL = {
 }
 
 
-#: a known fault: a picture whose corners hardly show gives 13 misnumbered ones; the calibration rejects the view
-KNOWN = pytest.mark.xfail(strict=True, reason="13 misnumbered corners of the seventh picture")
-
-
 @needs_data
-@pytest.mark.parametrize(
-    "place", [pytest.param(p, marks=KNOWN) if p == "cases/charuco_partial" else p for p in REAL]
-)
+@pytest.mark.parametrize("place", REAL)
 def test_real(place):
     said = {}
     found = detect_images([DATA / place], on_event=lambda name, d: said.update({name: d}))

@@ -170,6 +170,36 @@ def test_a_view_of_more_noise_keeps_its_points():
     assert found.used[found.observations.slices[4]].sum() >= 52
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_view_that_is_stated_to_be_inexact_is_kept(stated):
+    """A picture without anti-aliasing is ten times as inexact as the others and says so."""
+    data, rng = boards(5, noise=0.02)
+    noisy = data.views[3]
+    moved = replace(noisy, uv=noisy.uv + rng.normal(0, 0.2, noisy.uv.shape))
+    views = tuple(moved if v is noisy else v for v in data.views)
+    sigmas = [0.2 if stated and v is moved else 0.02 for v in views]
+    given = data.with_views(
+        [replace(v, sigma=np.full(len(v), s)) for v, s in zip(views, sigmas, strict=True)]
+    )
+    solution = robust(given)
+    lost = [s.reason for s in solution.observations.skipped]
+    assert len(lost) == (0 if stated else 1)
+    assert focal_error(solution) < 0.5  # px; 0.1 % of the focal length
+
+
+def test_what_is_stated_allows_no_point_that_is_farther_off():
+    data, rng = boards(6, noise=0.02)
+    view = data.views[3]
+    uv = view.uv + np.where(np.arange(len(view))[:, None] == 7, 3.0, 0.0)  # 3 px, of 0.2 px stated
+    sigma = np.where(np.arange(len(view)) == 7, 0.2, 0.02)
+    views = [
+        replace(v, uv=uv, sigma=sigma) if v is view else replace(v, sigma=np.full(len(v), 0.02))
+        for v in data.views
+    ]
+    solution = robust(data.with_views(views))
+    assert [int(n) for n in np.flatnonzero(~solution.observations.used)] == [3 * len(view) + 7]
+
+
 # ---- poses before a known camera
 @pytest.mark.parametrize("share", [0.4, 0.6])
 def test_a_pose_is_found_among_outliers(share):
