@@ -188,7 +188,7 @@ def test_a_view_that_is_stated_to_be_inexact_is_kept(stated):
 
 
 def test_what_is_stated_allows_no_point_that_is_farther_off():
-    data, rng = boards(6, noise=0.02)
+    data, _ = boards(6, noise=0.02)
     view = data.views[3]
     uv = view.uv + np.where(np.arange(len(view))[:, None] == 7, 3.0, 0.0)  # 3 px, of 0.2 px stated
     sigma = np.where(np.arange(len(view)) == 7, 0.2, 0.02)
