@@ -139,7 +139,7 @@ def is_clean(calibration: Estimate) -> bool:
     return not verdict.rejected and looks_gaussian(standardised(calibration), verdict.sigma)
 
 
-def standardised(calibration: Calibration) -> Array:
+def standardised(calibration: Estimate) -> Array:
     """Lengths (N,) of the residuals in units of what is stated of the points, as far as that is known."""
     data = calibration.observations
     lengths = data.standardised(calibration.residuals)
