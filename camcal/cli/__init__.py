@@ -26,6 +26,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "camcal.cli.triangulate:command",
         "Find the position of points that several cameras see.",
     ),
+    "hand-eye": (
+        "camcal.cli.hand_eye:command",
+        "Find where a camera sits on a robot's hand, or beside the robot.",
+    ),
     "uncertainty": (
         "camcal.cli.uncertainty:command",
         "Compute how far noise moves the projections of a camera.",

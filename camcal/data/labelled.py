@@ -111,6 +111,12 @@ def read_labelled(
     return Labelled(str(source), labels, known, values, np.array([n for n, _ in rows[1:]]))
 
 
+def header(path: str | os.PathLike) -> list[str]:
+    """The names in the first row of a table; raises as `read_labelled` does."""
+    first = _lines(Path(path))[0][1]
+    return [name.strip() for name in _fields(first, find_separator(first) or " ")]
+
+
 def _lines(source: Path) -> list[tuple[int, str]]:
     """The lines with something on them, numbered from 1."""
     text = read_text(source, LARGEST, "a text table", "Give a CSV file.")

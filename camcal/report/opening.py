@@ -16,11 +16,12 @@ from camcal.model.rig import Rig
 from camcal.plan.solution import Solution
 from camcal.report.camera import cameras_document
 from camcal.report.document import save
+from camcal.report.hand_eye import HandEye
 from camcal.report.loading import from_document, load_camera
 from camcal.report.yaml import read_document
 
 
-def load(path: str | os.PathLike) -> Solution | Camera | Rig:
+def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
     """Read a calibration, a camera or a rig from a file of any format.
 
     Parameters
@@ -31,8 +32,8 @@ def load(path: str | os.PathLike) -> Solution | Camera | Rig:
 
     Returns
     -------
-    Solution of a report with its data; Rig of the report of a rig, or of a file of several cameras with their poses;
-    else Camera.
+    Solution of a report with its data, HandEye of one of `camcal hand-eye`; Rig of the report of a rig, or of a file of
+    several cameras with their poses; else Camera.
 
     Raises
     ------
@@ -43,7 +44,9 @@ def load(path: str | os.PathLike) -> Solution | Camera | Rig:
     if file.is_file():
         source = Source(file)
         if REPORT.sniff(source) and "data" in source.mapping and "cameras" not in source.mapping:
-            return from_document(read_document(file), str(file))
+            document = read_document(file)
+            solution = from_document(document, str(file))
+            return HandEye(solution, document["hand_eye"]) if "hand_eye" in document else solution
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
         return load_camera(path)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from camcal.schema.camera import Camera, Rig
 from camcal.schema.figures import Bias, Coverage, Fit, Holdout, Uncertainty
+from camcal.schema.hand_eye import HandEye
 from camcal.schema.kinds import (
     UNSET,
     Figure,
@@ -112,6 +113,10 @@ class Report(Head, kw_only=True):
     camera: Annotated[Camera | UnsetType, key("the result")] = UNSET
     cameras: Annotated[dict[str, Camera] | UnsetType, key("of a rig, in place of `camera`: by name")] = UNSET
     rig: Annotated[Rig | UnsetType, key("of a rig: the places of its cameras")] = UNSET
+    hand_eye: Annotated[
+        HandEye | UnsetType,
+        key("of `camcal hand-eye`: where the camera sits on the robot's hand, or beside it"),
+    ] = UNSET
     selection: Annotated[
         dict[str, Any] | UnsetType,
         key("only with `--model auto`: how the model was chosen, as `camcal select` says"),

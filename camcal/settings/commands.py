@@ -8,6 +8,7 @@ from dataclasses import replace
 from camcal.settings.batch import BATCH, COMPACT, FLEET_PRIOR, WATCH
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
+from camcal.settings.hand_eye import HAND_EYE
 from camcal.settings.kinds import (
     POSITIVE,
     Assignments,
@@ -335,6 +336,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         FORMAT,
         CONFIG,
     ),
+    "hand-eye": HAND_EYE,
     "compare": _COMPARE,
     "select": (
         MODELS,

@@ -1,0 +1,90 @@
+"""The closed forms of a hand-eye calibration against cv2.calibrateHandEye and cv2.calibrateRobotWorldHandEye."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+
+from camcal.geometry import rotations
+from camcal.model.pose import Array, Pose, Poses
+from camcal.peers.base import Entry, entry, judge, one_thread
+
+#: camcal's name -> (function of cv2, its method)
+METHODS = {
+    "tsai": ("calibrateHandEye", "CALIB_HAND_EYE_TSAI"),
+    "park": ("calibrateHandEye", "CALIB_HAND_EYE_PARK"),
+    "horaud": ("calibrateHandEye", "CALIB_HAND_EYE_HORAUD"),
+    "andreff": ("calibrateHandEye", "CALIB_HAND_EYE_ANDREFF"),
+    "daniilidis": ("calibrateHandEye", "CALIB_HAND_EYE_DANIILIDIS"),
+    "shah": ("calibrateRobotWorldHandEye", "CALIB_ROBOT_WORLD_HAND_EYE_SHAH"),
+    "li": ("calibrateRobotWorldHandEye", "CALIB_ROBOT_WORLD_HAND_EYE_LI"),
+}
+#: cv2 weighs the motions of `tsai` and `horaud` in its own way; the noise that both see alike is far larger
+SIGMAS = 1.0
+
+
+def against_cv2(
+    robot: Poses, camera: Poses, unit: float, ours: Mapping[str, Pose | None], sigma: tuple[float, float]
+) -> list[Entry]:
+    """Each closed form beside cv2's, one entry each.
+
+    Parameters
+    ----------
+    robot, camera : Poses
+        G and C (V,) of G Z = X C.
+    unit : float
+        By which lengths are divided first, as camcal's own closed forms do.
+    ours : mapping of name -> Pose
+        X; None where it failed.
+    sigma : (float, float)
+        Standard deviations of the rotation (rad) and the translation of X, for the comparison.
+    """
+    return [_entry(name, robot, camera, unit, x, sigma) for name, x in ours.items()]
+
+
+def _entry(
+    name: str, robot: Poses, camera: Poses, unit: float, x: Pose | None, sigma: tuple[float, float]
+) -> Entry:
+    function, method = METHODS[name]
+    against, stage = f"cv2.{function}", f"hand-eye {name}"
+    if not hasattr(cv2, function):
+        return entry(stage, against, "not_applicable", f"cv2 {cv2.__version__} has no {function}")
+    if x is None:
+        return entry(stage, against, "not_applicable", "camcal's closed form failed")
+    try:
+        with one_thread():
+            theirs = _theirs(function, getattr(cv2, method), robot, camera, unit)
+    except cv2.error as error:
+        return entry(stage, against, "not_applicable", f"cv2 refuses: {error.err}")
+    turn = float(rotations.angle_between(x.rotation, theirs.rotation))
+    shift = float(np.linalg.norm(x.translation - theirs.translation))
+    # rounding where the data are exact
+    apart = max(turn / (sigma[0] + 1e-9), shift / (sigma[1] + 1e-9 * unit))
+    status, why = judge(apart, SIGMAS, "difference in standard deviations")
+    found = {
+        "rotation_vector": rotations.log(theirs.rotation).tolist(),
+        "translation": theirs.translation.tolist(),
+    }
+    return entry(
+        stage, against, status, why, found, {"rotation_deg": float(np.degrees(turn)), "translation": shift}
+    )
+
+
+def _theirs(function: str, method: int, robot: Poses, camera: Poses, unit: float) -> Pose:
+    """X of cv2."""
+    g, c = _lists(robot, unit), _lists(camera, unit)
+    if function == "calibrateHandEye":
+        turned: Any = robot.inverse()
+        # it takes gripper2base, whose inverse is G of a camera in the hand
+        r, t = getattr(cv2, function)(*_lists(turned, unit), *c, method=method)
+    else:
+        # A X = Z B with A = G, so that its Z is our X
+        _, _, r, t = getattr(cv2, function)(*g, *c, method=method)
+    return Pose(np.asarray(r), np.ravel(t) * unit)
+
+
+def _lists(poses: Poses, unit: float) -> tuple[list[Array], list[Array]]:
+    return list(poses.rotation), list(poses.translation / unit)

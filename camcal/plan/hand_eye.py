@@ -1,0 +1,235 @@
+"""From a calibration and a robot's poses to the hand-eye transformation and what is to be said of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.covariance import covariance
+from camcal.assess.warning import CalibrationWarning
+from camcal.data.robot_poses import RobotPoses, Stream, matched
+from camcal.errors import DataError, UsageError
+from camcal.model.pose import Pose, Poses
+from camcal.plan.solution import Solution
+from camcal.routes.hand_eye import closed_forms, offset, recognise
+from camcal.routes.hand_eye.estimate import Estimate, Pictures, alone, estimate
+from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes
+from camcal.routes.hand_eye.next_pose import Suggestion, suggest
+from camcal.routes.hand_eye.recognise import Reading
+from camcal.routes.hand_eye.remarks import remarks
+from camcal.routes.hand_eye.scale import MILLIMETRES, require_same_unit, scale
+from camcal.routes.hand_eye.views import Views, views_of
+
+#: Names of pictures are stamps in seconds, ms, us, ns since 1970 from these values up (2001 to 2286); smaller whole
+#: numbers count pictures.
+STAMPS = ((1e18, 1e9), (1e15, 1e6), (1e12, 1e3), (1e9, 1.0))
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What `camcal hand-eye` and `camcal.hand_eye` are asked for; see the options of the command."""
+
+    setup: str | None = None
+    inverse: bool = False
+    poses_unit: str | None = None
+    times: Mapping[str, float] | None = None
+    max_offset: float = 1.0
+    robust: str = "auto"
+    crosscheck: bool = True
+
+
+@dataclass(frozen=True)
+class Found:
+    """The result.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    reading : Reading
+        The set-up and the form of the rotations that were taken.
+    names : tuple of str
+        Of the views with a pose, outliers included; `estimate.used` indexes them.
+    scale, scale_sigma : float
+        Length of the robot's motions over what the board says.
+    suggestions : list of Suggestion
+    warnings : tuple of CalibrationWarning
+    crosscheck : list of entries of the report
+    """
+
+    estimate: Estimate
+    reading: Reading
+    names: tuple[str, ...]
+    scale: float
+    scale_sigma: float
+    suggestions: list[Suggestion]
+    warnings: tuple[CalibrationWarning, ...]
+    crosscheck: list[dict[str, Any]]
+
+
+def find(solution: Solution, robot: RobotPoses, asked: Asked) -> Found:
+    """Calibrate hand and eye.
+
+    Parameters
+    ----------
+    solution : Solution
+        A calibration, or a known camera evaluated, of pictures of a board that stood still (or that the hand held).
+    robot : RobotPoses
+    asked : Asked
+
+    Raises
+    ------
+    DataError
+        Views without poses, fewer than three, lengths in another unit.
+    UsageError
+        Where the set-up has to be said.
+    EstimationError
+        Motions that do not determine the transformation, poses that do not belong to the views.
+    """
+    unit = _unit(solution)
+    robot = _in_unit(robot, asked.poses_unit, unit)
+    pictures, ids = _pictures(solution)
+    if robot.names is None:
+        return _of_stream(pictures, ids, robot, asked, unit)
+    rows, places = matched(robot, ids)
+    if not rows:
+        raise DataError(
+            f"no view of '{robot.path}' ({robot.names[0]}, ...) is a view of the pictures ({ids[0]}, ...).",
+            "Name the views as the pictures are named, with or without folder and ending.",
+        )
+    require_enough(len(rows))
+    lost = (len(ids) - len(rows), len(robot) - len(rows))
+    robot, pictures = robot.take(rows), pictures.take(np.array(places))
+    names = tuple(ids[i] for i in places)
+    require_two_axes(_turns(pictures), asked.setup)
+    found = recognise.readings(robot, pictures.poses, recognise.SETUPS, asked.inverse)
+    reading = recognise.choose(found, robot, asked.setup, len(rows))
+    poses = robot.poses(reading.form, asked.inverse)
+    size = scale(views_of(reading.setup, poses, pictures.poses))
+    require_same_unit(size[0], unit)
+    made = estimate(reading.setup, pictures, poses, asked.robust != "none")
+    other = recognise.better_reading(found, reading, len(rows))
+    return _told(made, reading, other, names, size, lost, asked)
+
+
+def _of_stream(
+    pictures: Pictures, ids: tuple[str, ...], robot: RobotPoses, asked: Asked, unit: str | None
+) -> Found:
+    """With poses that have times in place of views."""
+    assert robot.times is not None
+    if len(robot) < 2:
+        raise DataError(f"'{robot.path}' holds {len(robot)} pose; a stream needs 2 or more.", "Add poses.")
+    times = np.array([_time(v, asked.times) for v in ids])
+    require_enough(len(ids))
+    factor = next((f for bound, f in STAMPS if robot.times[0] >= bound), 1.0)
+    if asked.setup is None:
+        raise UsageError("poses with times need the set-up said.", "Add --setup in-hand or --setup to-hand.")
+    require_two_axes(_turns(pictures), asked.setup)
+    stream = Stream(robot.times / factor, robot.poses(None, asked.inverse))
+    begin = offset.search(asked.setup, stream, times, pictures.poses, asked.max_offset)
+    at = offset.robot_at(stream, times)
+    views = views_of(asked.setup, at(begin).poses, pictures.poses)
+    reading = Reading(asked.setup, robot.form, *recognise.misfits(views))
+    reading = recognise.choose([reading], replace(robot, certain=True), asked.setup, len(ids))
+    size = scale(views)
+    require_same_unit(size[0], unit)
+    made = estimate(asked.setup, pictures, at, asked.robust != "none", begin)
+    return _told(made, reading, None, ids, size, (0, 0), asked)
+
+
+def _told(
+    made: Estimate,
+    reading: Reading,
+    other: Reading | None,
+    names: tuple[str, ...],
+    size: tuple[float, float],
+    lost: tuple[int, int],
+    asked: Asked,
+) -> Found:
+    suggestions = suggest(made)
+    views = views_of(made.setup, made.measured, made.poses)
+    checks = _crosscheck(made, views) if asked.crosscheck else []
+    said = tuple(remarks(made, reading, other, names, size, lost))
+    return Found(made, reading, names, *size, suggestions, said, checks)
+
+
+def _crosscheck(made: Estimate, views: Views) -> list[dict[str, Any]]:
+    from camcal.peers.hand_eye import against_cv2  # cv2 is loaded only here
+
+    ours: dict[str, Pose | None] = {m.name: m.x for m in closed_forms.solve_all(views, made.setup)}
+    sigma = made.sigma
+    sizes = float(np.linalg.norm(sigma[:3])), float(np.linalg.norm(sigma[3:6]))
+    return against_cv2(views.robot, views.camera, closed_forms.length_unit(views), ours, sizes)
+
+
+def _pictures(solution: Solution) -> tuple[Pictures, tuple[str, ...]]:
+    """The points that the calibration rests on, and the names of their views."""
+    used = solution.observations.kept()
+    weights = None if used.precision is None else used.split(used.precision)
+    accuracy = covariance(solution)
+    gain = accuracy.poses_reduced.gain
+    views = tuple(used.views)
+    index = {name: i for i, name in enumerate(v.id for v in solution.observations.views)}
+    kept = np.array([index[v.id] for v in views], int)
+    camera_covariance = accuracy.free
+    if not np.isfinite(camera_covariance).all():
+        camera_covariance, gain = np.zeros((0, 0)), np.zeros((len(gain), 6, 0))
+    poses: Poses = solution.poses[kept]
+    return Pictures(solution.camera, views, poses, weights, gain[kept], camera_covariance), tuple(
+        v.id for v in views
+    )
+
+
+def _turns(pictures: Pictures) -> Motions:
+    seen = alone(pictures)
+    return measure(seen.poses, seen.rotation_covariance)
+
+
+def _unit(solution: Solution) -> str | None:
+    """The unit of the board's lengths; None where the points do not say it.
+
+    Raises
+    ------
+    UsageError
+        Where lengths are in squares.
+    """
+    target = solution.observations.target or {}
+    unit = target.get("unit")
+    if unit == "square":
+        raise UsageError(
+            "the board's lengths are in squares; a hand-eye calibration needs the side of a square.",
+            "Give it, such as --square 25mm, where the pictures are read.",
+        )
+    return None if unit is None else str(unit)
+
+
+def _in_unit(robot: RobotPoses, given: str | None, unit: str | None) -> RobotPoses:
+    if given is None:
+        return robot
+    if unit not in MILLIMETRES:
+        raise UsageError(
+            f"the poses are in {given}, but the unit of the pictures' lengths is not known.",
+            "Leave --poses-unit out, and give both in the same unit.",
+        )
+    return robot.scaled(MILLIMETRES[given] / MILLIMETRES[unit])
+
+
+def _time(name: str, times: Mapping[str, float] | None) -> float:
+    """The time of a view, s: from the table, or from a name that is a stamp."""
+    if times is not None:
+        short = name.replace("\\", "/").rpartition("/")[2]
+        if name not in times and short not in times:
+            raise DataError(f"--times has no time of the view '{name}'.", "Add it, or leave the view out.")
+        return times[name] if name in times else times[short]
+    stem = re.sub(r"\.[A-Za-z]\w*$", "", name.replace("\\", "/").rpartition("/")[2])
+    if re.fullmatch(r"\d+(\.\d+)?", stem):
+        value = float(stem)
+        factor = next((f for bound, f in STAMPS if value >= bound), None)
+        if factor is not None or "." in stem:
+            return value / (factor or 1.0)
+    raise UsageError(
+        f"the poses have times, but the view '{name}' has none.", "Give --times FILE, a table view,time."
+    )

@@ -1,0 +1,242 @@
+"""A hand-eye calibration as `hand_eye` of a report, as a table, and in Python."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from camcal.assess.warning import CalibrationWarning, Grade
+from camcal.data.labelled import read_labelled
+from camcal.data.robot_poses import RobotPoses, read_robot_poses
+from camcal.model.pose import Array, Pose
+from camcal.plan.hand_eye import Asked, Found, find
+from camcal.plan.solution import Solution
+from camcal.report.document import document, save
+from camcal.report.plain import plain
+from camcal.report.routes import pose_entry
+from camcal.routes.hand_eye import NAMES
+from camcal.routes.hand_eye.estimate import Estimate, implied
+
+
+@dataclass(frozen=True, repr=False)
+class HandEye:
+    """A hand-eye calibration.
+
+    Attributes
+    ----------
+    solution : Solution
+        The calibration that it rests on, with the warnings of both.
+    section : mapping
+        `hand_eye` of the report; docs/report.md explains its keys.
+    """
+
+    solution: Solution
+    section: Mapping[str, Any]
+
+    @property
+    def setup(self) -> str:
+        """`in-hand` or `to-hand`."""
+        return str(self.section["setup"])
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What `transform` and `other` are: hand_from_camera and base_from_board, or the like."""
+        return NAMES[self.setup]
+
+    @property
+    def transform(self) -> Pose:
+        """hand_from_camera, or base_from_camera."""
+        return self._pose(0)
+
+    @property
+    def other(self) -> Pose:
+        """base_from_board, or hand_from_board."""
+        return self._pose(1)
+
+    @property
+    def sigma_rotation_deg(self) -> Array:
+        """Standard deviations (3,) of the rotation of `transform` about the axes of its first frame, degrees."""
+        return np.array(self.section[self.names[0]]["sigma_rotation_deg"], float)
+
+    @property
+    def sigma_translation(self) -> Array:
+        """Standard deviations (3,) of the translation of `transform`."""
+        return np.array(self.section[self.names[0]]["sigma_translation"], float)
+
+    @property
+    def warnings(self) -> tuple[CalibrationWarning, ...]:
+        """Those of the calibration and of the hand-eye calibration."""
+        return self.solution.warnings
+
+    @property
+    def verdict(self) -> str:
+        """`pass`, or `fail` where a gate fell."""
+        return self.solution.verdict
+
+    @property
+    def grade(self) -> Grade:
+        """The worst severity among the warnings."""
+        return self.solution.grade
+
+    def save(self, path: str | os.PathLike, force: bool = False) -> None:
+        """Write the report; raises UsageError where the file exists and `force` is not given."""
+        save(self.document(), path, force)
+
+    def document(self, command: Sequence[str] = ()) -> dict[str, Any]:
+        """The report of the calibration, with `hand_eye`."""
+        return {**document(self.solution, command=command), "hand_eye": plain(self.section)}
+
+    def __repr__(self) -> str:
+        """On one line."""
+        x, robot = self.transform, self.section["robot"]
+        t = " ".join(f"{c:.5g}" for c in x.translation)
+        return f"<HandEye {self.names[0]}: ({t}), robot {robot['translation_rms']:.3g}, {self.verdict}>"
+
+    def _pose(self, which: int) -> Pose:
+        entry = self.section[self.names[which]]
+        return Pose.from_vector(np.array(entry["rotation_vector"]), np.array(entry["translation"]))
+
+
+def hand_eye(
+    solution: Solution,
+    poses: str | os.PathLike | RobotPoses,
+    *,
+    rotation: str | None = None,
+    times: str | os.PathLike | Mapping[str, float] | None = None,
+    **asked: Any,
+) -> HandEye:
+    """Calibrate a camera on a robot's hand, or one beside the robot that sees a board in its hand.
+
+    Parameters
+    ----------
+    solution : Solution
+        What `camcal.calibrate_images` returns, or `camcal.load` of a report.
+    poses : path or RobotPoses
+        base_from_hand of each view: a table `view,x,y,z,rx,ry,rz` (docs/hand-eye.md).
+    rotation : str, optional
+        How the robot writes rotations, as for `--rotation`; recognised by default.
+    times : path or mapping, optional
+        Of views, s, where the poses have times in place of views.
+    **asked
+        setup ("in-hand", "to-hand"), inverse, poses_unit, max_offset, robust, crosscheck: the options of
+        `camcal hand-eye`.
+
+    Raises
+    ------
+    DataError, UsageError, EstimationError
+        See `camcal.plan.hand_eye.find`.
+    """
+    robot = poses if isinstance(poses, RobotPoses) else read_robot_poses(poses, rotation)
+    given = times if times is None or isinstance(times, Mapping) else read_times(times)
+    found = find(solution, robot, Asked(times=given, **asked))
+    whole = replace(
+        solution,
+        warnings=(*solution.warnings, *found.warnings),
+        crosscheck=(*solution.crosscheck, *found.crosscheck),
+    )
+    return HandEye(whole, plain(section(found)))
+
+
+def read_times(path: str | os.PathLike) -> dict[str, float]:
+    """Times of views, s, from a table view,time."""
+    table = read_labelled(Path(path), ["view"], ["time"])
+    names = (table.names["view"][i] for i in table.labels["view"])
+    return dict(zip(names, table.values["time"].tolist(), strict=True))
+
+
+def section(found: Found) -> dict[str, Any]:
+    """`hand_eye` of a report."""
+    made = found.estimate
+    first, second = NAMES[made.setup]
+    sigma, reach = made.sigma, made.half_width
+    out: dict[str, Any] = {
+        "setup": made.setup,
+        first: _known(made.x, made.covariance[:6, :6], sigma[:6], reach[:6]),
+        second: _known(made.z, made.covariance[6:, 6:], sigma[6:], reach[6:]),
+        "robot": _robot(made),
+        "image": {"rms_point": made.image_rms, "sigma": made.noise.image},
+        "poses": len(made.used),
+        "outliers": len(found.names) - len(made.used),
+        "rotation": found.reading.form.name,
+        "methods": [_method(m) for m in made.methods],
+        "motions": {f: getattr(made.motions, f) for f in ("turns_deg", "axes", "noise_deg")},
+        "scale": _estimated(found.scale, found.scale_sigma),
+    }
+    if made.offset is not None:
+        out["time_offset"] = _estimated(made.offset, made.offset_sigma)
+    return {**out, "views": _views(found), "next": [_next(s) for s in found.suggestions]}
+
+
+def _known(pose: Pose, covariance: Array, sigma: Array, reach: Array) -> dict[str, Any]:
+    return {
+        **pose_entry(pose),
+        "sigma_rotation_deg": np.degrees(sigma[:3]),
+        "sigma_translation": sigma[3:],
+        "interval_rotation_deg": np.degrees(reach[:3]),
+        "interval_translation": reach[3:],
+        "covariance": covariance,
+    }
+
+
+def _robot(made: Estimate) -> dict[str, Any]:
+    _, turn, shift = made.relative
+    degrees = float(np.degrees(made.noise.rotation))
+    return {
+        "translation_rms": made.translation_rms,
+        "rotation_rms_deg": float(np.degrees(made.rotation_rms)),
+        "translation_sigma": _estimated(made.noise.translation, made.noise.translation * shift),
+        "rotation_sigma_deg": _estimated(degrees, degrees * turn),
+    }
+
+
+def _estimated(value: float, sigma: float | None) -> dict[str, Any]:
+    known = sigma is not None and np.isfinite(sigma)
+    return {"value": value if np.isfinite(value) else None, "sigma": sigma if known else None}
+
+
+def _method(method: Any) -> dict[str, Any]:
+    pose = {"rotation_vector": None, "translation": None} if method.x is None else pose_entry(method.x)
+    known = method.x is not None
+    return {
+        "name": method.name,
+        "paper": method.paper,
+        **pose,
+        "translation_rms": method.translation_rms if known else None,
+        "rotation_rms_deg": float(np.degrees(method.rotation_rms)) if known else None,
+    }
+
+
+def _views(found: Found) -> list[dict[str, Any]]:
+    made = found.estimate
+    robot = implied(made)
+    at = {int(place): i for i, place in enumerate(made.used)}
+    out: list[dict[str, Any]] = []
+    for place, name in enumerate(found.names):
+        if place not in at:
+            out.append({"id": name, "status": "outlier"})
+            continue
+        i = at[place]
+        out.append(
+            {
+                "id": name,
+                "status": "used",
+                "base_from_hand": pose_entry(robot[i]),
+                "translation_residual": made.residuals[i, 3:],
+                "rotation_residual_deg": float(np.degrees(np.linalg.norm(made.residuals[i, :3]))),
+            }
+        )
+    return out
+
+
+def _next(suggestion: Any) -> dict[str, Any]:
+    return {
+        "base_from_hand": pose_entry(suggestion.base_from_hand),
+        "cam_from_board": pose_entry(suggestion.cam_from_board),
+        "sigma_rotation_deg": np.degrees(suggestion.sigma[:3]),
+        "sigma_translation": suggestion.sigma[3:],
+    }

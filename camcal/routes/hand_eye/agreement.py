@@ -1,0 +1,41 @@
+"""Which poses agree with one another, where several are wrong in the same way and hide each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from camcal.model.pose import Array
+from camcal.routes.hand_eye import equation, shah
+from camcal.routes.hand_eye.views import Views
+
+#: Poses of a sample: one more than are needed, so that noise counts less. With a third of the poses wrong, one sample
+#: in five is without them, and all of SAMPLES have one with the probability 2e-15.
+SAMPLE = 4
+SAMPLES = 150
+#: Fewer poses than this are tested one by one only: the median of fewer says little.
+LEAST = 8
+#: Robust standard deviations from which on a pose is set aside for a start; it comes back where it fits after all.
+FAR = 6.0
+
+
+def agreeing(views: Views, setup: str, seed: int = 0) -> Array:
+    """The poses (V,), bool, that agree with the transformation of the least median residual (Rousseeuw 1984)."""
+    count = len(views)
+    if count < LEAST:
+        return np.ones(count, bool)
+    rng = np.random.default_rng(seed)
+    measured = views.robot_poses(setup)
+    best: tuple[float, Array] | None = None
+    for _ in range(SAMPLES):
+        rows = rng.choice(count, SAMPLE, replace=False)
+        x, z = shah.solve(Views(views.robot[rows], views.camera[rows]))
+        off = equation.residuals(setup, x, z, views.camera, measured)
+        sizes = np.stack([np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)])
+        score = float(np.log(np.median(sizes, axis=1) + np.finfo(float).tiny).sum())
+        if best is None or score < best[0]:
+            best = score, sizes
+    assert best is not None
+    # the length of three numbers of standard deviation 1 has the median 1.54
+    unit = np.median(best[1], axis=1, keepdims=True) / np.sqrt(stats.chi2.median(3))
+    return np.asarray((best[1] <= FAR * np.maximum(unit, 1e-12)).all(0))

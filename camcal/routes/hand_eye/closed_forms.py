@@ -1,0 +1,93 @@
+"""All closed forms on the same views."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.errors import EstimationError
+from camcal.model.pose import Array, Pose, Poses
+from camcal.registry import load
+from camcal.routes.hand_eye import CLOSED_FORM_SUMMARIES, CLOSED_FORMS
+from camcal.routes.hand_eye.equation import residuals
+from camcal.routes.hand_eye.views import Views
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a closed form says.
+
+    Attributes
+    ----------
+    name, paper : str
+    x, z : Pose, or None where it failed
+    translation_rms, rotation_rms : float
+        Of what is left of the robot's poses, in the unit of the data and rad; NaN where it failed.
+    """
+
+    name: str
+    paper: str
+    x: Pose | None
+    z: Pose | None
+    translation_rms: float = float("nan")
+    rotation_rms: float = float("nan")
+
+
+def length_unit(views: Views) -> float:
+    """The root mean square of the translations: Andreff's and Li's systems weigh lengths against numbers near 1."""
+    t = np.concatenate([views.robot.translation, views.camera.translation])
+    return float(np.sqrt(np.square(t).sum(1).mean())) or 1.0
+
+
+def scaled(views: Views, factor: float) -> Views:
+    """The same views in another unit of length."""
+    robot, camera = (Poses(p.rotation, p.translation * factor) for p in (views.robot, views.camera))
+    return Views(robot, camera)
+
+
+def solve_all(views: Views, setup: str, table: Mapping[str, str] = CLOSED_FORMS) -> list[Method]:
+    """Every closed form on the same views, in the order of the table."""
+    unit = length_unit(views)
+    own = scaled(views, 1 / unit)
+    return [_method(name, own, views, setup, unit) for name in table]
+
+
+def _method(name: str, own: Views, views: Views, setup: str, unit: float) -> Method:
+    paper = CLOSED_FORM_SUMMARIES[name].partition(":")[0]
+    try:
+        with np.errstate(all="ignore"):
+            x, z = (Pose(p.rotation, p.translation * unit) for p in load(CLOSED_FORMS[name])(own))
+            off = residuals(setup, x, z, views.camera, views.robot_poses(setup))
+    except (np.linalg.LinAlgError, EstimationError):
+        return Method(name, paper, None, None)
+    if not np.isfinite(off).all():
+        return Method(name, paper, None, None)
+    turn, shift = (float(np.sqrt(np.square(part).sum(1).mean())) for part in (off[:, :3], off[:, 3:]))
+    return Method(name, paper, x, z, shift, turn)
+
+
+def best(methods: list[Method]) -> Method:
+    """The closed form that leaves least of the robot's poses: the product of both figures, which no unit changes.
+
+    Raises
+    ------
+    EstimationError
+        Where all failed.
+    """
+    made = [m for m in methods if m.x is not None]
+    if not made:
+        raise EstimationError(
+            "no closed form finds a hand-eye transformation.", "Add poses, turned about other axes."
+        )
+    return min(made, key=lambda m: (m.rotation_rms + _TINY) * (m.translation_rms + _TINY))
+
+
+#: keeps a figure of exactly 0 from hiding the other one
+_TINY = float(np.finfo(float).tiny) ** 0.25
+
+
+def poses_of(methods: list[Method]) -> dict[str, Array]:
+    """The transformations (4, 4) X by name, of those that did not fail."""
+    return {m.name: m.x.matrix for m in methods if m.x is not None}

@@ -1,0 +1,331 @@
+"""From views and robot poses to the hand-eye transformation with its intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from camcal.data.observations import View
+from camcal.errors import EstimationError
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Pose, Poses
+from camcal.routes.hand_eye import closed_forms, equation, variance
+from camcal.routes.hand_eye.agreement import agreeing
+from camcal.routes.hand_eye.closed_forms import Method
+from camcal.routes.hand_eye.joint import Joint, Measured, Noise, Robot, Unknowns, solve
+from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes
+from camcal.routes.hand_eye.views import views_of
+from camcal.solve.poses import solve_poses
+from camcal.solve.problem import Problem, State
+
+#: The variances and the minimum are found in turn until no standard deviation changes by more than this part.
+SETTLED = 1e-3
+MOST_ROUNDS = 30
+#: A pose is an outlier below this probability, of any one of V: one false alarm in a thousand calibrations.
+OUTLIER = 1e-3
+#: Outliers are looked for while at least this many poses stay: two more than are needed, to test with.
+LEAST_TO_TEST = 6
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the camera saw.
+
+    Attributes
+    ----------
+    camera : Camera
+    views : tuple of V View
+        The points used.
+    poses : Poses
+        cam_from_board of each, where the search begins.
+    weights : V arrays (N,), or None
+    gain : (V, 6, F) array
+        How the pose of each view moves with the F free parameters of the calibration, as `ReducedPoses.gain`.
+    camera_covariance : (F, F) array
+        Of these.
+    """
+
+    camera: Camera
+    views: tuple[View, ...]
+    poses: Poses
+    weights: list[Array] | None
+    gain: Array
+    camera_covariance: Array
+
+    def take(self, rows: Array) -> Pictures:
+        """Some of the views, by their indices."""
+        weights = None if self.weights is None else [self.weights[i] for i in rows]
+        views = tuple(self.views[i] for i in rows)
+        return replace(self, views=views, poses=self.poses[rows], weights=weights, gain=self.gain[rows])
+
+    def problem(self) -> Problem:
+        """With the camera held."""
+        return Problem(self.camera.lens, self.views, np.zeros((self.camera.lens.size, 0)), self.weights)
+
+    @property
+    def freedom(self) -> int:
+        """Coordinates less poses and estimated parameters of the camera."""
+        return 2 * sum(map(len, self.views)) - 6 * len(self.views) - len(self.camera_covariance)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """X and Z with what is known of them.
+
+    Attributes
+    ----------
+    setup : {"in-hand", "to-hand"}
+    x, z : Pose
+        See `camcal.routes.hand_eye`.
+    covariance : (12, 12) array
+        Of X and Z: rotation (rad, on the left) and translation of each; the camera's uncertainty included.
+    freedom : (12,) array
+        Degrees of freedom of each variance.
+    noise : Noise
+        Standard deviations of an image coordinate, of the robot's rotations about an axis and of a coordinate of its
+        translations.
+    relative : (3,) array
+        Standard deviation of each as a part of it.
+    poses : Poses
+        cam_from_board of the views used (V,).
+    residuals : (V, 6) array
+        The robot's poses implied less measured: rotation, rad, in the base's frame, and translation.
+    misfit : (V,) array
+    image_rms : float
+        rms_point, px.
+    methods : list of Method
+    motions : Motions
+    used : (V,) int array
+        Which of the views given these are; the others are outliers.
+    offset : float or None
+        s, to be added to the camera's time.
+    offset_sigma : float or None
+    """
+
+    setup: str
+    x: Pose
+    z: Pose
+    covariance: Array
+    freedom: Array
+    noise: Noise
+    relative: Array
+    poses: Poses
+    residuals: Array
+    misfit: Array
+    image_rms: float
+    methods: list[Method]
+    motions: Motions
+    used: Array
+    measured: Poses
+    pictures: Pictures
+    offset: float | None = None
+    offset_sigma: float | None = None
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations (12,): rotation of X in rad, its translation, the same of Z."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def half_width(self) -> Array:
+        """Half widths (12,) of the intervals at 95 %, by Student's t."""
+        return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, self.freedom)) * self.sigma
+
+    @property
+    def translation_rms(self) -> float:
+        """Root mean square length of the robot's translation residuals."""
+        return float(np.sqrt(np.square(self.residuals[:, 3:]).sum(1).mean()))
+
+    @property
+    def rotation_rms(self) -> float:
+        """Root mean square angle of the robot's rotation residuals, rad."""
+        return float(np.sqrt(np.square(self.residuals[:, :3]).sum(1).mean()))
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the joint estimate begins, and what is known before it."""
+
+    problem: Problem
+    image: Unknowns
+    noise: Noise
+    methods: list[Method]
+    motions: Motions
+
+
+def estimate(
+    setup: str,
+    pictures: Pictures,
+    robot: Poses | Robot,
+    robust: bool = True,
+    offset: float | None = None,
+) -> Estimate:
+    """The joint maximum-likelihood estimate, with the variances by restricted maximum likelihood.
+
+    Parameters
+    ----------
+    setup : {"in-hand", "to-hand"}
+    pictures : Pictures
+    robot : Poses, or function of an offset
+        base_from_hand of each view; a function where the poses are a stream.
+    robust : bool
+        Leave out poses that do not agree with the others.
+    offset : float, optional
+        Where the search for the offset of a stream begins, s.
+
+    Raises
+    ------
+    DataError
+        Fewer than three views.
+    EstimationError
+        Motions that turn about one axis.
+    """
+    require_enough(len(pictures.views))
+    everyone = np.arange(len(pictures.views))
+    if not robust or len(everyone) <= LEAST_TO_TEST:
+        return _estimate(setup, pictures, robot if callable(robot) else _taken(robot, everyone), offset)
+    whole = _taken(robot, everyone)
+    seen = alone(pictures)
+    used = np.flatnonzero(agreeing(views_of(setup, whole(offset or 0.0).poses, seen.poses), setup))
+    for _ in range(len(everyone)):
+        found = _estimate(setup, pictures.take(used), _taken(robot, used), offset)
+        after = _tested(found, seen, whole, used)
+        if np.array_equal(after, used):
+            break
+        used = after
+    return replace(found, used=used)
+
+
+def _tested(found: Estimate, seen: Alone, robot: Robot, used: Array) -> Array:
+    """The poses without the worst one, if that is an outlier; else with all those set aside that fit after all."""
+    count, shared = len(seen.poses), 12 + (found.offset is not None)
+    chance = variance.outlying(found.misfit, shared)
+    if chance.min() * count < OUTLIER and len(used) > LEAST_TO_TEST:
+        return np.delete(used, int(chance.argmin()))
+    aside = np.setdiff1d(np.arange(count), used)
+    if not len(aside):
+        return used
+    joint = Joint(found.setup, seen.problem, robot, found.noise)
+    linear = joint.linear(Unknowns(seen.state, found.x, found.z, found.offset or 0.0))
+    misfit = variance.misfit_of_new(linear, found.noise, found.covariance)[aside]
+    fits = aside[stats.f.sf(misfit / 6, 6, max(6 * len(used) - shared, 1)) * count >= OUTLIER]
+    return np.sort(np.concatenate([used, fits]))
+
+
+def _taken(robot: Poses | Robot, rows: Array) -> Robot:
+    if isinstance(robot, Poses):
+        fixed = Measured(robot[rows], np.zeros((len(rows), 6)))
+        return lambda offset: fixed
+
+    def taken(offset: float) -> Measured:
+        all_of = robot(offset)
+        return Measured(all_of.poses[rows], all_of.velocity[rows])
+
+    return taken
+
+
+def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None) -> Estimate:
+    begin = start(setup, pictures, robot, offset)
+    at, noise = begin.image, begin.noise
+    for _ in range(MOST_ROUNDS):
+        joint = Joint(setup, begin.problem, robot, noise, offset is not None)
+        at = solve(joint, at)
+        linear = joint.linear(at)
+        if not np.isfinite(linear.image).all():
+            raise EstimationError(
+                "the joint estimate leaves the domain of the lens.", "Check the poses and their unit."
+            )
+        found = variance.estimate(linear, noise, pictures.freedom)
+        settled = np.abs(np.log(np.divide(found.noise, noise))).max() < SETTLED
+        noise = found.noise
+        if settled:
+            break
+    more = _of_the_camera(linear, found, pictures)
+    total = found.covariance + more
+    with np.errstate(divide="ignore", invalid="ignore"):
+        widened = (np.diagonal(total) / np.diagonal(found.covariance)) ** 2
+    points = sum(map(len, pictures.views))
+    weight = 1.0 if pictures.weights is None else np.concatenate(pictures.weights).mean()
+    return Estimate(
+        setup,
+        at.x,
+        at.z,
+        total[:12, :12],
+        (found.freedom * widened)[:12],
+        noise,
+        found.relative,
+        begin.problem.poses(at.image),
+        linear.residual,
+        found.misfit,
+        float(np.sqrt(linear.image[:, 6, 6].sum() / points / weight)),
+        begin.methods,
+        begin.motions,
+        np.arange(len(pictures.views)),
+        robot(at.offset).poses,
+        pictures,
+        at.offset if offset is not None else None,
+        float(np.sqrt(total[12, 12])) if offset is not None else None,
+    )
+
+
+@dataclass(frozen=True)
+class Alone:
+    """The poses of the views from the pictures alone."""
+
+    problem: Problem
+    state: State
+    sigma: float  #: of an image coordinate, px
+    rotation_covariance: Array  #: (V, 3, 3), rad²
+
+    @property
+    def poses(self) -> Poses:
+        """cam_from_board (V,)."""
+        return self.problem.poses(self.state)
+
+
+def alone(pictures: Pictures) -> Alone:
+    """Fit the pose of each view."""
+    problem = pictures.problem()
+    found = solve_poses(problem, problem.state(pictures.camera.params, pictures.poses))
+    sigma = float(np.sqrt(max(2 * found.costs.sum(), 1e-24) / max(pictures.freedom, 1)))
+    normal = problem.pose_normals(found.state, np.arange(problem.instants))[:, :6, :6]
+    return Alone(problem, found.state, sigma, sigma**2 * np.linalg.inv(normal)[:, :3, :3])
+
+
+def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) -> Start:
+    """Poses of the views from the pictures alone, the best closed form, and rough noises."""
+    seen = alone(pictures)
+    views = views_of(setup, robot(offset or 0.0).poses, seen.poses)
+    motions = measure(seen.poses, seen.rotation_covariance)
+    require_two_axes(motions, setup)
+    methods = closed_forms.solve_all(views, setup)
+    best = closed_forms.best(methods)
+    assert best.x is not None and best.z is not None
+    # a coordinate's share of the root mean square length; rounding where the data are exact
+    rough = np.maximum(
+        [best.rotation_rms, best.translation_rms], [1e-12, 1e-12 * closed_forms.length_unit(views)]
+    )
+    noise = Noise(seen.sigma, *(rough / np.sqrt(3)).tolist())
+    return Start(seen.problem, Unknowns(seen.state, best.x, best.z, offset or 0.0), noise, methods, motions)
+
+
+def _of_the_camera(linear: variance.Linear, found: variance.Components, pictures: Pictures) -> Array:
+    """What the uncertainty of the camera adds to the covariance of the shared unknowns.
+
+    The pictures' pose of a view moves by −gain with a free parameter, the robot's residual there by J times that, and
+    the estimate by −M Σ Aᵀ V⁻¹ of it.
+    """
+    if not pictures.camera_covariance.size:
+        return np.zeros_like(found.covariance)
+    moved = linear.by_pose @ -pictures.gain
+    weights = variance.weights(linear, found.noise, pictures.freedom)
+    by_camera = -found.covariance @ np.einsum("vif,vij,vjg->fg", linear.by_shared, weights, moved)
+    return by_camera @ pictures.camera_covariance @ by_camera.T
+
+
+def implied(found: Estimate) -> Poses:
+    """The robot's poses that the estimate implies, base_from_hand (V,)."""
+    return equation.robot_pose(found.setup, found.x, found.z, found.poses)

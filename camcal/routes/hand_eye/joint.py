@@ -1,0 +1,178 @@
+"""The joint estimate of X, Z and all poses of the views, from the pictures and from the robot.
+
+    minimise  ½ Σ w |project(C_i x) − u|² / s² + ½ Σ |log(R_B R_Mᵀ)|² / s_r² + |t_B − t_M|² / s_t²            (1)
+
+over X, Z and every C_i, with B_i the robot's pose that they imply and M_i the measured one (see `equation`). The
+poses of the views are blocks that are eliminated first. With a stream of poses, the offset of its clock is an unknown
+besides: M_i is the stream at t_i + offset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from camcal.geometry import rotations as so3
+from camcal.least_squares import Options, Trial, minimise
+from camcal.model.pose import Array, Pose, Poses
+from camcal.routes.hand_eye import equation
+from camcal.routes.normal import Normal
+from camcal.solve.problem import Problem, State
+
+
+class Noise(NamedTuple):
+    """Standard deviations: of an image coordinate (px), a rotation about an axis (rad), a translation along one."""
+
+    image: float
+    rotation: float
+    translation: float
+
+    @property
+    def robot(self) -> Array:
+        """Of the six residuals of a pose."""
+        return np.repeat([self.rotation, self.translation], 3)
+
+
+class Measured(NamedTuple):
+    """The robot's poses at an offset of its clock, and how they move with it.
+
+    Attributes
+    ----------
+    poses : Poses
+        base_from_hand (V,).
+    velocity : (V, 6) array
+        Angular velocity in the base's frame, rad, and velocity, per second.
+    """
+
+    poses: Poses
+    velocity: Array
+
+
+#: the robot's poses at an offset, s
+Robot = Callable[[float], Measured]
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is estimated: the pictures' state holds the poses of the views."""
+
+    image: State
+    x: Pose
+    z: Pose
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Both parts of the problem to first order, without weights.
+
+    Attributes
+    ----------
+    residual : (V, 6) array
+        Of the robot: rotation, rad, and translation.
+    by_shared : (V, 6, F) array
+        Its derivatives by X, Z (rotation, translation of each) and, where that is unknown, the offset.
+    by_pose : (V, 6, 6) array
+        By the view's pose, in the coordinates of the pictures' problem.
+    image : (V, 7, 7) array
+        Products of the pictures' rows: pose and residual.
+    """
+
+    residual: Array
+    by_shared: Array
+    by_pose: Array
+    image: Array
+
+
+class Joint:
+    """The problem (1) for the least-squares loop; a batch of one."""
+
+    count, rounding = 1, 0.0
+
+    def __init__(self, setup: str, pictures: Problem, robot: Robot, noise: Noise, timed: bool = False):
+        self.setup, self.pictures, self.robot, self.noise, self.timed = setup, pictures, robot, noise, timed
+        self.all = np.arange(pictures.instants)
+
+    def linear(self, at: Unknowns) -> Linear:
+        """Residuals and derivatives; NaN in `image` where a point leaves the lens's domain."""
+        c = self.pictures.poses(at.image)
+        measured = self.robot(at.offset)
+        residual = equation.residuals(self.setup, at.x, at.z, c, measured.poses)
+        chain = equation.from_left(residual[:, :3])
+        d = equation.derivatives(self.setup, at.x, at.z, c)
+        shared = [chain @ d.by_x, chain @ d.by_z]
+        if self.timed:
+            moved = measured.velocity.copy()
+            moved[:, :3] = np.linalg.solve(so3.left_jacobian(-residual[:, :3]), moved[:, :3, None])[..., 0]
+            shared.append(-moved[:, :, None])
+        by_pose = chain @ d.by_c @ _from_centroid(c, self.pictures.offsets)
+        image = self.pictures.pose_normals(at.image, self.all)
+        return Linear(residual, np.concatenate(shared, 2), by_pose, image)
+
+    def linearise(self, state: Unknowns, members: Array) -> _Equations:
+        """The weighted normal equations."""
+        return _Equations.of(self.linear(state), self.noise)
+
+    def solve(self, state: Any, equations: _Equations, damping: Array) -> tuple[Any, Array]:
+        """The damped step and the decrease that it promises."""
+        step = equations.normal.step(float(damping[0]))
+        if step is None:
+            return None, np.array([np.nan])
+        return step[:2], np.array([step[2]])
+
+    def retract(self, state: Unknowns, step: tuple[Array, Array]) -> Unknowns:
+        """exp(δ) R, t + δ of X, Z and all poses."""
+        shared, own = step
+        image = replace(
+            state.image,
+            rotations=so3.exp(own[:, :3]) @ state.image.rotations,
+            centres=state.image.centres + own[:, 3:],
+        )
+        offset = state.offset + (float(shared[12]) if self.timed else 0.0)
+        return Unknowns(image, _moved(state.x, shared[:6]), _moved(state.z, shared[6:12]), offset)
+
+    def tried(self, trial: Trial) -> None:
+        """Nothing is learnt."""
+
+
+@dataclass(frozen=True)
+class _Equations:
+    cost: Array
+    normal: Normal
+
+    @classmethod
+    def of(cls, linear: Linear, noise: Noise) -> _Equations:
+        roots = (1 / noise.robot)[:, None]
+        residual, a, j = linear.residual * roots[:, 0], linear.by_shared * roots, linear.by_pose * roots
+        image = linear.image / noise.image**2
+        cost = 0.5 * (np.square(residual).sum() + image[:, 6, 6].sum())
+        at = np.swapaxes(a, 1, 2)
+        jt = np.swapaxes(j, 1, 2)
+        normal = Normal(
+            float(cost),
+            (at @ a).sum(0),
+            np.einsum("vkf,vk->f", a, residual),
+            at @ j,
+            jt @ j + image[:, :6, :6],
+            np.einsum("vkc,vk->vc", j, residual) + image[:, :6, 6],
+        )
+        return cls(np.array([cost if np.isfinite(cost) else np.inf]), normal)
+
+
+def solve(problem: Joint, start: Unknowns) -> Unknowns:
+    """The minimum of (1) near a start."""
+    return minimise(problem, start, Options(tolerance=1e-12)).state
+
+
+def _moved(pose: Pose, step: Array) -> Pose:
+    return Pose(so3.exp(step[:3]) @ pose.rotation, pose.translation + step[3:])
+
+
+def _from_centroid(c: Poses, offsets: Array) -> Array:
+    """d pose by (rotation about the centroid of the view's points, its place), (V, 6, 6): dt = dc + [R x̄]× δ."""
+    out = np.broadcast_to(np.eye(6), (len(c), 6, 6)).copy()
+    out[:, 3:, :3] = so3.skew(np.einsum("vij,vj->vi", c.rotation, offsets))
+    return out

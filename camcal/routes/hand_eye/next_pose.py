@@ -1,0 +1,92 @@
+"""Which poses to add: the ones that make X best known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.data.observations import View
+from camcal.geometry import rotations as so3
+from camcal.model.pose import Array, Pose, Poses
+from camcal.routes.hand_eye import equation, variance
+from camcal.routes.hand_eye.estimate import Estimate
+from camcal.routes.hand_eye.joint import Joint, Measured, Unknowns
+from camcal.solve.problem import Problem
+
+#: Turns of the camera about the board's centroid, degrees about its axes, from where it stood at a view. 30 degrees is
+#: what most boards and wrists allow; a turn about the optical axis loses no corners.
+TURNS = tuple(
+    (30.0 * a, 30.0 * b, c)
+    for a in (-1, 0, 1)
+    for b in (-1, 0, 1)
+    for c in (-60.0, 0.0, 60.0)
+    if (a, b, c) != (0, 0, 0)
+)
+#: views from which turns are tried, spread over all
+BASES = 8
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A pose of the hand, what the camera sees there, and the sigmas (6,) of X with it and those before."""
+
+    base_from_hand: Pose
+    cam_from_board: Pose
+    sigma: Array
+
+
+def suggest(found: Estimate, count: int = 3) -> list[Suggestion]:
+    """The poses that lower the variances of X most, one after the other, each given the ones before.
+
+    What is minimised is the product of the six variances, which no unit changes. Only poses at which the camera sees
+    the whole board are tried; whether the robot reaches them is not known.
+    """
+    poses, view = _candidates(found)
+    if not len(poses):
+        return []
+    information = _information(found, poses, view)
+    present = np.linalg.inv(found.covariance)
+    reached = equation.robot_pose(found.setup, found.x, found.z, poses)
+    made = []
+    for _ in range(count):
+        variances = np.diagonal(np.linalg.inv(present + information), axis1=1, axis2=2)[:, :6]
+        best = int(np.log(variances).sum(1).argmin())
+        present = present + information[best]
+        made.append(Suggestion(reached[best], poses[best], np.sqrt(variances[best])))
+    return made
+
+
+def _candidates(found: Estimate) -> tuple[Poses, View]:
+    """Poses cam_from_board (K,) that show the whole of the largest view's board, and that view."""
+    view = max(found.pictures.views, key=len)
+    middle, camera = view.xyz.mean(0), found.pictures.camera
+    bases = found.poses[np.unique(np.linspace(0, len(found.poses) - 1, BASES).round().astype(int))]
+    turns = so3.exp(np.radians(TURNS))
+    rotation = (turns[None] @ bases.rotation[:, None]).reshape(-1, 3, 3)
+    centre = np.repeat(bases.rotation @ middle + bases.translation, len(turns), 0)
+    poses = Poses(rotation, centre - rotation @ middle)
+    uv = camera.project(poses[:, None].apply(view.xyz))
+    low, high = np.zeros(2), camera.image_size
+    if high is None:
+        seen = np.concatenate([v.uv for v in found.pictures.views])
+        low, high = seen.min(0), seen.max(0) + 1
+    with np.errstate(invalid="ignore"):
+        inside = ((uv >= low) & (uv <= np.subtract(high, 1))).all((1, 2))
+    # the front of the board, from at least 15 degrees above its plane
+    side = np.einsum("ki,ki->k", rotation[:, :, 2], centre) / np.linalg.norm(centre, axis=1)
+    before = np.einsum("vi,vi->v", bases.rotation[:, :, 2], bases.rotation @ middle + bases.translation)
+    inside &= side * np.repeat(np.sign(before), len(turns)) > np.sin(np.radians(15))
+    return poses[np.flatnonzero(inside)], view
+
+
+def _information(found: Estimate, poses: Poses, view: View) -> Array:
+    """Aᵀ V⁻¹ A (K, 12, 12) of one more pose each."""
+    camera = found.pictures.camera
+    views = [replace(view, id=str(i), uv=camera.project(p.apply(view.xyz))) for i, p in enumerate(poses)]
+    problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)))
+    measured = Measured(equation.robot_pose(found.setup, found.x, found.z, poses), np.zeros((len(poses), 6)))
+    joint = Joint(found.setup, problem, lambda offset: measured, found.noise)
+    linear = joint.linear(Unknowns(problem.state(camera.params, poses), found.x, found.z))
+    weights = variance.weights(linear, found.noise, 1.0)
+    return np.einsum("vif,vij,vjg->vfg", linear.by_shared, weights, linear.by_shared)

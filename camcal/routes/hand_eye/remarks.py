@@ -1,0 +1,102 @@
+"""What makes a hand-eye transformation less good than it seems."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from camcal.assess.warning import CalibrationWarning
+from camcal.routes.hand_eye import NAMES
+from camcal.routes.hand_eye.estimate import LEAST_TO_TEST, Estimate
+from camcal.routes.hand_eye.recognise import Reading
+from camcal.routes.hand_eye.scale import DIFFERENT
+
+#: Part of the poses that may be outliers: with a third of them wrong in the same way, the others could be
+#: the wrong ones.
+MOST_OUTLIERS = 1 / 3
+#: Of the standard deviations of the translation along its principal directions: from 3 on, the worst direction has a
+#: ninth of the information of the best.
+UNEVEN = 3.0
+
+
+def remarks(
+    made: Estimate,
+    reading: Reading,
+    other: Reading | None,
+    names: Sequence[str],
+    size: tuple[float, float],
+    lost: tuple[int, int],
+) -> Iterator[CalibrationWarning]:
+    """The warnings of a hand-eye calibration.
+
+    Parameters
+    ----------
+    other : Reading or None
+        One that fits far better than what was asked for.
+    names : sequence of str
+        Of all views with a pose.
+    size : (float, float)
+        Length of the robot's motions over what the board says, and its standard deviation.
+    lost : (int, int)
+        Views without a pose and poses without a view.
+    """
+    if other is not None:
+        yield CalibrationWarning(
+            "hand-eye-convention",
+            f"the poses were read as {reading.words}, which leaves {np.degrees(reading.misfit):.2g} deg; as "
+            f"{other.words} they leave {np.degrees(other.misfit):.2g} deg.",
+            "Check --rotation and --setup, and whether the poses are base_from_hand (else --inverse).",
+            "wrong",
+        )
+    yield from _poses(made, names, lost)
+    yield from _directions(made)
+    factor, sigma = size
+    if np.isfinite(sigma) and abs(factor - 1) > DIFFERENT * sigma:
+        yield CalibrationWarning(
+            "hand-eye-scale",
+            f"the robot moves {factor:.5g} ± {sigma:.1g} times as far as the board's lengths say.",
+            "Measure the side of a square; the transformation is as wrong as it is.",
+        )
+
+
+def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Iterator[CalibrationWarning]:
+    out = sorted(set(range(len(names))) - set(made.used.tolist()))
+    if out:
+        many = len(out) > MOST_OUTLIERS * len(names)
+        listed = ", ".join(f"'{names[i]}'" for i in out[:5]) + (", ..." if len(out) > 5 else "")
+        yield CalibrationWarning(
+            "hand-eye-outliers",
+            f"{len(out)} of {len(names)} poses do not agree with the others and are left out: {listed}.",
+            "Check that each pose belongs to its picture, and that the robot stood still.",
+            "wrong" if many else "doubtful",
+        )
+    if len(names) < LEAST_TO_TEST:
+        yield CalibrationWarning(
+            "hand-eye-few-poses",
+            f"{len(names)} poses: a wrong one would not be noticed; {LEAST_TO_TEST} are needed for that.",
+            "Take ten or more.",
+        )
+    if any(lost):
+        yield CalibrationWarning(
+            "hand-eye-unmatched",
+            f"{lost[0]} views have no pose, {lost[1]} poses have no view.",
+            "They are left out; check the names where that is not meant.",
+            "note",
+        )
+
+
+def _directions(made: Estimate) -> Iterator[CalibrationWarning]:
+    values, vectors = np.linalg.eigh(made.covariance[3:6, 3:6])
+    ratio = float(np.sqrt(values[2] / values[0]))
+    if ratio <= UNEVEN:
+        return
+    direction = " ".join(
+        f"{c:.2f}" for c in vectors[:, 2] * np.sign(vectors[np.abs(vectors[:, 2]).argmax(), 2]) + 0.0
+    )
+    yield CalibrationWarning(
+        "hand-eye-weak-direction",
+        f"the translation of {NAMES[made.setup][0]} along ({direction}) is known {ratio:.2g} times worse than in the "
+        f"best direction: the motions turn by {made.motions.turns_deg[1]:.2g} deg about a second axis.",
+        "Add the poses under hand_eye.next of the report.",
+    )

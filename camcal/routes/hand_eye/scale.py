@@ -1,0 +1,71 @@
+"""The unit of the robot's translations over that of the board's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.errors import DataError
+from camcal.model.pose import Array
+from camcal.routes.hand_eye.shah import rotations_of
+from camcal.routes.hand_eye.views import Views
+
+#: millimetres in the units that a length may have
+MILLIMETRES = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+#: Units of length differ by 2.54 (cm and in) or more; boards are printed true to a few percent.
+SAME_UNIT = 1.5
+#: Standard deviations from which on the board's and the robot's lengths differ: once in two million by chance.
+DIFFERENT = 5.0
+
+
+def scale(views: Views) -> tuple[float, float]:
+    """How many times longer the robot's translations are than the board's lengths say, and its standard deviation.
+
+    Least squares for (R_A − I) t_X − k R_X t_B = −t_A with an unknown k; 1 where both are in the same unit. Without
+    turns about two axes k is undetermined: NaN.
+    """
+    a, b = views.motions
+    rotation: Array = rotations_of(views.robot.rotation, views.camera.rotation)[0]
+    left = np.concatenate([a.rotation - np.eye(3), -(b.translation @ rotation.T)[:, :, None]], 2).reshape(
+        -1, 4
+    )
+    unit = np.sqrt(np.square(left).sum(0))
+    left = left / np.where(unit > 0, unit, 1.0)
+    right = -a.translation.ravel()
+    solved, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-6)
+    freedom = 3 * (len(views) - 1) - 4
+    if rank < 4 or freedom < 1:
+        return float("nan"), float("nan")
+    # M pairs of V - 1 independent motions: matrix and squares grow alike, the degrees of freedom do not
+    rest = np.square(left @ solved - right).sum() / freedom
+    return float(solved[3] / unit[3]), float(np.sqrt(np.linalg.inv(left.T @ left)[3, 3] * rest) / unit[3])
+
+
+def require_same_unit(factor: float, unit: str | None) -> None:
+    """Refuse poses whose lengths are in another unit than the board's.
+
+    Parameters
+    ----------
+    factor : float
+        As `scale` gives it.
+    unit : str or None
+        Of the report.
+
+    Raises
+    ------
+    DataError
+    """
+    if not np.isfinite(factor) or 1 / SAME_UNIT < abs(factor) < SAME_UNIT:
+        return
+    guess = next((u for u, mm in MILLIMETRES.items() if _is(factor, mm, unit)), None)
+    of = f"the report's unit ({unit})" if unit in MILLIMETRES else "the report's unit"
+    raise DataError(
+        f"the robot moves {abs(factor):.4g} times as far as the pictures say in {of}: the poses are in another unit.",
+        f"The poses are in {guess}? Say so: --poses-unit {guess}."
+        if guess
+        else "Give the side of a square with its unit (--square 25mm), and --poses-unit.",
+    )
+
+
+def _is(factor: float, millimetres: float, unit: str | None) -> bool:
+    """Whether poses in a unit would explain the factor, to a tenth."""
+    return unit in MILLIMETRES and abs(abs(factor) * millimetres / MILLIMETRES[unit] - 1) < 0.1

@@ -1,0 +1,136 @@
+"""`hand_eye`: a camera on a robot's hand, or beside it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from camcal.schema.kinds import UNSET, Count, Figure, Section, Sigma, UnsetType, Vector, key
+
+Three = tuple[Sigma, Sigma, Sigma]
+
+
+class PlainPose(Section):
+    """A pose."""
+
+    rotation_vector: Annotated[Vector, key("rad")]
+    translation: Annotated[Vector, key("in the unit of the target")]
+
+
+class KnownPose(PlainPose):
+    """A pose with its accuracy; `a_from_b` takes points of the frame b to the frame a."""
+
+    sigma_rotation_deg: Annotated[
+        Three,
+        key("standard deviations of the rotation about the axes of the first frame of the name, degrees"),
+    ]
+    sigma_translation: Annotated[Three, key("standard deviations of the translation")]
+    interval_rotation_deg: Annotated[Three, key("half widths of the 95 % intervals, by Student's t")]
+    interval_translation: Annotated[Three, key("the same of the translation")]
+    covariance: Annotated[
+        list[list[Figure]], key("6x6: rotation (rad, about the axes of the first frame), translation")
+    ]
+
+
+class Estimated(Section):
+    """A figure that was estimated."""
+
+    value: Annotated[Figure, key("the estimate")]
+    sigma: Annotated[Sigma, key("one standard deviation; null where the figure is too small to be measured")]
+
+
+class Robot(Section):
+    """How accurate the robot is."""
+
+    translation_rms: Annotated[
+        Figure, key("root mean square length of what is left of the robot's positions, unit of the target")
+    ]
+    rotation_rms_deg: Annotated[Figure, key("root mean square angle of what is left of its rotations")]
+    translation_sigma: Annotated[Estimated, key("standard deviation of a coordinate of its positions")]
+    rotation_sigma_deg: Annotated[Estimated, key("standard deviation of its rotations about an axis")]
+
+
+class Image(Section):
+    """What is left of the image points."""
+
+    rms_point: Annotated[Figure, key("over the used points, px")]
+    sigma: Annotated[
+        Figure, key("standard deviation of an image coordinate, px (a factor where points have sigmas)")
+    ]
+
+
+class Method(Section):
+    """A closed form."""
+
+    name: Annotated[str, key("`tsai`, `park`, `horaud`, `andreff`, `daniilidis`, `shah`, `li`")]
+    paper: Annotated[str, key("authors and year")]
+    rotation_vector: Annotated[
+        Vector | None, key("of the hand-eye transformation, rad; null where it failed")
+    ]
+    translation: Annotated[Vector | None, key("of the same")]
+    translation_rms: Annotated[Figure, key("what it leaves of the robot's positions")]
+    rotation_rms_deg: Annotated[Figure, key("what it leaves of the robot's rotations")]
+
+
+class Motions(Section):
+    """How far the camera turns from view to view."""
+
+    turns_deg: Annotated[
+        list[Figure],
+        key("root mean square turn about the main axis and two across it, over all pairs of views"),
+    ]
+    axes: Annotated[list[Vector], key("these axes in the camera's frame")]
+    noise_deg: Annotated[list[Figure], key("what the pictures' noise makes of them")]
+
+
+class PoseOfView(Section, kw_only=True):
+    """The robot at one view."""
+
+    id: Annotated[str, key("of the view")]
+    status: Annotated[Literal["used", "outlier"], key("`used` or `outlier`")]
+    base_from_hand: Annotated[PlainPose | UnsetType, key("as estimated, of a used view")] = UNSET
+    translation_residual: Annotated[
+        Vector | UnsetType, key("estimated less measured, in the base's frame")
+    ] = UNSET
+    rotation_residual_deg: Annotated[Figure | UnsetType, key("angle between both")] = UNSET
+
+
+class NextPose(Section):
+    """A pose to add."""
+
+    base_from_hand: Annotated[PlainPose, key("where to move the hand")]
+    cam_from_board: Annotated[PlainPose, key("what the camera sees there")]
+    sigma_rotation_deg: Annotated[
+        Three, key("standard deviations of the transformation with this pose and those before it")
+    ]
+    sigma_translation: Annotated[Three, key("the same of its translation")]
+
+
+class HandEye(Section, kw_only=True):
+    """A hand-eye calibration."""
+
+    setup: Annotated[
+        Literal["in-hand", "to-hand"], key("`in-hand`: the camera moves; `to-hand`: the board does")
+    ]
+    hand_from_camera: Annotated[KnownPose | UnsetType, key("of a camera in the hand")] = UNSET
+    base_from_board: Annotated[
+        KnownPose | UnsetType, key("of a camera in the hand: where the board stands")
+    ] = UNSET
+    base_from_camera: Annotated[KnownPose | UnsetType, key("of a camera beside the robot")] = UNSET
+    hand_from_board: Annotated[
+        KnownPose | UnsetType, key("of a camera beside the robot: how the hand holds the board")
+    ] = UNSET
+    robot: Annotated[Robot, key("the robot's accuracy")]
+    image: Annotated[Image, key("the pictures' accuracy")]
+    poses: Annotated[Count, key("number of poses that the result rests on")]
+    outliers: Annotated[Count, key("number of poses left out")]
+    rotation: Annotated[str, key("how the rotations of the poses were read, as for `--rotation`")]
+    methods: Annotated[list[Method], key("the closed forms; the joint estimate begins at the best of them")]
+    motions: Annotated[Motions, key("the turns that the result rests on")]
+    scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
+    time_offset: Annotated[
+        Estimated | UnsetType, key("of poses with times: s, to be added to the camera's time")
+    ] = UNSET
+    views: Annotated[list[PoseOfView], key("the robot at each view")]
+    next: Annotated[
+        list[NextPose], key("poses that would make the transformation best known, one after the other")
+    ]
