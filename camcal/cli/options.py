@@ -71,7 +71,6 @@ class SettingOption(click.Option):
         super().__init__(
             [*names, setting.name],
             help=setting.help,
-            default=tuple(setting.default or ()) if setting.repeated else setting.default,
             show_default=shown and setting.show_default,
             required=setting.required,
             multiple=setting.repeated,
@@ -79,7 +78,7 @@ class SettingOption(click.Option):
             envvar=setting.environment,
             type=None if setting.is_switch else KindType(_item_of(setting)),
             metavar=None if setting.is_switch else setting.value_name,
-            **more,
+            **more | _default(setting),
         )
 
     def process_value(self, ctx: click.Context, value: Any) -> Any:
@@ -91,6 +90,13 @@ class SettingOption(click.Option):
             if ctx.get_parameter_source(self.name or "") is ParameterSource.ENVIRONMENT:
                 error.param_hint = str(self.envvar)
             raise
+
+
+def _default(setting: Option) -> dict[str, Any]:
+    """Return click's `default`; none of a required option, which click 8.3 would take for a value that was given."""
+    if setting.required:
+        return {}
+    return {"default": tuple(setting.default or ()) if setting.repeated else setting.default}
 
 
 def _item_of(setting: Option) -> Kind:

@@ -158,3 +158,17 @@ def test_quoted_yaml_values_and_numbers(resolved):
     assert found["square"]["value"] == "25"
     assert found["image_size"]["value"] == [640, 480]
     assert found["fix"]["value"] == {"p1": None, "p2": None}
+
+
+@pytest.mark.parametrize(
+    "args, option",
+    [
+        (["undistort", "a.png", "-o", "out"], "--camera"),
+        (["batch", "."], "--output"),
+        (["hand-eye", "r.yaml"], "--poses"),
+        (["detect", "a.png"], "--output"),
+    ],
+)
+def test_a_required_option_is_asked_for(camcal, args, option):
+    code, _, err = camcal(*args)
+    assert code == 2 and option in err
