@@ -1,21 +1,107 @@
-"""Conditions that make the calibration of a rig less than it seems."""
+"""Conditions that make the calibration of a rig less than it seems: its own, and those of each of its cameras."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.assess.checks import check as check_camera
+from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.rig import relative_sigmas
 from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import RigCalibration
-from camcal.solve.rig_start import Pictures
+from camcal.solve.rig_cameras import within
+
+#: instants that two cameras share: below, one board read wrongly decides
+FEW_INSTANTS = 4
+#: a relative rotation known no better than this, degrees, moves the pictures against each other by ten pixels at a
+#: focal length of 1000 px
+LOOSE_DEG = 0.5
+#: warnings on a camera of a rig: on its lens, its points and its pictures. Those on its poses and on what its own views
+#: determine do not hold where other cameras see the same boards.
+OF_A_CAMERA = (
+    "poor-coverage", "points-outside-image", "outliers", "large-residuals", "systematic-residuals",
+    "points-outside-model", "image-circle", "fold-in-image", "heavy-tailed-residuals", "rounded-coordinates",
+    "rejected-points",
+)  # fmt: skip
 
 
-def check(solution: RigCalibration, pictures: Pictures) -> tuple[CalibrationWarning, ...]:
-    """All warnings on a rig."""
-    found = []
-    if not solution.fit.converged:
-        found.append(
-            CalibrationWarning(
-                "not-converged",
-                f"the joint refinement did not converge: {solution.fit.stop_reason}.",
-                "Look at the residuals of the cameras; leave out pictures that do not belong.",
-            )
-        )
+def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[CalibrationWarning, ...]:
+    """All warnings on a rig, those of its cameras with their names in front.
+
+    Parameters
+    ----------
+    lags : mapping of camera -> frames
+        What `camcal.solve.rig_lags.lags` found.
+    """
+    found = [out_of_step(lags)] if lags else []
+    accuracy = covariance(solution)
+    found += [*_not_converged(solution), *_undetermined(accuracy), *_few_instants(solution)]
+    found += _loose(solution, accuracy)
+    for name in solution.rig.cameras:
+        for warning in check_camera(within(solution, name)):
+            if warning.code in OF_A_CAMERA or warning.code.startswith("pictures-"):
+                found.append(replace(warning, message=f"camera {name}: {warning.message}"))
     return tuple(found)
+
+
+def out_of_step(lags: Mapping[str, int]) -> CalibrationWarning:
+    """That cameras lag, by how much."""
+    frames = [f"{n} by {abs(k)} frame{'s' * (abs(k) != 1)}" for n, k in lags.items() if k > 0]
+    ahead = [f"{n} by {abs(k)} frame{'s' * (abs(k) != 1)}" for n, k in lags.items() if k < 0]
+    said = [f"{' and '.join(frames)} late"] * bool(frames) + [f"{' and '.join(ahead)} early"] * bool(ahead)
+    return CalibrationWarning(
+        "cameras-out-of-step",
+        f"the cameras are not in step: {', '.join(said)}. The board stands where the others see it only after "
+        "shifting these views.",
+        "Number the views of that camera anew, or trigger the cameras together.",
+        "wrong",
+    )
+
+
+def _not_converged(solution: RigCalibration) -> Iterator[CalibrationWarning]:
+    if not solution.fit.converged:
+        yield CalibrationWarning(
+            "not-converged",
+            f"the joint refinement did not converge: {solution.fit.stop_reason}.",
+            "Look at the residuals by camera; leave out pictures that do not belong.",
+        )
+
+
+def _undetermined(accuracy: Covariance) -> Iterator[CalibrationWarning]:
+    if accuracy.undetermined:
+        yield CalibrationWarning(
+            "undetermined-parameters",
+            f"the data do not determine {', '.join(accuracy.undetermined)}.",
+            "Add tilted views all over the picture, hold parameters (--fix), or choose a smaller model.",
+        )
+
+
+def _few_instants(solution: RigCalibration) -> Iterator[CalibrationWarning]:
+    """A camera that shares few instants with all others together."""
+    blocks, names = solution.observations.blocks, solution.observations.cameras
+    seen = np.zeros((len(names), len(solution.poses)), bool)
+    seen[blocks.camera, blocks.view] = True
+    for index, name in enumerate(names):
+        count = int((seen[index] & (np.delete(seen, index, 0).any(0))).sum())
+        if count < FEW_INSTANTS:
+            yield CalibrationWarning(
+                "few-shared-instants",
+                f"camera {name} shares {count} instant{'s' * (count != 1)} with the others: its place rests on "
+                "little.",
+                "Take pictures of the board where this camera and another one see it.",
+            )
+
+
+def _loose(solution: RigCalibration, accuracy: Covariance) -> Iterator[CalibrationWarning]:
+    """Relative poses that are hardly known."""
+    for name in list(solution.rig.cameras)[1:]:
+        turn = float(np.degrees(np.linalg.norm(relative_sigmas(solution, accuracy, name)[:3])))
+        if not turn <= LOOSE_DEG:
+            yield CalibrationWarning(
+                "loose-relative-pose",
+                f"the orientation of camera {name} to {solution.rig.reference} is known to {turn:.2g} degrees only.",
+                "Take pictures of the board near and large in both cameras, tilted in different directions.",
+            )

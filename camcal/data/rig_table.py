@@ -50,6 +50,8 @@ class RigViews:
         else:
             parts = dict(data)
             order = tuple(dict.fromkeys(v for p in parts.values() for v in p.view_ids))
+        if all(v.lstrip("-").isdecimal() for v in order):  # frames, in the order of time
+            order = tuple(sorted(order, key=int))
         if len(parts) < 2:
             raise DataError(
                 "a rig has two or more cameras; there is one.", "Use camcal.calibrate for one camera."

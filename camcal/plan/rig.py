@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.holdout import described, folds_wanted, hold_out
-from camcal.assess.rig_checks import check
+from camcal.assess.rig_checks import check, out_of_step
 from camcal.data.observations import Observations
 from camcal.data.rig_table import RigViews, joined
+from camcal.errors import EstimationError
 from camcal.model.pose import Poses
 from camcal.model.rig import Rig
 from camcal.plan.better import Candidate
 from camcal.plan.boards import SHAPES, with_shape
 from camcal.plan.options import Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
-from camcal.plan.progress import Attempt, Change, Progress, follow
+from camcal.plan.progress import Attempt, Change, Progress, advance, follow
 from camcal.plan.rig_cameras import Alone, alone, board_variance, check_options
 from camcal.plan.solution import RigSolution
 from camcal.settings.calibration import CalibrationOptions
@@ -32,6 +33,7 @@ from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration, Stage
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, refine, residuals
+from camcal.solve.rig_lags import lags
 from camcal.solve.rig_start import Links, Pictures, corners_of, links, placed, spanning_tree, symmetries
 
 #: called with (what happens, details) as the work goes on
@@ -83,7 +85,7 @@ def calibrate_rig(
         cameras[name] = alone(name, part, asked, refine_points)
         fit = cameras[name].fit
         tell("camera", {"name": name, "rms_point": fit.rms_point, "model": fit.camera.lens.name})
-    progress = follow(PLAN, _begun(cameras, views, asked))
+    progress = _followed(_begun(cameras, views, asked))
     solution = _solution(progress, cameras, asked)
     tell("refined", {"rms_point": solution.rms_point, "rejected": int((~solution.used).sum())})
     solution = replace(solution, options=asked.described(options))
@@ -116,6 +118,16 @@ def _begun(cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions) -> 
     return Progress(options, first, how, data, data, notes=notes)
 
 
+def _followed(begun: Progress) -> Progress:
+    """The attempts of the plan to its end; a camera that lags is named where nothing comes of them."""
+    progress = advance(PLAN, begun)
+    late = progress.notes.get("lags")
+    if progress.best is None and late:
+        said = out_of_step(late)
+        raise EstimationError(said.message, said.hint)
+    return follow((), progress)
+
+
 def _pictures(cameras: Mapping[str, Alone], views: RigViews, data: Observations) -> Pictures:
     """The pose of the board before each picture, as its camera alone has it."""
     found = {}
@@ -144,7 +156,13 @@ def _link(progress: Progress) -> Change:
     info = {"tree": [f"{data.cameras[a]}-{data.cameras[b]}" for a, b in tree], "turned_pictures": turned}
     rms = float(np.sqrt(np.square(off).sum(1).mean()))
     stage = Stage("spanning-tree", rms, None, time.perf_counter() - begin, info=info)
-    notes = {"rig": rig, "poses": poses, "links": known}
+    late = lags(pictures, known, tree, turns, corners)
+    notes = {
+        "rig": rig,
+        "poses": poses,
+        "links": known,
+        "lags": {data.cameras[c]: n for c, n in late.items()},
+    }
     return Change(data=data, given=data, stage=stage, notes=notes)
 
 
@@ -224,4 +242,4 @@ def _assessed(solution: RigSolution, progress: Progress, asked: RigOptions) -> R
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, None))
-    return replace(solution, warnings=check(solution, progress.notes["pictures"]))
+    return replace(solution, warnings=check(solution, progress.notes["lags"]))

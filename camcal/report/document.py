@@ -147,15 +147,19 @@ def stage_entry(stage: Stage) -> dict[str, Any]:
 
 
 def _camera(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
-    camera = solution.camera
-    # columns of zeros belong to the board's shape, which `target` holds
-    free = solution.free[:, solution.free.any(0)]
+    entry = camera_of_fit(solution.camera, accuracy.sigmas, solution.start, solution.free)
+    entry["correlations"] = [{"pair": [a, b], "value": r} for a, b, r in accuracy.strong_correlations()]
+    return entry
+
+
+def camera_of_fit(camera: Camera, sigmas: Mapping[str, float], start: Camera, free: Array) -> dict[str, Any]:
+    """The entry of an estimated camera, of the rows (P, F) that are its own of d params / d variables."""
+    free = free[:, free.any(0)]  # columns of zeros belong to the board's shape, which `target` holds
     fixed = ~np.any(free, axis=1)
     held = [name for name, is_fixed in zip(camera.lens.names, fixed, strict=True) if is_fixed]
-    entry = camera_entry(camera, accuracy.sigmas, solution.start.values, held)
+    entry = camera_entry(camera, sigmas, start.values, held)
     if not _is_selection(free):
         entry["free_directions"] = free
-    entry["correlations"] = [{"pair": [a, b], "value": r} for a, b, r in accuracy.strong_correlations()]
     return entry
 
 

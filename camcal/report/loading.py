@@ -18,6 +18,7 @@ from camcal.errors import CamcalError, DataError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
+from camcal.model.rig import Rig
 from camcal.plan.solution import Solution
 from camcal.report.embedded import decode
 from camcal.report.yaml import read_document
@@ -28,8 +29,8 @@ from camcal.schema.kinds import UNSET
 from camcal.schema.views import Shape, Target, View
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
-from camcal.solve.problem import Problem
-from camcal.solve.refine import on_board, residuals
+from camcal.solve.problem import Problem, Seen
+from camcal.solve.refine import cameras_of, on_board, residuals, rig_poses
 
 Array = np.ndarray
 
@@ -60,14 +61,14 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
     report = structure(Report, found, source)
     if not isinstance(report.camera, Section):
         raise DataError(f"'{source}' is damaged: 'camera' is missing.", "Make the report again.")
-    with _damage(source):
+    with damage(source):
         camera = camera_of_entry(found["camera"], source)
-        start, free = _start_and_free(report.camera, camera)
+        start, free = start_and_free(report.camera, camera)
         seen, places = decode(report.data, [v.id for v in report.views])
         poses = _poses([report.views[i] for i in places])
         data = _with_inputs(seen, report, found)
-        board = _board(report.target, data)
-        normal = _normal(camera, free, poses, data, board)
+        board = board_of(report.target, data)
+        normal = normal_at(camera, [free], poses, data, board)
         return Solution(
             camera=camera,
             poses=poses,
@@ -76,9 +77,9 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             start=start,
             free=np.c_[free, np.zeros((len(free), len(normal.intrinsics) - free.shape[1]))],
             normal=normal,
-            fit=_fit(report.fit),
-            stages=tuple(_stage(s) for s in report.stages),
-            warnings=tuple(_warning(w) for w in report.warnings),
+            fit=fit_of(report.fit),
+            stages=tuple(stage_of(s) for s in report.stages),
+            warnings=tuple(warning_of(w) for w in report.warnings),
             options=found["options"],
             crosscheck=tuple(found["crosscheck"]),
             holdout=found["holdout"],
@@ -98,7 +99,7 @@ def load_camera(path: str | os.PathLike) -> Camera:
 
 
 @contextmanager
-def _damage(source: str) -> Any:
+def damage(source: str) -> Any:
     """Say of any missing or misshapen entry that the file is damaged."""
     try:
         yield
@@ -109,7 +110,8 @@ def _damage(source: str) -> Any:
         raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
 
 
-def _start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
+def start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
+    """Where the search for a camera began, and d params / d free parameters (P, F)."""
     given = [section.parameters[name] for name in camera.lens.names]
     start = np.array([p.value if p.start is UNSET else p.start for p in given], float)
     free = np.eye(len(given))[:, [not p.fixed for p in given]]
@@ -144,7 +146,7 @@ def _with_inputs(seen: Observations, report: Report, found: Mapping[str, Any]) -
     )
 
 
-def _board(target: Target | None, seen: Observations) -> ShapedBoard | None:
+def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:
     """The estimated shape of the board, where the report has one; a given shape is part of the points."""
     shape = UNSET if target is None else target.shape
     if not isinstance(shape, Shape) or shape.kind not in KINDS:
@@ -157,32 +159,37 @@ def _board(target: Target | None, seen: Observations) -> ShapedBoard | None:
     return ShapedBoard(shape.kind, ideal, points, board.size, board.basis)
 
 
-def _normal(
-    camera: Camera, free: Array, poses: Poses, seen: Observations, board: ShapedBoard | None
+def normal_at(
+    subject: Camera | Rig, frees: Sequence[Array], poses: Poses, seen: Observations, board: ShapedBoard | None
 ) -> NormalBlocks:
     """The normal equations at the solution; with a board's shape, in offsets from the shape found."""
-    used = seen.kept()
+    used, cameras = seen.kept(), cameras_of(subject)
     kept, weights = used.views, None if used.precision is None else used.split(used.precision)
+    lenses, instants = [c.lens for c in cameras], Seen(used.blocks.camera, used.blocks.view)
     if board is None:
-        problem = Problem(camera.lens, kept, free, weights)
+        problem = Problem(lenses, kept, frees, weights, seen=instants)
     else:
         assert board.basis is not None
         common = common_points(kept)
-        assert common is not None  # or `_board` would have said so
-        problem = BoardProblem(camera.lens, kept, free, Board(*common, board.kind, board.basis), weights)
-    blocks = problem.linearise(problem.state(camera.params, poses))
+        assert common is not None  # or `board_of` would have said so
+        shape = Board(*common, board.kind, board.basis)
+        problem = BoardProblem(lenses, kept, frees, shape, weights, seen=instants)
+    params = np.concatenate([c.params for c in cameras])
+    blocks = problem.linearise(problem.state(params, poses, rig_poses(subject)))
     if blocks is None:
         raise DataError("a used point lies outside the lens's domain.", "The report is damaged.")
     return blocks.normal()
 
 
-def _warning(section: schema.Warning_) -> CalibrationWarning:
+def warning_of(section: schema.Warning_) -> CalibrationWarning:
+    """A warning."""
     # reports made before severities were graded have none
     severity = "doubtful" if section.severity is UNSET else section.severity
     return CalibrationWarning(section.code, section.message, section.hint, severity)
 
 
-def _fit(section: schema.Fit) -> Fit:
+def fit_of(section: schema.Fit) -> Fit:
+    """How the search went."""
     nan = float("nan")
     return Fit(
         section.optimizer,
@@ -197,7 +204,8 @@ def _fit(section: schema.Fit) -> Fit:
     )
 
 
-def _stage(section: schema.Stage) -> Stage:
+def stage_of(section: schema.Stage) -> Stage:
+    """An attempt on the way."""
     matrix, projection = section.matrix, section.projection_matrix
     return Stage(
         section.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,15 @@ from camcal.assess.rig import baseline_sigma, relative_sigmas
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.plan.solution import RigSolution
-from camcal.report.camera import camera_entry
-from camcal.report.document import checked, fit_entry, skipped_entry, stage_entry, used_view, warning_entry
+from camcal.report.document import (
+    camera_of_fit,
+    checked,
+    fit_entry,
+    skipped_entry,
+    stage_entry,
+    used_view,
+    warning_entry,
+)
 from camcal.report.embedded import encode
 from camcal.report.head import head
 from camcal.report.plain import plain
@@ -42,6 +50,7 @@ def document(
         "inputs": {
             "image_size": data.image_size,
             "image_sizes": dict(zip(data.cameras, data.image_sizes, strict=True)),
+            "instants": list(data.view_ids),
             "views": len(views),
             "points": data.point_count,
             "files": list(data.files),
@@ -66,19 +75,18 @@ def document(
         "verdict": solution.verdict,
         "grade": solution.grade,
         "failures": solution.failures,
-        "data": encode(data, places),
+        "data": encode(replace(data, view=data.block_of_row), places),
     }
     return checked(plain(made))
 
 
 def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
-    held = {n: not row.any() for n, row in zip(solution.names, solution.free, strict=True)}
-    sigmas, found = accuracy.sigmas, {}
+    sigmas, found, row = accuracy.sigmas, {}, 0
     for name, camera in solution.rig.cameras.items():
-        names = camera.lens.names
-        own = {p: sigmas[f"{name}.{p}"] for p in names}
-        fixed = [p for p in names if held[f"{name}.{p}"]]
-        found[name] = camera_entry(camera, own, solution.start.cameras[name].values, fixed)
+        own = {p: sigmas[f"{name}.{p}"] for p in camera.lens.names}
+        free = solution.free[row : row + camera.lens.size]
+        found[name] = camera_of_fit(camera, own, solution.start.cameras[name], free)
+        row += camera.lens.size
     return found
 
 

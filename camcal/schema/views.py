@@ -31,6 +31,7 @@ class Inputs(Section, kw_only=True):
 
     image_size: Annotated[Size | None, key("[width, height] or null")]
     image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("of a rig: by camera")] = UNSET
+    instants: Annotated[list[str] | UnsetType, key("of a rig: those that were used, in order")] = UNSET
     views: Annotated[Count, key("number of views, those left out included")]
     points: Annotated[Count, key("number of points read")]
     files: Annotated[list[File], key("each with `path` and `sha256`")]

@@ -113,7 +113,7 @@ def refine(
     frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, _fixes(start, how), strict=True)]
     problem = make_problem(cameras, observations, frees, how)
     params = np.concatenate([c.params for c in cameras])
-    state = problem.state(params, poses, _rig_poses(start))
+    state = problem.state(params, poses, rig_poses(start))
     result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
     final, board, scale = problem.poses(result.state), None, 1.0
     if isinstance(problem, BoardProblem):
@@ -184,7 +184,8 @@ def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
     )
 
 
-def _rig_poses(start: Camera | Rig) -> Poses | None:
+def rig_poses(start: Camera | Rig) -> Poses | None:
+    """cam_from_rig of all cameras; None of a camera alone."""
     return Poses.stack(list(start.cam_from_rig.values())) if isinstance(start, Rig) else None
 
 

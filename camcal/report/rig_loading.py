@@ -1,0 +1,125 @@
+"""Reports of rigs read back: a `RigSolution` with its data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from camcal.data.formats.camcal import camera_of_entry, pose_of_entry
+from camcal.data.observations import Observations, SkippedView
+from camcal.errors import DataError
+from camcal.model.pose import Poses
+from camcal.model.rig import Rig
+from camcal.plan.solution import RigSolution
+from camcal.report.embedded import decode
+from camcal.report.loading import board_of, damage, fit_of, normal_at, stage_of, start_and_free, warning_of
+from camcal.report.yaml import read_document
+from camcal.schema import Report, check, structure
+from camcal.schema.kinds import UNSET
+from camcal.solve.refine import residuals
+
+Array = np.ndarray
+
+
+def load_rig(path: str | os.PathLike) -> RigSolution:
+    """Read the report of a rig back, with its data.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, no report of a rig with its data, or damaged.
+    """
+    found = read_document(path)
+    check(found, str(path))
+    return from_document(found, str(path))
+
+
+def is_rig_report(found: Mapping[str, Any]) -> bool:
+    """Whether a document is the report of `camcal rig`."""
+    return "cameras" in found and "rig" in found and "data" in found
+
+
+def from_document(found: Mapping[str, Any], source: str = "report") -> RigSolution:
+    """The solution of a document that `camcal.report.rig.document` made."""
+    if not is_rig_report(found):
+        raise DataError(f"'{source}' is no report of a rig with its data.", "Give what `camcal rig` wrote.")
+    report = structure(Report, found, source)
+    assert report.cameras is not UNSET and report.rig is not UNSET  # type: ignore[comparison-overlap]
+    with damage(source):
+        cameras = {n: camera_of_entry(e, source, f"cameras.{n}") for n, e in found["cameras"].items()}
+        sections: Mapping[str, Any] = report.cameras  # type: ignore[assignment]
+        begun = {n: start_and_free(sections[n], c) for n, c in cameras.items()}
+        places = {n: pose_of_entry(e) for n, e in found["rig"]["cam_from_rig"].items()}
+        rig = Rig(cameras, places, found["rig"]["reference"])
+        data, poses = _data(report, found)
+        board = board_of(report.target, data)
+        frees = [f for _, f in begun.values()]
+        normal = normal_at(rig, frees, poses, data, board)
+        return RigSolution(
+            rig=rig,
+            start=replace(rig, cameras={n: c for n, (c, _) in begun.items()}),
+            poses=poses,
+            observations=data,
+            residuals=residuals(rig, poses, data),
+            free=_free(frees, len(normal.intrinsics)),
+            normal=normal,
+            fit=fit_of(report.fit),
+            stages=tuple(stage_of(s) for s in report.stages),
+            warnings=tuple(warning_of(w) for w in report.warnings),
+            options=found["options"],
+            crosscheck=tuple(found["crosscheck"]),
+            holdout=found["holdout"],
+            board=board,
+        )
+
+
+def _free(frees: list[Array], variables: int) -> Array:
+    """d params / d variables of all cameras, with columns of zeros for the rig and the board."""
+    made = np.zeros((sum(f.shape[0] for f in frees), variables))
+    row = column = 0
+    for free in frees:
+        made[row : row + free.shape[0], column : column + free.shape[1]] = free
+        row, column = row + free.shape[0], column + free.shape[1]
+    return made
+
+
+def _data(report: Report, found: Mapping[str, Any]) -> tuple[Observations, Poses]:
+    """The observations, and rig_from_board of their instants."""
+    seen, places = decode(report.data, [v.id for v in report.views])
+    names = list(found["cameras"])
+    views = [found["views"][i] for i in places]
+    instants = list(
+        dict.fromkeys(v["instant"] for v in sorted(views, key=lambda v: _rank(found, v["instant"])))
+    )
+    at = {instant: i for i, instant in enumerate(instants)}
+    boards = {v["instant"]: pose_of_entry(v["rig_from_board"]) for v in views}
+    data = replace(
+        seen,
+        view=np.array([at[v["instant"]] for v in views], int)[seen.view],
+        view_ids=tuple(instants),
+        camera=np.array([names.index(v["camera"]) for v in views], int)[seen.view],
+        cameras=tuple(names),
+        image_sizes=tuple(
+            tuple(c["image_size"]) if c["image_size"] else None for c in found["cameras"].values()
+        ),
+        target=found["target"],
+        skipped=tuple(
+            SkippedView(v["id"], v["status"], v["reason"] or "", v["points"], v["rms_point"], v["camera"])
+            for v in found["views"]
+            if v["status"] != "used"
+        ),
+        files=tuple(found["inputs"]["files"]),
+        picture_quality={v["id"]: v["quality"] for v in found["views"] if "quality" in v},
+        pictures={(v["camera"], v["instant"]): v["id"] for v in views if v["id"] != v["instant"]},
+    )
+    return data, Poses.stack([boards[i] for i in instants])
+
+
+def _rank(found: Mapping[str, Any], instant: str) -> int:
+    """Where an instant stands among all that the report names."""
+    order = found["inputs"].get("instants") or []
+    return order.index(instant) if instant in order else len(order)

@@ -1,0 +1,44 @@
+"""One camera of a rig, as a calibration by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.data.rig_table import of_camera
+from camcal.model.pose import Poses
+from camcal.solve.calibration import Calibration, RigCalibration
+from camcal.solve.problem import Problem
+
+
+def within(solution: RigCalibration, name: str) -> Calibration:
+    """A camera of a rig with its own pictures, at the joint estimate.
+
+    Its normal equations are those of its own pictures alone, each with a free pose: what the other cameras add to the
+    knowledge of its intrinsics is not in them, so that standard deviations made from them are not too small. The
+    board is as it was estimated.
+    """
+    index = list(solution.rig.cameras).index(name)
+    whole = solution.observations
+    data = of_camera(whole, name)
+    rows = whole.camera == index
+    instants = np.unique(whole.view[rows])
+    poses = Poses.of(solution.rig.cam_from_rig[name] @ solution.poses[instants])
+    camera = solution.rig.cameras[name]
+    ends = np.cumsum([0, *(c.lens.size for c in solution.cameras)])
+    free = solution.free[ends[index] : ends[index + 1]]
+    free = free[:, free.any(0)]
+    kept = data.kept()
+    weights = None if kept.precision is None else kept.split(kept.precision)
+    problem = Problem(camera.lens, kept.views, free, weights)
+    blocks = problem.linearise(problem.state(camera.params, poses))
+    assert blocks is not None  # the points that the joint estimate rests on
+    return Calibration(
+        camera=camera,
+        start=solution.start.cameras[name],
+        poses=poses,
+        observations=data,
+        residuals=solution.residuals[rows],
+        free=free,
+        normal=blocks.normal(),
+        fit=solution.fit,
+    )

@@ -1,0 +1,66 @@
+"""Whether the cameras of a rig took their pictures at the same instants.
+
+A camera that lags by k frames shows at its picture v + k the board that the others show at v. Then the relative poses
+from pictures k apart agree with one another, and those from pictures of the same number do not, as far as the board
+moves in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camcal.model.pose import Pose
+from camcal.solve.rig_start import Links, Pictures, link, shared
+
+Array = np.ndarray
+
+#: frames by which a camera may lag: triggers lose a frame or two, recordings start some frames apart
+MOST = 5
+#: pairs of pictures that a lag is judged by at least: fewer agree by chance, with six numbers of a pose to fit
+LEAST = 6
+#: a lag is believed where it brings the boards nearer together by this factor. A hand moves a board by several times
+#: what a pose is uncertain by from frame to frame; where it stands still, no lag does better than another.
+NEARER = 0.4
+
+
+def lags(
+    pictures: Pictures, found: Links, tree: Sequence[tuple[int, int]], turns: Sequence[Pose], corners: Array
+) -> dict[int, int]:
+    """By how many frames cameras lag behind most of the others: camera -> frames; empty where all are in step.
+
+    Parameters
+    ----------
+    pictures : Pictures
+        Their views numbered in the order of time.
+    found : mapping of (a, b) -> Link
+    tree : sequence of (a, b)
+        Pairs that connect all cameras, beginning at camera 0.
+    """
+    behind = {0: 0}
+    for a, b in tree:
+        lag = _lag(pictures, a, b, found[a, b].scatter, turns, corners)
+        if a in behind:
+            behind[b] = behind[a] + lag
+        else:
+            behind[a] = behind[b] - lag
+    values, counts = np.unique(list(behind.values()), return_counts=True)
+    usual = (
+        0 if counts.max() == 1 or counts[values == 0].sum() == counts.max() else int(values[counts.argmax()])
+    )
+    return {camera: lag - usual for camera, lag in behind.items() if lag != usual}
+
+
+def _lag(pictures: Pictures, a: int, b: int, scatter: float, turns: Sequence[Pose], corners: Array) -> int:
+    """By how many frames camera b lags behind a; 0 where no lag is believed."""
+    best, least = 0, NEARER * scatter
+    for lag in (k for size in range(1, MOST + 1) for k in (size, -size)):
+        i, j = shared(pictures, a, b, lag)
+        if len(i) < LEAST:
+            continue
+        variance = pictures.variance[i] + pictures.variance[j]
+        apart = link(pictures.poses[i], pictures.poses[j], variance, turns, corners).scatter
+        if apart < least:
+            best, least = lag, apart
+    return best
