@@ -155,7 +155,7 @@ def rectify(
         With their image sizes.
     alpha : float, optional
         0: the largest field in which neither picture is black anywhere; 1: all pixels of both; between: in
-        proportion. By default the scale in the middle of the pictures is kept (the smaller one of the two).
+        proportion. None: the scale in the middle of the pictures is kept (the smaller one of the two).
     size : (width, height), optional
         Of the rectified pictures; that of the first camera's by default.
     projection : str

@@ -61,7 +61,7 @@ class Writer:
             write_picture(self.folder / name, picture, self.force)
         write_picture(self.folder / rows, _with_rows(made, self.pair.geometry.axis), self.force)
 
-    def finish(self, rig: Path, alpha: float | None, command: Sequence[str]) -> dict[str, Any]:
+    def finish(self, rig: Path, alpha: float, command: Sequence[str]) -> dict[str, Any]:
         """Write maps and matrices; the document of the rectification."""
         geometry = self.pair.geometry
         arrays = {
@@ -86,7 +86,7 @@ class Writer:
             "first": self.pair.names[0],
             "second": self.pair.names[1],
             "projection": geometry.projection,
-            "alpha": -1.0 if alpha is None else alpha,  # cv2's word for "as it is"
+            "alpha": alpha,
             **geometry.matrices(),
         }
         if "Q" not in entries:  # for equation (2) of camcal.model.rectification

@@ -122,7 +122,7 @@ def read_pair(pair: Pair, index: int) -> tuple[Array, Array]:
     return found[0], found[1]
 
 
-def section(pair: Pair, alpha: float | None) -> dict[str, Any]:
+def section(pair: Pair, alpha: float) -> dict[str, Any]:
     """The document's `rectification`."""
     made = pair.geometry
     return {
@@ -148,7 +148,7 @@ def natural(
     DataError
         Where a picture cannot be read, or a pair shares too few points.
     """
-    pair = load_pair(path, words)
+    pair = load_pair(path, words)  # at the scale of the pictures
     found = []
     for index, (a, b) in enumerate(pair.pictures):
         first, second = (as_gray(p) for p in read_pair(pair, index))

@@ -151,7 +151,8 @@ _RECTIFY = (
     Option(
         "alpha",
         Real(0, 1),
-        "0: no black anywhere; 1: all pixels of both pictures; by default the scale in the middle is kept.",
+        "0: the largest field without black in either picture; 1: all pixels of both; between: in proportion.",
+        0.0,
     ),
     Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
     Option(

@@ -62,7 +62,7 @@ def test_rectify(camcal, rig):
     stored = cv2.FileStorage("out/rectification.yaml", cv2.FILE_STORAGE_READ)
     for name in ("R1", "R2", "P1", "P2", "Q"):
         np.testing.assert_allclose(stored.getNode(name).mat(), made[name])
-    assert stored.getNode("alpha").real() == -1 and stored.getNode("first").string() == "left"
+    assert stored.getNode("alpha").real() == 0 and stored.getNode("first").string() == "left"
     maps = np.load("out/maps.npz")
     again = cv2.remap(cv2.imread("left.png", 0), maps["left_u"], maps["left_v"], cv2.INTER_LINEAR)
     shown = maps["left_u"] != -1

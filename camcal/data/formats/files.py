@@ -330,18 +330,14 @@ def with_rectification(cameras: CameraFile) -> CameraFile:
         return cameras
     first, second = cameras.cameras
     assert first.pose is not None and second.pose is not None
+    pair = exact(first.camera), exact(second.camera), second.pose @ first.pose.inverse()
     try:
-        found = rectify(
-            exact(first.camera),
-            exact(second.camera),
-            second.pose @ first.pose.inverse(),
-            projection=PERSPECTIVE,
-        )
+        found = rectify(*pair, alpha=0.0, projection=PERSPECTIVE)
     except CamcalError:  # one behind the other, or without an image size: the file is complete without it
         return cameras
     m = found.matrices()
-    pair = (replace(c, rectification=(m[f"R{i}"], m[f"P{i}"])) for i, c in enumerate((first, second), 1))
-    return replace(cameras, cameras=tuple(pair))
+    made = (replace(c, rectification=(m[f"R{i}"], m[f"P{i}"])) for i, c in enumerate((first, second), 1))
+    return replace(cameras, cameras=tuple(made))
 
 
 def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:
