@@ -22,10 +22,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from camcal.assess.design import Design, Rows
 from camcal.assess.figures import redundancy
+from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, normal_exceeded, normality
 
 Array = np.ndarray
 
@@ -188,7 +188,7 @@ def _means(
     statistic = between / free / (within / rest)
     share = 1 - within / rest / max(total / (columns * (n - 1)), 1e-300)
     return ResidualTest(
-        name, question, statistic, float(stats.f.sf(statistic, free, rest)), max(share, 0.0), unit
+        name, question, statistic, float(f_exceeded(statistic, free, rest)), max(share, 0.0), unit
     )
 
 
@@ -202,7 +202,7 @@ def _correlation(found: Standardised) -> ResidualTest:
     # of two products of independent standard normals: variance 1, halved sum 1/2
     statistic = mean / np.sqrt(0.5 / len(pairs))
     return ResidualTest(
-        "neighbours", question, statistic, float(stats.norm.sf(statistic)), mean, "correlation"
+        "neighbours", question, statistic, float(normal_exceeded(statistic)), mean, "correlation"
     )
 
 
@@ -212,10 +212,8 @@ def _gaussian(found: Standardised) -> ResidualTest:
     flat = found.z.ravel()
     if len(flat) < 20:
         return ResidualTest("gaussian", question, float("nan"), 1.0, 0.0, "excess kurtosis")
-    statistic, p = stats.normaltest(flat)
-    return ResidualTest(
-        "gaussian", question, float(statistic), float(p), float(stats.kurtosis(flat)), "excess kurtosis"
-    )
+    statistic, p = normality(flat)
+    return ResidualTest("gaussian", question, statistic, p, excess_kurtosis(flat), "excess kurtosis")
 
 
 def holm(found: list[ResidualTest]) -> list[ResidualTest]:
@@ -244,7 +242,7 @@ def bias_ratio(design: Design) -> BiasRatio | None:
     noise = square / freedom
     statistic = max(covered - square, 0.0) / (own - freedom) / noise
     ratio = 1 - own * noise / covered
-    p_value = float(stats.f.sf(statistic, own - freedom, freedom))
+    p_value = float(f_exceeded(statistic, own - freedom, freedom))
     return BiasRatio(ratio, float(np.sqrt(noise)), p_value, pieces)
 
 

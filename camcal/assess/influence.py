@@ -20,12 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from camcal.assess.covariance import NULL
 from camcal.assess.design import Design
 from camcal.assess.figures import redundancy
 from camcal.assess.uncertainty import ProjectionUncertainty
+from camcal.least_squares.distributions import f_exceeded
 
 Array = np.ndarray
 
@@ -80,7 +80,7 @@ def _p_value(move: Array, spread: Array, freedom: int) -> float:
     good = values > 1e-8 * values[-1]
     along = vectors[:, good].T @ (move / d)
     statistic = float((along**2 / values[good]).sum()) / max(int(good.sum()), 1)
-    return float(f_distribution.sf(statistic, int(good.sum()), freedom))
+    return float(f_exceeded(statistic, int(good.sum()), freedom))
 
 
 def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertainty, pixels: Array) -> Array:

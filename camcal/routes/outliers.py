@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from camcal.data.observations import View
+from camcal.least_squares.distributions import f_bound
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.routes.pose_fit import refine_pose
@@ -58,7 +58,7 @@ def _settled(camera: Camera, view: View, sigma: Array, pose: Pose, variance: flo
     freedom = float(count)
     for _ in range(ROUNDS):
         squares = _squares(camera, pose.apply(view.xyz), view.uv, sigma)
-        bound = 2 * stats.f.ppf(1 - LEVEL / count, 2, freedom)
+        bound = 2 * f_bound(LEVEL / count, 2, freedom)
         again = squares <= bound * variance
         if again.sum() < max(LEAST - 2, count // 2) or (again == chosen).all():
             break

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from camcal.data.observations import View
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective, rotations
+from camcal.least_squares.distributions import f_bound
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.routes.outliers import consensus
@@ -149,7 +149,7 @@ def _could_be(solution: Solution, best: Solution, count: int) -> bool:
         return True
     # exact data: what is left is the rounding of the coordinates, to which no test applies
     rounding = count * (1e-9) ** 2
-    return solution.cost <= stats.f.ppf(LEVEL, freedom, freedom) * max(best.cost, rounding)
+    return solution.cost <= f_bound(1 - LEVEL, freedom, freedom) * max(best.cost, rounding)
 
 
 def _same(a: Pose, b: Pose) -> bool:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from camcal.errors import DataError
+from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
 from camcal.routes.normal import Normal, minimise
 from camcal.routes.placed import PlacedCamera
@@ -207,7 +207,7 @@ def _without_outliers(
     costs, freedom = _costs(images, used, found, count)
     scale = _scale(costs, freedom)
     with np.errstate(invalid="ignore"):
-        suspects = (costs > scale * stats.chi2.ppf(LEVEL, np.maximum(freedom, 1))) & (freedom >= 3)
+        suspects = (costs > scale * chi2_quantile(LEVEL, np.maximum(freedom, 1))) & (freedom >= 3)
     if not suspects.any():
         return used
     best, choice = np.full(count, np.inf), np.full(count, -1)
@@ -222,7 +222,7 @@ def _without_outliers(
             point = images.point[row]
             if cost[point] < best[point] and left[point] >= 1:
                 best[point], choice[point] = cost[point], row
-    good = best <= scale * stats.chi2.ppf(LEVEL, np.maximum(freedom - 2, 1))
+    good = best <= scale * chi2_quantile(LEVEL, np.maximum(freedom - 2, 1))
     out = used.copy()
     out[choice[good & (choice >= 0)]] = False
     return out
@@ -244,7 +244,7 @@ def _scale(costs: Array, freedom: Array) -> float:
     known = np.isfinite(costs) & (freedom > 0)
     if not known.any():
         return float("inf")
-    return max(float(np.median(costs[known] / stats.chi2.ppf(0.5, freedom[known]))), ROUNDING**2)
+    return max(float(np.median(costs[known] / chi2_quantile(0.5, freedom[known]))), ROUNDING**2)
 
 
 def _order_within(point: Array) -> Array:

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from camcal.data.observations import Observations, View
+from camcal.least_squares.distributions import f_bound
 from camcal.model.pose import Array
 from camcal.solve.calibration import Estimate
 from camcal.solve.losses import robust_sigma
@@ -119,7 +119,7 @@ def _undetermined(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
 def cut(points: int, parameters: int) -> float:
     """The largest |r| / s that the test lets pass, for so many points and parameters."""
     freedom = max(_MEDIAN_EFFICIENCY * (2 * points - parameters), 2.0)
-    return float(np.sqrt(2 * f_distribution.isf(ALPHA / points, 2, freedom)))
+    return float(np.sqrt(2 * f_bound(ALPHA / points, 2, freedom)))
 
 
 def looks_gaussian(lengths: Array, sigma: float) -> bool:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from camcal.data.observations import Correspondences
 from camcal.errors import DataError, EstimationError
@@ -205,6 +204,10 @@ def distortion_centre(views: Sequence[_View], half_diagonal: float) -> Array:
     def cost(c: Array) -> float:
         aligned = sum(_alignments(*group, c)[0].sum() for group in groups)
         return float(aligned * half_diagonal**2 + (c @ c) / CENTRE_SPREAD**2)
+
+    from scipy.optimize import (
+        minimize,
+    )  # for wide lenses alone: its import takes longer than a usual calibration
 
     found = minimize(
         cost,

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.errors import UsageError
+from camcal.least_squares.distributions import f_exceeded
 from camcal.solve.board import LEAST_VIEWS, Board, BoardProblem, make_board, settle
 from camcal.solve.schur import Reduced
 
@@ -91,7 +91,7 @@ def promise(facts: Facts) -> Promise | None:
     return Promise(
         sigma_hat,
         sigma_hat * float(np.sqrt(left / before)),
-        float(f_distribution.sf(max(ratio, 0.0), size, freedom - size)),
+        float(f_exceeded(max(ratio, 0.0), size, freedom - size)),
         float(np.sqrt(np.square(points - ideal).sum(1).mean())),
     )
 

@@ -12,7 +12,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from camcal.detect.marked_grid import sample_squares
 from camcal.detect.targets.aprilgrid import AprilGrid
@@ -51,7 +50,13 @@ def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
         ratio = board.marker
         bounds = (max(0.1, (1 - AROUND) * ratio), min(0.98, (1 + AROUND) * ratio))
         cost = partial(_decorrelation, seen=seen, codes=_codes(board), squares=_squares(board))
-        ratio = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
+        from scipy import (
+            optimize,
+        )  # for boards with markers alone: its import takes longer than finding a board
+
+        ratio = float(
+            optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x
+        )
         board = board_with_marker(board, ratio)
     return board_with_marker(board, rounded(board.marker, 0.05, 0.015))
 
@@ -99,6 +104,8 @@ def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Arr
 
 def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
     """The grid with the spacing for which four tags at a time are most nearly a plane's picture."""
+    from scipy import optimize  # for boards with markers alone: its import takes longer than finding a board
+
     for _ in range(2):  # the second time with corners that the first guess did not lead to
         found = [d for d in map(grid.find, pictures) if isinstance(d, Detection)]
         blocks = [_blocks(grid, d) for d in found]
@@ -107,7 +114,9 @@ def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
             break
         uv = np.concatenate([u for _, u in blocks])
         misfit = partial(_misfit, grid=grid, ids=ids, uv=uv)
-        best = minimize_scalar(misfit, bounds=BOUNDS[grid.kind], method="bounded", options={"xatol": 1e-4})
+        best = optimize.minimize_scalar(
+            misfit, bounds=BOUNDS[grid.kind], method="bounded", options={"xatol": 1e-4}
+        )
         grid = grid_with_spacing(grid, float(best.x))
     return grid_with_spacing(grid, rounded(grid.spacing, 0.01, 0.004))
 

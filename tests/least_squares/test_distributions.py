@@ -1,0 +1,41 @@
+"""Distributions of test statistics, against scipy.stats."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from camcal.least_squares import distributions as ours
+
+FREEDOM = st.integers(1, 5000)
+#: of a double: these are the tails that corrected tests look at
+PROBABILITY = st.floats(1e-12, 1 - 1e-9)
+
+
+@given(PROBABILITY, FREEDOM, FREEDOM)
+def test_f(p, m, n):
+    bound = ours.f_bound(p, m, n)
+    assert ours.f_exceeded(bound, m, n) == pytest.approx(p, rel=1e-6)
+    assert ours.f_exceeded(bound, m, n) == pytest.approx(stats.f.sf(bound, m, n), rel=1e-9)
+
+
+@given(PROBABILITY, FREEDOM)
+def test_chi2(p, n):
+    assert ours.chi2_quantile(p, n) == pytest.approx(stats.chi2.ppf(p, n), rel=1e-9)
+
+
+@given(st.floats(-8, 8))
+def test_normal(x):
+    assert ours.normal_exceeded(x) == pytest.approx(stats.norm.sf(x), rel=1e-12)
+
+
+@pytest.mark.parametrize("draw", ["normal", "laplace", "uniform", "exponential"])
+@pytest.mark.parametrize("count", [20, 200, 5000])
+def test_normality(draw, count):
+    x = getattr(np.random.default_rng(count), draw)(size=count)
+    statistic, p = ours.normality(x)
+    expected = stats.normaltest(x)
+    assert statistic == pytest.approx(expected.statistic, rel=1e-9)
+    assert p == pytest.approx(expected.pvalue, rel=1e-6)
+    assert ours.excess_kurtosis(x) == pytest.approx(stats.kurtosis(x), rel=1e-9, abs=1e-12)
