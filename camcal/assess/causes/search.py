@@ -1,0 +1,237 @@
+"""Which one of a few small models explains that the views do not tell of one camera.
+
+Each candidate is the calibration with a few numbers more (`kinds.py`). What one step promises (`linear.py`) says which are
+worth a fit; the fits are compared by the Bayesian information criterion (Schwarz 1978),
+
+    BIC = n ln(cost / n) + m ln n + 2 ln(choices)                                                         (1)
+
+with n coordinates less unknowns, m numbers, and how many candidates of the kind (split points, assignments of views to two
+groups) were looked through. Views that simply do not belong, and a board of its own shape, are candidates like the others:
+what they explain better is left to the checks that name them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import comb, lgamma, log
+
+import numpy as np
+from scipy.special import fdtrc
+
+from camcal.assess import figures
+from camcal.assess.causes.kinds import KINDS, OF_EACH, OF_ONE, OF_PARTS, contrasts, shared
+from camcal.assess.causes.linear import Linear, all_fields, problem_of
+from camcal.errors import CamcalError
+from camcal.model.camera import Camera
+from camcal.model.pose import Array
+from camcal.solve import optimizers
+from camcal.solve.calibration import Calibration, ShapedBoard
+from camcal.solve.optimizers.base import Options
+from camcal.solve.refine import How, refine
+from camcal.solve.warp import Warp
+
+#: by how much (1) has to fall: odds of e^10, 22,000 to one
+EVIDENCE = 20.0
+#: a part of the views holds at least so many: one is a view that does not belong
+LEAST_PART = 2
+#: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
+STEPS = 25
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate, fitted.
+
+    Attributes
+    ----------
+    kind : str
+        A key of `KINDS`, `board`, or `views` (some do not belong).
+    how : str
+        `split` (all views from `parts`' first on), `groups`, `each`, or empty.
+    camera : Camera
+        Of the first part; without any map.
+    theta : (V, K) array
+        The fields' numbers of each view.
+    parts : (V,) bool array
+        Which views form the second part.
+    cost, numbers, bic : float, int, float
+    warp : Warp
+    board : ShapedBoard or None
+    """
+
+    kind: str
+    how: str
+    camera: Camera
+    theta: Array
+    parts: Array
+    cost: float
+    numbers: int
+    bic: float
+    warp: Warp
+    board: ShapedBoard | None = None
+
+
+class Search:
+    """The candidates of one solution."""
+
+    def __init__(self, base: Calibration):
+        self.base, self.count = base, len(base.poses)
+        self.warp = all_fields(base)
+        self.freedom = figures.redundancy(base)
+        self.columns = {k: make(self.warp) for k, make in KINDS.items()}
+        linear = Linear.of(base, self.warp) if self.freedom > 0 else None
+        self.linear = linear if linear is not None and linear.cost > 0 else None
+
+    def bic(self, cost: float, numbers: int, choices: float) -> float:
+        """(1) with the logarithm of the number of choices."""
+        n = self.freedom
+        return n * log(max(cost, 1e-300) / n) + numbers * log(n) + 2 * choices
+
+    @property
+    def none(self) -> float:
+        """(1) of the solution as it is."""
+        return self.bic(self.base.fit.cost if self.linear is None else self.linear.cost, 0, 0.0)
+
+    def promised(self, design: Array, choices: float) -> float:
+        """(1) as one step promises it."""
+        assert self.linear is not None
+        cost = self.linear.cost - self.linear.gain(design)
+        return self.bic(max(cost, 1e-6 * self.linear.cost), design.shape[2], choices)
+
+    def fit(self, kind: str, how: str, design: Array, parts: Array, choices: float) -> Trial | None:
+        """A candidate fitted; None where it has as many unknowns as there are coordinates, or diverges."""
+        if self.freedom <= 2 * design.shape[2]:
+            return None
+        warp = Warp(self.warp.fields, design, self.warp.centre, self.warp.unit)
+        problem = problem_of(self.base, warp)
+        start = problem.state(self.base.camera.params, self.base.poses)
+        try:
+            found = optimizers.make("lm")(problem, start, Options(max_iterations=STEPS), None)
+        except (CamcalError, np.linalg.LinAlgError):
+            return None
+        cost, numbers = found.blocks.cost, design.shape[2]
+        camera = Camera(self.base.camera.lens, found.state.params, self.base.camera.image_size)
+        theta = warp.values(found.state.shape)
+        return Trial(kind, how, camera, theta, parts, cost, numbers, self.bic(cost, numbers, choices), warp)
+
+    # ------------------------------------------------------------------ candidates
+    def splits(self) -> Iterator[Trial]:
+        """From some view on: the best place of each kind, where one step promises something."""
+        places = range(LEAST_PART, self.count - LEAST_PART + 1)
+        if len(places) < 2:
+            return
+        for kind in OF_PARTS:
+            designs = [self._parts(kind, np.arange(self.count) >= k) for k in places]
+            promises = [self.promised(d, log(len(places))) for d in designs]
+            best = int(np.argmin(promises))
+            if promises[best] < self.none - EVIDENCE:
+                after = np.arange(self.count) >= places[best]
+                yield from self._some(self.fit(kind, "split", designs[best], after, log(len(places))))
+
+    def each(self) -> Iterator[Trial]:
+        """A number for each view."""
+        none = np.zeros(self.count, bool)
+        for kind in OF_EACH:
+            design = shared(contrasts(self.count), self.columns[kind])
+            if self.freedom > 2 * design.shape[2] and self.promised(design, 0.0) < self.none - EVIDENCE:
+                yield from self._some(self.fit(kind, "each", design, none, 0.0))
+
+    def groups(self, each: Trial) -> Iterator[Trial]:
+        """Two groups of views by what a number for each view found."""
+        column = self.columns[each.kind]
+        if column.shape[1] > 1 or self.count < 2 * LEAST_PART:
+            return
+        assert self.linear is not None
+        parts = two_groups(each.theta[:, 0], self.linear.information(column[:, 0]))
+        if parts is None:
+            return
+        choices = log(comb(self.count, int(parts.sum())))
+        for kind in OF_PARTS if each.kind == "focal" else ("resized",):
+            yield from self._some(self.fit(kind, "groups", self._parts(kind, parts), parts, choices))
+
+    def outlying(self) -> Iterator[Trial]:
+        """Views that do not belong, one after the other, up to a fifth of them."""
+        assert self.linear is not None
+        chosen: list[int] = []
+        columns, eye = self.columns[OF_ONE], np.eye(self.count)
+        for _ in range(max(1, self.count // 5)):
+            rest = [i for i in range(self.count) if i not in chosen]
+            gains = [self.linear.gain(shared(eye[:, [*chosen, i]], columns)) for i in rest]
+            chosen.append(rest[int(np.argmax(gains))])
+            parts = np.isin(np.arange(self.count), chosen)
+            choices = _log_choices(self.count, len(chosen))
+            yield from self._some(self.fit("views", "", shared(eye[:, chosen], columns), parts, choices))
+
+    def boards(self, kinds: tuple[str, ...] = ("print", "free")) -> Iterator[Trial]:
+        """A board of its own shape."""
+        base, none = self.base, np.zeros(self.count, bool)
+        if base.board is not None:
+            return
+        for kind in kinds:
+            try:
+                made = refine(base.camera, base.poses, base.observations, How(_held(base), board=kind, stopping=Options(max_iterations=STEPS)))
+            except CamcalError:
+                continue
+            assert made.board is not None
+            numbers = made.board.size
+            theta = np.zeros((self.count, len(self.warp.fields)))
+            bic = self.bic(made.fit.cost, numbers, 0.0)
+            yield Trial("board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp, made.board)
+
+    def _parts(self, kind: str, parts: Array) -> Array:
+        return shared(parts.astype(float)[:, None], self.columns[kind])
+
+    @staticmethod
+    def _some(trial: Trial | None) -> Iterator[Trial]:
+        if trial is not None:
+            yield trial
+
+    def all(self) -> list[Trial]:
+        """Every candidate that one step finds promising, fitted, the best first."""
+        if self.linear is None or self.count < LEAST_PART + 1:
+            return []
+        each = list(self.each())
+        found = [*self.splits(), *each, *(t for e in each for t in self.groups(e))]
+        found += self.boards(("print",) if not found else ("print", "free"))
+        if found:
+            found += self.outlying()
+        return sorted(found, key=lambda t: t.bic)
+
+
+def _log_choices(n: int, k: int) -> float:
+    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)
+
+
+def _held(base: Calibration) -> dict[str, float | None]:
+    """The parameters that a fit held, at their values."""
+    held: dict[str, float | None] = {
+        n: None for n, free in zip(base.camera.lens.names, base.free.any(1), strict=True) if not free
+    }
+    return held
+
+
+def two_groups(values: Array, information: Array) -> Array | None:
+    """The split of weighted numbers (V,) into two groups of least scatter; the second as a mask, None for one group."""
+    order = np.argsort(values)
+    x, w = values[order], np.maximum(information[order], 1e-300)
+    best, place = np.inf, 0
+    for k in range(LEAST_PART, len(x) - LEAST_PART + 1):
+        scatter = sum(
+            float((w[s] * (x[s] - np.average(x[s], weights=w[s])) ** 2).sum()) for s in (slice(k), slice(k, None))
+        )
+        if scatter < best:
+            best, place = scatter, k
+    if not place:
+        return None
+    mask = np.zeros(len(x), bool)
+    mask[order[place:]] = True
+    return mask
+
+
+def p_value(search: Search, trial: Trial) -> float:
+    """Of the F test of a trial's numbers against the solution as it is."""
+    assert search.linear is not None
+    freedom = search.freedom - trial.numbers
+    ratio = (search.linear.cost - trial.cost) / trial.numbers / (trial.cost / freedom)
+    return float(fdtrc(trial.numbers, freedom, max(ratio, 0.0)))
