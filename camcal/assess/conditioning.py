@@ -37,7 +37,9 @@ def _with(stage: Stage, solution: Calibration, normalise: bool) -> Stage:
     data = solution.observations.kept()
     found: dict[str, Any] | None
     found = refinement(solution, normalise) if stage.name == "refine" else linear(stage.name, data, normalise)
-    if found is not None and stage.name == "zhang":
+    # a start of some views only, where others have left since, has no equations on those that are here
+    alike = stage.poses is not None and len(stage.poses) == len(data.views)
+    if found is not None and stage.name == "zhang" and alike:
         found["conic"] = _conic(stage, data, normalise)
     return stage if found is None else replace(stage, info={**stage.info, "conditioning": found})
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import fdtrc
 
 from camcal.assess import exchanged_points as mismatch
 from camcal.assess import figures
+from camcal.assess.causes import Found
 from camcal.assess.checks import fit, mirror
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.data.observations import Observations, SkippedView, View
 from camcal.data.shape import shapes
-from camcal.geometry import projective
+from camcal.geometry import homography, projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.solve import ransac
@@ -39,6 +41,10 @@ SAME_PROPORTION = 0.003
 #: a used view of proportions that are off by more than this is left out: prints stay below .002, and a real view
 #: that was skewed (in motion, by a bent board) had .009
 OTHER_PROPORTION = 0.02
+#: ... and where a plane of the board's proportions would look like it with a probability below this
+BY_CHANCE = 1e-6
+#: numbers of a pose, and of a plane of any proportions and angle before a known camera
+_POSE, _PLANE = 6, 8
 #: sine of the angle between rays and the image plane below which x/z means little
 _FLAT_RAY = 0.05
 
@@ -57,13 +63,16 @@ def foreign_views(solution: Calibration) -> set[int]:
 
     None where too few views would be left.
     """
-    bad = {int(i) for i in mirror.mirrored_views(Facts(solution))}
+    facts = Facts(solution)
+    if facts.blameless:
+        return set()
+    bad = {int(i) for i in mirror.mirrored_views(facts)}
     bad |= {s.index for s in _suspects(solution) if abs(s.ratio - 1) > OTHER_PROPORTION}
     return bad if len(solution.poses) - len(bad) >= LEAST_LEFT else set()
 
 
 def named(
-    solution: Calibration, given: Observations, robust: bool = True
+    solution: Calibration, given: Observations, robust: bool = True, found: Found | None = None
 ) -> tuple[Observations, tuple[CalibrationWarning, ...]]:
     """A warning for each rejected view, and for points taken for others, that says so.
 
@@ -77,14 +86,16 @@ def named(
     robust : bool
         Whether outliers were treated: where they were not, they bend the camera, and with it what planes
         measure, and used views are not suspected.
+    found : Found, optional
+        What all views have in common: where that explains them, single views are not blamed.
     """
+    facts = Facts(solution, found=found)
     data, views = solution.observations, {v.id: v for v in given.views}
     usual = _usual_scatter(solution)
     skipped: list[SkippedView] = []
     said: list[tuple[str, str, Severity]] = []
-    follows = not any(
-        fit.systematic(Facts(solution))
-    )  # else a view that fits badly says nothing of its board
+    # else a view that fits badly says nothing of its board
+    follows = not facts.blameless and not any(fit.systematic(facts))
     for entry in data.skipped:
         view = views.get(entry.id)
         if entry.status != "rejected" or view is None or not len(view):
@@ -97,7 +108,7 @@ def named(
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
         said.append((code, f"view '{entry.id}' was left out: {reason}.", "note"))
-    if robust:
+    if robust and not facts.blameless:
         said += [("other-board", s.words(data.views[s.index].id), "doubtful") for s in _suspects(solution)]
     used = {v.id: v for v in data.views}
     said += [
@@ -110,7 +121,7 @@ def named(
 
 @dataclass(frozen=True)
 class _Suspect:
-    """A used view that fits better as another board: the median residuals as that and as it is, px."""
+    """A used view that fits better as another board: sigma of a coordinate as that and as it is, px."""
 
     index: int
     ratio: float
@@ -120,7 +131,7 @@ class _Suspect:
     def words(self, name: str) -> str:
         return (
             f"view '{name}' fits better as another board, {self.ratio:.4g} times as long in y against x: "
-            f"{self.other:.3g} px instead of {self.own:.3g} px (medians)."
+            f"{self.other:.3g} px instead of {self.own:.3g} px (sigma of a coordinate)."
         )
 
 
@@ -132,18 +143,23 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
     data = solution.observations
     if any(fit.systematic(Facts(solution))):
         return []
-    own = np.array([f.median for f in figures.per_view(solution)])
+    counts = data.per_block(data.used).astype(int)
+    # of each coordinate, by what is left after a pose of six numbers
+    own = figures.rms_of_views(solution) * np.sqrt(counts / np.maximum(2 * counts - _POSE, 1))
     used = data.split(data.used)
     found = []
     for i in np.flatnonzero(own > SUSPECT * np.median(own)):
-        view = data.views[i].take(used[i])
-        if len(data.views) < 3 or not shapes([view]).planar[0]:
+        view, freedom = data.views[i].take(used[i]), 2 * int(counts[i]) - _PLANE
+        if len(data.views) < 3 or freedom <= 0 or not shapes([view]).planar[0]:
             continue
-        measured = proportions(view, solution.camera)
-        if measured is None or abs(measured[0] - 1) <= SAME_PROPORTION:
+        measured = proportions(view, solution.camera, every=True)
+        if measured is None or abs(measured.ratio - 1) <= SAME_PROPORTION:
             continue
-        if measured[2] < own[i] / SUSPECT:
-            found.append(_Suspect(int(i), measured[0], measured[2], float(own[i])))
+        other = measured.rms * np.sqrt(counts[i] / freedom)
+        more = (own[i] / other) ** 2 * (freedom + _PLANE - _POSE) - freedom
+        by_chance = fdtrc(_PLANE - _POSE, freedom, max(more / (_PLANE - _POSE), 0.0))
+        if other < own[i] / SUSPECT and by_chance < BY_CHANCE:
+            found.append(_Suspect(int(i), measured.ratio, float(other), float(own[i])))
     most = max((s.own / s.other for s in found), default=0.0)
     # one such view also bends the camera away from the others
     return [s for s in found if s.own / s.other > most / 2]
@@ -178,8 +194,8 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
     """Code and words for a rejected view."""
     if shapes([view]).planar[0]:
         found = proportions(view, camera)
-        if found is not None and found[2] <= EXPLAINED * usual:
-            ratio, angle, _ = found
+        if found is not None and found.median <= EXPLAINED * usual:
+            ratio, angle = found.ratio, found.angle
             if abs(ratio - 1) > SAME_PROPORTION or abs(angle - 90) > 100 * SAME_PROPORTION:
                 return "other-board", (
                     f"its points are those of another board, {ratio:.4g} times as long in y against x"
@@ -206,22 +222,38 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
     return "rejected-view", ""
 
 
-def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None:
+@dataclass(frozen=True)
+class Proportions:
     """What a plane seen by a known camera measures, against the points that a view says it holds.
+
+    Attributes
+    ----------
+    ratio : float
+        How much longer the plane is in y, against x, than the points say.
+    angle : float
+        Between its x and y, degrees.
+    median, rms : float
+        Of the residuals' lengths, px.
+    """
+
+    ratio: float
+    angle: float
+    median: float
+    rms: float
+
+
+def proportions(view: View, camera: Camera, every: bool = False) -> Proportions | None:
+    """The proportions of a view's plane; None where there are too few points.
 
     The homography from the points' plane to the rays has columns h1, h2 of one length, at right angles, where
     the points are those of the plane that was seen (Zhang 2000, eqs. 3 and 4).
 
-    Returns
-    -------
-    ratio : float
-        |h2| / |h1|: how much longer the plane is in y, against x, than the points say.
-    angle : float
-        Between h1 and h2, degrees.
-    median : float
-        Median residual, px.
-
-    None where there are too few points.
+    Parameters
+    ----------
+    view : View
+    camera : Camera
+    every : bool
+        Whether all points count, instead of those that agree.
     """
     rays = camera.unproject(view.uv)
     with np.errstate(invalid="ignore"):
@@ -234,12 +266,16 @@ def proportions(view: View, camera: Camera) -> tuple[float, float, float] | None
     # along the axes of the data where the plane is that of x and y, as for boards
     across = np.eye(3) if abs(axes[2, 2]) > 0.999 else axes
     points = (kept.xyz - origin) @ across[:, :2]
-    agreed = ransac.agreeing(ransac.Map(points, ab, kept.sigma), np.random.default_rng(0))
-    if agreed.matrix is None:
+    if every:
+        matrix: np.ndarray | None = homography.homographies(points[None], ab[None], np.ones((1, len(ab))))[0]
+    else:
+        matrix = ransac.agreeing(ransac.Map(points, ab, kept.sigma), np.random.default_rng(0)).matrix
+    if matrix is None or not np.isfinite(matrix).all():
         return None
-    h1, h2 = agreed.matrix[:, 0], agreed.matrix[:, 1]
+    h1, h2 = matrix[:, 0], matrix[:, 1]
     ratio = float(np.linalg.norm(h2) / np.linalg.norm(h1))
     cosine = h1 @ h2 / np.linalg.norm(h1) / np.linalg.norm(h2)
-    rays_of = np.c_[points, np.ones(len(points))] @ agreed.matrix.T
+    rays_of = np.c_[points, np.ones(len(points))] @ matrix.T
     error = np.linalg.norm(camera.project(rays_of * np.sign(rays_of[:, 2:])) - kept.uv, axis=1)
-    return ratio, float(np.degrees(np.arccos(cosine))), float(np.nanmedian(error))
+    rms = float(np.sqrt(np.nanmean(error**2)))
+    return Proportions(ratio, float(np.degrees(np.arccos(cosine))), float(np.nanmedian(error)), rms)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from camcal import start
+from camcal.assess import causes
 from camcal.assess import outliers as foreign
 from camcal.assess.checks import check
 from camcal.assess.conditioning import with_conditioning
@@ -222,12 +223,13 @@ def _refine_stage(fit: Calibration, names: list[str]) -> Stage:
 def assessed(solution: Solution, progress: Progress) -> Solution:
     """The solution with its hold-out, its warnings, and the condition of each stage's equations."""
     asked = progress.options
-    data, said = foreign.named(solution, progress.given, asked.robust != "none")
+    found = causes.find(solution, progress.given)
+    data, said = foreign.named(solution, progress.given, asked.robust != "none", found)
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
     folds = folds_wanted(solution, asked.holdout)
     how = replace(progress.how, board=solution.board.kind if solution.board else "flat")
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, difference_of_folds(solution, held)))
-    solution = replace(solution, warnings=check(solution, solution.warnings, solution.holdout))
+    solution = replace(solution, warnings=check(solution, solution.warnings, solution.holdout, found))
     return replace(solution, stages=with_conditioning(solution.stages, solution, asked.normalise))

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from camcal.assess import causes
 from camcal.assess import outliers as foreign
 from camcal.errors import EstimationError
 from camcal.plan.better import Candidate
@@ -182,7 +183,7 @@ def _without_foreign(progress: Progress) -> Change | None:
     """Without views that fit a pose well enough to be used, but bend the camera."""
     fit = progress.fit
     bad = foreign.foreign_views(fit)
-    if not bad:
+    if not bad or causes.find(fit, progress.given).common:
         return None
     data = fit.observations.without(dict.fromkeys(bad, "does not fit the other views"))
     rest = [i for i in range(len(fit.poses)) if i not in bad]

@@ -12,6 +12,7 @@ from camcal.plan.outlying import FOREIGN, REJECT, SIGMAS, outliers_plan
 from camcal.plan.progress import Attempt, Progress, follow
 from camcal.plan.second_pass import SECOND_PASS
 from camcal.start import shape
+from camcal.start.numbering import check_numbering
 
 #: what makes a camera better: the pictures again, given sigmas, views that do not belong, the shape of the board
 BETTER: tuple[Attempt, ...] = (SECOND_PASS, SIGMAS, REJECT, FOREIGN, *SHAPES)
@@ -61,4 +62,5 @@ def usable(observations: Observations) -> Observations:
     bad = shape.unusable(observations)
     if len(bad) == count:
         shape.check(observations)  # raises, with the reason of the first view
+    check_numbering(observations)
     return observations.without(bad)

@@ -174,3 +174,12 @@ class WarpedProblem(Problem):
         found.coupling[:, shape] = back @ cross[:, :, p : p + 6]
         found.gradient[shape] = (back @ cross[:, :, -1:]).sum(0)[:, 0]
         return found.blocks()
+
+    def free_rows(self, group: Group, state: State) -> Array | None:
+        """Rows of all variables, β before the pose; see `Problem.free_rows`."""
+        rows = super().free_rows(group, state)
+        if rows is None:
+            return None
+        e = self.fields(group, state).reshape(len(rows), len(self.warp.fields), -1)
+        beta = self.warp.design[group.members].transpose(0, 2, 1) @ e
+        return np.concatenate([rows[:, : self.rigid], beta, rows[:, self.rigid :]], 1)

@@ -1,0 +1,147 @@
+"""Causes that the whole set of views has in common: found before single views are blamed.
+
+A camera that zoomed, pictures that were resized, a rolling shutter, a badly printed board make views disagree, and single
+views that disagree most are then taken for mirror images or other boards. `find` asks first whether one small model
+explains all views at once (`search.py`), and `words.py` says which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.assess.causes.effect import effect_px
+from camcal.assess.causes.search import EVIDENCE, Search, Trial
+from camcal.data.observations import Observations
+from camcal.errors import CamcalError
+from camcal.model.pose import Array, Poses
+from camcal.solve.calibration import Calibration
+from camcal.solve.optimizers.base import Options
+from camcal.solve.refine import How, on_board, refine
+from camcal.start.pose import initial_poses
+
+#: larger problems are left alone: the search takes 30 to 60 passes over the data, as much as a calibration
+MOST_POINTS, MOST_VIEWS = 20_000, 150
+#: a number for each view says something about all of them from so many views on
+LEAST_FOR_EACH = 6
+#: sine of the angle between a ray and the image plane below which x/z means little
+_FLAT_RAY = 0.05
+
+
+@dataclass(frozen=True)
+class Found:
+    """What explains the views.
+
+    Attributes
+    ----------
+    base : Calibration
+        The fit to all views, rejected ones included.
+    trial : Trial or None
+        The best candidate, where the solution as it is is not better.
+    views : bool
+        Whether single views explain it: nothing is wrong with the set.
+    effect : float
+        How far the camera is off by it, px.
+    sigma : float
+        What is left of the noise, in the unit of the weights (px without sigmas).
+    before : float
+        The same without the cause.
+    """
+
+    base: Calibration
+    trial: Trial | None
+    views: bool
+    effect: float
+    sigma: float
+    before: float
+
+    @property
+    def common(self) -> bool:
+        """Whether something that all views share explains them better than that some do not belong."""
+        return self.trial is not None and not self.views
+
+    @property
+    def cause(self) -> Trial | None:
+        """The candidate where it is one that concerns all views and is no shape of the board."""
+        trial = self.trial
+        if trial is None or self.views or trial.kind == "board":
+            return None
+        return None if trial.how == "each" and len(self.base.poses) < LEAST_FOR_EACH else trial
+
+
+def find(solution: Calibration, given: Observations | None = None) -> Found:
+    """What explains the views of a solution.
+
+    Parameters
+    ----------
+    solution : Calibration
+    given : Observations, optional
+        All views; those that the solution rejected take part, with all their points.
+    """
+    base = _with_rejected(solution, given) if given is not None else solution
+    nothing = Found(base, None, False, 0.0, float("nan"), float("nan"))
+    points, views = base.observations.point_count, len(base.poses)
+    if points > MOST_POINTS or views > MOST_VIEWS or views < 3 or not base.free.any():
+        return nothing
+    try:
+        search = Search(base)
+        trials = search.all()
+    except np.linalg.LinAlgError:
+        return nothing
+    if not trials or not trials[0].bic < search.none - EVIDENCE:
+        return nothing
+    best = trials[0]
+    assert search.linear is not None
+    left = float(np.sqrt(2 * best.cost / (search.freedom - best.numbers)))
+    before = float(np.sqrt(2 * search.linear.cost / search.freedom))
+    return Found(base, best, best.kind == "views", effect_px(base, best), left, before)
+
+
+def _sigmas(data: Observations, rows: Observations) -> Array | None:
+    """The sigmas that the solution settled on, for views of it and others: these get the median."""
+    if data.sigma is None:
+        return None
+    known = {name: at for name, at in zip(data.view_ids, data.slices, strict=True)}
+    usual = float(np.median(data.sigma))
+    own = [data.sigma[known[v.id]] if v.id in known else np.full(len(v), usual) for v in rows.views]
+    return np.concatenate(own)
+
+
+def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
+    """The fit to the used points and to all points of rejected views; the solution where there are none that have a pose."""
+    data = solution.observations
+    rejected = {s.id for s in data.skipped if s.status == "rejected"}
+    if solution.board is not None:
+        given = on_board(given, solution.board.ideal, solution.board.points)
+    known = {name: i for i, name in enumerate(data.view_ids)}
+    index, poses, used = [], [], []
+    for i, view in enumerate(given.views):
+        if view.id in known:
+            at = known[view.id]
+            pose = solution.poses[at]
+            used.append(data.used[data.slices[at]])
+        elif view.id in rejected and len(view):
+            rays = solution.camera.unproject(view.uv)
+            with np.errstate(invalid="ignore"):
+                if not (rays[:, 2] > _FLAT_RAY).all():
+                    continue
+            try:
+                pose = initial_poses([view.xyz], [rays[:, :2] / rays[:, 2:]])[0]
+            except CamcalError:
+                continue
+            used.append(np.ones(len(view), bool))
+        else:
+            continue
+        index.append(i)
+        poses.append(pose)
+    if len(index) == len(known):
+        return solution
+    rows = given.of_views(index)
+    rows = replace(rows, sigma=_sigmas(data, rows), weight=None)
+    held = {n: None for n, free in zip(solution.camera.lens.names, solution.free.any(1), strict=True) if not free}
+    how = How(held, stopping=Options(max_iterations=30))
+    try:
+        return refine(solution.camera, Poses.stack(poses), rows.with_used(np.concatenate(used)), how)
+    except CamcalError:
+        return solution

@@ -35,6 +35,8 @@ from camcal.solve.warp import Warp
 EVIDENCE = 20.0
 #: a part of the views holds at least so many: one is a view that does not belong
 LEAST_PART = 2
+#: what two groups may differ in, by the number of each view that tells them apart
+_GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
 #: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
 STEPS = 25
 
@@ -139,29 +141,37 @@ class Search:
 
     def groups(self, each: Trial) -> Iterator[Trial]:
         """Two groups of views by what a number for each view found."""
-        column = self.columns[each.kind]
-        if column.shape[1] > 1 or self.count < 2 * LEAST_PART:
+        kinds = _GROUPED.get(each.kind, ())
+        if not kinds or self.count < 2 * LEAST_PART:
             return
         assert self.linear is not None
-        parts = two_groups(each.theta[:, 0], self.linear.information(column[:, 0]))
+        column = self.columns[each.kind]
+        values = each.theta @ np.linalg.pinv(column).T
+        along = np.linalg.svd(values - values.mean(0), full_matrices=False)[2][0]
+        parts = two_groups(values @ along, self.linear.information(column @ along))
         if parts is None:
             return
         choices = log(comb(self.count, int(parts.sum())))
-        for kind in OF_PARTS if each.kind == "focal" else ("resized",):
+        for kind in kinds:
             yield from self._some(self.fit(kind, "groups", self._parts(kind, parts), parts, choices))
 
     def outlying(self) -> Iterator[Trial]:
-        """Views that do not belong, one after the other, up to a fifth of them."""
+        """Views that do not belong: chosen one after the other, up to a fifth of them, as many as one step finds best."""
         assert self.linear is not None
         chosen: list[int] = []
         columns, eye = self.columns[OF_ONE], np.eye(self.count)
+        best, wanted = np.inf, 0
         for _ in range(max(1, self.count // 5)):
             rest = [i for i in range(self.count) if i not in chosen]
             gains = [self.linear.gain(shared(eye[:, [*chosen, i]], columns)) for i in rest]
             chosen.append(rest[int(np.argmax(gains))])
-            parts = np.isin(np.arange(self.count), chosen)
-            choices = _log_choices(self.count, len(chosen))
-            yield from self._some(self.fit("views", "", shared(eye[:, chosen], columns), parts, choices))
+            promise = self.promised(shared(eye[:, chosen], columns), _log_choices(self.count, len(chosen)))
+            if promise < best:
+                best, wanted = promise, len(chosen)
+        chosen = chosen[:wanted]
+        parts = np.isin(np.arange(self.count), chosen)
+        choices = _log_choices(self.count, wanted)
+        yield from self._some(self.fit("views", "", shared(eye[:, chosen], columns), parts, choices))
 
     def boards(self, kinds: tuple[str, ...] = ("print", "free")) -> Iterator[Trial]:
         """A board of its own shape."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from camcal.assess.checks import (
     board,
+    cause,
     coverage,
     fit,
     folds,
@@ -23,12 +24,14 @@ from camcal.assess.checks import (
     rejected,
     views,
 )
+from camcal.assess.causes import Found
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import Calibration
 
 CHECKS = (
     fit.not_converged,
+    cause.cause,
     views.single_view,
     views.few_views,
     views.fronto_parallel,
@@ -60,6 +63,7 @@ def check(
     solution: Calibration,
     known: Sequence[CalibrationWarning] = (),
     holdout: Mapping[str, Any] | None = None,
+    found: Found | None = None,
 ) -> tuple[CalibrationWarning, ...]:
     """All warnings on a calibration, the gravest kinds first.
 
@@ -72,8 +76,10 @@ def check(
         and what was refined from another start be good to a thousandth.
     holdout : mapping, optional
         The report's figures on views held out.
+    found : Found, optional
+        What all views have in common, `camcal.assess.causes.find`.
     """
-    facts = Facts(solution, holdout)
+    facts = Facts(solution, holdout, found)
     codes = {w.code for w in known}
     if "weak-geometry" in codes and parameters.focal_known(facts):
         known = [w for w in known if w.code != "weak-geometry"]

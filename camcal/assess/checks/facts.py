@@ -8,19 +8,30 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.causes import Found
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.curvature import beyond_linear
 from camcal.assess.difference import grid_of
+from camcal.data.observations import Observations
 from camcal.data.shape import Shapes
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
 
 
+#: targets that identify their points
+CODED = ("charuco", "aprilgrid", "tags", "markers")
+
+
 class Facts:
     """A solution with what the checks derive from it."""
 
-    def __init__(self, solution: Calibration, holdout: Mapping[str, Any] | None = None):
-        self.solution, self.holdout = solution, holdout
+    def __init__(
+        self,
+        solution: Calibration,
+        holdout: Mapping[str, Any] | None = None,
+        found: Found | None = None,
+    ):
+        self.solution, self.holdout, self.found = solution, holdout, found
         self.camera = solution.camera
         self.views = solution.observations.views
         self.image_size = solution.camera.image_size or solution.observations.image_size
@@ -39,6 +50,15 @@ class Facts:
     def planar(self) -> bool:
         """Whether every view shows a plane."""
         return bool(len(self.views)) and bool(self.shapes.planar.all())
+
+    @cached_property
+    def blameless(self) -> bool:
+        """Whether no single view can be mirrored or show another board.
+
+        Something that all views share explains them, or the points are identified by what is printed beside them.
+        """
+        data = self.solution.observations
+        return (self.found is not None and self.found.common) or identified(data)
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -76,3 +96,17 @@ class Facts:
             return None
         grid = grid_of(self.image_size)
         return grid[~self.camera.lens.unproject(self.camera.params, grid)[1]]
+
+
+def identified(data: Observations) -> bool:
+    """Whether points are known by what is printed beside them: a mirrored or foreign code would not have been read.
+
+    Where the target's kind is not known, by ids of which views show different parts.
+    """
+    kind = (data.target or {}).get("kind")
+    if kind is not None:
+        return kind in CODED
+    ids = [v.point_ids for v in data.views]
+    if any(i is None for i in ids):
+        return False
+    return len({tuple(np.sort(i)) for i in ids if i is not None}) > 1

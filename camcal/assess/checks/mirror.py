@@ -33,7 +33,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Views that fit much better as mirror images."""
-    if any(fit.outliers(facts)):
+    if facts.blameless or any(fit.outliers(facts)):
         return  # a few gross points bend the camera, and what then fits better mirrored says nothing
     found = mirrored_views(facts)
     if not len(found):

@@ -1,0 +1,158 @@
+"""A cause in words: what it is, the number that was found, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from camcal.assess.causes import Found
+from camcal.assess.causes.search import Trial
+from camcal.assess.warning import CalibrationWarning, Severity
+from camcal.model.pose import Array
+from camcal.solve.warp import FIELDS
+
+#: A camera that is off by this much, px, is wrong (`checks/fit.py`); by a fifth of it, about what a good detector's corner
+#: is off by, it is worse than it looks.
+SEVERAL_PX, VISIBLE_PX = 1.0, 0.2
+#: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and pictures
+#: were turned where the two principal points lie opposite to one another about the centre to this part of their distance.
+ALIKE = 0.1
+#: Scales this near to one another (in the logarithm) are those of a zoom or of a focus: resizing takes more.
+RESIZED = 0.02
+_AT = {name: i for i, name in enumerate(FIELDS)}
+_APART = "Calibrate the two groups of views apart, each as a camera of its own."
+
+
+def warning_of(found: Found) -> CalibrationWarning | None:
+    """The warning of a cause; None without one."""
+    trial = found.cause
+    if trial is None:
+        return None
+    code, what, hint = _WORDS[trial.how](found, trial)
+    off = f" The one camera is off by {found.effect:.2g} px (rms over views and picture)."
+    left = f" sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
+    return CalibrationWarning(code, what + left + off, hint, severity(found.effect))
+
+
+def severity(effect: float) -> Severity:
+    """By how far the camera is off, px."""
+    return "wrong" if effect > SEVERAL_PX else "doubtful" if effect > VISIBLE_PX else "note"
+
+
+def _numbers(count: int) -> str:
+    return "one number" if count == 1 else f"{count} numbers"
+
+
+def _names(found: Found, mask: Array) -> str:
+    ids = [found.base.observations.view_ids[int(i)] for i in np.flatnonzero(mask)]
+    return f"{len(ids)} views ({', '.join(ids[:4])}{', ...' if len(ids) > 4 else ''})"
+
+
+def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
+    """Two parts: the numbers are those of the second against the first."""
+    theta = trial.theta[trial.parts][0]
+    scale, unit = 1 + float(theta[_AT["scale"]]), trial.warp.unit
+    shift = theta[[_AT["shift-u"], _AT["shift-v"]]] * unit
+    ids = found.base.observations.view_ids
+    first = int(np.flatnonzero(trial.parts)[0])
+    if trial.how == "split":
+        where = f"from view '{ids[first]}' on ({int(trial.parts.sum())} of {len(ids)} views)"
+    else:
+        where = f"in {_names(found, trial.parts)} of {len(ids)}"
+    if _is_resized(scale, shift, trial):
+        size = found.base.camera.image_size
+        of = f", as of {round(size[0] * scale)}x{round(size[1] * scale)} pictures" if size else ""
+        return (
+            "resized-pictures",
+            f"{where} the pictures are resized by a factor of {scale:.4g} (1 : {1 / scale:.4g}){of}: sizes are mixed.",
+            "Take all pictures as they come from the camera, at one resolution.",
+        )
+    if trial.kind == "cropped":
+        return _moved(found, trial, where, shift)
+    longer = f"{abs(scale - 1):.2%} {'longer' if scale > 1 else 'shorter'}"
+    if trial.kind == "camera" or trial.how == "groups":
+        moved = f", the principal point moved by ({shift[0]:.1f}, {shift[1]:.1f}) px" if trial.kind == "camera" else ""
+        return (
+            "several-cameras",
+            f"{where} another camera (or another zoom or focus of it) was used: focal length {longer}{moved}.",
+            _APART,
+        )
+    return (
+        "zoom-or-refocus",
+        f"{where} the focal length is {longer}: the lens was zoomed or focused anew.",
+        "Hold zoom and focus, or calibrate the views before and after it apart.",
+    )
+
+
+def _is_resized(scale: float, shift: Array, trial: Trial) -> bool:
+    """Whether the principal point moves as it does when whole pictures are resized."""
+    if trial.kind == "resized":
+        return True
+    wanted = (scale - 1) * (trial.camera.params[2:4] + 0.5)
+    if trial.kind != "camera" or abs(np.log(max(scale, 1e-9))) < RESIZED:
+        return False
+    # the fields' centre is not quite the principal point
+    centred = shift + (scale - 1) * (trial.camera.params[2:4] - trial.warp.centre)
+    return bool(np.linalg.norm(centred - wanted) < ALIKE * np.linalg.norm(wanted))
+
+
+def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, str, str]:
+    size = found.base.camera.image_size
+    if size is not None:
+        opposite = np.subtract(size, 1) - 2 * trial.camera.params[2:4]
+        if np.linalg.norm(shift - opposite) < ALIKE * max(np.linalg.norm(shift), 1.0):
+            return (
+                "turned-pictures",
+                f"{where} the principal point lies opposite, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these pictures were "
+                "turned by 180 degrees.",
+                "Turn them back (check how the orientation of the pictures was stored and applied).",
+            )
+    return (
+        "cropped-pictures",
+        f"{where} the principal point is moved by ({shift[0]:.1f}, {shift[1]:.1f}) px: these pictures were cropped.",
+        "Take all pictures as they come from the camera.",
+    )
+
+
+def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
+    """Numbers of each view; they sum to zero."""
+    theta, unit = trial.theta, trial.warp.unit
+    if trial.kind == "rolling":
+        height = found.base.camera.image_size[1] if found.base.camera.image_size else 2 * unit
+        lean = np.linalg.norm(theta[:, [_AT["lean"], _AT["stretch"]]], axis=1) * height
+        worst = found.base.observations.view_ids[int(lean.argmax())]
+        return (
+            "rolling-shutter",
+            f"the points of each view are displaced in proportion to their row, by {np.sqrt((lean**2).mean()):.2g} px (rms) from "
+            f"the first row to the last, {lean.max():.2g} px in view '{worst}': camera or target moved while a rolling shutter "
+            "read the picture.",
+            "Put camera and target on stands, or expose with a global shutter.",
+        )
+    if trial.kind == "cropped":
+        shift = np.linalg.norm(theta[:, [_AT["shift-u"], _AT["shift-v"]]], axis=1) * unit
+        return (
+            "stabilised-pictures",
+            f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): as of an image "
+            "stabiliser, or pictures that were cropped differently.",
+            "Switch the stabiliser off (also the optical one), and do not crop.",
+        )
+    spread = float(np.sqrt((theta[:, _AT["scale"]] ** 2).mean()))
+    if trial.kind == "resized":
+        return (
+            "resized-pictures",
+            f"the scale of the pictures differs from view to view, by {spread:.2%} (rms): they were resized differently.",
+            "Take all pictures as they come from the camera, at one resolution.",
+        )
+    return (
+        "zoom-or-refocus",
+        f"the focal length differs from view to view, by {spread:.2%} (rms): the lens focused or zoomed in between.",
+        "Switch autofocus off, and hold zoom and focus.",
+    )
+
+
+_WORDS: dict[str, Callable[[Found, Trial], tuple[str, str, str]]] = {
+    "split": _parts,
+    "groups": _parts,
+    "each": _each,
+}

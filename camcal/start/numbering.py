@@ -1,0 +1,73 @@
+"""Points of a grid that are numbered as another grid: 9x6 read as 6x9, by columns in place of by rows.
+
+A plane is seen through a homography, and a lens bends that by less than the points' spacing. Where it leaves more in most
+views, the points are not where the table says; the numberings of a grid of as many points are tried in their place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.data.observations import Observations, View
+from camcal.errors import DataError
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+#: A homography that leaves more than this part of the points' spacing (median) maps them to others: a lens of 150 degrees
+#: leaves .4 in the worst view; points in another order leave more than 1.
+ASTRAY = 0.5
+#: ... and a numbering is the right one where it leaves less than this part of that.
+MENDED = 0.2
+#: views that are looked at; all of a table are numbered alike
+LOOKED_AT = 5
+
+
+def check_numbering(data: Observations) -> None:
+    """Raise a DataError where the points fit another numbering of the grid in every view, and this one in none."""
+    whole = [v for v in data.views if _grid(v) is not None][:LOOKED_AT]
+    if len(whole) < 1 or 2 * len(whole) < min(len(data.views), LOOKED_AT):
+        return
+    left = np.array([_left(v, v.xyz[:, :2]) for v in whole])
+    if not (left > ASTRAY).all():
+        return
+    columns, rows = _grid(whole[0]) or (0, 0)
+    for words, order in _numberings(columns * rows):
+        if all(_left(v, order) < MENDED * before for v, before in zip(whole, left, strict=True)):
+            raise DataError(
+                f"the points are numbered as a grid of {columns}x{rows}, but lie in the pictures as one of {words}.",
+                "Give the board's size as columns x rows of inner corners, and number its points row by row.",
+            )
+
+
+def _grid(view: View) -> tuple[int, int] | None:
+    """Columns and rows of a view that holds all points of a grid in the plane z = 0, row by row; else None."""
+    if len(view) < 6 or np.ptp(view.xyz[:, 2]) > 0:
+        return None
+    size = float(np.abs(view.xyz).max())
+    x, y = (np.unique(np.round(view.xyz[:, i] / size, 6)) for i in (0, 1))
+    return (len(x), len(y)) if len(x) * len(y) == len(view) and min(len(x), len(y)) > 1 else None
+
+
+def _numberings(count: int) -> Iterator[tuple[str, Array]]:
+    """Every other grid of as many points, with where its points are (N, 2)."""
+    for columns in range(2, count // 2 + 1):
+        if count % columns == 0:
+            rows = count // columns
+            x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+            yield f"{columns}x{rows}", np.c_[x.ravel(), y.ravel()].astype(float)
+            by_columns = np.c_[x.T.ravel(), y.T.ravel()].astype(float)
+            yield f"{columns}x{rows}, column by column", by_columns
+
+
+def _left(view: View, plane: Array) -> float:
+    """The median distance of a view's points from a homography of points (N, 2), in parts of their spacing."""
+    h = homography.homographies(plane[None], view.uv[None])[0]
+    seen = np.c_[plane, np.ones(len(plane))] @ h.T
+    with np.errstate(all="ignore"):
+        off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - view.uv, axis=1)
+    apart = np.median(np.asarray(cKDTree(view.uv).query(view.uv, k=2)[0])[:, 1])
+    return float(np.median(off) / max(float(apart), 1e-12))
