@@ -41,8 +41,8 @@ class Found:
         The best candidate, where the solution as it is is not better.
     views : bool
         Whether single views explain it: nothing is wrong with the set.
-    effect : float
-        How far the camera is off by it, px.
+    effect, scatter : float
+        How far the camera is off by it, px: for the mean view, and rms over the views.
     sigma : float
         What is left of the noise, in the unit of the weights (px without sigmas).
     before : float
@@ -53,6 +53,7 @@ class Found:
     trial: Trial | None
     views: bool
     effect: float
+    scatter: float
     sigma: float
     before: float
 
@@ -80,7 +81,7 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
         All views; those that the solution rejected take part, with all their points.
     """
     base = _with_rejected(solution, given) if given is not None else solution
-    nothing = Found(base, None, False, 0.0, float("nan"), float("nan"))
+    nothing = Found(base, None, False, 0.0, 0.0, float("nan"), float("nan"))
     points, views = base.observations.point_count, len(base.poses)
     if points > MOST_POINTS or views > MOST_VIEWS or views < 3 or not base.free.any():
         return nothing
@@ -95,7 +96,7 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
     assert search.linear is not None
     left = float(np.sqrt(2 * best.cost / (search.freedom - best.numbers)))
     before = float(np.sqrt(2 * search.linear.cost / search.freedom))
-    return Found(base, best, best.kind == "views", effect_px(base, best), left, before)
+    return Found(base, best, best.kind == "views", *effect_px(base, best), left, before)
 
 
 def _sigmas(data: Observations, rows: Observations) -> Array | None:

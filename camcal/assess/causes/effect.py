@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from camcal.assess.causes.search import Trial
@@ -15,12 +17,16 @@ from camcal.solve.warp import Warp
 #: steps of the rotation between the frames; the cameras are near one another
 _STEPS = 5
 _TURN = 1e-6
+#: of a standard deviation: a step that stays linear
+_SMALL = 1e-2
 
 
-def effect_px(base: Calibration, trial: Trial) -> float:
-    """How far the camera of all views projects from what a trial says of each view: rms over views and picture, px.
+def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
+    """How far the camera of all views projects from what a trial says, px: for the mean view, and rms over the views.
 
     At infinity, over the part of the picture that points cover, after the rotation that fits best (`difference.py`).
+    Where every view has numbers of its own, the mean view has none; where views form parts, both figures are the same.
+    What moved while a picture was read is not the camera's. What the trial's own uncertainty explains is taken off.
     """
     grid, covered = covered_grid(base)
     pixels = grid[covered]
@@ -28,13 +34,34 @@ def effect_px(base: Calibration, trial: Trial) -> float:
     good = np.isfinite(rays).all(1)
     pixels, rays = pixels[good], rays[good]
     if len(pixels) < 3:
-        return 0.0
-    # what moved while a picture was read is not the camera's
-    theta = np.zeros_like(trial.theta) if trial.kind == "rolling" else trial.theta
-    each, counts = np.unique(theta.round(9), axis=0, return_counts=True)
-    squares = [np.square(_left(trial.camera, trial.warp, theta, rays, pixels)).sum(1) for theta in each]
-    means = np.array([np.nanmean(s) for s in squares])
-    return float(np.sqrt(np.average(means, weights=counts)))
+        return 0.0, 0.0
+    none = np.zeros_like(trial.theta)
+    every = none if trial.kind == "rolling" else trial.theta
+    each, counts = np.unique(every.round(9), axis=0, return_counts=True)
+    squares = [_mean_square(trial, theta, rays, pixels) for theta in each]
+    noise = _by_noise(base, trial, rays, pixels)
+    scatter = np.average(squares, weights=counts) - noise
+    mean = scatter if trial.how != "each" else _mean_square(trial, none[0], rays, pixels) - noise
+    return float(np.sqrt(max(mean, 0.0))), float(np.sqrt(max(scatter, 0.0)))
+
+
+def _mean_square(trial: Trial, theta: Array, rays: Array, pixels: Array) -> float:
+    return float(np.nanmean(np.square(_left(trial.camera, trial.warp, theta, rays, pixels)).sum(1)))
+
+
+def _by_noise(base: Calibration, trial: Trial, rays: Array, pixels: Array) -> float:
+    """The mean square, px², by which the trial's own uncertainty lets it differ."""
+    free = base.free[:, base.free.any(0)]
+    values, vectors = np.linalg.eigh(trial.covariance)
+    none, here = np.zeros(len(trial.warp.fields)), trial.camera
+    at = here.project(rays)
+    total = 0.0
+    for value, vector in zip(values, vectors.T, strict=True):
+        sigma = np.sqrt(max(float(value), 0.0))
+        moved = replace(here, params=here.params + _SMALL * sigma * (free @ vector))
+        off = np.square(_left(moved, trial.warp, none, rays, at)).sum(1)
+        total += float(np.nanmean(off)) / _SMALL**2
+    return total
 
 
 def _left(camera: Camera, warp: Warp, theta: Array, rays: Array, pixels: Array) -> Array:

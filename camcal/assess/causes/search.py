@@ -13,7 +13,7 @@ what they explain better is left to the checks that name them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import comb, lgamma, log
 
 import numpy as np
@@ -22,11 +22,12 @@ from scipy.special import fdtrc
 from camcal.assess import figures
 from camcal.assess.causes.kinds import KINDS, OF_EACH, OF_ONE, OF_PARTS, contrasts, shared
 from camcal.assess.causes.linear import Linear, all_fields, problem_of
+from camcal.assess.covariance import eliminate_poses, invert_determined, reduce
 from camcal.errors import CamcalError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.solve import optimizers
-from camcal.solve.calibration import Calibration, ShapedBoard
+from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
 from camcal.solve.warp import Warp
@@ -60,6 +61,8 @@ class Trial:
     cost, numbers, bic : float, int, float
     warp : Warp
     board : ShapedBoard or None
+    covariance : (F, F) array
+        Of the camera's free parameters in this trial; empty for a board.
     """
 
     kind: str
@@ -72,6 +75,7 @@ class Trial:
     bic: float
     warp: Warp
     board: ShapedBoard | None = None
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 class Search:
@@ -115,7 +119,19 @@ class Search:
         cost, numbers = found.blocks.cost, design.shape[2]
         camera = Camera(self.base.camera.lens, found.state.params, self.base.camera.image_size)
         theta = warp.values(found.state.shape)
-        return Trial(kind, how, camera, theta, parts, cost, numbers, self.bic(cost, numbers, choices), warp)
+        noise = np.sqrt(2 * cost / (self.freedom - numbers))
+        return Trial(
+            kind,
+            how,
+            camera,
+            theta,
+            parts,
+            cost,
+            numbers,
+            self.bic(cost, numbers, choices),
+            warp,
+            covariance=_of_camera(found.blocks.normal(), problem.rigid, float(noise)),
+        )
 
     # ------------------------------------------------------------------ candidates
     def splits(self) -> Iterator[Trial]:
@@ -207,6 +223,12 @@ class Search:
         if found:
             found += self.outlying()
         return sorted(found, key=lambda t: t.bic)
+
+
+def _of_camera(normal: NormalBlocks, free: int, noise: float) -> Array:
+    """The covariance (F, F) of the first variables, the others and the poses unknown."""
+    reduced = reduce(normal, eliminate_poses(normal))
+    return invert_determined(reduced, np.diag(normal.intrinsics), noise)[0][:free, :free]
 
 
 def _log_choices(n: int, k: int) -> float:

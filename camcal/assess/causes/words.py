@@ -15,6 +15,11 @@ from camcal.solve.warp import FIELDS
 #: A camera that is off by this much, px, is wrong (`checks/fit.py`); by a fifth of it, about what a good detector's corner
 #: is off by, it is worse than it looks.
 SEVERAL_PX, VISIBLE_PX = 1.0, 0.2
+#: Numbers of each view also take up other errors that the views do not share: what they say of the camera is believed from
+#: several px on (the sheet of DBAT's demonstration, bowed anew in each view, moves the principal point by 1.3 px so).
+MANY_PX = 3.0
+#: sigmas that are too large by this much for a cause that was not taken into account mean little (as of `checks/board.py`)
+WORSE = 0.85
 #: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and pictures
 #: were turned where the two principal points lie opposite to one another about the centre to this part of their distance.
 ALIKE = 0.1
@@ -30,14 +35,30 @@ def warning_of(found: Found) -> CalibrationWarning | None:
     if trial is None:
         return None
     code, what, hint = _WORDS[trial.how](found, trial)
-    off = f" The one camera is off by {found.effect:.2g} px (rms over views and picture)."
+    off = f" The one camera is off by {found.effect:.2g} px (rms over the picture)"
+    if not found.effect > 0:
+        off = " By how much the camera is off for it, these views do not tell"
+    if found.scatter > found.effect > 0:
+        off += f", and each picture by {found.scatter:.2g} px"
     left = f" sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
-    return CalibrationWarning(code, what + left + off, hint, severity(found.effect))
+    return CalibrationWarning(code, f"{what}{left}{off}.", hint, severity(severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before))
 
 
-def severity(effect: float) -> Severity:
-    """By how far the camera is off, px."""
-    return "wrong" if effect > SEVERAL_PX else "doubtful" if effect > VISIBLE_PX else "note"
+def severity(effect: float, scatter: float, each: bool, ratio: float) -> Severity:
+    """How grave a cause is.
+
+    Parameters
+    ----------
+    effect, scatter : float
+        How far the camera is off, px; pictures that scatter about a right camera make it doubtful.
+    each : bool
+        Whether every view has numbers of its own.
+    ratio : float
+        What sigma falls to, as a part of it.
+    """
+    if effect > (MANY_PX if each else SEVERAL_PX):
+        return "wrong"
+    return "doubtful" if max(effect, scatter) > VISIBLE_PX or ratio < WORSE else "note"
 
 
 def _numbers(count: int) -> str:
@@ -132,10 +153,10 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
     if trial.kind == "cropped":
         shift = np.linalg.norm(theta[:, [_AT["shift-u"], _AT["shift-v"]]], axis=1) * unit
         return (
-            "stabilised-pictures",
-            f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): as of an image "
-            "stabiliser, or pictures that were cropped differently.",
-            "Switch the stabiliser off (also the optical one), and do not crop.",
+            "principal-point-moves",
+            f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): an image "
+            "stabiliser (as of stabilised film), a lens that gives in its mount, or pictures that were cropped differently.",
+            "Switch the stabiliser off (also the optical one), clamp the lens, and do not crop.",
         )
     spread = float(np.sqrt((theta[:, _AT["scale"]] ** 2).mean()))
     if trial.kind == "resized":
