@@ -93,12 +93,21 @@ def clean(seed: int) -> set[str]:
     return codes(data, model=model, robust=str(rng.choice(["none", "auto"])))
 
 
-def codes(data: Correspondences, **options: Any) -> set[str]:
+class Said(set):
+    """Codes of warnings, with the grade; an error is `wrong`."""
+
+    grade: str = "wrong"
+
+
+def codes(data: Correspondences, **options: Any) -> Said:
     """Codes of the warnings, or what the error says."""
     try:
-        return {w.code for w in calibrate(data, **{"model": "opencv5", **options}).warnings}
+        found = calibrate(data, **{"model": "opencv5", "crosscheck": False, **options})
     except CamcalError as error:
-        return {f"error: {error}"}
+        return Said({f"error: {error}"})
+    said = Said(w.code for w in found.warnings)
+    said.grade = found.grade
+    return said
 
 
 # ------------------------------------------------------------------ changes to clean data
@@ -205,20 +214,124 @@ def _far_away(rng):
     return codes(each(data, lambda v: replace(v, xyz=v.xyz + [5e4, 3e4, 0.0])))
 
 
+#: what a fault of the whole set must not be taken for
+BLAME = {"other-board", "mirrored-views", "mirrored-picture", "rejected-mirror-image"}
+
+
+# ------------------------------------------------------------------ faults that all views have in common
+def _mapped(data: Correspondences, some: Array, move: Callable[[Array], Array]) -> Correspondences:
+    """The image points of some views (a mask) moved."""
+    views = [replace(v, uv=move(v.uv)) if s else v for v, s in zip(data.views, some, strict=True)]
+    return data.with_views(tuple(views))
+
+
+def _later(count: int, rng) -> Array:
+    """Views from somewhere in the middle on."""
+    return np.arange(count) >= rng.integers(count // 3, count - count // 3 + 1)
+
+
+def _any_half(count: int, rng) -> Array:
+    return rng.permutation(count) < count // 2
+
+
+def _two(rng, some: Callable, **other):
+    """Some of 15 views by a camera of other parameters; the lens off the centre, as lenses are."""
+    first = camera(cx=652.0, cy=471.0)
+    values = dict(zip(first.lens.names, first.params, strict=True))
+    values |= {n: v * values[n] if n[0] == "f" or n[0] == "k" else v + values[n] for n, v in other.items()}
+    second = Camera(first.lens, first.lens.from_values(values), SIZE)
+    a, b = seen(first, rng, 15), seen(second, rng, 15)
+    mask = some(15, rng)
+    views = [replace(w if m else v, id=v.id) for v, w, m in zip(a.views, b.views, mask, strict=True)]
+    return a.with_views(tuple(views))
+
+
+def _rolling(rng):
+    """Each view displaced in proportion to its row, 4 px (rms) over the picture."""
+    data = seen(camera(), rng, 15)
+    speed = iter(rng.normal(0, 4 / SIZE[1], (15, 2)))
+    return each(data, lambda v: replace(v, uv=v.uv + np.outer(v.uv[:, 1] - SIZE[1] / 2, next(speed))))
+
+
+def _stabilised(rng):
+    data = seen(camera(), rng, 15)
+    shift = iter(rng.normal(0, 12, (15, 2)))
+    return each(data, lambda v: replace(v, uv=v.uv + next(shift)))
+
+
+def _printed(rng, matrix):
+    board = grid()
+    data = seen(camera(), rng, 15, board @ np.array(matrix).T)
+    return each(data, lambda v: replace(v, xyz=board))
+
+
+def _part(rng, some, move):
+    return _mapped(seen(camera(cx=652.0, cy=471.0), rng, 15), some(15, rng), move)
+
+
+def _wrong_count(rng):
+    return each(seen(camera(), rng, 12), lambda v: replace(v, xyz=grid(6, 9)))
+
+
+def _too_large(rng):
+    return replace(seen(camera(cx=652.0, cy=471.0), rng, 12), image_sizes=((2560, 1920),))
+
+
+def _turned(uv):
+    return np.subtract(SIZE, 1) - uv
+
+
+TWO = ("several-cameras", "zoom-or-refocus")
+GRAVE, ANY = ("wrong",), ("wrong", "doubtful")
+COMMON_FAULTS = {
+    "zoom by 2 % at some view": (lambda r: _two(r, _later, fx=1.02, fy=1.02), TWO, GRAVE),
+    "zoom by 0.5 %": (lambda r: _two(r, _later, fx=1.005, fy=1.005), TWO, ANY),
+    "refocused: f 1 % longer, k1 10 % larger": (lambda r: _two(r, _later, fx=1.01, fy=1.01, k1=1.1), TWO, GRAVE),
+    "two cameras in any order, f 5 % apart": (
+        lambda r: _two(r, _any_half, fx=1.05, fy=1.05, k1=0.5, cx=8.0), TWO, GRAVE),
+    "two cameras, f 43 % apart": (lambda r: _two(r, _any_half, fx=1.43, fy=1.43), TWO, GRAVE),
+    "half of the pictures halved": (
+        lambda r: _part(r, _later, lambda uv: (uv + 0.5) / 2 - 0.5), ("resized-pictures",), GRAVE),
+    "any half of the pictures at 3/4": (
+        lambda r: _part(r, _any_half, lambda uv: (uv + 0.5) * 0.75 - 0.5), ("resized-pictures",), GRAVE),
+    "a part cropped by 60, 40 px": (
+        lambda r: _part(r, _later, lambda uv: uv - [60, 40]), ("cropped-pictures", "several-cameras"), ANY),
+    "any half turned by 180 degrees": (lambda r: _part(r, _any_half, _turned), ("turned-pictures",), ANY),
+    "rolling shutter, 4 px": (_rolling, ("rolling-shutter",), ANY),
+    "stabiliser, 12 px": (_stabilised, ("principal-point-moves",), ANY),
+    "print 2 % longer in y": (lambda r: _printed(r, np.diag([1, 1.02, 1])), ("board-not-flat",), ANY),
+    "print sheared by 1 degree": (
+        lambda r: _printed(r, [[1, 0.0175, 0], [0, 1, 0], [0, 0, 1]]), ("board-not-flat",), ANY),
+    "9x6 numbered as 6x9": (_wrong_count, ("error: numbered",), GRAVE),
+    "picture size twice as large": (_too_large, ("image-size",), ANY),
+}  # fmt: skip
+
+
+def _common(run):
+    def made(rng):
+        data = run(rng)
+        return codes(data, robust="auto")
+
+    return made
+
+
 PARALLEL = ("fronto-parallel-views", "parallel-views", "error: parallel")
 POINTS = ("large-residuals", "error: behind", "error: order")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A fault, a run of it from a random generator, and the names that are right for it."""
+    """A fault, a run of it from a random generator, the names that are right for it, and the grades."""
 
     name: str
     run: Callable[[np.random.Generator], set[str]]
     right: tuple[str, ...]
+    grades: tuple[str, ...] = ()
 
     def named(self, found: set[str]) -> bool:
-        """Whether one of the right names is among what was found."""
+        """Whether one of the right names is among what was found, the grade is right, and nobody is blamed for it."""
+        if self.grades and (getattr(found, "grade", "") not in self.grades or found & BLAME):
+            return False
         for wanted in self.right:
             kind, _, word = wanted.partition(": ")
             if wanted in found or (word and any(f.startswith(kind) and word in f for f in found)):
@@ -264,6 +377,7 @@ OTHERS = [
     Case("a row shifted by one", lambda r: _one_view(r, _shifted_row, robust="auto"), ("mismatched-points",)),
     Case("one picture of another board", _another_board, ("other-board",)),
 ]  # fmt: skip
+COMMON = [Case(name, _common(run), right, grades) for name, (run, right, grades) in COMMON_FAULTS.items()]
 HARMLESS = [
     Case("a frame 58 km away", _far_away, ()),
     Case("lens of 80 degrees, kb4", lambda r: _wide(r, model="kb4"), ()),

@@ -16,12 +16,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from faulty_cases import HARMLESS, OTHERS, SILENT, Case, clean
+from faulty_cases import COMMON, HARMLESS, OTHERS, SILENT, Case, clean
 from tables import markdown, update
 
 PAGE = Path(__file__).parents[1] / "docs" / "trust-figures.md"
 REPORT = PAGE.with_name("report.md")
-CASES = {c.name: c for c in (*SILENT, *OTHERS, *HARMLESS)}
+CASES = {c.name: c for c in (*SILENT, *OTHERS, *COMMON, *HARMLESS)}
 
 
 def _faulty(task: tuple[str, int]) -> tuple[str, set[str]]:
@@ -74,7 +74,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="put the tables into docs/trust-figures.md")
     told = parser.parse_args()
     begin = time.perf_counter()
-    kinds = {"silent": SILENT, "faulty": OTHERS, "harmless": HARMLESS}
+    kinds = {"silent": SILENT, "faulty": OTHERS, "common": COMMON, "harmless": HARMLESS}
     names = [n for n in CASES if told.faulty and (told.cases is None or told.cases in n)]
     with multiprocessing.Pool(told.jobs) as pool:
         alarms: collections.Counter = collections.Counter()

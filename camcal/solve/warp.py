@@ -1,4 +1,4 @@
-"""A calibration whose views each pass through a small map of the image: what zoomed, was resized, or moved as it was read.
+"""A calibration whose views each pass through a small map of the image: zoomed, resized, moved while it was read.
 
 The prediction p of a point of view v becomes
 

@@ -1,8 +1,8 @@
 """Causes that the whole set of views has in common: found before single views are blamed.
 
-A camera that zoomed, pictures that were resized, a rolling shutter, a badly printed board make views disagree, and single
-views that disagree most are then taken for mirror images or other boards. `find` asks first whether one small model
-explains all views at once (`search.py`), and `words.py` says which.
+A camera that zoomed, pictures that were resized, a rolling shutter, a badly printed board make views disagree, and
+single views that disagree most are then taken for mirror images or other boards. `find` asks first whether one small
+model explains all views at once (`search.py`), and `words.py` says which.
 """
 
 from __future__ import annotations
@@ -103,14 +103,14 @@ def _sigmas(data: Observations, rows: Observations) -> Array | None:
     """The sigmas that the solution settled on, for views of it and others: these get the median."""
     if data.sigma is None:
         return None
-    known = {name: at for name, at in zip(data.view_ids, data.slices, strict=True)}
+    known = dict(zip(data.view_ids, data.slices, strict=True))
     usual = float(np.median(data.sigma))
     own = [data.sigma[known[v.id]] if v.id in known else np.full(len(v), usual) for v in rows.views]
     return np.concatenate(own)
 
 
 def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
-    """The fit to the used points and to all points of rejected views; the solution where there are none that have a pose."""
+    """The fit to the used points and all points of rejected views; the solution where none of these has a pose."""
     data = solution.observations
     rejected = {s.id for s in data.skipped if s.status == "rejected"}
     if solution.board is not None:
@@ -140,7 +140,11 @@ def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
         return solution
     rows = given.of_views(index)
     rows = replace(rows, sigma=_sigmas(data, rows), weight=None)
-    held = {n: None for n, free in zip(solution.camera.lens.names, solution.free.any(1), strict=True) if not free}
+    held = {
+        n: None
+        for n, free in zip(solution.camera.lens.names, np.any(solution.free, axis=1), strict=True)
+        if not free
+    }
     how = How(held, stopping=Options(max_iterations=30))
     try:
         return refine(solution.camera, Poses.stack(poses), rows.with_used(np.concatenate(used)), how)

@@ -1,8 +1,8 @@
 """What a few more numbers would gain, by one step from the solution: all candidates from one pass over the data.
 
-The rows of a view's points by the camera's free parameters, its pose, the fields of `camcal.solve.warp` and the residual give a
-matrix of products; the pose is eliminated from it (Schur complement), which leaves R_v over (camera, fields, residual). A
-candidate with numbers β and θ_v = D_v β then gains
+The rows of a view's points by the camera's free parameters, its pose, the fields of `camcal.solve.warp` and the
+residual give a matrix of products; the pose is eliminated from it (Schur complement), which leaves R_v over (camera,
+fields, residual). A candidate with numbers β and θ_v = D_v β then gains
 
     ½ bᵀ A⁻¹ b,   A = Σ_v [I 0; 0 D_v]ᵀ R_v [I 0; 0 D_v],  b its part against the residual                (1)
 
@@ -28,9 +28,7 @@ def problem_of(base: Calibration, warp: Warp) -> WarpedProblem:
     """The problem of a fit with a map on top."""
     data = base.observations.kept()
     weights = None if data.precision is None else data.split(data.precision)
-    return WarpedProblem(
-        base.camera.lens, data.views, base.free[:, base.free.any(0)], warp, weights
-    )
+    return WarpedProblem(base.camera.lens, data.views, base.free[:, base.free.any(0)], warp, weights)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,13 @@
 """Which one of a few small models explains that the views do not tell of one camera.
 
-Each candidate is the calibration with a few numbers more (`kinds.py`). What one step promises (`linear.py`) says which are
-worth a fit; the fits are compared by the Bayesian information criterion (Schwarz 1978),
+Each candidate is the calibration with a few numbers more (`kinds.py`). What one step promises (`linear.py`) says
+which are worth a fit; the fits are compared by the Bayesian information criterion (Schwarz 1978),
 
     BIC = n ln(cost / n) + m ln n + 2 ln(choices)                                                         (1)
 
-with n coordinates less unknowns, m numbers, and how many candidates of the kind (split points, assignments of views to two
-groups) were looked through. Views that simply do not belong, and a board of its own shape, are candidates like the others:
-what they explain better is left to the checks that name them.
+with n coordinates less unknowns, m numbers, and how many candidates of the kind (split points, assignments of views
+to two groups) were looked through. Views that simply do not belong, and a board of its own shape, are candidates like
+the others: what they explain better is left to the checks that name them.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ EVIDENCE = 20.0
 LEAST_PART = 2
 #: what two groups may differ in, by the number of each view that tells them apart
 _GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
+#: groups of more views than this are not improved view by view: that takes count² products
+MOST_SWAPPED = 40
 #: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
 STEPS = 25
 
@@ -167,12 +169,31 @@ class Search:
         parts = two_groups(values @ along, self.linear.information(column @ along))
         if parts is None:
             return
-        choices = log(comb(self.count, int(parts.sum())))
         for kind in kinds:
-            yield from self._some(self.fit(kind, "groups", self._parts(kind, parts), parts, choices))
+            for some in {p.tobytes(): p for p in (parts, self._swapped(kind, parts))}.values():
+                choices = log(comb(self.count, int(some.sum())))
+                yield from self._some(self.fit(kind, "groups", self._parts(kind, some), some, choices))
+
+    def _swapped(self, kind: str, parts: Array) -> Array:
+        """Two groups after views changed sides, one after the other, as long as one step promises more."""
+        best, promise = parts, self._of_groups(kind, parts)
+        for _ in range(self.count if self.count <= MOST_SWAPPED else 0):
+            others = [best ^ (np.arange(self.count) == i) for i in range(self.count)]
+            promises = [
+                self._of_groups(kind, o) if LEAST_PART <= o.sum() <= self.count - LEAST_PART else np.inf
+                for o in others
+            ]
+            place = int(np.argmin(promises))
+            if not promises[place] < promise:
+                break
+            best, promise = others[place], promises[place]
+        return best
+
+    def _of_groups(self, kind: str, parts: Array) -> float:
+        return self.promised(self._parts(kind, parts), log(comb(self.count, int(parts.sum()))))
 
     def outlying(self) -> Iterator[Trial]:
-        """Views that do not belong: chosen one after the other, up to a fifth of them, as many as one step finds best."""
+        """Views that do not belong: one after the other, up to a fifth of them, as many as one step finds best."""
         assert self.linear is not None
         chosen: list[int] = []
         columns, eye = self.columns[OF_ONE], np.eye(self.count)
@@ -196,14 +217,21 @@ class Search:
             return
         for kind in kinds:
             try:
-                made = refine(base.camera, base.poses, base.observations, How(_held(base), board=kind, stopping=Options(max_iterations=STEPS)))
+                made = refine(
+                    base.camera,
+                    base.poses,
+                    base.observations,
+                    How(_held(base), board=kind, stopping=Options(max_iterations=STEPS)),
+                )
             except CamcalError:
                 continue
             assert made.board is not None
             numbers = made.board.size
             theta = np.zeros((self.count, len(self.warp.fields)))
             bic = self.bic(made.fit.cost, numbers, 0.0)
-            yield Trial("board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp, made.board)
+            yield Trial(
+                "board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp, made.board
+            )
 
     def _parts(self, kind: str, parts: Array) -> Array:
         return shared(parts.astype(float)[:, None], self.columns[kind])
@@ -238,19 +266,20 @@ def _log_choices(n: int, k: int) -> float:
 def _held(base: Calibration) -> dict[str, float | None]:
     """The parameters that a fit held, at their values."""
     held: dict[str, float | None] = {
-        n: None for n, free in zip(base.camera.lens.names, base.free.any(1), strict=True) if not free
+        n: None for n, free in zip(base.camera.lens.names, np.any(base.free, axis=1), strict=True) if not free
     }
     return held
 
 
 def two_groups(values: Array, information: Array) -> Array | None:
-    """The split of weighted numbers (V,) into two groups of least scatter; the second as a mask, None for one group."""
+    """Two groups of least scatter of weighted numbers (V,): the second as a mask; None where they are too few."""
     order = np.argsort(values)
     x, w = values[order], np.maximum(information[order], 1e-300)
     best, place = np.inf, 0
     for k in range(LEAST_PART, len(x) - LEAST_PART + 1):
         scatter = sum(
-            float((w[s] * (x[s] - np.average(x[s], weights=w[s])) ** 2).sum()) for s in (slice(k), slice(k, None))
+            float((w[s] * (x[s] - np.average(x[s], weights=w[s])) ** 2).sum())
+            for s in (slice(k), slice(k, None))
         )
         if scatter < best:
             best, place = scatter, k

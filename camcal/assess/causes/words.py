@@ -12,16 +12,19 @@ from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.model.pose import Array
 from camcal.solve.warp import FIELDS
 
-#: A camera that is off by this much, px, is wrong (`checks/fit.py`); by a fifth of it, about what a good detector's corner
-#: is off by, it is worse than it looks.
+#: A camera that is off by this much, px, is wrong (`checks/fit.py`); by a fifth of it, about what a good detector's
+#: corner is off by, it is worse than it looks.
 SEVERAL_PX, VISIBLE_PX = 1.0, 0.2
-#: Numbers of each view also take up other errors that the views do not share: what they say of the camera is believed from
-#: several px on (the sheet of DBAT's demonstration, bowed anew in each view, moves the principal point by 1.3 px so).
+#: Numbers of each view also take up other errors that the views do not share: what they say of the camera is believed
+#: from several px on (the sheet of DBAT's demonstration, bowed anew in each view, moves the principal point by 1.3 px
+#: so).
 MANY_PX = 3.0
-#: sigmas that are too large by this much for a cause that was not taken into account mean little (as of `checks/board.py`)
+#: sigmas that are too large by this much for a cause that was not taken into account mean little (as of
+#: `checks/board.py`)
 WORSE = 0.85
-#: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and pictures
-#: were turned where the two principal points lie opposite to one another about the centre to this part of their distance.
+#: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and
+#: pictures were turned where the two principal points lie opposite to one another about the centre to this part of
+#: their distance.
 ALIKE = 0.1
 #: Scales this near to one another (in the logarithm) are those of a zoom or of a focus: resizing takes more.
 RESIZED = 0.02
@@ -40,8 +43,9 @@ def warning_of(found: Found) -> CalibrationWarning | None:
         off = " By how much the camera is off for it, these views do not tell"
     if found.scatter > found.effect > 0:
         off += f", and each picture by {found.scatter:.2g} px"
-    left = f" sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
-    return CalibrationWarning(code, f"{what}{left}{off}.", hint, severity(severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before))
+    left = f" Sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
+    grave = severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before)
+    return CalibrationWarning(code, f"{what}{left}{off}.", hint, grave)
 
 
 def severity(effect: float, scatter: float, each: bool, ratio: float) -> Severity:
@@ -93,7 +97,11 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
         return _moved(found, trial, where, shift)
     longer = f"{abs(scale - 1):.2%} {'longer' if scale > 1 else 'shorter'}"
     if trial.kind == "camera" or trial.how == "groups":
-        moved = f", the principal point moved by ({shift[0]:.1f}, {shift[1]:.1f}) px" if trial.kind == "camera" else ""
+        moved = (
+            f", the principal point moved by ({shift[0]:.1f}, {shift[1]:.1f}) px"
+            if trial.kind == "camera"
+            else ""
+        )
         return (
             "several-cameras",
             f"{where} another camera (or another zoom or focus of it) was used: focal length {longer}{moved}.",
@@ -122,11 +130,11 @@ def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, s
     size = found.base.camera.image_size
     if size is not None:
         opposite = np.subtract(size, 1) - 2 * trial.camera.params[2:4]
-        if np.linalg.norm(shift - opposite) < ALIKE * max(np.linalg.norm(shift), 1.0):
+        if np.linalg.norm(shift - opposite) < ALIKE * float(np.linalg.norm(shift)):
             return (
                 "turned-pictures",
-                f"{where} the principal point lies opposite, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these pictures were "
-                "turned by 180 degrees.",
+                f"{where} the principal point lies opposite, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these "
+                "pictures were turned by 180 degrees.",
                 "Turn them back (check how the orientation of the pictures was stored and applied).",
             )
     return (
@@ -138,15 +146,18 @@ def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, s
 
 def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
     """Numbers of each view; they sum to zero."""
-    theta, unit = trial.theta, trial.warp.unit
+    theta, unit = trial.theta, float(trial.warp.unit)
     if trial.kind == "rolling":
-        height = found.base.camera.image_size[1] if found.base.camera.image_size else 2 * unit
-        lean = np.linalg.norm(theta[:, [_AT["lean"], _AT["stretch"]]], axis=1) * height
+        size = found.base.camera.image_size
+        height = float(size[1]) if size else 2 * unit
+        lean: Array = np.linalg.norm(theta[:, [_AT["lean"], _AT["stretch"]]], axis=1) * height
+        usual = np.sqrt((lean**2).mean())
+        most = float(lean.max())
         worst = found.base.observations.view_ids[int(lean.argmax())]
         return (
             "rolling-shutter",
-            f"the points of each view are displaced in proportion to their row, by {np.sqrt((lean**2).mean()):.2g} px (rms) from "
-            f"the first row to the last, {lean.max():.2g} px in view '{worst}': camera or target moved while a rolling shutter "
+            f"the points of each view are displaced in proportion to their row, by {usual:.2g} px (rms) from the first "
+            f"row to the last, {most:.2g} px in view '{worst}': camera or target moved while a rolling shutter "
             "read the picture.",
             "Put camera and target on stands, or expose with a global shutter.",
         )
@@ -155,14 +166,14 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
         return (
             "principal-point-moves",
             f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): an image "
-            "stabiliser (as of stabilised film), a lens that gives in its mount, or pictures that were cropped differently.",
+            "stabiliser (as of stabilised film), a lens that gives in its mount, or pictures cropped differently.",
             "Switch the stabiliser off (also the optical one), clamp the lens, and do not crop.",
         )
     spread = float(np.sqrt((theta[:, _AT["scale"]] ** 2).mean()))
     if trial.kind == "resized":
         return (
             "resized-pictures",
-            f"the scale of the pictures differs from view to view, by {spread:.2%} (rms): they were resized differently.",
+            f"the scale of the pictures differs from view to view, by {spread:.2%} (rms): resized differently.",
             "Take all pictures as they come from the camera, at one resolution.",
         )
     return (

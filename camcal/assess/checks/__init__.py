@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from camcal.assess.causes import Found
 from camcal.assess.checks import (
     board,
     cause,
@@ -24,7 +25,6 @@ from camcal.assess.checks import (
     rejected,
     views,
 )
-from camcal.assess.causes import Found
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import Calibration
@@ -46,6 +46,7 @@ CHECKS = (
     lens.fold_in_image,
     coverage.poor,
     coverage.outside_image,
+    coverage.image_size,
     fit.little_redundancy,
     fit.outliers,
     rejected.many_rejected,

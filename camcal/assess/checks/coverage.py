@@ -18,6 +18,12 @@ LEAST_AREA = 0.12
 #: Points may lie this far outside, px: sub-pixel corners at the very border.
 MARGIN_PX = 1.0
 
+#: A principal point this much nearer to the first pixel than the picture's centre, in both directions, and all
+#: points within twice its coordinates: lenses stand within a tenth of the centre, a picture of half the size has it at .5.
+OFF_CENTRE = 0.75
+#: how much the two directions may differ: a size given wrongly keeps the picture's proportions, a cropped picture does not
+SAME_RATIO = 0.1
+
 #: below this part of the picture even a lens without distortion is extrapolated over most of it
 SMALL_AREA = 0.05
 #: single points outside are outliers of a detector; a tenth of them shows that the size or the axes are not
@@ -61,4 +67,24 @@ def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{out} of {len(uv)} points lie outside the {width}x{height} image (u to {u:.0f}, v to {v:.0f}).",
             "Check --image-size, and that u is the column and v the row.",
             "wrong" if out > MANY_OUTSIDE * len(uv) else "doubtful",
+        )
+
+
+def image_size(facts: Facts) -> Iterator[CalibrationWarning]:
+    """A principal point and points that are those of a smaller picture."""
+    size = facts.image_size
+    if size is None or not facts.groups("principal"):
+        return
+    ratio = (2 * facts.camera.params[2:4] + 1) / size
+    # points reach twice the principal point where the picture they were found in ends there
+    inside = (facts.image_points < 2 * facts.camera.params[2:4] + 1 + ratio * MARGIN_PX).all(1).mean()
+    if (ratio < OFF_CENTRE).all() and abs(ratio[0] - ratio[1]) < SAME_RATIO and inside > 1 - MANY_OUTSIDE:
+        u, v = facts.camera.params[2:4].tolist()
+        width, height = (round(2 * x + 1) for x in (u, v))
+        yield CalibrationWarning(
+            "image-size",
+            f"the principal point ({u:.0f}, {v:.0f}) and the points are those of a picture of about {width}x{height}, "
+            f"not of {size[0]}x{size[1]}.",
+            "Check --image-size: it is the size of the pictures in which the points were found.",
+            "doubtful",
         )

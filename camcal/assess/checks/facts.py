@@ -17,7 +17,6 @@ from camcal.data.shape import Shapes
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
 
-
 #: targets that identify their points
 CODED = ("charuco", "aprilgrid", "tags", "markers")
 

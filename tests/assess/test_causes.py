@@ -1,0 +1,175 @@
+"""Causes that all views share: named with their number, silent on clean data, nobody blamed."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camcal.assess.causes import find
+from camcal.assess.causes.kinds import KINDS, contrasts, shared
+from camcal.assess.causes.linear import Linear, all_fields, problem_of
+from camcal.assess.causes.search import two_groups
+from camcal.assess.causes.words import MANY_PX, SEVERAL_PX, VISIBLE_PX, WORSE, severity, warning_of
+from camcal.data.observations import Correspondences
+from camcal.errors import DataError
+from camcal.plan.calibrate import calibrate
+from camcal.solve import optimizers
+from camcal.solve.warp import FIELDS, Warp
+from camcal.start.numbering import check_numbering
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def cases():
+    sys.path.insert(0, str(BENCHMARKS))
+    import faulty_cases
+
+    yield faulty_cases
+    sys.path.remove(str(BENCHMARKS))
+    sys.modules.pop("faulty_cases", None)
+
+
+def fitted(data: Correspondences):
+    return calibrate(data, "opencv5", checks=False, crosscheck=False)
+
+
+NAMES = (
+    "zoom by 2 % at some view",
+    "two cameras in any order, f 5 % apart",
+    "any half of the pictures at 3/4",
+    "a part cropped by 60, 40 px",
+    "any half turned by 180 degrees",
+    "rolling shutter, 4 px",
+    "stabiliser, 12 px",
+    "print 2 % longer in y",
+    "9x6 numbered as 6x9",
+    "picture size twice as large",
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_cause_is_named_and_nobody_is_blamed(cases, name):
+    case = next(c for c in cases.COMMON if c.name == name)
+    found = case.run(np.random.default_rng(11))
+    assert case.named(found), (found, found.grade)
+
+
+def test_the_numbers_found(cases):
+    """A zoom of 2 % from a known view on: the view, and the ratio within .2 % (5 sigmas of a simulation)."""
+    rng = np.random.default_rng(2)
+    first, second = cases.camera(), cases.camera(fx=1020.0, fy=1020.0)
+    a, b = cases.seen(first, rng, 15), cases.seen(second, rng, 15)
+    data = a.with_views(
+        tuple(replace(w, id=v.id) if i >= 9 else v for i, (v, w) in enumerate(zip(a.views, b.views)))
+    )
+    found = find(fitted(data))
+    assert found.cause is not None and found.cause.how == "split"
+    assert np.flatnonzero(found.cause.parts)[0] == 9
+    scale = found.cause.theta[-1, list(FIELDS).index("scale")]
+    assert scale == pytest.approx(0.02, abs=0.002)
+    # what is left is the noise of .1 px (5 % for 1500 degrees of freedom is over 2 sigmas)
+    assert found.sigma == pytest.approx(0.1, rel=0.05)
+    said = warning_of(found)
+    assert said is not None and said.code == "zoom-or-refocus" and "'v9'" in said.message
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("board", [(3, 3), (9, 6)])
+def test_clean_views_have_no_cause(cases, seed, board):
+    data = cases.seen(cases.camera(), np.random.default_rng(seed), 15, cases.grid(*board))
+    assert find(fitted(data)).trial is None
+
+
+def test_a_view_that_does_not_belong_is_no_cause(cases):
+    rng = np.random.default_rng(5)
+    data = cases.seen(cases.camera(), rng, 11)
+    other = cases.seen(cases.camera(), rng, 1, cases.grid() * [1.0, 1.15, 1.0]).views[0]
+    data = data.with_views((*data.views, replace(other, id="other", xyz=cases.grid())))
+    found = find(fitted(data))
+    assert found.trial is not None and found.views and found.cause is None and warning_of(found) is None
+
+
+def test_one_step_promises_what_a_fit_gains(cases):
+    """A zoom of .1 %, where the problem is linear: the promised gain is that of the fit to 2 %."""
+    rng = np.random.default_rng(1)
+    first, second = cases.camera(), cases.camera(fx=1001.0, fy=1001.0)
+    a, b = cases.seen(first, rng, 12, noise=0.01), cases.seen(second, rng, 12, noise=0.01)
+    base = fitted(a.with_views((*a.views[:6], *(replace(v, id=f"{v.id}b") for v in b.views[6:]))))
+    warp = all_fields(base)
+    linear = Linear.of(base, warp)
+    parts = (np.arange(12) >= 6).astype(float)[:, None]
+    for kind in ("focal", "camera"):
+        design = shared(parts, KINDS[kind](warp))
+        problem = problem_of(base, Warp(warp.fields, design, warp.centre, warp.unit))
+        start = problem.state(base.camera.params, base.poses)
+        end = optimizers.make("lm")(problem, start, None, None)
+        assert linear.gain(design) == pytest.approx(linear.cost - end.blocks.cost, rel=0.02)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(FIELDS)))
+@settings(max_examples=30, deadline=None)
+def test_derivatives_of_the_fields(seed, name):
+    rng = np.random.default_rng(seed)
+    q, step = rng.normal(size=(2, 5)), 1e-6
+    _, slopes = FIELDS[name](q)
+    for j in range(2):
+        d = np.zeros_like(q)
+        d[j] = step
+        numeric = (FIELDS[name](q + d)[0] - FIELDS[name](q - d)[0]) / (2 * step) + 0 * q
+        # third derivatives of a cubic times step², and rounding of 1e-16 / step
+        assert np.abs(np.broadcast_to(slopes, (2, 2, 5))[:, j] - numeric).max() < 1e-8
+
+
+def test_contrasts_sum_to_zero():
+    basis = contrasts(7)
+    assert basis.shape == (7, 6) and np.abs(basis.sum(0)).max() < 1e-12
+    assert np.allclose(basis.T @ basis, np.eye(6))
+
+
+def test_two_groups():
+    values = np.array([0.0, 5.0, 0.1, 5.2, -0.1, 4.9])
+    assert set(np.flatnonzero(two_groups(values, np.ones(6)))) == {1, 3, 5}
+    assert two_groups(np.arange(3.0), np.ones(3)) is None  # no two parts of two views
+
+
+@pytest.mark.parametrize(
+    ("effect", "each", "ratio", "wanted"),
+    [
+        (1.01 * SEVERAL_PX, False, 0.5, "wrong"),
+        (0.99 * SEVERAL_PX, False, 0.5, "doubtful"),
+        (0.99 * MANY_PX, True, 0.5, "doubtful"),
+        (1.01 * MANY_PX, True, 0.5, "wrong"),
+        (1.01 * VISIBLE_PX, False, 0.99, "doubtful"),
+        (0.99 * VISIBLE_PX, False, 0.99, "note"),
+        (0.0, True, WORSE - 0.01, "doubtful"),
+        (0.0, True, WORSE + 0.01, "note"),
+    ],
+)
+def test_severity(effect, each, ratio, wanted):
+    assert severity(effect, effect, each, ratio) == wanted
+
+
+def test_numbering(cases):
+    data = cases.seen(cases.camera(), np.random.default_rng(0), 6)
+    check_numbering(data)  # as it is: nothing
+    by_columns = cases.grid().reshape(6, 9, 3).transpose(1, 0, 2).reshape(-1, 3)
+    for wrong in (cases.grid(6, 9), cases.grid(27, 2), by_columns):
+        with pytest.raises(DataError, match="as one of 9x6"):
+            check_numbering(cases.each(data, lambda v, wrong=wrong: replace(v, xyz=wrong)))
+    # in no order at all: that is not for this check to say
+    rng = np.random.default_rng(1)
+    check_numbering(cases.each(data, lambda v: replace(v, uv=v.uv[rng.permutation(len(v))])))
+
+
+def test_the_size_of_the_pictures(cases):
+    """Pictures said to be larger than they are, from both sides of the limit; a cropped picture is not called so."""
+    data = cases.seen(cases.camera(), np.random.default_rng(0), 12)
+    for factor, said in ((1.25, False), (1.5, True)):
+        size = round(cases.SIZE[0] * factor), round(cases.SIZE[1] * factor)
+        assert ("image-size" in cases.codes(replace(data, image_sizes=(size,)))) == said
+    assert "image-size" not in cases.codes(replace(data, image_sizes=((2560, 960),)))
