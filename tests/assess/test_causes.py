@@ -65,7 +65,10 @@ def test_the_numbers_found(cases):
     first, second = cases.camera(), cases.camera(fx=1020.0, fy=1020.0)
     a, b = cases.seen(first, rng, 15), cases.seen(second, rng, 15)
     data = a.with_views(
-        tuple(replace(w, id=v.id) if i >= 9 else v for i, (v, w) in enumerate(zip(a.views, b.views)))
+        tuple(
+            replace(w, id=v.id) if i >= 9 else v
+            for i, (v, w) in enumerate(zip(a.views, b.views, strict=True))
+        )
     )
     found = find(fitted(data))
     assert found.cause is not None and found.cause.how == "split"

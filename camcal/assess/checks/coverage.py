@@ -18,10 +18,11 @@ LEAST_AREA = 0.12
 #: Points may lie this far outside, px: sub-pixel corners at the very border.
 MARGIN_PX = 1.0
 
-#: A principal point this much nearer to the first pixel than the picture's centre, in both directions, and all
-#: points within twice its coordinates: lenses stand within a tenth of the centre, a picture of half the size has it at .5.
+#: A principal point this much nearer to the first pixel than the picture's centre, in both directions, and all points
+#: within twice its coordinates: lenses stand within a tenth of the centre, and a picture of half the size has it at
+#: half of it.
 OFF_CENTRE = 0.75
-#: how much the two directions may differ: a size given wrongly keeps the picture's proportions, a cropped picture does not
+#: by how much the two directions may differ: a size given wrongly keeps the picture's proportions, cropping does not
 SAME_RATIO = 0.1
 
 #: below this part of the picture even a lens without distortion is extrapolated over most of it
