@@ -153,9 +153,9 @@ class _Model:
         beta = -m @ np.einsum("vif,vi->f", wa, self.y)
         py = np.einsum("vij,vj->vi", w, self.y + self.a @ beta)
         wvw = w @ parts @ w  # (3, V, 6, 6)
-        inner = np.einsum("vif,kvij,vjg->kfg", self.a, wvw, self.a)
+        inner = (np.swapaxes(self.a, 1, 2) @ wvw @ self.a).sum(1)
         traces = np.einsum("kvii->k", w @ parts) - np.einsum("fg,kgf->k", m, inner)
-        squares = np.einsum("vi,kvij,vj->k", py, parts, py)
+        squares = (py * (parts @ py[..., None])[..., 0]).sum((1, 2))
         score, information = 0.5 * (squares - traces), self._information(parts, w, wvw, m, inner)
         s2 = np.exp(logs[0])
         score[0] += 0.5 * (self.left / s2 - self.freedom)
@@ -171,10 +171,13 @@ class _Model:
 
     def _information(self, parts: Array, w: Array, wvw: Array, m: Array, inner: Array) -> Array:
         """½ tr P V_k P V_l, (3, 3)."""
-        first = np.einsum("kvij,lvji->kl", wvw, parts)
-        second = np.einsum("kvij,lvjm->klvim", wvw, parts @ w)
-        crossed = np.einsum("fg,vig,klvij,vjf->kl", m, self.a, second, self.a)
-        third = np.einsum("fg,kgh,hn,lnf->kl", m, inner, m, inner)
+        flat = wvw.reshape(3, -1)
+        first = flat @ np.swapaxes(parts, 2, 3).reshape(3, -1).T
+        left = m @ np.swapaxes(self.a, 1, 2) @ wvw  # (3, V, F, 6)
+        right = parts @ w @ self.a
+        crossed = left.reshape(3, -1) @ np.swapaxes(right, 2, 3).reshape(3, -1).T
+        both = m @ inner
+        third = both.reshape(3, -1) @ np.swapaxes(both, 1, 2).reshape(3, -1).T
         return 0.5 * (first - 2 * crossed + third)
 
     def uphill(self, logs: Array, here: _Point, step: Array, floors: Array) -> tuple[Array, _Point, float]:
