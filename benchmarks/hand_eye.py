@@ -1,10 +1,10 @@
 """Bias and coverage of hand-eye calibrations over simulated robots, beside closed forms of camcal and of cv2.
 
-Robots with 0 to 5 mm of noise and a tenth of a degree for each mm, pictures with 0.2 px, cameras in the hand and beside
-the robot. How often the 95 % intervals hold the truth (all six figures of the transformation; the worst and the best in
-brackets), the largest bias in standard errors (above 2.6 in one of six figures is one in twenty by chance), the root
-mean square of error over sigma, the robot's noise as estimated, and the root mean square errors of the translation, mm: of
-the joint estimate and of the closed forms. cv2's is run where its wheel has it (4.14; not 5.0).
+Robots with 0 to 5 mm of noise and a tenth of a degree for each mm, pictures with 0.2 px, cameras in the hand and
+beside the robot. How often the 95 % intervals hold the truth (all six figures of the transformation; the worst and the
+best in brackets), the largest bias in standard errors (above 2.6 in one of six figures is one in twenty by chance), the
+root mean square of error over sigma, the robot's noise as estimated, and the root mean square errors of the
+translation, mm: of the joint estimate and of the closed forms. cv2's is run where its wheel has it (4.14; not 5.0).
 
 Usage: python benchmarks/hand_eye.py [--runs 500] [--poses 15] [--update docs/hand-eye.md]
 """
