@@ -21,11 +21,12 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     """Test a camera on data that it was not calibrated with.
 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of
-    each view is fitted anew, and what remains is reported as after a calibration. Of a rig, the table names the
-    camera of each point in a column `camera`, and each view has one pose for all cameras. With --lines the data are
-    straight lines, and the report says how straight they become. With --natural the data are pictures of anything by
-    two cameras of a rig (left=PICTURES right=PICTURES), and the report says how far points lie from their rows;
-    --max-rms is then a limit of that.
+    each view is fitted anew, and what remains is reported as after a calibration. Of a rig, a table names the
+    camera of each point in a column `camera`, or the pictures of each camera are given by its name (left=FOLDER
+    right=FOLDER), and each view has one pose for all cameras. With --lines the data are straight lines, and the report
+    says how straight they become. With --natural the data are pictures of anything by two cameras of a rig
+    (left=PICTURES right=PICTURES), and the report says how far points lie from their rows; --max-rms is then a limit of
+    that.
     """
     from camcal.cli.job import command_line, deliver_solution, output_is_free, read_data
 
@@ -37,27 +38,27 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.plan.known_camera import evaluate
     from camcal.plan.run import usable
     from camcal.report.document import load_camera
-    from camcal.report.rig_views import is_rig
+    from camcal.report.opening import is_rig
 
-    if len(data) == 1 and is_rig(camera):
-        return _rig(ctx, camera, Path(data[0]), options)
+    if is_rig(camera):
+        return _rig(ctx, camera, data, options)
     known = load_camera(camera)
     found = usable(read_data(data, options))
     solution = evaluate(known, found, options["robust"], options["seed"])
     return deliver_solution(ctx, solution, options)
 
 
-def _rig(ctx: click.Context, camera: Path, table: Path, options: dict[str, Any]) -> int:
-    """Test a rig; robust estimation and pictures are for single cameras only."""
-    from camcal.cli.job import GATE_FELL, command_line
-    from camcal.cli.results import deliver
-    from camcal.report.rig_views import evaluation, tables
+def _rig(ctx: click.Context, camera: Path, data: tuple[str, ...], options: dict[str, Any]) -> int:
+    """Test a rig: one pose of the board at each instant, for all of its cameras together."""
+    from camcal.cli.rig import deliver_rig, read_views
+    from camcal.plan.known_rig import evaluate_rig
+    from camcal.report.opening import load_rig_cameras
 
-    if options["robust"] != "none":
-        note("The points of a rig are not searched for outliers (as with --robust none).")
-    found = evaluation(camera, table, options["max_rms"], command_line(ctx))
-    deliver(found, options, "Report", lambda: tables(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    rig = load_rig_cameras(camera)
+    sizes = {n: c.image_size for n, c in rig.cameras.items() if c.image_size is not None}
+    views, _ = read_views(data, {**options, "image_size": {"": options["image_size"]} | sizes}, least=1)
+    solution = evaluate_rig(rig, views, options["robust"], options["seed"])
+    return deliver_rig(ctx, solution, options)
 
 
 def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:

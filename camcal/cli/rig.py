@@ -34,15 +34,15 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
     from camcal.settings.rig import RigOptions
 
     output_is_free(options)
-    views, of_pictures = _read(inputs, options)
+    views, of_pictures = read_views(inputs, options)
     given = {o.name: options[o.name] for o in RigOptions.command_line("start")}
     given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
     refine_points = options["refine_corners"] if of_pictures else False
     solution = calibrate_rig(views, on_event=_tell, refine_points=refine_points, **given)
-    return _deliver(ctx, solution, options)
+    return deliver_rig(ctx, solution, options)
 
 
-def _read(inputs: tuple[str, ...], options: dict[str, Any]) -> tuple[RigViews, bool]:
+def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2) -> tuple[RigViews, bool]:
     """What the cameras saw, and whether pictures show it.
 
     Raises
@@ -56,7 +56,7 @@ def _read(inputs: tuple[str, ...], options: dict[str, Any]) -> tuple[RigViews, b
 
     pairs = [(split_camera(text), text) for text in inputs]
     if len(inputs) == 1 and (pairs[0][0] is None or Path(inputs[0]).is_file()):
-        return RigViews.of(read_rig(inputs[0], options["image_size"])), False
+        return RigViews.of(read_rig(inputs[0], options["image_size"], least), least), False
     folders: dict[str, list[str]] = {}
     for pair, text in pairs:
         if pair is None:
@@ -65,7 +65,7 @@ def _read(inputs: tuple[str, ...], options: dict[str, Any]) -> tuple[RigViews, b
                 "Try: camcal rig left=FOLDER right=FOLDER",
             )
         folders.setdefault(pair[0], []).append(pair[1])
-    if len(folders) < 2:
+    if len(folders) < least:
         raise UsageError(
             f"a rig has two or more cameras; '{next(iter(folders))}' is one.", "Try: left=FOLDER right=FOLDER"
         )
@@ -88,7 +88,7 @@ def _tell(event: str, details: Mapping[str, Any]) -> None:
         note("camera {name} by itself: {model}, rms {rms_point:.4g} px".format(**details))
 
 
-def _deliver(ctx: click.Context, solution: RigSolution, options: dict[str, Any]) -> int:
+def deliver_rig(ctx: click.Context, solution: RigSolution, options: dict[str, Any]) -> int:
     """Write the report and the rig, show them, sum them up; return the exit code."""
     from camcal.cli import camera_files
     from camcal.cli.job import GATE_FELL, command_line

@@ -34,13 +34,13 @@ class RigViews:
     order: tuple[str, ...]
 
     @classmethod
-    def of(cls, data: Observations | Mapping[str, Observations] | RigViews) -> RigViews:
+    def of(cls, data: Observations | Mapping[str, Observations] | RigViews, least: int = 2) -> RigViews:
         """Those of observations of several cameras, or of one each, in which the same view is the same instant.
 
         Raises
         ------
         DataError
-            Where there is one camera only.
+            Where there are fewer than `least` cameras.
         """
         if isinstance(data, RigViews):
             return data
@@ -52,7 +52,7 @@ class RigViews:
             order = tuple(dict.fromkeys(v for p in parts.values() for v in p.view_ids))
         if all(v.lstrip("-").isdecimal() for v in order):  # frames, in the order of time
             order = tuple(sorted(order, key=int))
-        if len(parts) < 2:
+        if len(parts) < least:
             raise DataError(
                 "a rig has two or more cameras; there is one.", "Use camcal.calibrate for one camera."
             )
@@ -66,7 +66,9 @@ class RigViews:
 
 
 def read_rig(
-    path: str | os.PathLike, image_sizes: Mapping[str, tuple[int, int]] | tuple[int, int] | None = None
+    path: str | os.PathLike,
+    image_sizes: Mapping[str, tuple[int, int]] | tuple[int, int] | None = None,
+    least: int = 2,
 ) -> Observations:
     """Read the points that several cameras saw.
 
@@ -77,6 +79,8 @@ def read_rig(
         and id (or point). The same view is the same instant for all cameras.
     image_sizes : (width, height), or mapping of camera -> (width, height), optional
         In a mapping, that of "" is for all others.
+    least : int
+        How many cameras there have to be.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def read_rig(
     """
     found = read_labelled(path, ("camera", "view"), (*"XYZ", "u", "v"), ("sigma", "point"))
     names = found.names["camera"]
-    if len(names) < 2:
+    if len(names) < least:
         raise DataError(
             f"'{path}' holds the points of one camera, '{names[0]}'; a rig has two or more.",
             f"For a single camera: camcal estimate {path}",

@@ -18,14 +18,13 @@ from camcal.assess.rig_checks import check, out_of_step
 from camcal.data.observations import Observations
 from camcal.data.rig_table import RigViews, joined
 from camcal.errors import EstimationError
-from camcal.model.pose import Poses
 from camcal.model.rig import Rig
 from camcal.plan.better import Candidate
 from camcal.plan.boards import SHAPES, with_shape
 from camcal.plan.options import Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
-from camcal.plan.rig_cameras import Alone, alone, board_variance, check_options
+from camcal.plan.rig_cameras import Alone, alone, check_options, pictures_of
 from camcal.plan.solution import RigSolution
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions
@@ -34,7 +33,7 @@ from camcal.solve.calibration import RigCalibration, Stage
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, refine, residuals
 from camcal.solve.rig_lags import lags
-from camcal.solve.rig_start import Links, Pictures, corners_of, links, placed, spanning_tree, symmetries
+from camcal.solve.rig_start import Links, corners_of, links, placed, spanning_tree, symmetries
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -114,7 +113,7 @@ def _begun(cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions) -> 
     options = Options(**shared)
     how = How(fix, options.optimizer, options.stopping, options.normalise)
     first = next(iter(cameras.values())).fit.camera.lens
-    notes = {"cameras": cameras, "pictures": _pictures(cameras, views, data)}
+    notes = {"cameras": cameras, "pictures": pictures_of({n: a.fit for n, a in cameras.items()}, views, data)}
     return Progress(options, first, how, data, data, notes=notes)
 
 
@@ -126,20 +125,6 @@ def _followed(begun: Progress) -> Progress:
         said = out_of_step(late)
         raise EstimationError(said.message, said.hint)
     return follow((), progress)
-
-
-def _pictures(cameras: Mapping[str, Alone], views: RigViews, data: Observations) -> Pictures:
-    """The pose of the board before each picture, as its camera alone has it."""
-    found = {}
-    for name, own in cameras.items():
-        variances = board_variance(own.fit)
-        for i, view in enumerate(own.fit.observations.view_ids):
-            found[name, views.instants[name][view]] = own.fit.poses[i], float(variances[i])
-    keys = [
-        (data.cameras[c], data.view_ids[v]) for c, v in zip(data.blocks.camera, data.blocks.view, strict=True)
-    ]
-    poses = Poses.stack([found[k][0] for k in keys])
-    return Pictures(data.blocks.camera, data.blocks.view, poses, np.array([found[k][1] for k in keys]))
 
 
 def _link(progress: Progress) -> Change:

@@ -13,9 +13,11 @@ import numpy as np
 from camcal.assess.figures import sigma_0
 from camcal.data.formats import files
 from camcal.data.observations import Observations
+from camcal.data.rig_table import RigViews
 from camcal.errors import CamcalError, UsageError
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.pose import Poses
 from camcal.plan.known_camera import evaluate
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
@@ -24,6 +26,7 @@ from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions, check_names
 from camcal.solve import starts
 from camcal.solve.calibration import Calibration
+from camcal.solve.rig_start import Pictures
 
 Array = np.ndarray
 
@@ -127,6 +130,19 @@ def _known(
     fit = evaluate(camera, data, options.robust, options.seed)
     fix = dict.fromkeys(camera.lens.names) if held else options.how(camera.lens).fix
     return Alone(name, fit, fix)
+
+
+def pictures_of(fits: Mapping[str, Calibration], views: RigViews, data: Observations) -> Pictures:
+    """The pose of the board before each picture of a rig's observations, as its camera alone has it."""
+    found = {}
+    for name, fit in fits.items():
+        variances = board_variance(fit)
+        for i, view in enumerate(fit.observations.view_ids):
+            found[name, views.instants[name][view]] = fit.poses[i], float(variances[i])
+    blocks = data.blocks
+    keys = [(data.cameras[c], data.view_ids[v]) for c, v in zip(blocks.camera, blocks.view, strict=True)]
+    poses = Poses.stack([found[k][0] for k in keys])
+    return Pictures(blocks.camera, blocks.view, poses, np.array([found[k][1] for k in keys]))
 
 
 def board_variance(fit: Calibration) -> Array:

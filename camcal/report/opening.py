@@ -10,6 +10,7 @@ from camcal.data.formats import files, format_of
 from camcal.data.formats.base import CameraFile, NamedCamera
 from camcal.data.formats.camcal import FORMAT as REPORT
 from camcal.data.formats.source import Source
+from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rig import Rig
@@ -47,12 +48,29 @@ def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
             document = read_document(file)
             solution = from_document(document, str(file))
             return HandEye(solution, document["hand_eye"]) if "hand_eye" in document else solution
+    if is_rig(path):
+        return load_rig_cameras(path)
+    return load_camera(path)
+
+
+def is_rig(path: str | os.PathLike) -> bool:
+    """Whether a file holds several cameras with poses; pictures of one camera, as Pix4D lists them, are none."""
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
-        return load_camera(path)
+        return False
+    try:
+        files.single(found, "")
+    except DataError:
+        return True
+    return False
+
+
+def load_rig_cameras(path: str | os.PathLike) -> Rig:
+    """The cameras of a file of any format with their poses; the reference is a report's, else the first camera."""
+    found = files.read(path)
     cameras = {c.name: files.exact(c.camera) for c in found.cameras}
     poses = {c.name: c.pose for c in found.cameras if c.pose is not None}
-    return Rig.in_frame_of(found.names[0], cameras, poses)
+    return Rig.in_frame_of(found.reference or found.names[0], cameras, poses)
 
 
 def save_camera(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -91,23 +92,21 @@ def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
-    """The poses of the cameras and their distances, with standard deviations."""
+    """The poses of the cameras and their distances, with standard deviations where they were estimated."""
     rig, names = solution.rig, list(solution.rig.cameras)
+    held = not solution.extrinsics
     poses, baselines = {}, {}
     for name in names[1:]:
-        pose, sigma = rig.cam_from_rig[name], relative_sigmas(solution, accuracy, name)
+        pose = rig.cam_from_rig[name]
+        sigma = None if held else relative_sigmas(solution, accuracy, name)
         poses[name] = {
-            "rotation_vector": rotations.log(pose.rotation),
-            "translation": pose.translation,
-            "sigma_rotation_deg": np.degrees(sigma[:3]),
-            "sigma_translation": sigma[3:],
+            **_pose(pose),
+            "sigma_rotation_deg": None if sigma is None else np.degrees(sigma[:3]),
+            "sigma_translation": None if sigma is None else sigma[3:],
         }
-    for i, a in enumerate(names):
-        for b in names[i + 1 :]:
-            baselines[f"{a}-{b}"] = {
-                "value": rig.baseline(a, b),
-                "sigma": baseline_sigma(solution, accuracy, a, b),
-            }
+    for a, b in combinations(names, 2):
+        known = None if held else baseline_sigma(solution, accuracy, a, b)
+        baselines[f"{a}-{b}"] = {"value": rig.baseline(a, b), "sigma": known}
     return {"reference": rig.reference, "cam_from_rig": poses, "baselines": baselines}
 
 

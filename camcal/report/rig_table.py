@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,12 +47,16 @@ def _places(rig: Mapping[str, Any]) -> RenderableType:
     for name, pose in rig["cam_from_rig"].items():
         cells = [f"{v:.6g}" for v in pose["translation"]]
         angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
-        sigmas = (float(np.linalg.norm(pose[k])) for k in ("sigma_translation", "sigma_rotation_deg"))
-        made.add_row(escape(name), *cells, f"{angle:.5g}", *(number(s, 2) for s in sigmas))
+        sigmas = [_length(pose[k]) for k in ("sigma_translation", "sigma_rotation_deg")]
+        made.add_row(escape(name), *cells, f"{angle:.5g}", *sigmas)
     distances = table("distances", "pair", "value", "sigma")
     for pair, found in (rig.get("baselines") or {}).items():
         distances.add_row(escape(pair), *with_sigma(found["value"], found["sigma"]))
     return Group(made, Text(""), distances)
+
+
+def _length(sigma: Sequence[float] | None) -> str:
+    return "held" if sigma is None else number(float(np.linalg.norm(sigma)), 2)
 
 
 def _pictures(report: Document) -> RenderableType:

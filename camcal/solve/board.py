@@ -197,15 +197,15 @@ class BoardProblem(Problem):
         weights: Sequence[Array] | None = None,
         normalise: bool = True,
         seen: Seen | None = None,
+        hold_rig: bool = False,
     ):
-        super().__init__(lens, views, free, weights, normalise, seen)
+        super().__init__(lens, views, free, weights, normalise, seen, hold_rig)
         self.board = board
         self.groups = [replace(g, ids=self._padded_ids(g)) for g in self.groups]
 
     def _like(self, **changes: Any) -> BoardProblem:
         lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
-        given = {"weights": self.weights, "normalise": self.normalise, "seen": self.seen} | changes
-        return BoardProblem(lenses, self.views, frees, self.board, **given)
+        return BoardProblem(lenses, self.views, frees, self.board, **(self._arguments() | changes))
 
     @property
     def point_coordinates(self) -> Array | None:
@@ -267,7 +267,7 @@ class _PointSums:
         self.problem, self.state = problem, state
         slots = len(problem.board.points) + 1
         self.params = np.zeros((len(problem.free), 3, slots))
-        self.rig = np.zeros((len(problem.cameras), 6, 3, slots))
+        self.rig = np.zeros((len(problem.cameras), 0 if problem.hold_rig else 6, 3, slots))
         self.poses = np.zeros((problem.instants, 6, 3, slots))
         self.gradient = np.zeros((3, slots))
         self.own = np.zeros((3, 3, slots))

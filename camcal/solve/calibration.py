@@ -227,8 +227,10 @@ class RigCalibration(Estimate):
 
     @property
     def extrinsics(self) -> Mapping[str, slice]:
-        """Where the variables of each cam_from_rig are; none of the reference."""
-        size = 0 if self.board is None else self.board.size
+        """Where the variables of each cam_from_rig are; none of the reference, nor where they were held."""
+        size, own = 0 if self.board is None else self.board.size, int(self.free.any(0).sum())
         begin = self.free.shape[1] - size - 6 * (len(self.cameras) - 1)
+        if begin < own:
+            return {}
         others = [n for n in self.rig.cameras if n != self.rig.reference]
         return {n: slice(begin + 6 * i, begin + 6 * i + 6) for i, n in enumerate(others)}

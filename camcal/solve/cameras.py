@@ -42,7 +42,7 @@ class CameraPart:
     params, columns : slice
         Where its parameters and its free ones are among those of all cameras.
     extrinsics : slice
-        Where its cam_from_rig is among the variables; empty for the reference.
+        Where its cam_from_rig is among the variables; empty for the reference, and where that is held.
     views : (B,) int array
         Which of the problem's views are its own.
     instants : (B,) int array, or slice
@@ -76,11 +76,11 @@ class CameraPart:
         arms = state.centres[instants] @ own.T
         by_rig = np.tile(np.eye(6), (len(arms), 1, 1))
         by_rig[:, 3:, :3] = -rotations.skew(arms)
-        return Maps(by_instant, by_rig)
+        return Maps(by_instant, by_rig[:, :, : self.extrinsics.stop - self.extrinsics.start])
 
 
 class Maps(NamedTuple):
-    """d (composite pose) / d (pose of the instant), (6, 6), and / d (cam_from_rig), (B, 6, 6)."""
+    """d (composite pose) / d (pose of the instant), (6, 6), and / d (cam_from_rig), (B, 6, 6 or 0)."""
 
     by_instant: Array
     by_rig: Array

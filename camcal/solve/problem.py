@@ -84,6 +84,8 @@ class Problem:
         place of the instant's centroid, and to damp and solve without scaling the columns: for comparison.
     seen : Seen, optional
         Without it one camera took all views, each at an instant of its own.
+    hold_rig : bool
+        Whether the poses cam_from_rig stay as they are.
     """
 
     def __init__(
@@ -94,15 +96,16 @@ class Problem:
         weights: Sequence[Array] | None = None,
         normalise: bool = True,
         seen: Seen | None = None,
+        hold_rig: bool = False,
     ):
         lenses = [lens] if isinstance(lens, Lens) else list(lens)
         frees = [np.asarray(f, float) for f in ([free] if isinstance(lens, Lens) else free)]
-        self.views, self.normalise = tuple(views), normalise
+        self.views, self.normalise, self.hold_rig = tuple(views), normalise, hold_rig
         self.seen = Seen.alone(len(self.views)) if seen is None else seen
         self.instants = int(self.seen.instant.max(initial=-1)) + 1
         self.weights = weights if weights is not None else _default_weights(self.views)
         self.free = frees[0] if len(frees) == 1 else block_diag(*frees)
-        self.cameras = _parts(lenses, frees, self.seen, self.instants)
+        self.cameras = _parts(lenses, frees, self.seen, self.instants, 0 if hold_rig else 6)
         self._places = np.empty(len(self.views), int)  # of each view among those of its camera
         for camera in self.cameras:
             self._places[camera.views] = np.arange(len(camera.views))
@@ -136,8 +139,15 @@ class Problem:
     def _like(self, **changes: Any) -> Problem:
         """The same problem with other arguments."""
         lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
-        given = {"weights": self.weights, "normalise": self.normalise, "seen": self.seen} | changes
-        return Problem(lenses, self.views, frees, **given)
+        return Problem(lenses, self.views, frees, **(self._arguments() | changes))
+
+    def _arguments(self) -> dict[str, Any]:
+        return {
+            "weights": self.weights,
+            "normalise": self.normalise,
+            "seen": self.seen,
+            "hold_rig": self.hold_rig,
+        }
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
         """The same problem with other weights."""
@@ -166,7 +176,7 @@ class Problem:
     @property
     def rigid(self) -> int:
         """Number of the variables of cameras and rig."""
-        return self.free.shape[1] + 6 * (len(self.cameras) - 1)
+        return self.free.shape[1] + (0 if self.hold_rig else 6 * (len(self.cameras) - 1))
 
     @property
     def variables(self) -> int:
@@ -193,7 +203,7 @@ class Problem:
         """Move: params + T δ, exp(δ) R, t + δ."""
         own = self.free.shape[1]
         rig = state.rig
-        if len(self.cameras) > 1:
+        if self.rigid > own:
             by_camera = np.r_[np.zeros(6), step.intrinsics[own : self.rigid]].reshape(-1, 6)
             turn, shift = by_camera[:, :3], by_camera[:, 3:]
             rig = Poses(rotations.exp(turn) @ rig.rotations, rig.translations + shift)
@@ -367,7 +377,7 @@ class Problem:
 
 
 def _parts(
-    lenses: Sequence[Lens], frees: Sequence[Array], seen: Seen, instants: int
+    lenses: Sequence[Lens], frees: Sequence[Array], seen: Seen, instants: int, each: int
 ) -> tuple[CameraPart, ...]:
     sizes, columns = (np.cumsum([0, *n]).tolist() for n in zip(*(f.shape for f in frees), strict=True))
     parts = []
@@ -375,7 +385,7 @@ def _parts(
         views = np.flatnonzero(seen.camera == index)
         when = seen.instant[views]
         every = np.array_equal(when, np.arange(instants))
-        outside = slice(*(columns[-1] + 6 * max(i, 0) for i in (index - 1, index)))
+        outside = slice(*(columns[-1] + each * max(i, 0) for i in (index - 1, index)))
         parts.append(
             CameraPart(
                 index=index,

@@ -45,6 +45,8 @@ class How:
         See `Problem`.
     board : str
         `flat` = as the observations say; `bowl`, `print` and `free` are estimated along.
+    hold_rig : bool
+        Whether the cameras of a rig stay where they are.
     """
 
     fix: Mapping[str, float | None] = field(default_factory=dict)
@@ -52,6 +54,7 @@ class How:
     stopping: Options | None = None
     normalise: bool = True
     board: str = "flat"
+    hold_rig: bool = False
 
 
 @overload
@@ -216,14 +219,14 @@ def make_problem(
         As `refine`.
     """
     kept = observations.kept()
-    _check_count(kept, frees)
+    _check_count(kept, frees, 0 if how.hold_rig else 6 * (len(frees) - 1))
     precision = kept.precision
     weights = None if precision is None else kept.split(precision)
     lenses, seen = [c.lens for c in cameras], Seen(kept.blocks.camera, kept.blocks.view)
     if how.board == "flat":
-        return Problem(lenses, kept.views, frees, weights, how.normalise, seen)
+        return Problem(lenses, kept.views, frees, weights, how.normalise, seen, how.hold_rig)
     board = make_board(kept.views, how.board)
-    return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen)
+    return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen, how.hold_rig)
 
 
 def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
@@ -288,10 +291,10 @@ def _portions(counts: Sequence[int]) -> Iterator[int]:
         yield len(counts)
 
 
-def _check_count(kept: Observations, frees: Sequence[Array]) -> None:
+def _check_count(kept: Observations, frees: Sequence[Array], places: int) -> None:
     if (np.bincount(kept.view, minlength=len(kept)) == 0).any():
         raise DataError("a view has no point left.", "Leave that view out.")
-    own = sum(f.shape[1] for f in frees) + 6 * (len(frees) - 1)
+    own = sum(f.shape[1] for f in frees) + places
     observed, unknown = 2 * kept.point_count, own + 6 * len(kept)
     if observed < unknown:
         of = "the camera" if len(frees) == 1 else "the rig"

@@ -42,3 +42,90 @@ def test_words_that_are_no_rig(camcal, table):
     assert code == 2 and "NAME=FOLDER" in err
     code, _, err = camcal("rig", table, "--hold", "c")
     assert code == 2 and "'c'" in err
+
+
+@pytest.fixture
+def rig(camcal, table):
+    """A calibrated rig, and another table of its cameras."""
+    camcal("rig", table, "--image-size", "640x480", "-m", LENS, "-o", "rig.yaml")
+    return write_table("new.csv", observed(truth("ab"), seed=5, instants=4)[0])
+
+
+def test_a_rig_is_tested_on_new_points(camcal, rig):
+    code, _, err = camcal("evaluate", "rig.yaml", rig, "-o", "new.yaml")
+    assert code == 0, err
+    made = yaml.safe_load(Path("new.yaml").read_text())
+    # .2 px of noise in each coordinate, √2 of that in the length; six poses numbers for 216 coordinates lower it by 3 %
+    assert 0.24 < made["fit"]["rms_point"] < 0.32
+    assert made["rig"]["baselines"]["a-b"]["sigma"] is None
+    held = yaml.safe_load(Path("rig.yaml").read_text())["rig"]["cam_from_rig"]["b"]["translation"]
+    assert made["rig"]["cam_from_rig"]["b"]["translation"] == held
+    assert {p["fixed"] for c in made["cameras"].values() for p in c["parameters"].values()} == {True}
+    code, _, err = camcal("evaluate", "rig.yaml", rig, "--max-rms", "0.01")
+    assert code == 1 and "--max-rms" in err
+
+
+def test_outliers_among_new_points_are_left_out(camcal, rig):
+    lines = Path(rig).read_text().splitlines()
+    row = lines[60].split(",")
+    lines[60] = ",".join([*row[:5], str(float(row[5]) + 30), *row[6:]])
+    Path(rig).write_text("\n".join(lines) + "\n")
+    camcal("evaluate", "rig.yaml", rig, "-o", "robust.yaml")
+    fit = yaml.safe_load(Path("robust.yaml").read_text())["fit"]
+    assert fit["points_rejected"] == 1 and fit["rms_point"] < 0.32
+
+
+def test_a_camera_that_the_rig_does_not_have(camcal, rig):
+    Path(rig).write_text(Path(rig).read_text().replace("\nb,", "\nz,"))
+    code, _, err = camcal("evaluate", "rig.yaml", rig)
+    assert code == 3 and "no camera 'z'" in err
+
+
+def test_a_rig_converts(camcal, rig):
+    code, _, err = camcal("convert", "rig.yaml", "back.yaml", "--to", "kalibr")
+    assert code == 0, err
+    there, back = public.load("rig.yaml"), public.load("back.yaml")
+    names = list(back.cameras)
+    assert back.baseline(*names) == pytest.approx(there.baseline("a", "b"), rel=1e-9)
+
+
+def test_the_rig_is_saved_along(camcal, table):
+    arguments = ("rig", table, "--image-size", "640x480", "-m", "opencv4", "--save-camera", "rig.toml")
+    code, _, err = camcal(*arguments, "-o", "rig.yaml")
+    assert code == 0 and "Camera written to rig.toml" in err, err
+    there, back = public.load("rig.yaml"), public.load("rig.toml")
+    assert back.baseline("a", "b") == pytest.approx(there.baseline("a", "b"), rel=1e-9)
+
+
+def test_one_model_and_one_held_parameter_by_camera(camcal, table):
+    words = ("-m", "kb4", "-m", f"b={LENS}", "--fix", "b.fx=600", "--image-size", "640x480")
+    code, _, err = camcal("rig", table, *words, "-o", "rig.yaml")
+    assert code in (0, 1), err
+    cameras = yaml.safe_load(Path("rig.yaml").read_text())["cameras"]
+    assert (cameras["a"]["model"], cameras["b"]["model"]) == ("kb4", LENS)
+    assert cameras["b"]["parameters"]["fx"]["value"] == 600 and cameras["b"]["parameters"]["fx"]["fixed"]
+    assert not cameras["a"]["parameters"]["fx"]["fixed"]
+
+
+def test_intrinsics_given_and_held(camcal, rig, table):
+    words = ("--cameras", "a=rig.yaml#a,b=rig.yaml#b", "--hold", "a", "--image-size", "640x480")
+    code, _, err = camcal("rig", table, *words, "-o", "held.yaml")
+    assert code == 0, err
+    before, after = (yaml.safe_load(Path(p).read_text())["cameras"] for p in ("rig.yaml", "held.yaml"))
+    for name, p in after["a"]["parameters"].items():
+        assert p["fixed"] and p["value"] == before["a"]["parameters"][name]["value"]
+    assert not after["b"]["parameters"]["fx"]["fixed"]
+
+
+def test_cameras_that_never_meet_are_refused(camcal):
+    data, _ = observed(truth("abcd"))
+    apart = data.where((data.view % 2 == 1) == (data.camera < 2))
+    code, _, err = camcal("rig", write_table("t.csv", apart), "-m", LENS, "-o", "rig.yaml")
+    assert code == 4 and "a and b; c and d" in err and "connect" in err
+    assert not Path("rig.yaml").exists()
+
+
+def test_a_camera_without_pictures_is_named(camcal):
+    Path("left").mkdir()
+    code, _, err = camcal("rig", "left=left", "right='nothing*.jpg'", "-o", "rig.yaml")
+    assert code == 3 and "camera 'left'" in err

@@ -78,10 +78,13 @@ class CameraFile:
     cameras : tuple of NamedCamera
     notes : tuple of str
         What the file holds besides, or how it was understood, where a user should know.
+    reference : str or None
+        The camera whose frame the poses are in, where the file says it.
     """
 
     cameras: tuple[NamedCamera, ...]
     notes: tuple[str, ...] = ()
+    reference: str | None = None
 
     @classmethod
     def one(cls, camera: Any, name: str = "camera", *notes: str) -> CameraFile:

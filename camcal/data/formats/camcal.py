@@ -37,7 +37,8 @@ def _read(source: Source) -> CameraFile:
     rig = structure(Rig, found["rig"], name, "rig") if "rig" in found else None
     poses = _poses(rig, list(entries))
     return CameraFile(
-        tuple(NamedCamera(n, _camera(e, name, f"cameras.{n}"), poses.get(n)) for n, e in entries.items())
+        tuple(NamedCamera(n, _camera(e, name, f"cameras.{n}"), poses.get(n)) for n, e in entries.items()),
+        reference=None if rig is None else rig.reference,
     )
 
 

@@ -1,0 +1,99 @@
+"""A known rig judged on data: cameras and their places stay, the pose of the board at each instant is fitted anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+import numpy as np
+
+from camcal.data.observations import Observations
+from camcal.data.rig_table import RigViews, joined
+from camcal.errors import DataError
+from camcal.model.pose import Poses
+from camcal.model.rig import Rig
+from camcal.plan.known_camera import evaluate
+from camcal.plan.rig_cameras import naming, pictures_of
+from camcal.plan.run import usable
+from camcal.plan.solution import RigSolution
+from camcal.solve import outliers, robust
+from camcal.solve.calibration import RigCalibration
+from camcal.solve.losses import LOSSES
+from camcal.solve.refine import How, refine
+from camcal.solve.rig_start import corners_of, placed, symmetries
+
+
+def evaluate_rig(
+    rig: Rig,
+    data: Observations | Mapping[str, Observations] | RigViews,
+    method: str = "none",
+    seed: int = 0,
+) -> RigSolution:
+    """Fit the pose of each instant's board to a rig that stays as it is.
+
+    Parameters
+    ----------
+    rig : Rig
+    data : as of `calibrate_rig`
+        Data that the rig was not calibrated with; they may be of some of its cameras only.
+    method : str
+        How outliers are treated, as in a calibration.
+    seed : int
+
+    Returns
+    -------
+    RigSolution
+        With the given rig; residuals, poses and fit are of these data.
+
+    Raises
+    ------
+    DataError
+        Where the data name a camera that the rig does not have, or a picture's points do not determine its pose.
+    """
+    views = RigViews.of(data, least=1)
+    unknown = [n for n in views.parts if n not in rig.cameras]
+    if unknown:
+        raise DataError(f"the rig has no camera '{unknown[0]}'.", f"It has: {', '.join(rig.cameras)}.")
+    some = _part(rig, list(views.parts))
+    views = views.ordered(some.reference)
+    fits = {}
+    for name, part in views.parts.items():
+        with naming(name):
+            fits[name] = evaluate(some.cameras[name], usable(part), method, seed)
+    together = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
+    if method in ("none", "auto"):
+        together = replace(together, weight=None)
+    pictures = pictures_of(fits, views, together)
+    places = Poses.stack([some.cam_from_rig[n] for n in views.parts])
+    together, poses, _ = placed(pictures, places, together, symmetries(together), corners_of(together))
+    fix = {f"{n}.{p}": None for n, c in some.cameras.items() for p in c.lens.names}
+    how = How(fix, hold_rig=True)
+    fit = _judged(refine(some, poses, together, how), how, method)
+    return RigSolution(**{f.name: getattr(fit, f.name) for f in fields(RigCalibration)})
+
+
+def _part(rig: Rig, names: list[str]) -> Rig:
+    """Some of the cameras, in the frame of the rig's reference where that is among them."""
+    reference = rig.reference if rig.reference in names else names[0]
+    moved = rig.with_reference(reference)
+    ordered = [reference, *(n for n in names if n != reference)]
+    return Rig({n: rig.cameras[n] for n in ordered}, {n: moved.cam_from_rig[n] for n in ordered}, reference)
+
+
+def _judged(fit: RigCalibration, how: How, method: str) -> RigCalibration:
+    """The fit after its outliers were dealt with."""
+    if method == "none":
+        return fit
+    if method != "auto":
+        return robust.reweight(fit, how, LOSSES[method])
+    return fit if outliers.is_clean(fit) else robust.reject(fit, how)
+
+
+def described(solution: RigSolution) -> dict[str, dict[str, float]]:
+    """Points and rms_point, px, by camera."""
+    data, found = solution.observations, {}
+    squares = np.square(solution.residuals).sum(1)
+    for index, name in enumerate(data.cameras):
+        rows = data.used & (data.camera == index)
+        found[name] = {"points": int(rows.sum()), "rms_point": float(np.sqrt(squares[rows].mean()))}
+    return found
