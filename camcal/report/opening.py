@@ -48,16 +48,19 @@ def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
             document = read_document(file)
             solution = from_document(document, str(file))
             return HandEye(solution, document["hand_eye"]) if "hand_eye" in document else solution
-    if is_rig(path):
+    found = files.read(path)
+    if len(found.cameras) > 1 and found.has_poses:
         return load_rig_cameras(path)
     return load_camera(path)
 
 
 def is_rig(path: str | os.PathLike) -> bool:
-    """Whether a file holds several cameras with poses; pictures of one camera, as Pix4D lists them, are none."""
+    """Whether a file holds a rig: several cameras with poses that are not the pictures of one, as Pix4D lists them."""
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
         return False
+    if found.reference is not None:
+        return True
     try:
         files.single(found, "")
     except DataError:
