@@ -5,9 +5,36 @@ The Python interface is small; the names below are loaded on first use, so that 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from camcal.version import __version__
+
+if TYPE_CHECKING:  # what `__getattr__` loads, for type checkers
+    from camcal.data.observations import (
+        Correspondences as Correspondences,
+    )
+    from camcal.data.observations import (
+        Observations as Observations,
+    )
+    from camcal.data.observations import (
+        View as View,
+    )
+    from camcal.data.points import read_points as read_points
+    from camcal.data.rig_table import read_rig as read_rig
+    from camcal.model.board import Board as Board
+    from camcal.model.camera import Camera as Camera
+    from camcal.model.pose import Pose as Pose
+    from camcal.model.pose import Poses as Poses
+    from camcal.model.rig import Rig as Rig
+    from camcal.plan.calibrate import calibrate as calibrate
+    from camcal.plan.images import calibrate_images as calibrate_images
+    from camcal.plan.rig import calibrate_rig as calibrate_rig
+    from camcal.plan.solution import RigSolution as RigSolution
+    from camcal.plan.solution import Solution as Solution
+    from camcal.report.hand_eye import HandEye as HandEye
+    from camcal.report.hand_eye import hand_eye as hand_eye
+    from camcal.report.opening import load as load
+    from camcal.report.opening import save_camera as save_camera
 
 _PUBLIC = {
     "Board": "camcal.model.board:Board",

@@ -37,6 +37,8 @@ def run(args: Sequence[str]) -> int:
     click's own `main` is not used: it turns ^C and a bare EOFError into the same `Abort`, and a broken
     pipe into exit code 1.
     """
+    if "_CAMCAL_COMPLETE" in os.environ:
+        return _run(args)  # for the shell's completion, which click writes as bytes
     with streams.outlets():
         return _run(args)
 

@@ -81,6 +81,17 @@ class SettingOption(click.Option):
             **more | _default(setting),
         )
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """Offer the cameras that the line names, where one is wanted; else what the kind of value offers."""
+        from click.shell_completion import CompletionItem
+
+        from camcal.cli.completion import OF_CAMERAS, camera_names
+
+        if self.setting.name not in OF_CAMERAS or isinstance(_item_of(self.setting), FilePath):
+            return super().shell_complete(ctx, incomplete)
+        before, comma, last = incomplete.rpartition(",")
+        return [CompletionItem(before + comma + n) for n in camera_names() if n.startswith(last)]
+
     def process_value(self, ctx: click.Context, value: Any) -> Any:
         """Convert the value; name the environment variable where a bad value stands there."""
         try:

@@ -42,7 +42,7 @@ def reference() -> str:
 
 
 def _chapter(title: str, command: click.Command) -> str:
-    arguments = [_argument(p) for p in command.params if isinstance(p, click.Argument)]
+    arguments = [argument(p) for p in command.params if isinstance(p, click.Argument)]
     arguments += ["COMMAND"] if isinstance(command, click.Group) else []
     usage = " ".join([title, *arguments, "[OPTIONS]"])
     rows = [
@@ -65,20 +65,22 @@ def _chapter(title: str, command: click.Command) -> str:
     return "\n".join(lines)
 
 
-def _argument(param: click.Argument) -> str:
+def argument(param: click.Argument) -> str:
+    """How the usage names an argument."""
     name = param.human_readable_name
     return name if param.required else f"[{name}]"
 
 
 def _row(option: click.Option) -> str:
     flags = ", ".join(f"`{flag}`" for flag in (*sorted(option.opts, key=len), *option.secondary_opts))
-    value = "" if option.is_flag else f" `{_metavar(option)}`"
+    value = "" if option.is_flag else f" `{metavar(option)}`"
     environment = f"`{option.envvar}`" if option.envvar else ""
     cells = (flags + value, option.help or "", _default(option), environment)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _metavar(option: click.Option) -> str:
+def metavar(option: click.Option) -> str:
+    """How the usage names the value of an option."""
     if option.metavar:
         return option.metavar
     choices = getattr(option.type, "choices", None)

@@ -22,6 +22,7 @@ from camcal.model.rectification import Rectification, rectify
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
 from camcal.routes.natural import Natural, judge
+from camcal.settings.rig import split_camera
 
 Array = np.ndarray
 
@@ -85,8 +86,8 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
 
 
 def _named(words: Sequence[str]) -> dict[str, str]:
-    given = dict(w.split("=", 1) for w in words if "=" in w)
-    if len(given) != 2 or len(words) != 2 or not all(given.values()):
+    given = dict(pair for w in words if (pair := split_camera(w)) is not None)
+    if len(given) != 2 or len(words) != 2:
         raise UsageError(
             f"pictures of two cameras are needed, NAME=PICTURES each; found: {' '.join(words) or 'none'}.",
             "Try: left=left.png right=right.png, with the names of the rig's cameras",

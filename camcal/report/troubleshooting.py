@@ -1,0 +1,242 @@
+"""The page docs/troubleshooting.md: every warning by its code, with what usually causes it and what to do.
+
+`python -m camcal.report.troubleshooting > docs/troubleshooting.md` renews it. What each code means is taken from the
+table of docs/report.md, so that it stands in one place.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+#: code -> (what usually causes it, what to do)
+REMEDIES: dict[str, tuple[str, str]] = {
+    "single-view": (
+        "One picture of a flat board.",
+        "Take 10 to 20 pictures with the board tilted to several sides, or hold what is known: "
+        "`--fix fx=VALUE,cx=VALUE,cy=VALUE`.",
+    ),
+    "weak-geometry": (
+        "Views that differ by shifts alone, or by turns about the optical axis.",
+        "Tilt the board by 20 to 40 degrees, to the left, right, up and down; `camcal next REPORT` says where.",
+    ),
+    "few-views": (
+        "Too few pictures, or many in which the board was not found.",
+        "`camcal doctor IMAGES`, then more pictures.",
+    ),
+    "fronto-parallel-views": (
+        "The board was held straight before the camera in all pictures.",
+        "Tilt it: focal length and distance cannot be told apart otherwise.",
+    ),
+    "parallel-views": ("All pictures with the same tilt.", "Tilt the board to other sides."),
+    "duplicate-views": (
+        "A film, or pictures taken in a row without a movement.",
+        "Leave repeats out: they count as one.",
+    ),
+    "repeated-view": (
+        "Two pictures of the same pose.",
+        "None is needed; the standard deviations count both.",
+    ),
+    "mirrored-views": (
+        "A board that is the same seen from behind, a mirror, or corners numbered the other way round.",
+        "Check those pictures; give points their ids.",
+    ),
+    "mirrored-picture": (
+        "A picture flipped by the camera's software, or corners numbered the other way round.",
+        "Turn the flipping off, or leave those pictures out.",
+    ),
+    "rejected-mirror-image": ("As `mirrored-picture`.", "As there; camcal has left these views out."),
+    "rejected-view": (
+        "A board that was not found right, or that moved.",
+        "Look at the picture; nothing more if it is bad.",
+    ),
+    "other-board": (
+        "Pictures of several boards in one folder.",
+        "Calibrate each board's pictures alone, or give `--target`.",
+    ),
+    "mismatched-points": (
+        "A row or column of the table is shifted, or points are exchanged.",
+        "Check the ids of those points.",
+    ),
+    "rejected-points": (
+        "Wrong corners: glare, shadows, hands over the board.",
+        "Look at the pictures that the report names.",
+    ),
+    "undetermined-parameters": (
+        "More parameters than the data tell: a rich lens model, a principal point from few tilts.",
+        "A smaller model (`-m opencv4`), `--fix NAME`, or pictures where `camcal next` says.",
+    ),
+    "weak-parameters": (
+        "Little tilt, or little of the picture covered.",
+        "More pictures with tilt: `camcal next REPORT`.",
+    ),
+    "correlated-parameters": (
+        "Two parameters do the same to these pictures, such as fx and the distance.",
+        "Nothing, where the uncertainty of projection is small (`camcal uncertainty`); else more tilt.",
+    ),
+    "points-outside-model": (
+        "A model that cannot hold this lens.",
+        "`-m auto`, or a wide-lens model such as `kb4`.",
+    ),
+    "pictures-blurred": (
+        "Out of focus.",
+        "Focus at the distance of the board, then leave the focus as it is.",
+    ),
+    "pictures-motion": ("The board or the camera moved.", "A tripod, more light, a shorter exposure."),
+    "pictures-overexposed": (
+        "White paper at full scale: edges of white squares move outwards.",
+        "A shorter exposure.",
+    ),
+    "pictures-flat": ("Little contrast.", "More light, a target in true black and white."),
+    "pictures-rough": (
+        "Noise of a high gain, compression, or a structured print.",
+        "More light, no compression.",
+    ),
+    "pictures-small": ("The board is far away.", "Come nearer: half of the picture."),
+    "fold-in-image": (
+        "A polynomial that was not held in the corners of the picture.",
+        "Pictures with the board in the corners, a smaller model, or a wide-lens model.",
+    ),
+    "image-circle": (
+        "The picture's corners lie outside a fisheye's image circle.",
+        "Nothing: no point can lie there.",
+    ),
+    "poor-coverage": (
+        "The board was in the middle only.",
+        "Pictures with the board at the sides and in the corners.",
+    ),
+    "points-outside-image": (
+        "A wrong `--image-size`, u and v exchanged, or pictures that were resized.",
+        "Check the size.",
+    ),
+    "few-points": ("Fewer data than unknowns need.", "More points or views, a smaller model, `--fix`."),
+    "outliers": (
+        "Wrong points that are used.",
+        "`--robust auto`, and look at the points that the report names.",
+    ),
+    "large-residuals": (
+        "A wrong board size, wrong correspondences, a lens that the model cannot follow.",
+        "Check `--board`; try `-m auto`; `camcal doctor REPORT`.",
+    ),
+    "systematic-residuals": ("The lens model is too small.", "`-m auto`, or `camcal select DATA`."),
+    "board-not-flat": (
+        "Paper on cardboard, a printer that stretches.",
+        "`--board-shape auto`; glass or aluminium behind the print.",
+    ),
+    "heavy-tailed-residuals": (
+        "Some bad pictures or points among good ones.",
+        "`--robust auto`; look at the worst views.",
+    ),
+    "light-tailed-residuals": (
+        "Errors that are not noise: rounding, interpolation, a repeated pattern.",
+        "Unrounded points.",
+    ),
+    "rounded-coordinates": ("Points clicked or stored in whole pixels.", "Store sub-pixel coordinates."),
+    "cameras-out-of-step": (
+        "A camera started later, or lost a frame.",
+        "Move its pictures by the number of views named; a common trigger.",
+    ),
+    "few-shared-instants": (
+        "The cameras hardly see the board at the same time.",
+        "Hold the board where both see it.",
+    ),
+    "loose-relative-pose": (
+        "Few shared instants, or a small board far away.",
+        "More shared instants with tilt, nearer.",
+    ),
+    "views-disagree": (
+        "A lens, focus or board that changed between the pictures; a model that is too small.",
+        "Fix focus and zoom, switch stabilisation off; `-m auto`, `--board-shape auto`.",
+    ),
+    "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
+    "hand-eye-convention": (
+        "Angles in another order or unit than was asked for.",
+        "Use the form that the message names.",
+    ),
+    "hand-eye-outliers": (
+        "Poses read while the robot moved, or pictures of another pose.",
+        "Check the pairs named.",
+    ),
+    "hand-eye-few-poses": ("Too few poses.", "Ten poses and more, turned about two axes at least."),
+    "hand-eye-unmatched": (
+        "Names of pictures and poses do not agree.",
+        "Name poses as the views in the report.",
+    ),
+    "hand-eye-weak-direction": ("Turns about nearly one axis.", "The poses that the report's `next` lists."),
+    "hand-eye-scale": ("A wrong `--square`, or poses in another unit.", "Check both lengths."),
+    "several-poses": (
+        "A flat, small or far target: two poses look alike.",
+        "Points out of the plane, or a nearer picture.",
+    ),
+    "no-redundancy": ("Just as many points as unknowns.", "A point more: nothing else shows an error."),
+    "undetermined-points": (
+        "One image of a point, or parallel rays.",
+        "A camera more, or a longer baseline.",
+    ),
+    "outlier-images": (
+        "A point that was taken for another one in some picture.",
+        "Check the cameras that the table names.",
+    ),
+    "lines-left-out": ("Curves of the scene.", "Nothing, if they are curved indeed."),
+    "one-direction": ("All lines run the same way.", "Pictures with lines across."),
+    "undetermined": ("Lines do not hold these parameters.", "`--fix` them, or take another model."),
+    "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
+    "views-left-out": ("Views that share too few points.", "More tracks."),
+    "points-twice": ("Two images of a point in one view.", "Give each point its own id."),
+    "few-matches": ("Little texture, or pictures of different scenes.", "More texture, several pairs."),
+    "vertical-disparity": (
+        "The cameras have moved against each other, a poor calibration, pictures that were not taken at once.",
+        "Check the trigger; calibrate the rig again.",
+    ),
+}
+#: of the routes, whose pages have no table of codes
+FOUND = {
+    "several-poses": "`camcal pose`: more than one pose fits",
+    "no-redundancy": "`camcal pose`: nothing is left to judge the pose by",
+    "undetermined-points": "`camcal triangulate`: points without a position",
+    "outlier-images": "`camcal triangulate`: images that disagree with the others of their point",
+    "lines-left-out": "`camcal lines`: lines that are not straight beside the others",
+    "one-direction": "`camcal lines`: all lines have one direction",
+    "undetermined": "`camcal lines`: parameters that lines leave undetermined",
+    "principal-point-assumed": "`camcal scene`, `camcal selfcalib`: the middle of the picture is taken for it",
+    "views-left-out": "`camcal selfcalib`: views that could not be added",
+    "points-twice": "`camcal selfcalib`: a point twice in one view",
+    "few-matches": "`camcal evaluate --natural`: fewer than 50 matches",
+    "vertical-disparity": "`camcal evaluate --natural`: points lie further from their rows than noise explains",
+}
+
+HEAD = """\
+# Troubleshooting by warning code
+
+This page is generated: `python -m camcal.report.troubleshooting > docs/troubleshooting.md`.
+
+Each warning of a report has a `code`, a `severity`, a message with the figures and a hint. `camcal doctor REPORT`
+ranks what is wrong by what would gain most. For errors that end a run, the message itself says what was found, what
+was needed and what to try; exit codes are in the [README](../README.md).
+
+| code | what was found | usual cause | what to do |
+|---|---|---|---|
+"""
+
+
+def page() -> str:
+    """The whole page as Markdown; KeyError for a code that nothing is known to do about."""
+    rows = [
+        f"| `{code}` | {found} | {' | '.join(REMEDIES[code])} |" for code, found in found_by_code().items()
+    ]
+    return HEAD + "\n".join(rows) + "\n"
+
+
+def found_by_code() -> dict[str, str]:
+    """Each code with what it means: the rows of the table in docs/report.md, then the routes'."""
+    text = (DOCS / "report.md").read_text(encoding="utf-8").split("\n## Warnings\n")[1].split("\n## ")[0]
+    made = {}
+    for codes, found in re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|$", text, re.MULTILINE):
+        made |= dict.fromkeys(re.findall(r"`([a-z-]+)`", codes), found)
+    return made | FOUND
+
+
+if __name__ == "__main__":
+    print(page(), end="")
