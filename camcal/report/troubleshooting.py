@@ -150,6 +150,32 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "A lens, focus or board that changed between the pictures; a model that is too small.",
         "Fix focus and zoom, switch stabilisation off; `-m auto`, `--board-shape auto`.",
     ),
+    "zoom-or-refocus": (
+        "Zoom or autofocus worked between the pictures.",
+        "Fix both; calibrate the pictures before and after apart, or `camcal track`.",
+    ),
+    "several-cameras": (
+        "Pictures of two cameras in one folder.",
+        "Calibrate each alone, or together with `camcal rig`.",
+    ),
+    "resized-pictures": (
+        "A part of the pictures was exported smaller.",
+        "Take all of them from the camera itself.",
+    ),
+    "cropped-pictures": ("A part of the pictures was cropped.", "Take the whole pictures."),
+    "turned-pictures": (
+        "A part of the pictures was turned by 180 degrees.",
+        "Take them as the sensor saw them.",
+    ),
+    "principal-point-moves": (
+        "A stabiliser in lens, sensor or software; a loose lens.",
+        "Switch stabilisation off; fasten the lens.",
+    ),
+    "rolling-shutter": ("Board or camera moved while the rows were read.", "A tripod, or a global shutter."),
+    "image-size": (
+        "A wrong `--image-size`, or pictures resized after the points were found.",
+        "Check the size.",
+    ),
     "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
     "hand-eye-convention": (
         "Angles in another order or unit than was asked for.",
@@ -232,7 +258,7 @@ def page() -> str:
 def found_by_code() -> dict[str, str]:
     """Each code with what it means: the rows of the table in docs/report.md, then the routes'."""
     text = (DOCS / "report.md").read_text(encoding="utf-8").split("\n## Warnings\n")[1].split("\n## ")[0]
-    made = {}
+    made: dict[str, str] = {}
     for codes, found in re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|$", text, re.MULTILINE):
         made |= dict.fromkeys(re.findall(r"`([a-z-]+)`", codes), found)
     return made | FOUND
