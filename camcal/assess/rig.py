@@ -24,13 +24,13 @@ Array = np.ndarray
 
 def relative_sigmas(solution: RigCalibration, accuracy: Covariance, name: str) -> Array:
     """Standard deviations (6,) of cam_from_rig: rotation (rad, on the left), translation; 0 of the reference."""
-    rows = _pose_rows(solution, name)
+    rows = pose_rows(solution, name)
     return _sigmas(rows, accuracy)
 
 
 def relative_covariance(solution: RigCalibration, accuracy: Covariance, name: str) -> Array:
     """The covariance (6, 6) of the same."""
-    rows = _pose_rows(solution, name)
+    rows = pose_rows(solution, name)
     return np.asarray(rows @ accuracy.free @ rows.T)
 
 
@@ -54,7 +54,7 @@ def _sigmas(rows: Array, accuracy: Covariance) -> Array:
     return np.where(lost, np.inf, found)
 
 
-def _pose_rows(solution: RigCalibration, name: str) -> Array:
+def pose_rows(solution: RigCalibration, name: str) -> Array:
     """d cam_from_rig / d variables (6, F)."""
     rows = np.zeros((6, solution.free.shape[1]))
     at = solution.extrinsics.get(name)
@@ -66,7 +66,7 @@ def _pose_rows(solution: RigCalibration, name: str) -> Array:
 
 def _centre_rows(solution: RigCalibration, name: str) -> Array:
     """(1) as d centre / d variables (3, F)."""
-    pose, rows = solution.rig.cam_from_rig[name], _pose_rows(solution, name)
+    pose, rows = solution.rig.cam_from_rig[name], pose_rows(solution, name)
     return pose.rotation.T @ (-rows[3:] - rotations.skew(pose.translation) @ rows[:3])
 
 

@@ -23,9 +23,9 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
     """Compare two cameras by what they project, over the image.
 
     A and B are camera files of any format; `camcal list formats` names them. The exit code is 1 where a gate
-    falls. The
-    difference is taken after the rotation (at a finite distance also the shift) that fits best, because a
-    calibration ties a camera's frame to nothing.
+    falls. The difference is taken after the rotation (at a finite distance also the shift) that fits best, because a
+    calibration ties a camera's frame to nothing. Of two rigs: each camera by its name, and the relative poses;
+    rig.yaml#left is one camera of a rig.
     """
     if (b is None) == (options["against"] is None):
         raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")
@@ -36,13 +36,31 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
 
 
 def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, Any]:
+    from camcal.report.comparison import load_rig_side, load_side
+
+    rigs = [load_rig_side(p) for p in (a, b) if p is not None]
+    if len(rigs) == 2 and rigs[0] is not None and rigs[1] is not None:
+        return _rigs(rigs[0], rigs[1], options)
+    first = load_side(a)
+    second = load_side(b) if b is not None else _by_cv2(a)
+    return _sides(first, second, options)
+
+
+def _rigs(a: Any, b: Any, options: dict[str, Any]) -> dict[str, Any]:
+    """Camera by camera, and the relative poses."""
+    from camcal.assess import rig_comparison
+    from camcal.report.comparison import side_within
+
+    names = rig_comparison.common_cameras(a, b)
+    cameras = {n: _sides(side_within(a, n), side_within(b, n), options) for n in names}
+    return rig_comparison.described(a, b, cameras, rig_comparison.places(a, b, names))
+
+
+def _sides(first: Any, second: Any, options: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
     from camcal.assess import comparison
-    from camcal.report.comparison import load_side
 
-    first = load_side(a)
-    second = load_side(b) if b is not None else _by_cv2(a)
     bounds = comparison.common_bounds(first, second, options["image_size"])
     apart = [comparison.compare(first, second, bounds, d) for d in options["distance"] or (np.inf,)]
     changes = comparison.parameters(first, second)
@@ -89,6 +107,42 @@ def _tables(found: dict[str, Any]) -> Any:
     from rich.console import Group
     from rich.text import Text
 
+    names = [f"{side.upper()}: {found[side]['name']} ({found[side]['model']})\n" for side in "ab"]
+    parts: list[Any] = [Text("".join(names))]
+    if "rig" not in found:
+        return Group(*parts, *_of_camera(found))
+    for name, camera in found["cameras"].items():
+        parts += [Text(f"camera {name}", style="bold"), *_of_camera(camera), Text("")]
+    return Group(*parts, *_places(found["rig"]))
+
+
+def _places(rig: dict[str, Any]) -> list[Any]:
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    rows = [
+        [
+            n,
+            number(p["rotation_deg"], 3),
+            number(p["sigma_rotation_deg"], 2),
+            *(number(t, 3) for t in p["translation"]),
+        ]
+        for n, p in rig["cam_from_rig"].items()
+    ]
+    moved = table(
+        ["camera", "turned, deg", "±", "x", "y", "z"], rows, f"places relative to {rig['reference']}, B - A"
+    )
+    rows = [
+        [n, number(d["a"]), number(d["b"]), number(d["change"], 3), number(d["sigma"], 2)]
+        for n, d in rig["baselines"].items()
+    ]
+    return [moved, Text(""), table(["distance", "A", "B", "B - A", "± sigma"], rows)]
+
+
+def _of_camera(found: dict[str, Any]) -> list[Any]:
+    from rich.text import Text
+
     from camcal.cli.output import number, table
 
     rows = []
@@ -99,12 +153,7 @@ def _tables(found: dict[str, Any]) -> Any:
         figures = [number(p[k] if p[k] is None else round(p[k], 9), 4) for k in keys]
         rows.append([number(p["distance"]), *figures, where, p["pixels_outside"]])
     columns = ["distance", "max px", "rms", "median", "max sigma", "median", "worst at u, v", "outside"]
-    names = [f"{side.upper()}: {found[side]['name']} ({found[side]['model']})\n" for side in "ab"]
-    parts = [
-        Text("".join(names)),
-        table(columns, rows, "difference of projection"),
-        Text(""),
-    ]  # fmt: skip
+    parts = [table(columns, rows, "difference of projection"), Text("")]
     changes = []
     for name, p in found["parameters"].items():
         sigmas = p["change"] / p["sigma"] if p["sigma"] else None
@@ -112,4 +161,4 @@ def _tables(found: dict[str, Any]) -> Any:
             [name, p["a"], p["b"], number(p["change"], 4), number(p["sigma"], 3), number(sigmas, 3)]
         )
     parts.append(table(["parameter", "A", "B", "B - A", "± sigma", "sigmas"], changes, "parameters"))
-    return Group(*parts)
+    return parts

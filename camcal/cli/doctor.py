@@ -42,14 +42,18 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 
 
 def _of_report(path: Path) -> dict[str, Any]:
-    from camcal.report.doctor.calibration import diagnose
+    from camcal.report.doctor import calibration, rig
     from camcal.report.loading import from_document
+    from camcal.report.rig_loading import from_document as rig_of
+    from camcal.report.rig_loading import is_rig_report
     from camcal.report.yaml import read_document
     from camcal.schema import check
 
     report = read_document(path)
     check(report, str(path))
-    return diagnose(report, from_document(report, str(path)), str(path))
+    if is_rig_report(report):
+        return rig.diagnose(report, rig_of(report, str(path)), str(path))
+    return calibration.diagnose(report, from_document(report, str(path)), str(path))
 
 
 def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:

@@ -29,21 +29,56 @@ def command(report: Path, output: Path | None, plots: Path | None, **options: An
     page = output or (None if plots else report.with_suffix(".html"))
     if page is not None:
         check_writable(page, options["force"])
-    from camcal.report.loading import from_document
+    from camcal.report.rig_loading import is_rig_report
     from camcal.report.yaml import read_document
     from camcal.schema import check
 
     found = read_document(report)
     check(found, str(report))
+    if is_rig_report(found):
+        _rig(found, report, page, plots, options)
+    else:
+        _camera(found, report, page, plots, options)
+
+
+def _camera(
+    found: dict[str, Any], report: Path, page: Path | None, plots: Path | None, options: dict[str, Any]
+) -> None:
+    from camcal.report.html.page import page as make
+    from camcal.report.loading import from_document
+
     solution = from_document(found, str(report))
     if page is not None:
-        from camcal.data.writing import atomic_write
-        from camcal.report.html.page import page as make
-
-        atomic_write(page, make(found, solution, str(report)), options["force"])
-        note(f"Page written to {page}.")
+        _write(page, make(found, solution, str(report)), options["force"])
     if plots is not None:
-        from camcal.report.charts.files import write_charts
+        _write_charts(solution, plots, options)
 
-        written = write_charts(solution, plots, options["plot_format"], options["force"])
-        note(f"{len(written)} charts written to {plots}.")
+
+def _rig(
+    found: dict[str, Any], report: Path, page: Path | None, plots: Path | None, options: dict[str, Any]
+) -> None:
+    """The page of a rig; the charts of each camera in a folder of its name."""
+    from camcal.plan.rig_cameras import solution_within
+    from camcal.report.html.rig import page as make
+    from camcal.report.rig_loading import from_document
+
+    solution = from_document(found, str(report))
+    if page is not None:
+        _write(page, make(found, solution, str(report)), options["force"])
+    if plots is not None:
+        for name in solution.rig.cameras:
+            _write_charts(solution_within(solution, name), plots / name, options)
+
+
+def _write(page: Path, text: str, force: bool) -> None:
+    from camcal.data.writing import atomic_write
+
+    atomic_write(page, text, force)
+    note(f"Page written to {page}.")
+
+
+def _write_charts(solution: Any, folder: Path, options: dict[str, Any]) -> None:
+    from camcal.report.charts.files import write_charts
+
+    written = write_charts(solution, folder, options["plot_format"], options["force"])
+    note(f"{len(written)} charts written to {folder}.")

@@ -25,19 +25,52 @@ def command(
     """Compute how far noise in the observations moves projections, in px.
 
     The standard deviation is that of the worst direction, of a point that is fixed to the boards (mrcal's
-    projection uncertainty). Without --at: the image's centre and its worst place, and the median over it.
+    projection uncertainty). Without --at: the image's centre and its worst place, and the median over it. Of a rig:
+    the same for each camera, and for each two of them the baseline, how far points lie from their epipolar lines, and
+    points that are found from both pictures.
     """
     from camcal.cli.output import emit
-    from camcal.report.document import load
+    from camcal.plan.solution import Solution
+    from camcal.report.rig_loading import load_solution
+    from camcal.report.rig_uncertainty import inquire as inquire_rig
     from camcal.report.uncertainty import inquire
 
-    found = inquire(load(report), at, distance)
-    emit(found, format, lambda: _tables(found))
-    worst = max(p["sigma_px"] for p in found["points"])
+    known = load_solution(report)
+    if isinstance(known, Solution):
+        found = inquire(known, at, distance)
+        emit(found, format, lambda: _tables(found))
+        points = found["points"]
+    else:
+        found = inquire_rig(known, at, distance)
+        emit(found, format, lambda: _rig_tables(found))
+        points = [p for camera in found["cameras"].values() for p in camera["points"]]
+    worst = max((p["sigma_px"] for p in points), default=0.0)
     fell = max_px is not None and not worst <= max_px
     if max_px is not None:
         note(f"{'FAIL' if fell else 'PASS'}: the largest sigma is {worst:.4g} px; {max_px:g} px is allowed.")
     return 1 if fell else 0
+
+
+def _rig_tables(found: dict[str, Any]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    from camcal.cli.output import number, table
+
+    unit = f", {found['unit']}" if found["unit"] else ""
+    parts: list[Any] = []
+    for name, camera in found["cameras"].items():
+        parts += [Text(f"camera {name}", style="bold"), _tables(camera), Text("")]
+    rows = []
+    for name, pair in found["pairs"].items():
+        distance, sigma = pair["baseline"]["value"], pair["baseline"]["sigma"]
+        for at in pair["at"]:
+            figures = [at["epipolar_px"]["median"], at["epipolar_px"]["worst"], at["point"]["median"]]
+            rows.append(
+                [name, number(distance), number(sigma, 3), at["distance"], *(number(f, 3) for f in figures)]
+            )
+    columns = ["pair", "baseline", "±", f"distance{unit}", "epipolar ± px", "worst", f"a point ±{unit}"]
+    return Group(*parts, table(columns, rows, "two cameras together"))
 
 
 def _tables(found: dict[str, Any]) -> Any:

@@ -22,10 +22,12 @@ from camcal.plan.known_camera import evaluate
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
 from camcal.plan.run import solved, usable
+from camcal.plan.solution import Solution, of_fit
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions, check_names
 from camcal.solve import starts
-from camcal.solve.calibration import Calibration
+from camcal.solve.calibration import Calibration, RigCalibration
+from camcal.solve.rig_cameras import within
 from camcal.solve.rig_start import Pictures
 
 Array = np.ndarray
@@ -169,6 +171,11 @@ def check_options(asked: RigOptions, names: tuple[str, ...]) -> None:
     check_names(asked.cameras, names, "--cameras")
     check_names(asked.hold, names, "--hold")
     check_names((asked.reference or "",), names, "--reference")
+
+
+def solution_within(solution: RigCalibration, name: str) -> Solution:
+    """A camera of a rig with its own pictures as a solution by itself, at the joint estimate."""
+    return of_fit(within(solution, name))
 
 
 @contextmanager

@@ -8,12 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from camcal.assess.comparison import Side
+from camcal.assess.rig_comparison import RigSide
 from camcal.data.formats.files import recognised
 from camcal.data.formats.source import Source
 from camcal.report import ci
 from camcal.report.ci import Check
 from camcal.report.loading import from_document, load_camera
+from camcal.report.opening import is_rig, load_rig_cameras
+from camcal.report.rig_loading import from_document as rig_of
+from camcal.report.rig_loading import is_rig_report
 from camcal.report.yaml import read_document
+from camcal.solve.rig_cameras import within
 
 Document = Mapping[str, Any]
 
@@ -27,9 +32,35 @@ def load_side(path: str | os.PathLike) -> Side:
         Where the file holds no camera.
     """
     file = Path(path)
-    if file.is_file() and recognised(source := Source(file)).name == "camcal" and "data" in source.mapping:
+    source = Source(file) if file.is_file() else None
+    own = source is not None and recognised(source).name == "camcal"
+    if own and source is not None and {"data", "camera"} <= set(source.mapping):
         return Side.of(str(path), from_document(read_document(path), str(path)))
     return Side(str(path), load_camera(path))
+
+
+def load_rig_side(path: str | os.PathLike) -> RigSide | None:
+    """A rig to compare: of a report of `camcal rig` with its calibration, of any other file without; None of a camera.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing or damaged.
+    """
+    if not Path(path).is_file() or not is_rig(path):
+        return None
+    found = read_document(path) if recognised(Source(Path(path))).name == "camcal" else {}
+    if is_rig_report(found):
+        solution = rig_of(found, str(path))
+        return RigSide(str(path), solution.rig, solution)
+    return RigSide(str(path), load_rig_cameras(path))
+
+
+def side_within(side: RigSide, name: str) -> Side:
+    """One camera of a rig."""
+    if side.solution is None:
+        return Side(f"{side.name}#{name}", side.rig.cameras[name])
+    return Side.of(f"{side.name}#{name}", within(side.solution, name))
 
 
 def checks(comparison: Document) -> list[Check]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ from camcal.data.observations import Observations, SkippedView
 from camcal.errors import DataError
 from camcal.model.pose import Poses
 from camcal.model.rig import Rig
-from camcal.plan.solution import RigSolution
+from camcal.plan.rig_cameras import solution_within
+from camcal.plan.solution import RigSolution, Solution
 from camcal.report.embedded import decode
 from camcal.report.loading import board_of, damage, fit_of, normal_at, stage_of, start_and_free, warning_of
+from camcal.report.loading import from_document as solution_of_document
 from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
 from camcal.schema.kinds import UNSET
@@ -36,6 +39,28 @@ def load_rig(path: str | os.PathLike) -> RigSolution:
     found = read_document(path)
     check(found, str(path))
     return from_document(found, str(path))
+
+
+def load_solution(path: str | os.PathLike) -> Solution | RigSolution:
+    """Read a report back, of a camera or of a rig; `FILE#NAME` is one camera of a rig, at the joint estimate.
+
+    Raises
+    ------
+    DataError
+        Where the file is missing, no report, or damaged, or has no such camera.
+    """
+    name, mark, camera = os.fspath(path).rpartition("#")
+    file = name if mark and not Path(path).exists() else os.fspath(path)
+    found = read_document(file)
+    check(found, file)
+    if not is_rig_report(found):
+        return solution_of_document(found, file)
+    rig = from_document(found, file)
+    if file == os.fspath(path):
+        return rig
+    if camera not in rig.rig.cameras:
+        raise DataError(f"'{file}' has no camera '{camera}'.", f"It has: {', '.join(rig.rig.cameras)}.")
+    return solution_within(rig, camera)
 
 
 def is_rig_report(found: Mapping[str, Any]) -> bool:

@@ -1,5 +1,6 @@
 """`camcal rig` through its entry point."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,27 @@ def test_a_camera_without_pictures_is_named(camcal):
     Path("left").mkdir()
     code, _, err = camcal("rig", "left=left", "right='nothing*.jpg'", "-o", "rig.yaml")
     assert code == 3 and "camera 'left'" in err
+
+
+def test_uncertainty_doctor_compare_and_page(camcal, rig, table):
+    code, out, err = camcal("uncertainty", "rig.yaml")
+    assert code == 0 and "two cameras together" in out and "a-b" in out, err
+    code, out, _ = camcal("doctor", "rig.yaml")
+    assert code == 0 and "Distances: a-b" in " ".join(out.split())
+    camcal("rig", rig, "--image-size", "640x480", "-m", LENS, "-o", "again.yaml")
+    code, out, err = camcal("compare", "rig.yaml", "again.yaml", "--max-sigma", "10")
+    assert code == 0 and "places relative to a" in out and "ok" in err
+    code, out, _ = camcal("compare", "rig.yaml#a", "again.yaml#a")
+    assert code == 0 and "fx" in out
+    code, _, err = camcal("report", "rig.yaml", "-o", "rig.html")
+    assert code == 0 and "Camera b" in Path("rig.html").read_text(), err
+
+
+def test_the_python_of_the_docs(table, capsys):
+    Path(table).write_text(Path(table).read_text().replace("\na,", "\nleft,").replace("\nb,", "\nright,"))
+    text = (Path(__file__).resolve().parents[2] / "docs" / "rigs.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    exec(code, {})
+    known = truth("ab").baseline("a", "b")
+    assert float(capsys.readouterr().out) == pytest.approx(known, rel=0.01)
+    assert Path("rig.yaml").exists()

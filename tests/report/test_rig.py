@@ -58,3 +58,38 @@ def test_another_document_is_refused(tmp_path, path):
     (tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(DataError, match=r"damaged|rig_from_nothing"):
         load_rig(tmp_path / "bad.yaml")
+
+
+def test_the_page_shows_every_camera(solution, path):
+    pytest.importorskip("jinja2")
+    from camcal.report.html.rig import page
+    from camcal.report.yaml import read_document
+    from tests.report.test_html import Reader
+
+    text = page(read_document(path), load_rig(path), str(path))
+    reader = Reader()
+    reader.feed(text)
+    for name in solution.rig.cameras:
+        assert f"Camera {name}" in text and f"<title>{name}</title>" in text  # its parameters, its pyramid
+    assert text.count('class="board"') == len(solution.poses)
+    assert "a-b" in text and "epipolar" in text
+
+
+def test_the_doctor_knows_a_rig(solution, path):
+    from camcal.report.doctor.rig import diagnose
+    from camcal.report.yaml import read_document
+
+    found = diagnose(read_document(path), load_rig(path), str(path))
+    assert found["about"] == "rig" and found["healthy"] == (solution.grade != "wrong")
+    assert "Distances: a-b" in found["sentence"]
+
+
+def test_one_camera_of_a_report(solution, path):
+    from camcal.report.rig_loading import load_solution
+
+    alone = load_solution(f"{path}#b")
+    np.testing.assert_array_equal(alone.camera.params, solution.rig.cameras["b"].params)
+    rows = solution.observations.camera == 1
+    np.testing.assert_allclose(alone.residuals, solution.residuals[rows], rtol=0, atol=1e-9)
+    with pytest.raises(DataError, match="no camera 'z'"):
+        load_solution(f"{path}#z")

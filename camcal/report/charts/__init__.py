@@ -5,6 +5,8 @@ A chart is a function `Solution -> Chart or None` and a line in `CHARTS`, in the
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from camcal.plan.solution import Solution
 from camcal.registry import load
 from camcal.report.charts.base import Chart
@@ -26,7 +28,7 @@ CHARTS: dict[str, str] = {
 }
 
 
-def charts(solution: Solution) -> dict[str, Chart]:
-    """All charts that a solution has something to show in, by name."""
-    made = {name: load(path)(solution) for name, path in CHARTS.items()}
+def charts(solution: Solution, names: Collection[str] = tuple(CHARTS)) -> dict[str, Chart]:
+    """The charts, all or those of some names, that a solution has something to show in, by name."""
+    made = {name: load(path)(solution) for name, path in CHARTS.items() if name in names}
     return {name: chart for name, chart in made.items() if chart is not None}

@@ -51,7 +51,7 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
     model = remedies.lens_model(solution, report, board) if try_models else None
     # of equal gains the first stands first: where to hold the target before what that would mend
     found = [f for f in (pictures, model, remedies.worse_views(solution, report)) if f]
-    found += [*_gates(report), *_warnings(report, pictures, board), *_lost(report)]
+    found += [*gates(report), *warnings(report, pictures, board), *lost(report)]
     if board and not any(f.code == board.code for f in found):
         found.append(board)
     biased = remedies.bias(report)
@@ -60,7 +60,8 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
     return ordered(found)
 
 
-def _gates(report: Document) -> Iterator[Finding]:
+def gates(report: Document) -> Iterator[Finding]:
+    """The gates that fell."""
     for failure in report.get("failures", []):
         if failure.startswith("graded "):
             continue  # that warning is a finding of its own
@@ -74,13 +75,14 @@ def _gates(report: Document) -> Iterator[Finding]:
         )
 
 
-def _lost(report: Document) -> Iterator[Finding]:
+def lost(report: Document) -> Iterator[Finding]:
+    """Pictures that were not used."""
     views = report["views"]
-    lost = [v for v in views if v["status"] != "used"]
-    return remedies.lost_pictures(len(views) - len(lost), lost)
+    unused = [v for v in views if v["status"] != "used"]
+    return remedies.lost_pictures(len(views) - len(unused), unused)
 
 
-def _warnings(report: Document, pictures: Finding | None, board: Finding | None) -> Iterator[Finding]:
+def warnings(report: Document, pictures: Finding | None, board: Finding | None) -> Iterator[Finding]:
     """The report's warnings, each with the gain of what does away with it."""
     for warning in report["warnings"]:
         code = warning["code"]

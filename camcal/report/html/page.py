@@ -41,7 +41,7 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
     UsageError
         Where jinja2 is not installed.
     """
-    template = _template()
+    template = template_of("page.html")
     drawn = {name: (chart, svg(chart, name)) for name, chart in charts(solution).items()}
     shown, on_pictures = pictures.thumbnails(solution, report, Path(source).resolve().parent)
     turned = scene.drawing(solution)
@@ -51,21 +51,33 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
         sentence=table.sentence(report),
         trust=words.trust(report),
         findings=examine(report, solution, source, try_models=False),
-        parameters=_parameters(report),
+        parameters=parameter_rows(report["camera"]),
         charts=drawn,
         sections=SECTIONS,
         scene=turned,
-        # a closing tag inside the data would end the script
-        scene_data=json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c"),
+        scene_data=scene_data(turned),
         thumbnails=shown,
         on_pictures=on_pictures,
         number=table.number,
-        style=_HERE.joinpath("style.css").read_text(encoding="utf-8"),
-        script=_HERE.joinpath("scene.js").read_text(encoding="utf-8"),
+        **assets(),
     )
 
 
-def _template() -> Any:
+def scene_data(turned: dict[str, Any]) -> str:
+    """What `scene.js` gets; a closing tag inside the data would end the script."""
+    return json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c")
+
+
+def assets() -> dict[str, str]:
+    """The style sheet and the script."""
+    return {
+        "style": _HERE.joinpath("style.css").read_text(encoding="utf-8"),
+        "script": _HERE.joinpath("scene.js").read_text(encoding="utf-8"),
+    }
+
+
+def template_of(name: str) -> Any:
+    """A template of this folder; UsageError where jinja2 is not installed."""
     try:
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
     except ImportError:
@@ -79,12 +91,13 @@ def _template() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html")
+    return environment.get_template(name)
 
 
-def _parameters(report: dict[str, Any]) -> list[dict[str, str]]:
+def parameter_rows(camera: dict[str, Any]) -> list[dict[str, str]]:
+    """The parameters of a camera's entry as text."""
     rows = []
-    for name, p in report["camera"]["parameters"].items():
+    for name, p in camera["parameters"].items():
         value, sigma = table.with_sigma(p["value"], p["sigma"])
         rows.append(
             {

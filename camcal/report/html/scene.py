@@ -14,7 +14,8 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.model.pose import Pose
-from camcal.plan.solution import Solution
+from camcal.plan.rig_cameras import solution_within
+from camcal.plan.solution import RigSolution, Solution
 
 Array = np.ndarray
 
@@ -110,7 +111,27 @@ def filling(made: list[Shape], pivot: Array, radius: float, yaw: float, pitch: f
 
 def drawing(solution: Solution) -> dict[str, Any]:
     """The first picture as SVG polygons, and what `scene.js` needs to turn it."""
-    made = shapes(solution)
+    return drawing_of(shapes(solution), len(solution.poses))
+
+
+def rig_drawing(solution: RigSolution) -> dict[str, Any]:
+    """The same of a rig: all cameras, and the board of each instant in the frame of the rig."""
+    made: dict[str, list[Shape]] = {}
+    cameras = []
+    for name in solution.rig.cameras:
+        back = solution.rig.cam_from_rig[name].inverse()
+        for shape in shapes(solution_within(solution, name)):
+            moved = Shape(back.apply(shape.points), shape.kind, shape.title)
+            if shape.kind == "board":
+                made.setdefault(shape.title, [moved])  # as the first camera that saw it
+            else:
+                cameras.append(Shape(moved.points, shape.kind, name))
+    boards = [s for own in made.values() for s in own]
+    return drawing_of([*cameras, *boards], len(solution.poses))
+
+
+def drawing_of(made: list[Shape], count: int) -> dict[str, Any]:
+    """Shapes as SVG polygons and as data; `count` boards there are."""
     pivot, radius = pivot_and_scale(made)
     yaw, pitch = np.radians(YAW), np.radians(PITCH)
     fill = filling(made, pivot, radius, yaw, pitch)
@@ -132,5 +153,5 @@ def drawing(solution: Solution) -> dict[str, Any]:
         "height": HEIGHT,
     }
     boards = len({s.title for s in made if s.kind == "board"})
-    shown = "" if boards == len(solution.poses) else f" ({boards} of {len(solution.poses)} are shown)"
+    shown = "" if boards == count else f" ({boards} of {count} are shown)"
     return {"polygons": "".join(polygons), "data": data, "width": WIDTH, "height": HEIGHT, "shown": shown}
