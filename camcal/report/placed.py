@@ -12,6 +12,7 @@ import numpy as np
 from camcal.data.dlt_table import looks_like_dlt, read_dlt
 from camcal.data.formats import files
 from camcal.data.formats.camcal import camera_of_entry as camera_of
+from camcal.data.formats.source import Source
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
@@ -32,6 +33,11 @@ def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
         Where the file holds no camera with a pose.
     """
     source = Path(path)
+    with files.damage(Source(source, b""), "cameras with poses"):
+        return _load(source)
+
+
+def _load(source: Path) -> tuple[PlacedCamera, ...]:
     if _is_dlt(source):
         return tuple(PlacedCamera.of_matrix(str(i + 1), m) for i, m in enumerate(read_dlt(source)))
     rig = _rig(source)

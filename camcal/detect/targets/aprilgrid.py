@@ -192,7 +192,7 @@ def read_kalibr(path: Path) -> tuple[int, int, float, float]:
         raise DataError(
             f"{path} lacks {error.args[0]}.", "tagCols, tagRows, tagSize, tagSpacing are needed."
         ) from None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DataError(
             f"{path} holds text where a number is needed.", "tagSize is in metres: 0.022"
         ) from None

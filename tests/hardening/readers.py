@@ -1,0 +1,194 @@
+"""Every reader of files, generated from the tables of the project: one that is added to a table is covered.
+
+What has no table of its own (one kind of file, one reader) is listed here.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from camcal.data.formats import FORMATS
+from camcal.data.point_files import POINT_FILES
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A reader: the endings of its files, inputs that it reads (of tests/hardening/inputs.py), the call itself."""
+
+    name: str
+    endings: tuple[str, ...]
+    seeds: tuple[str, ...]
+    read: Callable[[Path], Any]
+
+
+def _format(name: str) -> Callable[[Path], Any]:
+    from camcal.data.formats import files
+
+    def read(path: Path) -> Any:
+        files.read(path)
+        return files.read(path, name)
+
+    return read
+
+
+def _points(path: Path) -> Any:
+    from camcal.data.points import read_points
+
+    return read_points(path, board=(3, 2))
+
+
+def _pair(path: Path) -> Any:
+    from camcal.data.points import read_points
+
+    return read_points(points3d=path.with_name("p3.csv"), points2d=path)
+
+
+def _report(path: Path) -> Any:
+    from camcal.report.loading import load
+
+    return load(path)
+
+
+def _rig(path: Path) -> Any:
+    from camcal.data.rig_table import read_rig
+
+    return read_rig(path)
+
+
+def _lines(path: Path) -> Any:
+    from camcal.routes.read_lines import read_lines
+
+    return read_lines([path])
+
+
+def _labelled(*columns: str) -> Callable[[Path], Any]:
+    def read(path: Path) -> Any:
+        from camcal.data.labelled import read_labelled
+
+        return read_labelled(path, columns)
+
+    return read
+
+
+def _placed(path: Path) -> Any:
+    from camcal.report.placed import load_placed
+
+    return load_placed(path)
+
+
+def _frames(path: Path) -> Any:
+    from camcal.track.stream import FrameReader
+
+    with path.open("rb") as stream:
+        return list(FrameReader(stream, str(path)))
+
+
+def _checkpoint(path: Path) -> Any:
+    """The whole of what `camcal track --state` does with a state, whose checksum is right."""
+    from camcal.track import checkpoint
+
+    head, _, body = path.read_bytes().partition(b"\n")
+    text = body.decode("utf-8", "replace").removesuffix("\n")
+    try:
+        found = json.loads(head)
+        found["sha256"] = checkpoint._digest(text)
+        path.write_text(json.dumps(found) + "\n" + text + "\n")
+    except (ValueError, TypeError):
+        pass
+    return _follow(path)
+
+
+def _follow(state: Path) -> Any:
+    from camcal.registry import look_up
+    from camcal.settings.tracking import TrackOptions
+    from camcal.track import ESTIMATORS
+    from camcal.track.follow import Follower
+    from camcal.track.output import Output
+    from camcal.track.stream import FrameReader
+    from camcal.track.table import Table
+
+    estimator = look_up(ESTIMATORS, "kalman", "method")(TrackOptions())
+    output = Output(Table(estimator.model, False), "csv", state.with_name("t.csv"), growing=True)
+    follower = Follower(estimator, output, state_file=state, every=5)
+    try:
+        follower.resume()
+        with state.with_name("f.csv").open("rb") as stream:
+            return follower.run(FrameReader(stream, "f.csv"))
+    finally:
+        output.discard()
+
+
+def make_state(folder: Path) -> None:
+    """A state and the table that belongs to it."""
+    _follow(folder / "state")
+
+
+def _config(path: Path) -> Any:
+    from camcal.settings.config import load_config, values_for
+
+    return values_for("estimate", load_config(path))
+
+
+def _jobs(path: Path) -> Any:
+    from camcal.batch.jobs import read_jobs
+
+    return read_jobs(str(path))
+
+
+def _april(path: Path) -> Any:
+    from camcal.detect.targets.aprilgrid import read_kalibr
+
+    return read_kalibr(path)
+
+
+def _picture(path: Path) -> Any:
+    from camcal.detect.sources import read_gray
+
+    return read_gray(path)
+
+
+def _cache(path: Path) -> Any:
+    from camcal.detect.cache import load
+
+    return load(path)
+
+
+PICTURES = (".png", ".jpg", ".tif", ".bmp", ".pgm", ".webp", ".jp2", ".exr", ".hdr", ".ras", ".gif", ".avif")
+
+
+def subjects() -> list[Subject]:
+    """All readers."""
+    made = [Subject(f"format {n}", (), (f"format-{n}",), _format(n)) for n in FORMATS]
+    endings = {"vnl": ".vnl", "photonvision": ".json", "opencv": ".yml", "gcp": ".txt"}
+    seeds = {
+        "vnl": "points.vnl",
+        "gcp": "gcp_list.txt",
+        "photonvision": "photonvision.json",
+        "opencv": "sample.yml",
+    }
+    for name in POINT_FILES:
+        seed = seeds.get(name, "p.csv")
+        made.append(Subject(f"points {name}", (endings.get(name, Path(seed).suffix),), (seed,), _points))
+    made += [
+        Subject("points table", (".csv", ".txt"), ("p.csv",), _points),
+        Subject("points archive", (".npz",), ("points.npz",), _points),
+        Subject("points pair", (".csv",), ("p2.csv",), _pair),
+        Subject("report", (".yaml",), ("r.yaml",), _report),
+        Subject("rig table", (".csv",), ("rig.csv",), _rig),
+        Subject("lines", (".csv",), ("lines.csv", "room.csv"), _lines),
+        Subject("tracks", (".csv",), ("tracks.csv",), _labelled("view", "point")),
+        Subject("points of cameras", (".csv",), ("points2d.csv",), _labelled("camera", "point")),
+        Subject("placed cameras", (".csv", ".yaml"), ("dlt.csv", "rig.yaml"), _placed),
+        Subject("frames", (".csv",), ("f.csv",), _frames),
+        Subject("checkpoint", ("",), ("state",), _checkpoint),
+        Subject("configuration", (".yaml",), ("camcal.yml",), _config),
+        Subject("jobs", (".yaml",), ("jobs.yaml",), _jobs),
+        Subject("Kalibr's target", (".yaml",), ("april.yaml",), _april),
+        Subject("cache entry", (".npz",), ("points.npz",), _cache),
+    ]
+    made += [Subject(f"picture {e}", (e,), (f"picture{e}",), _picture) for e in PICTURES]
+    return made
