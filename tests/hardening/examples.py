@@ -27,11 +27,11 @@ EXAMPLES: dict[str, list[str]] = {
         "OUT/c.yml",
     ],
     "rig": ["rig.csv", *SIZE, *MODEL, *QUICK, "-o", "OUT/r.yaml"],
-    "checkerboard": ["board", "--board", "10x7", "--no-cache", *MODEL, *QUICK, "--board-shape", "flat"]
+    "checkerboard": ["board", "--board", "9x6", "--no-cache", *MODEL, *QUICK, "--board-shape", "flat"]
     + ["--no-refine-corners", "-j", "1", "-o", "OUT/r.yaml", "--save-corners", "OUT/c.csv"],
     "batch": ["jobs.yaml", "-o", "OUT", "--junit", "OUT/j.xml", "--summary", "OUT/s.md"],
-    "watch": ["board", "--once", "--board", "10x7", "--no-cache", *MODEL, "-o", "OUT/r.yaml"],
-    "detect": ["board", "--board", "10x7", "--no-cache", "-j", "1", "-o", "OUT/c.csv"],
+    "watch": ["board", "--once", "--board", "9x6", "--no-cache", *MODEL, "-o", "OUT/r.yaml"],
+    "detect": ["board", "--board", "9x6", "--no-cache", "-j", "1", "-o", "OUT/c.csv"],
     "evaluate": ["r.yaml", "p.csv", "-o", "OUT/e.yaml"],
     "lines": ["lines.csv", "-m", "division:1", *SIZE, "--no-crosscheck", "-o", "OUT/l.yaml"],
     "selfcalib": ["tracks.csv", *SIZE, "-m", "pinhole", "--no-crosscheck", "-o", "OUT/s.yaml"],

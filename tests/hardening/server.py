@@ -10,6 +10,7 @@ import errno
 import json
 import os
 import signal
+import stat
 import sys
 import tempfile
 import time
@@ -69,7 +70,7 @@ def _child(request: dict[str, Any], out: Any) -> int:
         original = getattr(os, name)
 
         def counted(handle: int, *args: Any, original: Any = original) -> Any:
-            if handle > 2:
+            if handle > 2 and stat.S_ISREG(os.fstat(handle).st_mode):
                 fault.access()
             return original(handle, *args)
 
