@@ -53,7 +53,7 @@ def study(setup, mm, runs, poses):
         for m in found.methods:
             wrong = np.inf if m.x is None else np.linalg.norm(m.x.translation - h.x.translation)
             forms[m.name].append(wrong)
-        theirs.append(cv2_error(h, alone(found.pictures).poses, "park"))
+        theirs.append(cv2_error(h, alone(h.pictures).poses, "park"))
     d = np.array(errors)
     bias = np.abs(d.mean(0) / (d.std(0) / np.sqrt(runs))).max()
     rms = np.sqrt(np.square(d[:, 3:]).sum(1).mean())

@@ -33,7 +33,12 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where
     each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
     The answer has a row a frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
+    With --rig it is the places of a rig's cameras that are followed: the answer has a row a camera and instant.
     """
+    if options["rig"] is not None:
+        from camcal.cli.track_rig import follow_rig
+
+        return follow_rig(ctx, frames, options)
     from camcal.track.follow import Follower
 
     _check_files(options)

@@ -107,6 +107,12 @@ RUN = (
         0,
         in_checkpoints=True,
     ),
+    Option(
+        "rig",
+        FILE,
+        "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; the alarm goes where "
+        "one was knocked.",
+    ),
     Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
     Option("state", OUT, "Checkpoint: written during the run; a run with an existing one continues from it."),
     Option(

@@ -1,0 +1,160 @@
+"""A rig followed through time: pictures of a board, a calibrated rig, and whether its cameras stay where they were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.assess.covariance import covariance, eliminate_poses
+from camcal.assess.rig import pose_rows
+from camcal.data.observations import Observations
+from camcal.data.rig_table import RigViews, joined
+from camcal.errors import DataError
+from camcal.model.pose import Poses
+from camcal.plan.known_camera import evaluate
+from camcal.plan.rig_cameras import board_variance
+from camcal.plan.run import usable
+from camcal.plan.solution import RigSolution
+from camcal.solve.poses import solve_poses
+from camcal.solve.problem import Problem
+from camcal.solve.refine import on_board
+from camcal.solve.rig_start import Pictures, corners_of, placed, symmetries
+from camcal.track.rig_changes import RigFollower, excess
+from camcal.track.rig_equations import Instant, Picture, instant
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A rig after the last instant.
+
+    Attributes
+    ----------
+    follower : RigFollower
+        With the changes and a row for each camera and instant.
+    names : tuple of str
+    alone : tuple of str
+        Instants at which fewer than two cameras saw the board.
+    points : int
+    """
+
+    follower: RigFollower
+    names: tuple[str, ...]
+    alone: tuple[str, ...]
+    points: int
+
+
+def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust: str = "auto") -> Followed:
+    """Test at each instant whether the cameras stand where the calibration of the rig says.
+
+    Parameters
+    ----------
+    rig : RigSolution
+        With its data: the uncertainty of the calibration takes part in the test.
+    views : RigViews
+        Of the same board, or of another one whose points are known as well.
+    false_alarm : float
+        Per instant.
+
+    Raises
+    ------
+    DataError
+        Where a camera is not one of the rig's, or no instant was seen by two of them.
+    """
+    names = tuple(rig.rig.cameras)
+    strangers = [n for n in views.parts if n not in names]
+    if strangers:
+        raise DataError(
+            f"the rig has no camera '{strangers[0]}'; it has {', '.join(names)}.",
+            "Name the cameras as the rig does.",
+        )
+    data, poses = _seen(rig, views, robust)
+    made, alone = _instants(rig, data, poses)
+    if not made:
+        raise DataError(
+            "no board was seen by two cameras at the same instant.", "Hold it where their pictures overlap."
+        )
+    known, _ = _instants(rig, rig.observations, rig.poses)
+    follower = RigFollower(names, covariance(rig).free, *excess(made, known), rig.rms_point, false_alarm)
+    for one in made:
+        follower.take(one)
+    follower.finish()
+    return Followed(follower, names, alone, int(data.used.sum()))
+
+
+def _instants(rig: RigSolution, data: Observations, poses: Poses) -> tuple[list[Instant], tuple[str, ...]]:
+    """The equations of the instants, and those at which fewer than two cameras saw the board."""
+    pictures = _pictures(rig, data, poses)
+    by_rig = np.array([pose_rows(rig, n) for n in rig.rig.cameras])
+    places = list(rig.rig.cam_from_rig.values())
+    seen = [(name, pictures.get(index, [])) for index, name in enumerate(data.view_ids)]
+    made = [instant(name, there, places, by_rig) for name, there in seen if len(there) > 1]
+    return made, tuple(name for name, there in seen if len(there) < 2)
+
+
+def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations, Poses]:
+    """The observations with outliers out and turned boards renamed, and rig_from_board of each instant."""
+    names = [n for n in rig.rig.cameras if n in views.parts]
+    fits = {}
+    for name in names:
+        part = usable(views.parts[name])
+        if rig.board is not None:
+            part = on_board(part, rig.board.ideal, rig.board.points)
+        fits[name] = evaluate(rig.rig.cameras[name], part, robust)
+    data = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
+    found = {}
+    for name, fit in fits.items():
+        variances = board_variance(fit)
+        for i, view in enumerate(fit.observations.view_ids):
+            found[name, views.instants[name][view]] = fit.poses[i], float(variances[i])
+    blocks = data.blocks
+    keys = [(data.cameras[c], data.view_ids[v]) for c, v in zip(blocks.camera, blocks.view, strict=True)]
+    seen = Poses.stack([found[k][0] for k in keys])
+    alone = Pictures(blocks.camera, blocks.view, seen, np.array([found[k][1] for k in keys]))
+    places = Poses.stack([rig.rig.cam_from_rig[n] for n in names])
+    data, poses, _ = placed(alone, places, data, symmetries(data), corners_of(data))
+    return data, poses
+
+
+def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, list[Picture]]:
+    """The pictures of each instant, with what each says of the board's pose."""
+    found: dict[int, list[Picture]] = {}
+    names = list(rig.rig.cameras)
+    row = 0
+    for index, (name, camera) in enumerate(rig.rig.cameras.items()):
+        free = rig.free[row : row + camera.lens.size]
+        row += camera.lens.size
+        if name not in data.cameras:
+            continue
+        kept = data.kept()
+        mine = np.flatnonzero(kept.blocks.camera == data.cameras.index(name))
+        views = [kept.views[b] for b in mine]
+        weights = None if kept.precision is None else [kept.split(kept.precision)[b] for b in mine]
+        problem = Problem(camera.lens, views, free, weights)
+        begin = rig.rig.cam_from_rig[names[index]] @ poses[kept.blocks.view[mine]]
+        solved = solve_poses(problem, problem.state(camera.params, Poses.of(begin)))
+        blocks = problem.linearise(solved.state)
+        if blocks is None:
+            raise DataError(
+                f"camera '{name}': points lie outside the domain of its lens.", "Leave those views out."
+            )
+        normal = blocks.normal()
+        gain = eliminate_poses(normal).gain
+        count = sum(map(len, views))
+        variance = max(2 * float(solved.costs.sum()) / max(2 * count - 6 * len(views), 1), 1e-12)
+        own = problem.poses(solved.state)
+        for i, block in enumerate(mine):
+            points, information = len(views[i]), normal.poses[i] / variance
+            px2 = variance if weights is None else variance * points / float(weights[i].sum())
+            picture = Picture(index, own[i], views[i].xyz.mean(0), information, gain[i], points, px2)
+            found.setdefault(int(kept.blocks.view[block]), []).append(picture)
+    return found
+
+
+def moved(rig: RigSolution, found: Followed) -> RigSolution:
+    """The rig with its cameras where the changes have put them, in the frame of its reference."""
+    places = {n: found.follower.place(i, rig.rig.cam_from_rig[n]) for i, n in enumerate(found.names)}
+    after = type(rig.rig).in_frame_of(rig.rig.reference, rig.rig.cameras, places)
+    return replace(rig, rig=after)
