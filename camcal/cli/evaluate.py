@@ -38,13 +38,14 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     from camcal.plan.known_camera import evaluate
     from camcal.plan.run import usable
     from camcal.report.document import load_camera
+    from camcal.report.loading import promise_of
     from camcal.report.opening import is_rig
 
     if is_rig(camera):
         return _rig(ctx, camera, data, options)
     known = load_camera(camera)
-    found = usable(read_data(data, options))
-    solution = evaluate(known, found, options["robust"], options["seed"])
+    found = usable(read_data(data, options), known=True)
+    solution = evaluate(known, found, options["robust"], options["seed"], promise_of(camera))
     return deliver_solution(ctx, solution, options)
 
 

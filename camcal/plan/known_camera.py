@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from camcal.data.observations import Observations, View
+from camcal.assess import outliers as foreign
+from camcal.assess.known import Promise, check_known
+from camcal.data.observations import Observations
 from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
@@ -19,14 +21,16 @@ from camcal.plan.solution import Solution, of_fit
 from camcal.solve import ransac
 from camcal.solve.refine import refine
 from camcal.solve.robust import check_method
-from camcal.start.pose import initial_poses
-
-#: rays closer to the camera's own plane than this (z of the unit ray, 3 degrees) are no start for a pose: x/z there
-#: has 20 times the noise of the point
-_FLAT_RAY = 0.05
+from camcal.start.known_pose import start_poses
 
 
-def evaluate(camera: Camera, correspondences: Observations, robust: str = "none", seed: int = 0) -> Solution:
+def evaluate(
+    camera: Camera,
+    correspondences: Observations,
+    robust: str = "none",
+    seed: int = 0,
+    promise: Promise | None = None,
+) -> Solution:
     """Fit the pose of each view to a camera that stays as it is.
 
     Parameters
@@ -37,11 +41,13 @@ def evaluate(camera: Camera, correspondences: Observations, robust: str = "none"
     robust : str
         How outliers are treated, as in a calibration.
     seed : int
+    promise : Promise, optional
+        What the camera's own report says of its residuals: these are judged by it.
 
     Returns
     -------
     Solution
-        With the given camera; residuals, poses and fit are of these data.
+        With the given camera; residuals, poses and fit are of these data, warnings of what they say of each other.
 
     Raises
     ------
@@ -53,7 +59,10 @@ def evaluate(camera: Camera, correspondences: Observations, robust: str = "none"
     options = Options(camera.lens.name, fix=dict.fromkeys(camera.lens.names), robust=robust, seed=seed)
     begin = Begin("given", camera, Poses.stack([]), float("nan"))
     progress = Progress(options, camera.lens, options.how(camera.lens), correspondences, correspondences)
-    return of_fit(follow(_plan(begin), progress).fit)
+    fit = follow(_plan(begin), progress).fit
+    data, said = foreign.named(fit, correspondences, robust=False)
+    fit = replace(fit, observations=data)
+    return of_fit(fit, warnings=(*check_known(fit, correspondences, promise), *said))
 
 
 def _plan(known: Begin) -> tuple[Attempt, ...]:
@@ -78,22 +87,6 @@ def _plan(known: Begin) -> tuple[Attempt, ...]:
 
     once = (Attempt("poses", no_fit, poses), Attempt("least-squares", has_start_only, refined))
     return (*once, Attempt("agreeing", wants_restart, agreeing), *once, *AFTER_RESTART)
-
-
-def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
-    """cam_from_board of each view from the rays of its points, in closed form.
-
-    Points outside the lens's domain, and those seen at almost a right angle to the axis or beyond, are left
-    out: normalised coordinates x/z do not hold them.
-    """
-    kept, ab = [], []
-    for view in views:
-        rays = camera.unproject(view.uv)
-        with np.errstate(invalid="ignore"):
-            ahead = rays[:, 2] > _FLAT_RAY  # False also for NaN
-        kept.append(view.take(ahead))
-        ab.append(rays[ahead, :2] / rays[ahead, 2:])
-    return initial_poses([v.xyz for v in kept], ab, [v.sigma for v in kept])
 
 
 def _check_size(camera: Camera, correspondences: Observations) -> None:

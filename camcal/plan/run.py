@@ -11,7 +11,7 @@ from camcal.plan.options import Options
 from camcal.plan.outlying import FOREIGN, REJECT, SIGMAS, outliers_plan
 from camcal.plan.progress import Attempt, Progress, follow
 from camcal.plan.second_pass import SECOND_PASS
-from camcal.start import shape
+from camcal.start import known_pose, shape
 from camcal.start.numbering import check_numbering
 
 #: what makes a camera better: the pictures again, given sigmas, views that do not belong, the shape of the board
@@ -45,8 +45,10 @@ def solved(observations: Observations, asked: Options) -> Progress:
     return follow(plan(), begun(usable(observations), asked))
 
 
-def usable(observations: Observations) -> Observations:
+def usable(observations: Observations, known: bool = False) -> Observations:
     """The observations without views that no closed form can take; these become `rejected`.
+
+    Before a `known` camera four points in space are enough.
 
     Raises
     ------
@@ -59,8 +61,9 @@ def usable(observations: Observations) -> Observations:
             f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
             "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
         )
-    bad = shape.unusable(observations)
+    least = known_pose.LEAST if known else shape.LEAST_3D
+    bad = shape.unusable(observations, least_3d=least)
     if len(bad) == count:
-        shape.check(observations)  # raises, with the reason of the first view
+        shape.check(observations, least)  # raises, with the reason of the first view
     check_numbering(observations)
     return observations.without(bad)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.known import Promise
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.formats.camcal import camera_of_entry
 from camcal.data.formats.files import read, single
@@ -96,6 +97,17 @@ def load_camera(path: str | os.PathLike) -> Camera:
         Where the file holds no camera, several, or one that camcal has no lens model for.
     """
     return single(read(path), os.fspath(path))
+
+
+def promise_of(path: str | os.PathLike) -> Promise | None:
+    """What the report of a camera says of its residuals; None for a camera file that is no report."""
+    try:
+        found = read_document(path)
+    except CamcalError:
+        return None
+    fit = found.get("fit") if isinstance(found, Mapping) else None
+    median = fit.get("median") if isinstance(fit, Mapping) else None
+    return Promise(float(median)) if isinstance(median, int | float) else None
 
 
 @contextmanager

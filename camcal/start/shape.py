@@ -20,23 +20,25 @@ BEHIND = 0.1
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
 
-def unusable(correspondences: Observations, form: Shapes | None = None) -> dict[int, str]:
+def unusable(
+    correspondences: Observations, form: Shapes | None = None, least_3d: int = LEAST_3D
+) -> dict[int, str]:
     """The views no closed form can take, by index, each with what was found and what is needed."""
     form = form or correspondences.shapes
     counts = np.array([len(v) for v in correspondences.views])
     few = counts < LEAST_PLANAR
     line = form.spreads[:, 1] <= COLLINEAR * form.spreads[:, 0]
-    few_3d = ~form.planar & (counts < LEAST_3D)
+    few_3d = ~form.planar & (counts < least_3d)
     edge_on = form.image_spreads[:, 1] <= COLLINEAR * form.image_spreads[:, 0]
     found: dict[int, str] = {}
     for i in np.flatnonzero(few | line | few_3d | edge_on):
         n = counts[i]
         if few[i]:
-            found[int(i)] = f"{n} points; at least 4 on a plane or 6 in space are needed"
+            found[int(i)] = f"{n} points; at least 4 on a plane or {least_3d} in space are needed"
         elif line[i]:
             found[int(i)] = f"all {n} points lie on a line; points all over a plane or in space are needed"
         elif few_3d[i]:
-            found[int(i)] = f"{n} points in space; at least {LEAST_3D} are needed"
+            found[int(i)] = f"{n} points in space; at least {least_3d} are needed"
         else:
             found[int(i)] = "its image points lie on a line; a target seen from its edge gives no camera"
     return found
@@ -53,7 +55,7 @@ def all_same(views: Sequence[View]) -> bool:
     return all(np.array_equal(v.uv, first.uv) and np.array_equal(v.xyz, first.xyz) for v in views[1:])
 
 
-def check(correspondences: Observations) -> Shapes:
+def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
     """The shapes of views that can all be used.
 
     Raises
@@ -64,7 +66,7 @@ def check(correspondences: Observations) -> Shapes:
     if not correspondences.views:
         raise DataError("there is no view to calibrate from.", "At least one view with points is needed.")
     form = correspondences.shapes
-    bad = unusable(correspondences, form)
+    bad = unusable(correspondences, form, least_3d)
     if bad:
         index, reason = next(iter(bad.items()))
         more = f" (and {len(bad) - 1} more such views)" if len(bad) > 1 else ""
