@@ -19,9 +19,43 @@ def load(path: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
+#: what a name is called elsewhere (OpenCV, ROS, Kalibr, MATLAB, COLMAP) -> the name here, or what to choose from
+ELSEWHERE = {
+    "rational": "'opencv8'",
+    "rational_polynomial": "'opencv8'",
+    "full_opencv": "'opencv8'",
+    "fisheye": "'kb4'",
+    "equidistant": "'kb4'",
+    "opencv_fisheye": "'kb4'",
+    "plumb_bob": "'opencv5'",
+    "brown-conrady": "'opencv5' (or 'brown:radial=3,decentering=1')",
+    "brown_conrady": "'opencv5' (or 'brown:radial=3,decentering=1')",
+    "radtan": "'opencv4'",
+    "radial-tangential": "'opencv4'",
+    "simple_pinhole": "'pinhole'",
+    "omni": "'mei'",
+    "omnidir": "'mei'",
+    "--size": "'--image-size' (of the pictures, px) or '--board' (inner corners of the board)",
+    "--pattern": "'--board' (inner corners), or '--target' for other than checkerboards",
+    "--pattern-size": "'--board'",
+    "--resolution": "'--image-size'",
+    "--square-size": "'--square'",
+    "--distortion-model": "'--model'",
+    "--camera-model": "'--model'",
+    "--flags": "'--model' and '--fix'",
+}
+
+
 def suggestion(word: str, known: Iterable[str]) -> str | None:
-    """Return "Did you mean 'x'?" for the closest known word, or None where nothing is close."""
-    close = difflib.get_close_matches(word, list(known), n=1)
+    """Return "Did you mean 'x'?" for the closest known word, or None where nothing is close.
+
+    What the word is called elsewhere (`ELSEWHERE`) comes first, where one of the names that it stands for is known.
+    """
+    known = list(known)
+    meant = ELSEWHERE.get(word.lower())
+    if meant is not None and word not in known and any(f"'{k}" in meant for k in known):
+        return f"Did you mean {meant}?"
+    close = difflib.get_close_matches(word, known, n=1)
     return f"Did you mean '{close[0]}'?" if close else None
 
 

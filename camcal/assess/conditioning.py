@@ -62,6 +62,8 @@ def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
     views = solution.observations.kept().unweighted().views
     camera = solution.camera
     free = solution.free[:, solution.free.any(0)]
+    if not free.size:  # a known camera: poses alone
+        return _pair(float("nan"), float("nan"), normalise)
     both = []
     for normalised in (False, True):
         problem = Problem(camera.lens, views, free, normalise=normalised)

@@ -1,8 +1,8 @@
 """A known camera on new data: whether it fits them as well as its report promises, and if not, what was exchanged.
 
-Its residuals are judged by the median over all points, rejected ones included: robust estimation leaves out what does not
-fit, and the rest then looks as good as it may. Where the points do not fit, each of a few transformations is tried on them
-(`SUSPICIONS`), with the pose of each view found anew; the one that explains the points is named.
+Its residuals are judged by the median over all points, rejected ones included: what robust estimation leaves looks as
+good as it may. Where the points do not fit, each of a few transformations is tried on
+them (`SUSPICIONS`), with the pose of each view found anew; the one that explains the points is named.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from camcal.solve.calibration import Calibration
 from camcal.solve.poses import refine_poses
 from camcal.start.known_pose import start_poses
 
-#: A median residual this many times what the calibration left is worse than another distance, light and detector make it
-#: (the held-out median of real sets stays below 1.5 times that of the fit); ...
+#: A median residual this many times what the calibration left is worse than another distance, light and detector make
+#: it (the held-out median of real sets stays below 1.5 times that of the fit); ...
 WORSE = 2.0
 #: ... from this many times on, and from `SEVERAL_PX` px on, the camera is not that of the data.
 FAR, SEVERAL_PX = 5.0, 1.0
@@ -130,6 +130,10 @@ def check_known(
                 w for w in said if w.code not in ("large-residuals", "systematic-residuals", "mirrored-views")
             ]
             misfit = [cause]
+    elif (
+        facts.solution.rms_point <= SEVERAL_PX
+    ):  # the camera explains them: pixels are counted from elsewhere
+        said = [replace(w, severity="doubtful") if w.code == "points-outside-image" else w for w in said]
     return (*misfit, *said)
 
 

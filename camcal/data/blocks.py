@@ -10,7 +10,7 @@ import hashlib
 import io
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from camcal.errors import DataError
 
 BLOCK_BYTES = 1 << 21
 LONGEST_LINE = 1 << 20  #: more than this in one line is not a table of points
-_COMMENT = re.compile(r'("[^"\n]*")|((?:^|(?<=[ \t]))#[^\n]*)', re.MULTILINE)
+_COMMENT = re.compile(r'("[^"\n]*")|((?:^|(?<=[ \t]))#[^\n]*|^[ \t]*%[^\n]*)', re.MULTILINE)
 _TEXT_HINT = "Give a CSV or text table of points, or an .npz file."
 
 
@@ -136,19 +136,29 @@ def read_bytes(stream: io.BufferedReader, size: int, path: str) -> bytes:
         raise DataError(f"{path}: cannot be read: {error}.", "Check the permissions and the disk.") from None
 
 
+def without_last_separator(block: Block) -> Block:
+    """The block without a separator that ends every line, as some programs write it."""
+    ending = block.lines[0].rstrip()[-1:]
+    if ending not in (",", ";") or block.quoted or not all(x.rstrip().endswith(ending) for x in block.lines):
+        return block
+    return replace(block, lines=[x.rstrip()[:-1] for x in block.lines])
+
+
 def _block(text: str, first: int) -> tuple[Block, int]:
     """The block of a text that starts at line `first`, and how many lines it has."""
     raw = text.split("\n")
     if not raw[-1]:
         raw.pop()
     lines = raw
-    if "#" in text:
+    if "#" in text or "%" in text:  # MATLAB's comments take a whole line
         lines = _COMMENT.sub(lambda m: m[1] or "", text).split("\n")[: len(raw)]
     quoted = '"' in text
     if all(lines) and not any(map(str.isspace, lines)):
         return Block(lines, range(first, first + len(raw)), quoted), len(raw)
     keep = [i for i, line in enumerate(lines) if line and not line.isspace()]
     before = raw[: keep[0]] if keep else []
-    comments = tuple(line.strip() for line in before if line.lstrip().startswith("#")) if first == 1 else ()
+    comments = (
+        tuple(line.strip() for line in before if line.lstrip().startswith(("#", "%"))) if first == 1 else ()
+    )
     numbers = np.array(keep, dtype=np.int64) + first
     return Block([lines[i] for i in keep], numbers, quoted, comments), len(raw)

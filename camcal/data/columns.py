@@ -21,6 +21,8 @@ ALIASES = {
     "t": "t time seconds timestamp",
 }
 NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id")
+#: what x and y are where X and Y are there, too
+_IMAGE = {"x": "u", "y": "v"}
 _BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.split()}
 
 
@@ -95,8 +97,12 @@ def from_header(names: list[str], form: Form, where: str) -> tuple[str, ...]:
         Where a name is unknown or occurs twice, or a needed column is missing.
     """
     roles: list[str] = []
+    stripped = [name.strip() for name in names]
+    both = {"X", "Y", "x", "y"} <= set(stripped)  # X, Y, Z of the point and x, y of its image
     for name in names:
         role = role_of(name, form)
+        if both and name.strip() in _IMAGE and _IMAGE[name.strip()] in form.allowed:
+            role = _IMAGE[name.strip()]
         if role is None:
             raise DataError(f"{where}: unknown column '{shown(name)}'.", _hint(name, form))
         if role in roles:
@@ -142,5 +148,7 @@ def _optional(form: Form) -> str:
 
 def _hint(name: str, form: Form) -> str:
     known = [alias for alias, role in _BY_NAME.items() if role in form.allowed]
+    if plain(name) in ("camera", "cam", "cameraid"):
+        return "A table of several cameras is for `camcal rig`; for one camera take the column out."
     near = suggestion(plain(name), known) if len(plain(name)) > 1 else None
     return near or "Columns that camcal knows: " + ",".join(form.allowed) + "."

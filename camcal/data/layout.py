@@ -22,13 +22,14 @@ _BLANK_FIELD = re.compile(r'"(?:[^"]|"")*"(?=\s|$)|\S+')
 class Layout:
     """The separator (None for blanks) and the columns; `skip` lines of header precede the rows.
 
-    `header` says whether the file names its columns.
+    `header` says whether the file names its columns, `named_points` whether the ids are names.
     """
 
     separator: str | None
     columns: tuple[str, ...]
     skip: int
     header: bool
+    named_points: bool = False
 
     @property
     def decimal_comma(self) -> bool:
@@ -94,7 +95,8 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
     where = f"{path}:{block.numbers[0]}"
     if form is POINTS:
         if not any(numeric[0]):
-            return Layout(separator, from_header(rows[0], form, where), 1, True)
+            named = from_header(rows[0], form, where)
+            return Layout(separator, named, 1, True, _names_points(named, numeric[1:]))
         skip, columns = 0, None
     else:
         skip, columns = _skip_header(rows, numeric, form)
@@ -106,7 +108,15 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
         texts_first = [not any(n[:1]) for n in numeric]
         first = [not all(texts_first)] + numeric[skip][1:]
         columns = without_header(rows[skip], first, form, f"{path}:{block.numbers[skip]}")
-    return Layout(separator, columns, skip, header)
+    return Layout(separator, columns, skip, header, _names_points(columns, numeric[skip:]))
+
+
+def _names_points(columns: tuple[str, ...], numeric: list[list[bool]]) -> bool:
+    """Whether the ids of the first rows are names: P1, P2."""
+    if "id" not in columns:
+        return False
+    at = columns.index("id")
+    return bool(numeric) and not any(row[at] for row in numeric if len(row) == len(columns))
 
 
 def find_separator(line: str) -> str | None:
@@ -141,7 +151,7 @@ def _skip_header(
 def _commented_header(comments: tuple[str, ...], count: int, form: Form) -> tuple[str, ...] | None:
     if not comments:
         return None
-    text = comments[-1].lstrip("#").strip()
+    text = comments[-1].lstrip("#%").strip()
     names = split(text, find_separator(text))
     return _known(names, form) if len(names) == count else None
 

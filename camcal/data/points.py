@@ -26,6 +26,9 @@ from camcal.registry import load
 FOREIGN = (".vnl", ".yml", ".yaml", ".xml", ".json")
 #: bytes of a .txt that say whether it is a table or a gcp_list
 HEAD = 4096
+#: so many rows without a header, each with another name, are points with names: views of a single point give nothing,
+#: and fewer points no camera
+LEAST_NAMED = 6
 Array = np.ndarray
 PathLike = str | os.PathLike
 
@@ -173,6 +176,8 @@ def views_of(table: Table) -> list[View]:
     )
     if table.view_index is None:
         return [whole]
+    if not table.header and len(table.view_names) == n >= LEAST_NAMED:
+        return [replace(whole, point_ids=np.arange(n))]
     index = table.view_index
     if (np.diff(index) < 0).any():  # the rows of a view are scattered
         order = np.argsort(index, kind="stable")

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from camcal.data.blocks import Block, TextFile
+from camcal.data.blocks import Block, TextFile, without_last_separator
 from camcal.data.columns import POINTS, Form, shown
 from camcal.data.layout import Layout, find_layout
 from camcal.errors import DataError
@@ -80,13 +80,17 @@ def read_table(path: str, form: Form = POINTS) -> Table:
     source = TextFile(path)
     layout: Layout | None = None
     names: dict[str, int] = {}
+    points: dict[str, int] = {}
     values, index, starts, rows = [], [], [], 0
     for block in source.blocks():
+        block = without_last_separator(block)
         if layout is None:
             layout = find_layout(block, form, path)
             block = block.after(layout.skip)
             if not block.lines:
                 continue
+        if layout.named_points:
+            block = _numbered(block, layout, points)
         numbers, views = _parse(block, layout, path)
         values.append(numbers)
         starts.append((rows, block.numbers))
@@ -112,6 +116,19 @@ def read_table(path: str, form: Form = POINTS) -> Table:
         tuple(starts),
         layout.header,
     )
+
+
+def _numbered(block: Block, layout: Layout, points: dict[str, int]) -> Block:
+    """The block with a number for each name of a point, counted from 0 in the order in which they appear."""
+    at, lines = layout.columns.index("id"), []
+    for line in block.lines:
+        fields = layout.split(line)
+        if len(fields) == len(layout.columns) and fields[at]:
+            fields[at] = str(points.setdefault(fields[at], len(points)))
+        if block.quoted:
+            fields = ['"' + f.replace('"', '""') + '"' for f in fields]
+        lines.append((layout.separator or " ").join(fields))
+    return replace(block, lines=lines)
 
 
 def _parse(block: Block, layout: Layout, path: str) -> tuple[Array, list[str] | None]:

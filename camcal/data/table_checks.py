@@ -7,10 +7,16 @@ import numpy as np
 from camcal.data.columns import shown
 from camcal.data.table import Table
 from camcal.errors import DataError
+from camcal.geometry import dlt
 
 Array = np.ndarray
 FEWEST_FOR_GRID = 9  #: below 3 x 3 points a grid can be chance
 FULL_GRID = 1.5  #: cells of the grid per point: a board with a third of its points hidden still counts
+#: points for which a projection matrix leaves residuals that mean something, and more than which take long
+FEWEST_FOR_DLT, MOST_FOR_DLT = 8, 5000
+#: A projection matrix leaves .003 to .03 of the scatter of the image points of a rig, hand-clicked ones included; of
+#: columns that are no points and images 1 and more. The other order has to leave a tenth.
+NO_CAMERA, FITS = 0.1, 0.1
 PIXELS_SPAN = 20.0  #: a board fills more of a picture than this, px
 
 
@@ -66,6 +72,11 @@ def check_not_swapped(table: Table) -> None:
             "pixels; X,Y,Z are needed on the board and u,v in the picture.",
             _exchange(table),
         )
+    if not table.header and _pixels_first(table):
+        raise DataError(
+            f"{table.where(0)}: read as X Y Z u v no camera explains the points, read as u v X Y Z one does.",
+            "Name the columns in a first row: u,v,X,Y,Z.",
+        )
     rows = slice(None) if table.view_index is None else table.view_index == 0
     x, y, z, u, v = (_column_or_zero(table, c)[rows] for c in ("X", "Y", "Z", "u", "v"))
     if len(x) < FEWEST_FOR_GRID or not _is_scatter(x, y):
@@ -84,6 +95,28 @@ def check_not_swapped(table: Table) -> None:
         "X,Y,Z are needed on the board and u,v in the picture.",
         _exchange(table),
     )
+
+
+def _pixels_first(table: Table) -> bool:
+    """Whether five columns without a header are u v X Y Z of points in space."""
+    if table.view_index is not None or table.columns != ("X", "Y", "Z", "u", "v"):
+        return False
+    values = table.values
+    if not FEWEST_FOR_DLT <= len(values) <= MOST_FOR_DLT or min(np.ptp(values, axis=0)) == 0:
+        return False
+    given, other = (
+        _misfit(values[:, a], values[:, b]) for a, b in (([0, 1, 2], [3, 4]), ([2, 3, 4], [0, 1]))
+    )
+    return given > NO_CAMERA and other < FITS * given
+
+
+def _misfit(xyz: Array, uv: Array) -> float:
+    """What a projection matrix leaves of the scatter of image points, as a part of it."""
+    matrix = dlt.projection_matrices(xyz[None], uv[None])[0]
+    seen = np.c_[xyz, np.ones(len(xyz))] @ matrix.T
+    with np.errstate(all="ignore"):
+        off = np.square(seen[:, :2] / seen[:, 2:] - uv).sum(1).mean()
+    return float(np.sqrt(off / np.square(uv - uv.mean(0)).sum(1).mean()))
 
 
 def _exchange(table: Table) -> str:

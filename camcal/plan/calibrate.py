@@ -22,6 +22,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.plan.boards import with_shape
 from camcal.plan.camera import run_closed_form, starts_from_nothing
+from camcal.plan.known_camera import fully_known, placed
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, advance
@@ -75,8 +76,11 @@ def calibrate(
     """
     asked = Options.resolve(model=model, robust=robust, **options)
     tell = on_event or (lambda _, __: None)
-    given, selection = usable(correspondences), None
-    if asked.model in ("auto", "select"):
+    known = fully_known(asked, correspondences.image_size)
+    given, selection = usable(correspondences, known is not None), None
+    if known is not None:
+        progress = placed(known, given, asked)
+    elif asked.model in ("auto", "select"):
         progress, selection = solved_with_found(given, asked)
         tell("selected", selection)
     else:

@@ -12,7 +12,7 @@ from camcal import start
 from camcal.assess import figures
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
-from camcal.errors import DataError, EstimationError
+from camcal.errors import EstimationError
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
@@ -25,6 +25,7 @@ from camcal.solve.parameters import apply_fixed
 from camcal.solve.refine import refine, residuals
 from camcal.start import radial, shape
 from camcal.start.base import ClosedForm
+from camcal.start.mirrored import mirrored_error
 
 
 # ------------------------------------------------------------------------------------------------ closed forms
@@ -37,11 +38,7 @@ def closed_form(name: str) -> Attempt:
     def make_(progress: Progress) -> Change:
         found, stage = run_closed_form(name, progress)
         if found.info.get("mirrored"):
-            raise DataError(
-                "the frame of the points is left-handed (mirrored): the scene lies in front of the camera only "
-                "with a reflection.",
-                "Negate one axis of the points, for example Z, or swap two of them.",
-            )
+            raise mirrored_error(found.poses[0].rotation)
         return Change(start=_begin(found, stage, progress), stage=stage)
 
     return Attempt(name, applies, make_)

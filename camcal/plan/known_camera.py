@@ -10,6 +10,7 @@ from camcal.assess import outliers as foreign
 from camcal.assess.known import Promise, check_known
 from camcal.data.observations import Observations
 from camcal.errors import DataError
+from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.plan.better import Candidate
@@ -57,12 +58,29 @@ def evaluate(
     _check_size(camera, correspondences)
     check_method(robust)
     options = Options(camera.lens.name, fix=dict.fromkeys(camera.lens.names), robust=robust, seed=seed)
-    begin = Begin("given", camera, Poses.stack([]), float("nan"))
-    progress = Progress(options, camera.lens, options.how(camera.lens), correspondences, correspondences)
-    fit = follow(_plan(begin), progress).fit
+    fit = placed(camera, correspondences, options).fit
     data, said = foreign.named(fit, correspondences, robust=False)
     fit = replace(fit, observations=data)
     return of_fit(fit, warnings=(*check_known(fit, correspondences, promise), *said))
+
+
+def placed(camera: Camera, given: Observations, options: Options) -> Progress:
+    """The attempts at the poses before a known camera, made."""
+    begin = Begin("given", camera, Poses.stack([]), float("nan"))
+    return follow(_plan(begin), Progress(options, camera.lens, options.how(camera.lens), given, given))
+
+
+def fully_known(options: Options, image_size: tuple[int, int] | None) -> Camera | None:
+    """The camera where every parameter is held at a value; None where something is left to estimate."""
+    if options.model in ("auto", "select"):
+        return None
+    lens = lenses.make(options.model, options.skew)
+    values = {name: options.fix.get(name) for name in lens.names}
+    if any(v is None for v in values.values()):
+        return None
+    return Camera(
+        lens, lens.from_values({n: float(v) for n, v in values.items() if v is not None}), image_size
+    )
 
 
 def _plan(known: Begin) -> tuple[Attempt, ...]:

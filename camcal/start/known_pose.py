@@ -41,7 +41,7 @@ def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
         rays.append(d[ahead])
         ab.append(d[ahead, :2] / d[ahead, 2:])
     few = few_in_space(kept)
-    found: dict[int, Pose] = {i: _best(kept[i], rays[i], ab[i]) for i in np.flatnonzero(few)}
+    found: dict[int, Pose] = {int(i): _best(kept[i], rays[i], ab[i]) for i in np.flatnonzero(few)}
     rest = np.flatnonzero(~few)
     if len(rest):
         poses = initial_poses(

@@ -252,3 +252,53 @@ def test_the_names_of_columns_in_the_documentation(tmp_path):
     for first, second, others in rows:
         for name in re.findall(r"\w+", " ".join(re.findall(r"`([^`]*)`", others))):
             assert role_of(name, POINTS) in (first, second), name
+
+
+ROWS = [(1.5, 2.25, 3.0, 100.5, 200.25), (4.0, -2.0, 1.0, 50.0, 60.0), (0.5, 1.0, -3.0, 7.0, 8.0)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "X,Y,Z,x,y\n" + "".join(",".join(map(str, r)) + "\n" for r in ROWS),
+        "X,Y,Z,u,v,\n" + "".join(",".join(map(str, r)) + ",\n" for r in ROWS),
+        "% X Y Z u v\n" + "".join(" ".join(map(str, r)) + "\n" for r in ROWS),
+        "% a comment\n%\n" + "".join(" ".join(map(str, r)) + "\n" for r in ROWS),
+        "Point,X,Y,Z,u,v\n" + "".join(f"P{i}," + ",".join(map(str, r)) + "\n" for i, r in enumerate(ROWS)),
+        "Point;X;Y;Z;u;v\n" + "".join(f'"P;{i}";' + ";".join(map(str, r)) + "\n" for i, r in enumerate(ROWS)),
+    ],
+)
+def test_tables_as_people_have_them(tmp_path, text):
+    """x, y beside X, Y; separators at the end of lines; MATLAB's comments; names of points."""
+    (view,) = read_points(written(tmp_path, text)).views
+    assert np.c_[view.xyz, view.uv].tolist() == [list(map(float, r)) for r in ROWS]
+    assert "oint" not in text or view.point_ids.tolist() == [0, 1, 2]
+
+
+def test_the_same_name_is_the_same_point(tmp_path):
+    text = "view,Point,X,Y,u,v\n" + "a,P,0,0,1,2\na,Q,1,0,3,4\nb,Q,1,0,5,6\n"
+    first, second = read_points(written(tmp_path, text)).views
+    assert first.point_ids.tolist() == [0, 1] and second.point_ids.tolist() == [1]
+
+
+@pytest.mark.parametrize(("count", "views"), [(5, 5), (6, 1)])
+def test_names_of_points_without_a_header(tmp_path, count, views):
+    rng = np.random.default_rng(0)
+    text = "".join(f"P{i}," + ",".join(map(str, rng.normal(size=5))) + "\n" for i in range(count))
+    assert len(read_points(written(tmp_path, text)).views) == views
+
+
+def test_pixels_before_points_without_a_header(tmp_path):
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(-1, 1, (20, 3))
+    uv = 500 * xyz[:, :2] / (xyz[:, 2:] + 5) + 300 + rng.normal(0, 0.5, (20, 2))
+    right = "".join(" ".join(map(str, r)) + "\n" for r in np.c_[xyz, uv])
+    assert read_points(written(tmp_path, right)).point_count == 20
+    with pytest.raises(DataError, match="u v X Y Z"):
+        read_points(written(tmp_path, "".join(" ".join(map(str, r)) + "\n" for r in np.c_[uv, xyz])))
+
+
+def test_several_cameras_are_for_the_rig(tmp_path):
+    with pytest.raises(DataError) as caught:
+        read_points(written(tmp_path, "camera,frame,X,Y,Z,u,v\nc1,1,0,0,0,1,2\n"))
+    assert "camcal rig" in caught.value.hint
