@@ -4,39 +4,32 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from camcal.data.observations import Observations, SkippedView, View
+from camcal.data.observations import Observations, SkippedView
 from camcal.detect import cache as cache_files
-from camcal.detect import targets
-from camcal.detect.decode import UnreadableError
-from camcal.detect.examine import Outcome, Task, examine
+from camcal.detect import several, targets
+from camcal.detect.examine import Outcome
 from camcal.detect.exif import Taken
-from camcal.detect.films import Range, Shown, candidates, left_out
-from camcal.detect.frames import is_film
-from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.films import Range, Shown, left_out
+from camcal.detect.listing import list_pictures
 from camcal.detect.recognition.decide import Answer, answers, board_size, contradiction, unread, words
 from camcal.detect.recognition.families import family_of, read_markers
 from camcal.detect.recognition.look import Sight
 from camcal.detect.recognition.measure import measured
-from camcal.detect.sources import read_gray
+from camcal.detect.search_pictures import OnEvent, Search
+from camcal.detect.several import Searched
 from camcal.detect.targets.base import DEFAULT_SECONDS, Target
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.targets.circles import Circles
 from camcal.detect.targets.tag_board import TagBoard
-from camcal.detect.workers import map_unordered
 from camcal.errors import DataError, UsageError
 from camcal.settings.detection import DEFAULT_FRAMES
 from camcal.settings.sizes import parse_grid, parse_length
-
-#: called with (what happens, details) as the work goes on
-OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 MOST_REASONS = 3  #: that are named where no picture shows the target
 FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
@@ -107,135 +100,36 @@ def detect_images(
     """
     wanted = _wanted(target, board, square)
     folder = cache_files.default_folder() if cache else None
-    run = _Run(list_pictures(paths), seconds, jobs, folder, on_event)
+    run = Search(list_pictures(paths), seconds, jobs, folder, on_event)
     run.open_films(Range(from_time or 0.0, np.inf if to_time is None else to_time, every))
+    if not run.files:
+        raise _nothing_found("target", run.unreadable, None, run)
     run.tell("pictures", count=len(run.files))
-    if wanted is None:
-        target, outcomes = _recognised(run, square)
+    if wanted:
+        searched = [Searched(t, run.examine_all(run.files, t)) for t in wanted]
+        _confirm(run, searched)
     else:
-        target, outcomes = wanted, run.examine_all(run.files, wanted)
-        _confirm(run, target, outcomes)
-    outcomes = _kept(run, target, outcomes, keep_frames)
-    run.tell_pictures(outcomes)
-    return _correspondences(outcomes, target, wanted is None, run)
-
-
-class _Run:
-    """One call of `detect_images`: what all its pictures share."""
-
-    def __init__(
-        self,
-        files: list[Path],
-        seconds: float,
-        jobs: int | None,
-        cache: Path | None,
-        on_event: OnEvent | None,
-    ):
-        self.files, self.seconds, self.jobs, self.cache, self.on_event = files, seconds, jobs, cache, on_event
-        self.cache_told = False
-        self.motion: dict[Path, float] = {}  # of each frame of a film
-        self.frame_count = 0
-        self.unreadable: list[Outcome] = []
-
-    def open_films(self, chosen: Range) -> None:
-        """Put the frames that are worth searching in the place of films."""
-        files = []
-        for path in self.files:
-            if not is_film(path):
-                files.append(path)
-                continue
-            try:
-                found, count = candidates(path, chosen, partial(self._tell_film, path))
-            except UnreadableError as error:
-                self.unreadable.append(Outcome(path, "unreadable", str(error)))
-                continue
-            names = {path.with_name(f"{path.name}#{c.number}"): c.motion for c in found}
-            self.motion |= names
-            self.frame_count += count
-            files += names
-            self.tell("frames", path=path, frames=count, searched=len(names))
-        self.files = files
-        if not files:
-            raise _nothing_found("target", self.unreadable, None, self)
-
-    def _tell_film(self, path: Path, done: int, count: int) -> None:
-        self.tell("film", path=path, done=done, count=count)
-
-    @property
-    def ids(self) -> dict[Path, str]:
-        """What each picture is called in the report."""
-        names = [*self.files, *(o.path for o in self.unreadable)]
-        return dict(zip(names, view_ids(names), strict=True))
-
-    @property
-    def noun(self) -> str:
-        """What was searched, in words."""
-        return "frames" if self.motion and len(self.motion) == len(self.files) else "pictures"
-
-    @property
-    def count(self) -> str:
-        """How many pictures or frames were searched, in words."""
-        number = len(self.files) + len(self.unreadable)
-        if self.noun == "frames":
-            return f"{number} of {self.frame_count} frames"
-        return f"{number} picture{'s' * (number != 1)}" + " and frames" * bool(self.motion)
-
-    def tell(self, name: str, **details: Any) -> None:
-        if self.on_event is not None:
-            self.on_event(name, details)
-
-    def examine_all(self, files: list[Path], target: Target | None) -> list[Outcome]:
-        """Outcomes in the order of the files."""
-        outcomes: list[Outcome | None] = [None] * len(files)
-        done_by = map_unordered(examine, self._tasks(files, target), self.jobs, _crashed, len(files))
-        for done, (index, outcome) in enumerate(done_by, 1):
-            outcomes[index] = outcome
-            if outcome.cache_error and not self.cache_told:
-                self.cache_told = True
-                self.tell("cache", reason=outcome.cache_error)
-            self.tell("searched", done=done, count=len(files))
-        return [o for o in outcomes if o is not None]
-
-    def _tasks(self, files: list[Path], target: Target | None) -> Iterator[Task]:
-        """A task for each picture; frames are decoded here, one after the other."""
-        for path in files:
-            gray = self.read(path) if path in self.motion else None
-            yield Task(path, target, self.seconds, self.cache, gray)
-
-    def tell_pictures(self, outcomes: list[Outcome]) -> None:
-        """Say what came out of each picture."""
-        ids = self.ids
-        for done, o in enumerate(outcomes, 1):
-            values = {"status": o.status, "reason": o.reason, "cached": o.cached}
-            self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
-
-    def read(self, path: Path) -> Any:
-        """A picture in grey, or None where it cannot be read."""
-        try:
-            return read_gray(path)[0]
-        except UnreadableError:
-            return None
-
-
-def _crashed(task: Task) -> Outcome:
-    return Outcome(task.path, "unreadable", "the process that read it has died")
+        searched = _recognised(run, square)
+    searched = _kept(run, searched, keep_frames)
+    run.tell_pictures(several.merged(searched))
+    return _correspondences(searched, not wanted, run)
 
 
 def _wanted(
     target: str | Target | None, board: str | tuple[int, int] | None, square: str | tuple[float, str] | None
-) -> Target | None:
-    """The target that the options name; None where it is to be found."""
+) -> list[Target]:
+    """The targets that the options name; none where they are to be found."""
     if target is not None and target != "checkerboard":
         if board is not None or square is not None:
             raise UsageError(
                 "a target and a board were both given.",
                 "Give the sizes with the target, as in checkerboard:9x6:25mm.",
             )
-        return targets.make(target) if isinstance(target, str) else target
+        return targets.make_all(target) if isinstance(target, str) else [target]
     if board is None:
-        return None
+        return []
     columns, rows = parse_grid(board) if isinstance(board, str) else board
-    return Checkerboard(columns, rows, *_length(square))
+    return [Checkerboard(columns, rows, *_length(square))]
 
 
 def _length(square: str | tuple[float, str] | None) -> tuple[float, str]:
@@ -245,8 +139,8 @@ def _length(square: str | tuple[float, str] | None) -> tuple[float, str]:
     return float(value), unit
 
 
-def _recognised(run: _Run, square: str | tuple[float, str] | None) -> tuple[Target, list[Outcome]]:
-    """The target that most pictures show, and what was found of it in each.
+def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Searched]:
+    """The target that most pictures show, and what was found of it in each; then further boards of markers.
 
     A few pictures are looked at first. Where these agree on markers or discs, the others are searched for that
     target only; a checkerboard's size is decided by all of them.
@@ -270,10 +164,11 @@ def _recognised(run: _Run, square: str | tuple[float, str] | None) -> tuple[Targ
     if best is None:
         raise _nothing_found("target", looked, None, run)
     if isinstance(best.target, Checkerboard):
-        return _as_checkerboard(run, looked, sights, square)
-    target = _with_length(_measured(run, best, looked), square)
-    _tell_target(run, target, best, looked, True)
-    return target, run.examine_all(run.files, target)
+        return [_as_checkerboard(run, looked, sights, square)]
+    boards = [best, *several.further(best, answers(sights))]
+    found = [_with_length(_measured(run, b, looked), square) for b in boards]
+    _tell_target(run, found, best, looked, True)
+    return [Searched(t, run.examine_all(run.files, t)) for t in found]
 
 
 def _best(outcomes: list[Outcome]) -> Answer | None:
@@ -281,7 +176,7 @@ def _best(outcomes: list[Outcome]) -> Answer | None:
     return found[0] if found else None
 
 
-def _measured(run: _Run, best: Answer, looked: list[Outcome]) -> Target:
+def _measured(run: Search, best: Answer, looked: list[Outcome]) -> Target:
     if isinstance(best.target, Circles):
         return best.target
     pictures = [run.read(looked[i].path) for i in best.pictures]
@@ -289,8 +184,8 @@ def _measured(run: _Run, best: Answer, looked: list[Outcome]) -> Target:
 
 
 def _as_checkerboard(
-    run: _Run, looked: list[Outcome], sights: list[Sight], square: str | tuple[float, str] | None
-) -> tuple[Target, list[Outcome]]:
+    run: Search, looked: list[Outcome], sights: list[Sight], square: str | tuple[float, str] | None
+) -> Searched:
     """The size of a plain checkerboard from all pictures; those that showed something else are searched again."""
     found = board_size(sights)
     shown = [s.board for s in sights if s.board and not s.marked]
@@ -305,24 +200,29 @@ def _as_checkerboard(
     size, whole, votes = found
     target = Checkerboard(*size, *_length(square))
     answer = Answer(target, tuple(range(votes)))
-    _tell_target(run, target, answer, looked, whole)
+    _tell_target(run, [target], answer, looked, whole)
     certain = [o.sight is not None and o.sight.board == size and (o.sight.whole or not whole) for o in looked]
     again = [
         o.path for o, sure in zip(looked, certain, strict=True) if o.sight and o.sight.board and not sure
     ]
     new = {o.path: o for o in run.examine_all(again, target)} if again else {}
-    return target, [new.get(o.path, o) for o in looked]
+    return Searched(target, [new.get(o.path, o) for o in looked])
 
 
-def _tell_target(run: _Run, target: Target, best: Answer, looked: list[Outcome], whole: bool) -> None:
+def _tell_target(run: Search, found: list[Target], best: Answer, looked: list[Outcome], whole: bool) -> None:
     """Say what was recognised, and what else pictures show."""
     sights = [o.sight or Sight() for o in looked]
+    target = found[0]
     rest = [
-        a for a in answers(sights) if type(a.target) is not type(target) or not same_size(a.target, target)
+        a
+        for a in answers(sights)
+        if not any(type(a.target) is type(t) and same_size(a.target, t) for t in found)
     ]
     others = [f"{words(a.target)} ({len(a.pictures)})" for a in rest if isinstance(target, type(a.target))]
-    found = {"spec": target.spec, "words": words(target), "pictures": len(best.pictures), "of": len(looked)}
-    run.tell("target", **found, whole=whole, others=others, noun=run.noun)
+    said = " and ".join(words(t) for t in found)
+    spec = targets.BOTH.join(t.spec for t in found)
+    details = {"spec": spec, "words": said, "pictures": len(best.pictures), "of": len(looked)}
+    run.tell("target", **details, whole=whole, others=others, noun=run.noun)
 
 
 def same_size(one: Target, other: Target) -> bool:
@@ -342,7 +242,7 @@ def _with_length(target: Target, square: str | tuple[float, str] | None) -> Targ
     return target if square is None else target.scaled(*_length(square))
 
 
-def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
+def _confirm(run: Search, searched: list[Searched]) -> None:
     """Refuse a board of markers that is not the one in the pictures.
 
     Raises
@@ -350,9 +250,10 @@ def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
     DataError
         With the spec of the board that they show.
     """
-    if not isinstance(target, TagBoard):
-        return
-    readable = [o.path for o in outcomes if o.status != "unreadable"]
+    target = searched[0].target
+    if len(searched) > 1 or not isinstance(target, TagBoard):
+        return  # several boards in the pictures explain each other's markers
+    readable = [o.path for o in searched[0].outcomes if o.status != "unreadable"]
     first = family_of(target.dictionary, target.border)
     pictures, sights = [], []
     for path in spread(readable, CONFIRMED_IN):
@@ -368,8 +269,9 @@ def _confirm(run: _Run, target: Target, outcomes: list[Outcome]) -> None:
         )
 
 
-def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int | None) -> list[Outcome]:
+def _kept(run: Search, searched: list[Searched], count: int | None) -> list[Searched]:
     """The outcomes, the detections of frames that are not kept taken out, and films that cannot be read."""
+    target, outcomes = searched[0].target, searched[0].outcomes
     shown, places = [], []
     for place, o in enumerate(outcomes):
         if o.detection is not None and o.size is not None and o.path in run.motion:
@@ -378,15 +280,21 @@ def _kept(run: _Run, target: Target, outcomes: list[Outcome], count: int | None)
             places.append(place)
     chosen = left_out(shown, count) if shown and count is not None else {}
     reasons = {places[i]: reason for i, reason in chosen.items()}
-    kept = [
-        replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
-        for i, o in enumerate(outcomes)
+    return [
+        replace(
+            each,
+            outcomes=[
+                replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
+                for i, o in enumerate(each.outcomes)
+            ]
+            + run.unreadable,
+        )
+        for each in searched
     ]
-    return kept + run.unreadable
 
 
-def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, run: _Run) -> Observations:
-    ids = run.ids
+def _correspondences(searched: list[Searched], detected: bool, run: Search) -> Observations:
+    ids, target, outcomes = run.ids, searched[0].target, several.merged(searched)
     found = [o for o in outcomes if o.detection is not None]
     if not found:
         what = f"{target.columns}x{target.rows} {target.kind}"
@@ -395,7 +303,7 @@ def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, ru
     camera = _commonest_camera([o.taken for o in found if o.size == size])
     _tell_turned(run, found)
     views, skipped = [], []
-    for o in outcomes:
+    for number, o in enumerate(outcomes):
         if o.detection is None:
             skipped.append(SkippedView(ids[o.path], o.status, o.reason))
         elif o.size != size:
@@ -404,11 +312,10 @@ def _correspondences(outcomes: list[Outcome], target: Target, detected: bool, ru
             reason = f"it was taken by {o.taken}, most of the others by {camera}: calibrate each camera alone"
             skipped.append(SkippedView(ids[o.path], "rejected", reason))
         else:
-            d = o.detection
-            views.append(View(ids[o.path], target.points[d.point_ids], d.uv, d.sigma, d.point_ids))
+            views += several.views_of(searched, number, ids[o.path])
     files = tuple({"path": str(o.path), "sha256": o.sha256} for o in outcomes)
     quality = {ids[o.path]: o.quality for o in outcomes if o.quality}
-    described = {**target.describe(), "detected": detected}
+    described = {**several.described(searched), "detected": detected}
     return Observations.from_views(
         views, size, target=described, skipped=tuple(skipped), files=files, picture_quality=quality
     )
@@ -427,7 +334,7 @@ def _other_camera(taken: Taken, camera: Taken) -> bool:
     return named or focal or taken.zoom != camera.zoom
 
 
-def _tell_turned(run: _Run, found: list[Outcome]) -> None:
+def _tell_turned(run: Search, found: list[Outcome]) -> None:
     """Say where pictures were held another way: they are used as the sensor saw them."""
     turned = sum(o.taken.orientation != 1 for o in found)
     if turned:
@@ -442,7 +349,7 @@ def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -
     return said
 
 
-def _seen_instead(run: _Run, target: Target) -> Answer | None:
+def _seen_instead(run: Search, target: Target) -> Answer | None:
     """What the pictures show in place of the target that was asked for."""
     looked = run.examine_all(spread(run.files, FIRST_LOOK), None)
     best = _best(looked)
@@ -452,7 +359,7 @@ def _seen_instead(run: _Run, target: Target) -> Answer | None:
     return Answer(shown, best.pictures)
 
 
-def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: _Run) -> DataError:
+def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: Search) -> DataError:
     """The error for a set of pictures without the target, with the commonest reasons as its hint."""
     run.tell_pictures(outcomes)
     message = f"no {what} was found in {run.count}."

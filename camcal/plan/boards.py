@@ -12,7 +12,7 @@ from camcal.assess.holdout import hold_out
 from camcal.assess.shape_benefit import Change as Benefit
 from camcal.assess.shape_benefit import change as benefit
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError
+from camcal.errors import CamcalError, UsageError
 from camcal.plan.better import Candidate
 from camcal.plan.progress import Attempt, Change, Progress
 from camcal.solve import robust
@@ -30,7 +30,13 @@ def shape_attempt(kind: str) -> Attempt:
     """The attempt with a kind of shape: taken as it is where it was asked for, else where it is better."""
 
     def applies(progress: Progress) -> bool:
-        return progress.best is not None and progress.options.board_shape in (kind, "auto")
+        several = len((progress.given.target or {}).get("boards", ())) > 1
+        if several and progress.options.board_shape == kind:
+            raise UsageError(
+                "several boards were found; the shape of one board alone can be estimated.",
+                "Name the board with --target, or leave out --board-shape.",
+            )
+        return progress.best is not None and progress.options.board_shape in (kind, "auto") and not several
 
     def make(progress: Progress) -> Change | None:
         flat, how = _flat(progress), replace(progress.how, board=kind)

@@ -37,7 +37,8 @@ SHARPENED = ("checkerboard", "charuco")
 
 
 def _applies(progress: Progress) -> bool:
-    kind = str((progress.given.target or {}).get("kind", ""))
+    target = progress.given.target or {}
+    kind = "" if "boards" in target else str(target.get("kind", ""))  # of one board all squares are alike
     known = kind in SHARPENED or kind.endswith("circles")
     wanted = progress.options.refine_points is not False
     return wanted and progress.best is not None and known and bool(progress.given.files)

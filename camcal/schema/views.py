@@ -91,6 +91,10 @@ class Target(Section):
     square: Annotated[Length | UnsetType, key("side of a square, or the distance of neighbours")] = UNSET
     unit: Annotated[str | UnsetType, key("of `square`; `square` where no length is known")] = UNSET
     detected: Annotated[bool | UnsetType, key("whether the size was found in the pictures")] = UNSET
+    boards: Annotated[
+        list[str] | UnsetType,
+        key("specs of the boards where pictures show several; the other keys are of the first"),
+    ] = UNSET
     shape: Annotated[Shape | UnsetType, key("where the board's shape was estimated or given")] = UNSET
 
 

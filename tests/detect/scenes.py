@@ -22,6 +22,8 @@ SPECS = (
     "asymmetric-circles:4x11:20mm",
     "asymmetric-circles:5x6:20mm",
     "squares:8x6:12mm:0.8",
+    "aruco-grid:5x7:40mm:0.25:4X4_50",
+    "aruco-grid:6x4:30mm:0.4:APRILTAG_36h11:start=7",
 )
 
 

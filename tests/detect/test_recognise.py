@@ -11,7 +11,7 @@ from camcal.detect.recognition.families import FAMILIES, Marker, read_markers
 from camcal.detect.recognition.layout import find_boards
 from camcal.detect.recognition.look import Sight, look
 from camcal.detect.recognition.measure import measured, rounded
-from camcal.detect.targets.dictionaries import detect
+from camcal.detect.targets.dictionaries import detect, dictionary
 from camcal.errors import DataError
 from tests.detect.scenes import make, picture, random_view
 from tests.shared_data import DATA, needs_data
@@ -27,6 +27,8 @@ SHOWN = {
     "aprilgrid:6x6:22mm:0.3": "aprilgrid:6x6:1:0.3",
     "aprilgrid:4x5:30mm:0.25:family=t25h9:border=1": "aprilgrid:4x5:1:0.25:family=APRILTAG_25h9:border=1",
     "circles:10x8:2.5mm": "circles:10x8",
+    "aruco-grid:5x7:40mm:0.25:4X4_50": "aruco-grid:5x7:1:0.25:4X4_50",
+    "aruco-grid:6x4:30mm:0.4:APRILTAG_36h11:start=7": "aruco-grid:6x4:1:0.4:APRILTAG_36h11:start=7",
     "squares:8x6:12mm:0.8": "squares:8x6:1:0.8",
     "asymmetric-circles:4x11:20mm": "asymmetric-circles:4x11",
 }
@@ -179,3 +181,20 @@ def test_real(place):
 def test_pictures_without_a_board():
     with pytest.raises(DataError, match="no target was found in 3 pictures"):
         detect_images([DATA / "no_board"])
+
+
+def test_the_grid_of_markers_is_that_of_cv2():
+    """Ids, corners and print of cv2.aruco.GridBoard."""
+    grid = make("aruco-grid:5x3:40mm:0.25:4X4_50:start=4")
+    ids = np.arange(4, 19)
+    theirs = cv2.aruco.GridBoard((5, 3), 40.0, 10.0, dictionary("4X4_50"), ids)
+    assert (grid.tag_ids == np.asarray(theirs.getIds()).ravel()).all()
+    corners = np.asarray(theirs.getObjPoints()).reshape(-1, 3)
+    np.testing.assert_allclose(grid.points, corners, atol=1e-4)  # cv2 keeps float32
+    printed = theirs.generateImage((1300, 800), marginSize=50)
+    found = grid.find(printed)
+    assert len(found) == 60
+    step = np.linalg.norm(found.uv[4] - found.uv[0]) / 50
+    np.testing.assert_allclose(
+        found.uv, 49.5 + grid.points[:, :2] * step, atol=0.6
+    )  # whole pixels in the print

@@ -19,6 +19,7 @@ from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.detect.targets.circles import AsymmetricCircles, Circles
 from camcal.detect.targets.squares import SquareGrid
 from camcal.detect.targets.tag_board import TagBoard
+from camcal.detect.targets.tag_grid import TagGrid
 
 Array = np.ndarray
 
@@ -145,7 +146,7 @@ def _alike(target: Target, other: Target, within: float) -> bool:
     """Whether markers have the size, and tags the gap, that was said."""
     if isinstance(target, Charuco) and isinstance(other, Charuco):
         said, seen = target.marker / target.square, other.marker / other.square
-    elif isinstance(target, AprilGrid) and isinstance(other, AprilGrid):
+    elif isinstance(target, (AprilGrid, TagGrid)) and isinstance(other, (AprilGrid, TagGrid)):
         said, seen = 1 + target.spacing, 1 + other.spacing
     else:
         return False
@@ -161,6 +162,8 @@ def words(target: Target) -> str:
         return f"a ChArUco board of {size} squares, {ratio}, dictionary {target.dictionary}{legacy}"
     if isinstance(target, AprilGrid):
         return f"an AprilTag grid of {size} tags, {target.dictionary}, gaps {target.spacing:.3g} of a tag"
+    if isinstance(target, TagGrid):
+        return f"a grid of {size} markers, {target.dictionary}, gaps {target.spacing:.3g} of a marker"
     if isinstance(target, SquareGrid):
         return f"a grid of {size} separate squares, gaps {target.spacing:.3g} of a side"
     if isinstance(target, Circles):

@@ -20,6 +20,7 @@ from camcal.detect.targets.aprilgrid import AprilGrid
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import marker_count
 from camcal.detect.targets.tag_board import TagBoard, consistent
+from camcal.detect.targets.tag_grid import TagGrid
 from camcal.geometry import homography
 
 Array = np.ndarray
@@ -75,14 +76,15 @@ def find_boards(views: Sequence[Sequence[Marker]], family: Family) -> list[Found
         Of each picture, all of one family.
     family : (dictionary, border)
     """
-    for layout, diagonal in ((_charuco, True), (_aprilgrid, False)):
+    for layout, diagonal in ((_charuco, True), (_tags_in_rows, False)):
         if layout is _charuco and family[1] != 1:
             continue
         patches, step = _patches(views, diagonal)
         groups = list(_boards_apart(patches))
-        found = [f for f in (layout(group, step, family) for group in groups) if f]
+        foreign = [set(_ids(patches)) - set(_ids(group)) for group in groups]
+        found = [f for g, o in zip(groups, foreign, strict=True) if (f := layout(g, step, family, o))]
         if len(groups) > 1:
-            whole = layout(patches, step, family)
+            whole = layout(patches, step, family, set())
             if whole is not None and (len(found) < 2 or _on_one_plane(whole.board, views)):
                 found = [whole]
         if found:
@@ -112,7 +114,7 @@ def _places(board: TagBoard) -> dict[int, Place]:
     return {int(m): (int(x), int(y)) for m, (x, y) in zip(board.tag_ids, np.rint(along / step), strict=True)}
 
 
-def _charuco(patches: Sequence[Patch], step: float, family: Family) -> Found | None:
+def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
     """The ChArUco board, its square 1, that explains the places of markers."""
     ids = _ids(patches)
     if not ids:
@@ -121,7 +123,7 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family) -> Found | N
         partial(_charuco_cell, columns=columns, start=start, first=origin)
         for columns in range(3, LONGEST_ROW)
         for start in (1, 0)  # the first square is black, or holds a marker
-        for origin in dict.fromkeys((0, min(ids)))
+        for origin in _origins(ids, foreign)
     ]
     cell = max(cells, key=lambda c: _agreeing(patches, c))  # of equals the first
     count, (columns, start, origin) = _agreeing(patches, cell), cell.keywords.values()
@@ -138,19 +140,21 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family) -> Found | N
     return Found(Charuco(columns, rows, 1.0, marker, name, "unit", legacy, origin), _pictures(patches), count)
 
 
-def _aprilgrid(patches: Sequence[Patch], step: float, family: Family) -> Found | None:
-    """The grid of tags, their side 1, that explains the places of markers.
+def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
+    """The grid of separate markers, their side 1, that explains the places of markers.
 
-    The spacing is only rough: small squares at the tags' corners spoil the outlines of these.
+    Kalibr's ids go up from the lower left, cv2's down from the upper left. The spacing is only rough: small squares
+    at the tags' corners spoil the outlines of these.
     """
     name, border = family
     ids = _ids(patches)
-    if not ids or not name.startswith("APRILTAG"):
+    if not ids:
         return None
     cells = [
-        partial(_kalibr_cell, columns=columns, first=origin)
+        partial(way, columns=columns, first=origin)
+        for way in ((_kalibr_cell, _cv2_cell) if name.startswith("APRILTAG") else (_cv2_cell,))
         for columns in range(2, LONGEST_ROW)
-        for origin in dict.fromkeys((0, min(ids)))
+        for origin in _origins(ids, foreign)
     ]
     cell = max(cells, key=lambda c: _agreeing(patches, c))
     count, (columns, origin) = _agreeing(patches, cell), cell.keywords.values()
@@ -158,8 +162,20 @@ def _aprilgrid(patches: Sequence[Patch], step: float, family: Family) -> Found |
     if not _enough(count, len(ids)) or rows < 2 or origin + columns * rows > marker_count(name):
         return None
     spacing = float(np.clip(step - 1, 0.05, 0.9))
-    board = AprilGrid(columns, rows, 1.0, spacing, "unit", name, border, origin)
+    board: TagBoard
+    if cell.func is _kalibr_cell:
+        board = AprilGrid(columns, rows, 1.0, spacing, "unit", name, border, origin)
+    else:
+        board = TagGrid(
+            columns, rows, 1.0, spacing, smallest(name, origin + columns * rows), "unit", border, origin
+        )
     return Found(board, _pictures(patches), count)
+
+
+def _origins(ids: Sequence[int], foreign: set[int]) -> Sequence[int]:
+    """What the first id may be: 0, unless markers of another board are among those from there on, or the least."""
+    first = min(ids)
+    return list(dict.fromkeys((first,) if any(0 <= f < first for f in foreign) else (0, first)))
 
 
 def _enough(count: int, total: int) -> bool:
@@ -186,6 +202,12 @@ def _kalibr_cell(marker: int, columns: int, first: int = 0) -> Place:
     """
     marker -= first
     return -(marker % columns), marker // columns
+
+
+def _cv2_cell(marker: int, columns: int, first: int = 0) -> Place:
+    """Column and row of a marker of cv2's grids, whose ids go to the right and down."""
+    marker -= first
+    return marker % columns, marker // columns
 
 
 def _charuco_cell(marker: int, columns: int, start: int, first: int = 0) -> Place:

@@ -19,16 +19,17 @@ from camcal.detect.targets.base import Detection, Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import black_cells
 from camcal.detect.targets.squares import SquareGrid
+from camcal.detect.targets.tag_grid import TagGrid
 from camcal.geometry import homography
 
 Array = np.ndarray
 
-Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid)
+Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid | TagGrid)
 
 MOST_PICTURES = 3  #: that are measured; the figures agree to a per cent from one picture on
 AROUND = 0.2  #: share by which a marker's size by its outline may be wrong
 #: of the gap as a share of the side: what can be printed, and read
-BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, 4.0)}
+BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, 4.0), "aruco-grid": (0.05, 4.0)}
 GROSS = (
     10.0  #: times the median misfit from which on a block of tags holds a wrong corner, and does not decide
 )
@@ -38,7 +39,7 @@ def measured(board: Target, pictures: Sequence[Array]) -> Target:
     """The same board with its proportions measured in (a few of) the pictures that show it."""
     if isinstance(board, Charuco):
         return _measured_marker(board, pictures[:MOST_PICTURES])
-    if isinstance(board, (AprilGrid, SquareGrid)):
+    if isinstance(board, (AprilGrid, SquareGrid, TagGrid)):
         return _measured_spacing(board, pictures[:MOST_PICTURES])
     return board
 
@@ -50,9 +51,7 @@ def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
         ratio = board.marker
         bounds = (max(0.1, (1 - AROUND) * ratio), min(0.98, (1 + AROUND) * ratio))
         cost = partial(_decorrelation, seen=seen, codes=_codes(board), squares=_squares(board))
-        from scipy import (
-            optimize,
-        )  # for boards with markers alone: its import takes longer than finding a board
+        from scipy import optimize  # for boards with markers alone: it takes long to import
 
         ratio = float(
             optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x
@@ -104,7 +103,7 @@ def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Arr
 
 def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
     """The grid with the spacing for which four tags at a time are most nearly a plane's picture."""
-    from scipy import optimize  # for boards with markers alone: its import takes longer than finding a board
+    from scipy import optimize  # as above
 
     for _ in range(2):  # the second time with corners that the first guess did not lead to
         found = [d for d in map(grid.find, pictures) if isinstance(d, Detection)]

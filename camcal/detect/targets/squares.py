@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from camcal.detect.board_points import LOCAL_POINTS, from_points
+from camcal.detect.board_points import from_points
 from camcal.detect.disc_grid import Grid, find_board
-from camcal.detect.outlines import Squares, as_discs, find_squares, plain_inside, refine_squares
-from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
+from camcal.detect.outlines import as_discs, find_squares, plain_inside
+from camcal.detect.pyramid import reduced, reductions, to_8_bits
+from camcal.detect.targets import outlined
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, clock
 from camcal.detect.targets.dictionaries import rectangle
 from camcal.errors import UsageError
@@ -29,7 +30,6 @@ CLOCKWISE = np.array([0, 1, 3, 2])  #: which of them come one after the other; t
 ENOUGH = 0.8  #: share of the squares that must be seen and fitted
 LEAST_UNASKED = 12  #: squares; a smaller grid is believed only where it was asked for
 LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; what targets of this kind have
-STRAY = 0.1  #: of a side; a corner farther from where its neighbours put it is not of this grid
 
 
 class SquareGrid(Target):
@@ -79,46 +79,13 @@ class SquareGrid(Target):
         centres = self._origins[grid.ids] + 0.5 * self.square
         _, jacobian, _ = from_points(centres, centres, grid.discs.centre)
         starts = _ordered(quads, grid.discs.centre, jacobian)
-        side = np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2).min(1)
-        # across a foreshortened square it is less far than along its sides
-        across = (
-            4
-            * np.abs(np.linalg.det(grid.discs.shape))
-            / np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2).max(1)
-        )
-        fitted = refine_squares(gray, starts, across * min(1.0, self.spacing)).take_corners(CLOCKWISE)
-        keep = self._in_place(grid.ids, fitted)
+        fitted, sides = outlined.fit_squares(gray, starts, self.spacing)
+        fitted = fitted.take_corners(CLOCKWISE)
+        keep = outlined.in_place(self.points, self.square, grid.ids, fitted)
         total = self.columns * self.rows
         if keep.sum() < max(4, ENOUGH * total):
             return Miss("none", f"a grid was found, but only {keep.sum()} of its {total} squares can be used")
-        rows = np.flatnonzero(keep)[np.argsort(grid.ids[keep])]
-        ids = (4 * grid.ids[rows, None] + np.arange(4)).ravel()
-        missing = np.setdiff1d(np.arange(4 * total), ids)
-        covariance = fitted.covariance[rows].reshape(-1, 2, 2)
-        scale = 255 / grey_span(gray)
-        info: dict[str, Any] = {
-            "rejected": {int(i): "not seen, or not where its neighbours say" for i in missing},
-            "square_px": float(np.median(side[rows])),
-            "blur_px": float(np.median(fitted.blur[rows])),
-            "contrast": float(np.median(fitted.contrast[rows]) * scale),
-            "covariance": covariance,
-        }
-        sigma = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
-        return Detection(ids, fitted.corners[rows].reshape(-1, 2), sigma, info)
-
-    def _in_place(self, ids: Array, fitted: Squares) -> Array:
-        """Mask of the squares whose corners are where those of their neighbours put them."""
-        keep = fitted.good.copy()
-        rows = np.flatnonzero(keep)
-        points = self.points[(4 * ids[rows, None] + np.arange(4)).ravel(), :2]
-        if len(points) <= LOCAL_POINTS:
-            return keep
-        seen = fitted.corners[rows].reshape(-1, 2)
-        uv, jacobian, certain = from_points(points, points, seen, leave_out=True)
-        room = np.maximum(STRAY * self.square * np.linalg.norm(jacobian, axis=1).min(1), 1.0)
-        stray = certain & (np.linalg.norm(uv - seen, axis=1) > room)
-        keep[rows[stray.reshape(-1, 4).any(1)]] = False
-        return keep
+        return outlined.detection(gray, total, grid.ids, fitted, keep, sides)
 
     def pattern(self) -> Pattern:
         """Black squares, with a margin of half a gap around them."""

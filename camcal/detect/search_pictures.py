@@ -1,0 +1,120 @@
+"""The pictures of one search: their frames and names, the work on them, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from camcal.detect.decode import UnreadableError
+from camcal.detect.examine import Outcome, Task, examine
+from camcal.detect.films import Range, candidates
+from camcal.detect.frames import is_film
+from camcal.detect.listing import view_ids
+from camcal.detect.sources import read_gray
+from camcal.detect.targets.base import Target
+from camcal.detect.workers import map_unordered
+
+#: called with (what happens, details) as the work goes on
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+class Search:
+    """One call of `detect_images`: what all its pictures share."""
+
+    def __init__(
+        self,
+        files: list[Path],
+        seconds: float,
+        jobs: int | None,
+        cache: Path | None,
+        on_event: OnEvent | None,
+    ):
+        self.files, self.seconds, self.jobs, self.cache, self.on_event = files, seconds, jobs, cache, on_event
+        self.cache_told = False
+        self.motion: dict[Path, float] = {}  # of each frame of a film
+        self.frame_count = 0
+        self.unreadable: list[Outcome] = []
+
+    def open_films(self, chosen: Range) -> None:
+        """Put the frames that are worth searching in the place of films."""
+        files = []
+        for path in self.files:
+            if not is_film(path):
+                files.append(path)
+                continue
+            try:
+                found, count = candidates(path, chosen, partial(self._tell_film, path))
+            except UnreadableError as error:
+                self.unreadable.append(Outcome(path, "unreadable", str(error)))
+                continue
+            names = {path.with_name(f"{path.name}#{c.number}"): c.motion for c in found}
+            self.motion |= names
+            self.frame_count += count
+            files += names
+            self.tell("frames", path=path, frames=count, searched=len(names))
+        self.files = files
+
+    def _tell_film(self, path: Path, done: int, count: int) -> None:
+        self.tell("film", path=path, done=done, count=count)
+
+    @property
+    def ids(self) -> dict[Path, str]:
+        """What each picture is called in the report."""
+        names = [*self.files, *(o.path for o in self.unreadable)]
+        return dict(zip(names, view_ids(names), strict=True))
+
+    @property
+    def noun(self) -> str:
+        """What was searched, in words."""
+        return "frames" if self.motion and len(self.motion) == len(self.files) else "pictures"
+
+    @property
+    def count(self) -> str:
+        """How many pictures or frames were searched, in words."""
+        number = len(self.files) + len(self.unreadable)
+        if self.noun == "frames":
+            return f"{number} of {self.frame_count} frames"
+        return f"{number} picture{'s' * (number != 1)}" + " and frames" * bool(self.motion)
+
+    def tell(self, name: str, **details: Any) -> None:
+        """Say what happens to who asked for it."""
+        if self.on_event is not None:
+            self.on_event(name, details)
+
+    def examine_all(self, files: list[Path], target: Target | None) -> list[Outcome]:
+        """Outcomes in the order of the files."""
+        outcomes: list[Outcome | None] = [None] * len(files)
+        done_by = map_unordered(examine, self._tasks(files, target), self.jobs, _crashed, len(files))
+        for done, (index, outcome) in enumerate(done_by, 1):
+            outcomes[index] = outcome
+            if outcome.cache_error and not self.cache_told:
+                self.cache_told = True
+                self.tell("cache", reason=outcome.cache_error)
+            self.tell("searched", done=done, count=len(files))
+        return [o for o in outcomes if o is not None]
+
+    def _tasks(self, files: list[Path], target: Target | None) -> Iterator[Task]:
+        """A task for each picture; frames are decoded here, one after the other."""
+        for path in files:
+            gray = self.read(path) if path in self.motion else None
+            yield Task(path, target, self.seconds, self.cache, gray)
+
+    def tell_pictures(self, outcomes: list[Outcome]) -> None:
+        """Say what came out of each picture."""
+        ids = self.ids
+        for done, o in enumerate(outcomes, 1):
+            values = {"status": o.status, "reason": o.reason, "cached": o.cached}
+            self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
+
+    def read(self, path: Path) -> Any:
+        """A picture in grey, or None where it cannot be read."""
+        try:
+            return read_gray(path)[0]
+        except UnreadableError:
+            return None
+
+
+def _crashed(task: Task) -> Outcome:
+    return Outcome(task.path, "unreadable", "the process that read it has died")

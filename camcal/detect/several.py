@@ -1,0 +1,76 @@
+"""Several boards of markers in the same pictures: each that a picture shows is a view of its own.
+
+Where the boards stand to each other is not asked, so that they may be moved between pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from camcal.data.observations import View
+from camcal.detect.examine import Outcome
+from camcal.detect.recognition.decide import Answer
+from camcal.detect.targets.base import Target
+from camcal.detect.targets.tag_board import TagBoard
+
+LEAST_PICTURES = 2  #: that show a further board: markers of one picture may be misread
+
+
+@dataclass(frozen=True)
+class Searched:
+    """A target and what came out of each picture that was searched for it."""
+
+    target: Target
+    outcomes: list[Outcome]
+
+
+def further(best: Answer, found: Sequence[Answer]) -> list[Answer]:
+    """The boards besides the one that most pictures show, each with markers of its own."""
+    if not isinstance(best.target, TagBoard):
+        return []
+    taken, chosen = _markers(best.target), []
+    for answer in found:
+        board = answer.target
+        if (
+            isinstance(board, TagBoard)
+            and len(answer.pictures) >= LEAST_PICTURES
+            and not _markers(board) & taken
+        ):
+            chosen.append(answer)
+            taken |= _markers(board)
+    return chosen
+
+
+def _markers(board: TagBoard) -> set[tuple[str, int, int]]:
+    return {(board.dictionary, board.border, int(tag)) for tag in board.tag_ids}
+
+
+def merged(searched: Sequence[Searched]) -> list[Outcome]:
+    """For each picture the outcome of the first board that it shows, else that of the first target."""
+    return [
+        next((o for o in of_picture if o.detection is not None), of_picture[0])
+        for of_picture in zip(*(s.outcomes for s in searched), strict=True)
+    ]
+
+
+def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View]:
+    """The views of one picture; where it shows several boards their number in the list follows the name."""
+    shown = [k for k, s in enumerate(searched) if s.outcomes[picture].detection is not None]
+    first = np.cumsum([0, *(len(s.target.points) for s in searched)])  # ids of different boards differ
+    views = []
+    for k in shown:
+        d, target = searched[k].outcomes[picture].detection, searched[k].target
+        assert d is not None
+        own = name if len(shown) == 1 else f"{name} board {k + 1}"
+        views.append(View(own, target.points[d.point_ids], d.uv, d.sigma, d.point_ids + int(first[k])))
+    return views
+
+
+def described(searched: Sequence[Searched]) -> dict[str, Any]:
+    """What the report says under `target`; `boards` has the specs where there are several."""
+    said = searched[0].target.describe()
+    return said if len(searched) == 1 else said | {"boards": [s.target.spec for s in searched]}
