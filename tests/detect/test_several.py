@@ -49,7 +49,9 @@ def test_each_board_is_a_view(folder):
     assert not ids[0] & ids[1] and ids[0] & ids[2] and ids[0] & ids[8]
     solution = calibrate(found, model="opencv5")
     truth = camera(SIZE)
-    assert solution.camera.values["fx"] == pytest.approx(truth.values["fx"], rel=2e-3)  # some sigmas of 9 views
+    assert solution.camera.values["fx"] == pytest.approx(
+        truth.values["fx"], rel=2e-3
+    )  # some sigmas of 9 views
     assert solution.rms_point < 0.15
 
 
