@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from camcal.batch.work import DONE, Row
+from camcal.system.text import cell
 
 Array = np.ndarray
 
@@ -162,7 +163,5 @@ def _cell(value: Any) -> Any:
     if isinstance(value, float):
         return repr(value)
     if isinstance(value, str):
-        value = " ".join(value.split())
-        # a spreadsheet would take it for a formula
-        return "'" + value if value[:1] in ("=", "+", "-", "@") else value
+        return cell(" ".join(value.split()))
     return "" if value is None else value

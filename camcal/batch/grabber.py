@@ -11,6 +11,7 @@ import numpy as np
 
 from camcal.detect.frames import is_film
 from camcal.errors import DataError
+from camcal.system.writing import atomic_write
 
 Array = np.ndarray
 
@@ -96,6 +97,7 @@ class Grabber(threading.Thread):
                 last = time.monotonic()
                 if selector.wants(frame):
                     # the name counts frames, so that a picture can be found again in its film
-                    cv2.imwrite(str(self.folder / f"frame{number:06d}.png"), frame)
+                    _, data = cv2.imencode(".png", frame)
+                    atomic_write(self.folder / f"frame{number:06d}.png", data.tobytes(), force=True)
         self.capture.release()
         self.done = True

@@ -55,7 +55,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> Non
     if options["trace"] is not None:
         atomic_write(options["trace"], convergence.traces(runs), options["force"])
     if options["plot"] is not None:
-        convergence.plot(runs, options["plot"])
+        convergence.plot(runs, options["plot"], options["force"])
 
 
 def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, str]:

@@ -18,6 +18,7 @@ from camcal.data.layout import find_separator, is_number
 from camcal.errors import DataError
 from camcal.system.documents import LARGEST
 from camcal.system.reading import read_text
+from camcal.system.text import from_cell
 
 Array = np.ndarray
 
@@ -101,7 +102,9 @@ def read_labelled(
             )
         for column, at in columns.items():
             value = fields[at].strip()
-            found[column].append(value if column in names else _number(value, separator, column, where))
+            found[column].append(
+                from_cell(value) if column in names else _number(value, separator, column, where)
+            )
     labels, known = {}, {}
     for column in names:
         order: dict[str, int] = {}

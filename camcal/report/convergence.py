@@ -14,6 +14,7 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.solve.optimizers.base import Sample
 from camcal.study.compare_optimizers import Run
+from camcal.system.writing import atomic_write
 
 SCHEMA = "camcal-optimizers/1"
 #: excesses below this are the rounding of a cost and are drawn on the axis
@@ -45,7 +46,7 @@ def require_matplotlib() -> None:
         raise UsageError("a plot needs matplotlib, which is not installed.", "pip install 'camcal[report]'")
 
 
-def plot(runs: Sequence[Run], path: Path) -> None:
+def plot(runs: Sequence[Run], path: Path, force: bool = False) -> None:
     """Draw the excess of the cost over the best of all against evaluations and against seconds.
 
     The format follows the file's name (png, svg, pdf).
@@ -73,11 +74,13 @@ def plot(runs: Sequence[Run], path: Path) -> None:
         axis.grid(True, alpha=0.3)
     axes[0].legend(fontsize="small")
     try:
-        figure.savefig(path, dpi=120)
+        stream = io.BytesIO()
+        figure.savefig(stream, format=path.suffix[1:].lower() or "png", dpi=120)
     except ValueError as error:
         raise UsageError(f"cannot draw '{path}': {error}.", "Name the file .png, .svg or .pdf.") from error
     finally:
         pyplot.close(figure)
+    atomic_write(path, stream.getvalue(), force)
 
 
 def document(

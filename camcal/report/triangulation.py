@@ -18,6 +18,7 @@ from camcal.report.placed import load_placed
 from camcal.report.routes import document, warning
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import Images, Triangulated, sorted_images, triangulate
+from camcal.system.text import cell
 
 Array = np.ndarray
 
@@ -55,7 +56,7 @@ def csv_text(found: dict[str, Any]) -> str:
     writer.writerow(COLUMNS)
     for p in found["points"]:
         numbers = [repr(float(x)) for x in (*p["xyz"], *p["sigma"], p["residual"])]
-        writer.writerow([p["point"], *numbers, ";".join(p["outliers"])])
+        writer.writerow([cell(str(p["point"])), *numbers, cell(";".join(p["outliers"]))])
     return out.getvalue()
 
 

@@ -169,6 +169,16 @@ def _one(
             f"{where}: '{written}' says what is written; a file that --config does not name cannot.",
             f"Give it by name: --config {config.path}",
         )
+    if not config.named and known[name].network:
+        raise UsageError(
+            f"{where}: '{written}' is an address; a file that --config does not name cannot set it.",
+            f"Give it by name: --config {config.path}",
+        )
+    if not config.named and known[name].reads and not _inside(value, Path(config.path).parent):
+        raise UsageError(
+            f"{where}: '{written}' leads out of the folder; a file that --config does not name cannot.",
+            f"Give it by name: --config {config.path}",
+        )
     # options of one name may differ between commands: any that takes the value will do for another command
     candidates = [own[name]] if name in own else _all_of(name)
     for left, option in enumerate(candidates[::-1]):
@@ -178,6 +188,13 @@ def _one(
         except UsageError as error:
             if left == len(candidates) - 1:
                 raise UsageError(f"{where}: {written}: {error.message}", error.hint) from None
+
+
+def _inside(value: Any, folder: Path) -> bool:
+    """Whether the files that a value names lie in a folder, wherever links lead."""
+    names = value if isinstance(value, list) else [value]
+    root = os.path.realpath(folder)
+    return all(isinstance(n, str) and Path(os.path.realpath(folder / n)).is_relative_to(root) for n in names)
 
 
 def _all_of(name: str) -> list[Option]:

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from camcal.errors import UsageError
 from camcal.registry import suggestion
-from camcal.settings.kinds import Kind, OutputPath, Several, Switch
+from camcal.settings.kinds import FilePath, Kind, OutputPath, Several, Switch
 
 _META = "camcal.option"
 
@@ -87,6 +87,17 @@ class Option:
         """Whether it names what is written, or lets something be overwritten."""
         kind = self.kind.item if isinstance(self.kind, Several) else self.kind
         return isinstance(kind, OutputPath) or self.name in ("output", "force")
+
+    @property
+    def reads(self) -> bool:
+        """Whether it names a file that is read."""
+        kind = self.kind.item if isinstance(self.kind, Several) else self.kind
+        return isinstance(kind, FilePath) and not self.writes
+
+    @property
+    def network(self) -> bool:
+        """Whether it is the address of another machine."""
+        return self.name == "scheduler"
 
     def convert(self, value: Any) -> Any:
         """Return the value as the program works with it; None stays None where that is the default.

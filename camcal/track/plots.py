@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.writing import check_writable
 from camcal.errors import DataError, UsageError
+from camcal.system.writing import atomic_write
 from camcal.track.table import MATRIX, PARAMETERS
 
 Array = np.ndarray
@@ -99,8 +100,9 @@ def draw(table: Path, folder: Path, reference: Array | None = None, force: bool 
     folder.mkdir(parents=True, exist_ok=True)
     figures = [parameters(columns), innovations(columns), gains(columns), matrix(columns, reference)]
     for path, figure in zip(paths(folder), figures, strict=True):
-        check_writable(path, force)
-        figure.savefig(path)
+        stream = io.BytesIO()
+        figure.savefig(stream, format="svg")
+        atomic_write(path, stream.getvalue(), force)
     return paths(folder)
 
 

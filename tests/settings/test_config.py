@@ -168,6 +168,23 @@ def test_only_a_file_that_is_named_says_what_is_written(load, text):
         values_for("estimate", replace(config, named=False))
 
 
+@pytest.mark.parametrize("value", ["../camera.yaml", "/etc/passwd", "link/camera.yaml"])
+def test_a_file_that_came_with_data_reads_nothing_elsewhere(load, tmp_path, value):
+    (tmp_path / "link").symlink_to("/etc")
+    config = replace(load(f"undistort:\n  camera: {value}"), path=str(tmp_path / "camcal.yaml"))
+    values_for("undistort", config)
+    with pytest.raises(UsageError, match="leads out of the folder"):
+        values_for("undistort", replace(config, named=False))
+    inside = replace(load("undistort:\n  camera: own/camera.yaml"), path=str(tmp_path / "camcal.yaml"))
+    values_for("undistort", replace(inside, named=False))
+
+
+def test_a_file_that_came_with_data_names_no_other_machine(load):
+    config = load("batch:\n  scheduler: tcp://elsewhere:8786")
+    with pytest.raises(UsageError, match="is an address"):
+        values_for("batch", replace(config, named=False))
+
+
 def test_outputs_are_known_as_such():
     """Every option whose file is written; the others with a file read it."""
     from camcal.settings.commands import OPTIONS
@@ -178,7 +195,8 @@ def test_outputs_are_known_as_such():
         kind = option.kind.item if isinstance(option.kind, Several) else option.kind
         if isinstance(kind, FilePath):
             (written if option.writes else read).add(option.name)
-    assert read == {"camera", "config", "distortion", "points2d", "points3d", "reference"}
+    assert {"camera", "config", "distortion", "points2d", "points3d", "reference"} <= read
+    assert not read & {"output", "plot", "summary", "maps"}
     assert {"output", "state", "trace", "junit", "plots", "save_camera", "save_corners"} <= written
 
 
