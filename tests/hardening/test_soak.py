@@ -1,4 +1,4 @@
-"""Many calibrations in one process at constant memory, on demand: `CAMCAL_SOAK=10000 pytest -m slow tests/hardening`."""
+"""Many calibrations in one process at constant memory: `CAMCAL_SOAK=10000 pytest -m slow tests/hardening`."""
 
 import os
 import resource
