@@ -15,8 +15,8 @@ Array = np.ndarray
 #: the nearest descriptor is nearer than this part of the second nearest (D. Lowe, Distinctive image features, 2004,
 #: section 7.1: 0.8 leaves out nine wrong matches of ten, and one right one of twenty)
 RATIO = 0.8
-#: points of the strongest contrast in each picture: all pairs of them are compared, 4e8 of 128 numbers, in seconds
-MOST = 20_000
+#: points of the strongest contrast in each picture; all pairs of them are compared: 25 million of 128 numbers, a second
+MOST = 5_000
 #: px; side of the surroundings that are compared: SIFT's own smallest descriptors are of 12
 WINDOW = 15
 #: px; sigma of the surroundings whose mean and contrast are taken off, half a window: cameras differ in exposure

@@ -31,6 +31,8 @@ FEW = 50
 #: the median vertical disparity is this many times that of noise: three quarters of its square are then errors of the
 #: calibration
 EXCESS = 2.0
+#: px; below this it does not matter: block matching resolves 1/16 px along a row, and takes the best of whole rows
+MATTERS = 0.1
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
             )
         )
     median, noise = made["vertical_disparity"]["median"], made["noise"]["median"]
-    if median > EXCESS * noise:
+    if median > max(EXCESS * noise, MATTERS):
         found.append(
             warning(
                 "vertical-disparity",
