@@ -176,6 +176,14 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "A wrong `--image-size`, or pictures resized after the points were found.",
         "Check the size.",
     ),
+    "data-exchanged": (
+        "Columns exchanged, rows of another board or view, coordinates in another frame.",
+        "The change that the message names; check how the table was made.",
+    ),
+    "does-not-fit": (
+        "Points and pixels that do not belong together, a wrong board, pictures of several cameras.",
+        "`camcal doctor` on the data; check ids, board and views before anything else.",
+    ),
     "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
     "hand-eye-convention": (
         "Angles in another order or unit than was asked for.",
