@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camcal.model.pose import Pose
-from camcal.solve.rig_start import Links, Pictures, link, shared
+from camcal.solve.rig_start import Link, Links, Pictures, link, shared
 
 Array = np.ndarray
 
@@ -40,7 +40,7 @@ def lags(
     """
     behind = {0: 0}
     for a, b in tree:
-        lag = _lag(pictures, a, b, found[a, b].scatter, turns, corners)
+        lag = _lag(pictures, a, b, found[a, b], turns, corners)
         if a in behind:
             behind[b] = behind[a] + lag
         else:
@@ -52,9 +52,11 @@ def lags(
     return {camera: lag - usual for camera, lag in behind.items() if lag != usual}
 
 
-def _lag(pictures: Pictures, a: int, b: int, scatter: float, turns: Sequence[Pose], corners: Array) -> int:
+def _lag(pictures: Pictures, a: int, b: int, known: Link, turns: Sequence[Pose], corners: Array) -> int:
     """By how many frames camera b lags behind a; 0 where no lag is believed."""
-    best, least = 0, NEARER * scatter
+    best, least = 0, NEARER * known.scatter
+    if least < known.expected:  # nothing can be nearer together than noise lets it
+        return 0
     for lag in (k for size in range(1, MOST + 1) for k in (size, -size)):
         i, j = shared(pictures, a, b, lag)
         if len(i) < LEAST:

@@ -25,8 +25,9 @@ Array = np.ndarray
 SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
 #: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
 SAME_POINT = 1e-6
-#: relative poses of so many instants are tried for a pair of cameras: one of them is good
-TRIED = 40
+#: relative poses of so many instants are tried for a pair of cameras: that none is good where half are has a
+#: probability of 2⁻¹⁶
+TRIED = 16
 #: a turned board is believed where it brings the instants nearer together by this factor. A static board is the same
 #: before both cameras at every instant, turned or not.
 NEARER = 0.5
@@ -67,12 +68,15 @@ class Link:
         Number of instants that both saw.
     scatter : float
         Median distance of an instant's board from where the other camera says it is, in parts of its distance.
+    expected : float
+        The same as the noise of the image points makes it.
     """
 
     pose: Pose
     information: float
     shared: int
     scatter: float
+    expected: float
 
 
 #: what each two cameras (a < b) know of each other
@@ -105,54 +109,56 @@ def corners_of(data: Observations) -> Array:
     return np.array([[x, y, (low[2] + high[2]) / 2] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 
-def distances(a: Poses, b: Poses, relative: Pose, turns: Sequence[Pose], corners: Array) -> Array:
-    """How far apart the boards of two cameras are (S, W), for each symmetry, in parts of the distance from camera a.
+def _distances(a: Poses, b: Poses, relative: Poses, turns: Sequence[Pose], corners: Array) -> Array:
+    """How far apart the boards of two cameras are (K, S, W), in parts of their distance from camera a.
 
     Parameters
     ----------
     a, b : Poses
         cam_from_board (W,) at the same instants.
-    relative : Pose
-        a_from_b.
+    relative : Poses
+        K candidates of a_from_b.
+    turns : sequence of S Pose
+        The symmetries of the board, of which b's is turned by one.
     """
-    from_b = Poses.of(relative @ b)[:, None].apply(corners)
-    far = np.maximum(np.linalg.norm(from_b.mean(1), axis=-1), np.finfo(float).tiny)
-    found = []
-    for turn in turns:
-        off = Poses.of(a @ turn)[:, None].apply(corners) - from_b
-        found.append(np.sqrt(np.square(off).sum(-1).mean(-1)) / far)
-    return np.array(found)
+    seen = Poses.of(b)[:, None].apply(corners).reshape(-1, 3)
+    from_b = (seen @ relative.rotations.transpose(0, 2, 1) + relative.translations[:, None]).reshape(
+        len(relative), len(b), len(corners), 3
+    )
+    far = np.maximum(np.linalg.norm(from_b.mean(2), axis=-1), np.finfo(float).tiny)
+    off = [Poses.of(a @ turn)[:, None].apply(corners) - from_b for turn in turns]
+    return np.stack([np.sqrt(np.einsum("kwci,kwci->kw", o, o) / len(corners)) / far for o in off], 1)
 
 
 def link(a: Poses, b: Poses, variance: Array, turns: Sequence[Pose], corners: Array) -> Link:
     """The relative pose of two cameras from W instants that both saw, with the variance (W,) of each."""
     tried = np.unique(np.linspace(0, len(a) - 1, min(len(a), TRIED)).round().astype(int))
-    best: tuple[float, int, Pose] | None = None
-    for index in tried:
-        for order, turn in enumerate(turns):
-            relative = a[index] @ turn @ b[index].inverse()
-            apart = distances(a, b, relative, turns, corners)
-            scatter = float(np.median(apart.min(0)))
-            if best is None or scatter < best[0] * (NEARER if order and not best[1] else 1.0):
-                best = scatter, order, relative
-    assert best is not None
-    return _averaged(a, b, variance, best[2], turns, corners)
+    back = b[tried].inverse()
+    found = []
+    for turn in turns:
+        candidates = Poses.of(a[tried] @ turn @ back)
+        scatter = np.median(_distances(a, b, candidates, turns, corners).min(1), axis=1)
+        found.append((float(scatter.min()), candidates[int(scatter.argmin())]))
+    plain, turned = found[0], min(found[1:], key=lambda f: f[0], default=found[0])
+    return _averaged(a, b, variance, (turned if turned[0] < NEARER * plain[0] else plain)[1], turns, corners)
 
 
 def _averaged(
     a: Poses, b: Poses, variance: Array, relative: Pose, turns: Sequence[Pose], corners: Array
 ) -> Link:
     """The mean relative pose of the instants that agree with one, weighted by their information."""
-    apart = distances(a, b, relative, turns, corners)
+    apart = _distances(a, b, Poses.stack([relative]), turns, corners)[0]
     chosen, nearest = _nearest(apart), apart.min(0)
     agree = nearest <= FAR * max(float(np.median(nearest)), np.finfo(float).eps)
-    each = Poses.stack([a[i] @ turns[chosen[i]] @ b[i].inverse() for i in np.flatnonzero(agree)])
+    turn = Poses.stack(list(turns))[chosen[agree]]
+    each = a[agree] @ turn @ b[agree].inverse()
     weight = 1 / variance[agree]
-    mean = np.tensordot(weight, each.rotations, 1)
+    mean = np.tensordot(weight, each.rotation, 1)
     u, _, vt = np.linalg.svd(mean)
-    turn = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt  # the nearest rotation (Schonemann 1966)
-    shift = weight @ each.translations / weight.sum()
-    return Link(Pose(turn, shift), float(weight.sum()), len(a), float(np.median(nearest)))
+    rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt  # the nearest rotation (Schonemann 1966)
+    shift = weight @ each.translation / weight.sum()
+    expected = float(np.median(np.sqrt(variance) / np.linalg.norm(a.apply(corners.mean(0)), axis=1)))
+    return Link(Pose(rotation, shift), float(weight.sum()), len(a), float(np.median(nearest)), expected)
 
 
 def _nearest(apart: Array) -> Array:
