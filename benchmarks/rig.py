@@ -28,9 +28,11 @@ from camcal.model.rig import Rig
 SIZE, NOISE = (640, 480), 0.2
 
 
-def simulated(cameras: int, instants: int, columns: int, rows: int) -> Observations:
-    """Cameras on an arc, all of which see a board of 30 mm squares at every instant."""
-    rng = np.random.default_rng(0)
+def simulated(
+    cameras: int, instants: int, columns: int = 9, rows: int = 6, seed: int = 0
+) -> tuple[Observations, Rig]:
+    """Cameras on an arc, all of which see a board of 30 mm squares at every instant, and the true rig."""
+    rng = np.random.default_rng(seed)
     lens = lenses.make("opencv5")
     values = {"fx": 600.0, "fy": 600.0, "cx": 319.5, "cy": 239.5, "k1": -0.2}
     camera = Camera(lens, lens.from_values(values), SIZE)
@@ -52,7 +54,7 @@ def simulated(cameras: int, instants: int, columns: int, rows: int) -> Observati
             uv[i, v] = seen
     uv += rng.normal(0, NOISE, uv.shape)
     shape = cameras, instants, len(board)
-    return Observations(
+    data = Observations(
         xyz=np.broadcast_to(board, (*shape, 3)).reshape(-1, 3).copy(),
         uv=uv.reshape(-1, 2),
         view=np.broadcast_to(np.arange(instants)[None, :, None], shape).ravel().copy(),
@@ -61,6 +63,7 @@ def simulated(cameras: int, instants: int, columns: int, rows: int) -> Observati
         cameras=tuple(names),
         image_sizes=(SIZE,) * cameras,
     )
+    return data, rig
 
 
 def fastest(work: Callable[[], object], repeat: int) -> float:
@@ -84,7 +87,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=3)
     asked = parser.parse_args()
     columns, rows = map(int, asked.points.split("x"))
-    data = simulated(asked.cameras, asked.instants, columns, rows)
+    data, _ = simulated(asked.cameras, asked.instants, columns, rows)
     parts = [of_camera(data, name) for name in data.cameras]
     options = {"model": "opencv5", "robust": "auto", "checks": False}
     alone = fastest(lambda: [camcal.calibrate(p, **options) for p in parts], asked.repeat)

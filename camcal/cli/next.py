@@ -24,7 +24,7 @@ def command(report: Path, **options: Any) -> None:
 
     Poses that keep the whole target in the picture are tried; the one that reduces the worst projection
     uncertainty over the picture most is described, and drawn with -o. With --count N several drawings are
-    named NAME-1, NAME-2, ...
+    named NAME-1, NAME-2, ... Of a rig: the instant after which the distances of its cameras are best known.
     """
     output = options["output"]
     paths = _paths(output, options["count"])
@@ -34,10 +34,14 @@ def command(report: Path, **options: Any) -> None:
         for path in paths:
             check_writable(path, options["force"])
     from camcal.cli.output import emit
-    from camcal.report.document import load
+    from camcal.plan.solution import RigSolution
     from camcal.report.next_view import drawing, suggest
+    from camcal.report.rig_loading import load_solution
 
-    solution = load(report)
+    solution = load_solution(report)
+    if isinstance(solution, RigSolution):
+        _of_rig(solution, options)
+        return
     answer, found = suggest(
         solution, options["count"], options["distance"], options["target_px"], options["seed"]
     )
@@ -48,6 +52,33 @@ def command(report: Path, **options: Any) -> None:
             write_chart(drawing(solution, suggestion, number), path, options["force"])
             note(f"Drawing written to {path}.")
     emit(answer, options["format"], lambda: _table(answer))
+
+
+def _of_rig(solution: Any, options: dict[str, Any]) -> None:
+    """Where to hold the board so that the distances of the cameras are best known."""
+    if options["output"] is not None or options["target_px"] is not None:
+        raise UsageError(
+            "of a rig, the next instant is said in words only, and for its distances.",
+            "Leave out -o and --target-px, or name one camera: rig.yaml#left",
+        )
+    from camcal.cli.output import emit
+    from camcal.report.next_instant import suggest
+
+    answer = suggest(solution, options["count"], options["seed"])
+    emit(answer, options["format"], lambda: _instants(answer))
+
+
+def _instants(answer: dict[str, Any]) -> Any:
+    from camcal.cli.output import number, table
+
+    def figures(relative: dict[str, float]) -> list[str]:
+        pair = max(relative, key=lambda p: relative[p])
+        return [pair, number(100 * relative[pair], 3)]
+
+    rows: list[list[Any]] = [["now", *figures(answer["now"]), ""]]
+    for i, s in enumerate(answer["suggestions"], 1):
+        rows.append([str(i), *figures(s["relative_sigmas"]), s["words"]])
+    return table(["instant", "least known", "± %", "where to hold the target"], rows)
 
 
 def _paths(output: Path | None, count: int) -> list[Path]:

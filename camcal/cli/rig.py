@@ -11,6 +11,7 @@ import click
 
 from camcal.cli.options import options, resolved_options
 from camcal.cli.verbosity import note, verbosity, verbosity_options
+from camcal.settings.kinds import is_report
 
 if TYPE_CHECKING:
     from camcal.data.rig_table import RigViews
@@ -37,6 +38,11 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
     views, of_pictures = read_views(inputs, options)
     given = {o.name: options[o.name] for o in RigOptions.command_line("start")}
     given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
+    if is_report(given["board_shape"]):
+        from camcal.report.board import on_known_board
+
+        known = {n: on_known_board(part, given["board_shape"]) for n, part in views.parts.items()}
+        views, given["board_shape"] = replace(views, parts=known), "flat"
     refine_points = options["refine_corners"] if of_pictures else False
     solution = calibrate_rig(views, on_event=_tell, refine_points=refine_points, **given)
     return deliver_rig(ctx, solution, options)

@@ -59,6 +59,11 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
             f"'{source}' is a report of `camcal track`: it holds a camera, but no views that could be judged.",
             "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
         )
+    if "cameras" in found and "rig" in found:
+        raise DataError(
+            f"'{source}' is the report of a rig; that of one camera is needed.",
+            f"Its cameras: {', '.join(f'{source}#{name}' for name in found['cameras'])}.",
+        )
     report = structure(Report, found, source)
     if not isinstance(report.camera, Section):
         raise DataError(f"'{source}' is damaged: 'camera' is missing.", "Make the report again.")

@@ -142,8 +142,22 @@ def test_uncertainty_doctor_compare_and_page(camcal, rig, table):
     assert code == 0 and "places relative to a" in out and "ok" in err
     code, out, _ = camcal("compare", "rig.yaml#a", "again.yaml#a")
     assert code == 0 and "fx" in out
+    code, out, err = camcal("next", "rig.yaml", "--count", "2")
+    assert code == 0 and "least known" in out and "seen by a, b" in " ".join(out.split()), err
+    code, out, _ = camcal("next", "rig.yaml#a")
+    assert code == 0 and "where to hold the target" in out
+    code, _, err = camcal("compare", "rig.yaml", "--against", "cv2")
+    assert code == 3 and "rig.yaml#a" in err
     code, _, err = camcal("report", "rig.yaml", "-o", "rig.html")
     assert code == 0 and "Camera b" in Path("rig.html").read_text(), err
+
+
+def test_the_board_of_an_earlier_report(camcal, table):
+    camcal("rig", table, "--image-size", "640x480", "-m", LENS, "--board-shape", "bowl", "-o", "bowl.yaml")
+    code, _, err = camcal("rig", table, "-m", LENS, "--board-shape", "bowl.yaml", "-o", "known.yaml")
+    assert code == 0, err
+    made = yaml.safe_load(Path("known.yaml").read_text())
+    assert made["target"]["shape"]["kind"] == "known"
 
 
 def test_the_python_of_the_docs(table, capsys):
