@@ -38,8 +38,7 @@ def detect_rig(
         As `detect_images`, with the camera named; where pictures of different cameras cannot be told to be of the
         same instant.
     """
-    names = {name: _listed(name, paths) for name, paths in folders.items()}
-    instants = match(names)
+    listed = {name: _listed(name, paths) for name, paths in folders.items()}
     spec: list[str] = []
 
     def listen(event: str, details: Mapping[str, Any]) -> None:
@@ -56,7 +55,16 @@ def detect_rig(
             parts[name] = detect_images(paths, **options, on_event=listen)
         except CamcalError as error:
             raise type(error)(f"camera '{name}': {error.message}", error.hint) from error
+    instants = match({name: _searched(listed[name], part) for name, part in parts.items()})
     return RigViews(parts, instants, _order(instants))
+
+
+def _searched(listed: Sequence[str], part: Observations) -> list[str]:
+    """What was searched, in the order of the list; frames of films, which it does not hold, by their numbers."""
+    found = [*part.view_ids, *(s.id for s in part.skipped)]
+    if set(found) <= set(listed):
+        return [n for n in listed if n in set(found)]
+    return sorted(found, key=lambda n: ([int(k) for k in NUMBER.findall(n)], n))
 
 
 def _listed(name: str, paths: Sequence[str | os.PathLike]) -> list[str]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 
-import numpy as np
-
 from camcal.data.observations import Observations
 from camcal.data.rig_table import RigViews, joined
 from camcal.errors import DataError
@@ -87,13 +85,3 @@ def _judged(fit: RigCalibration, how: How, method: str) -> RigCalibration:
     if method != "auto":
         return robust.reweight(fit, how, LOSSES[method])
     return fit if outliers.is_clean(fit) else robust.reject(fit, how)
-
-
-def described(solution: RigSolution) -> dict[str, dict[str, float]]:
-    """Points and rms_point, px, by camera."""
-    data, found = solution.observations, {}
-    squares = np.square(solution.residuals).sum(1)
-    for index, name in enumerate(data.cameras):
-        rows = data.used & (data.camera == index)
-        found[name] = {"points": int(rows.sum()), "rms_point": float(np.sqrt(squares[rows].mean()))}
-    return found

@@ -19,9 +19,10 @@ def within(solution: RigCalibration, name: str) -> Calibration:
     """
     index = list(solution.rig.cameras).index(name)
     whole = solution.observations
-    data = of_camera(whole, name)
     rows = whole.camera == index
-    instants = np.unique(whole.view[rows])
+    instants = np.unique(whole.view[rows & whole.used])
+    rows &= np.isin(whole.view, instants)  # without pictures of which nothing is used
+    data = of_camera(whole.where(rows | (whole.camera != index)), name)
     poses = Poses.of(solution.rig.cam_from_rig[name] @ solution.poses[instants])
     camera = solution.rig.cameras[name]
     ends = np.cumsum([0, *(c.lens.size for c in solution.cameras)])

@@ -1,5 +1,7 @@
 """Which pictures of several cameras are of the same instant."""
 
+from dataclasses import replace
+
 import pytest
 
 from camcal.detect.rig_images import match
@@ -28,3 +30,16 @@ def test_a_missing_picture_shifts_nothing():
 def test_names_that_say_nothing():
     with pytest.raises(DataError, match=r"left 3, right 2"):
         match({"left": ["a.png", "b.png", "c.png"], "right": ["x.png", "y.png"]})
+
+
+def test_frames_of_films_and_pictures_that_were_not_searched():
+    from camcal.data.observations import Observations, SkippedView
+    from camcal.detect.rig_images import _searched
+
+    part = Observations.from_views([([[0, 0, 0]], [[1, 1]])])
+    part = replace(part, view_ids=("b.png",), skipped=(SkippedView("a.png", "not_found", "no board"),))
+    assert _searched(["a.png", "b.png"], part) == ["a.png", "b.png"]
+    frames = replace(part, view_ids=("f.mp4#10",), skipped=(SkippedView("f.mp4#9", "not_found", "no board"),))
+    assert _searched(["f.mp4"], frames) == ["f.mp4#9", "f.mp4#10"]
+    found = match({"l": ["f.mp4#9", "f.mp4#10"], "r": ["g.mp4#10", "g.mp4#12"]})
+    assert found["l"]["f.mp4#10"] == found["r"]["g.mp4#10"] == "10"
