@@ -40,6 +40,9 @@ FORMATS: dict[str, str] = {
     "meshroom": _HERE + "meshroom:FORMAT",
     "qualisys": _HERE + "qualisys:FORMAT",
     "lcp": _HERE + "lcp:FORMAT",
+    "lensfun": _HERE + "lensfun:FORMAT",
+    "gyroflow": _HERE + "gyroflow:FORMAT",
+    "usd": _HERE + "usd:FORMAT",
     "openmvg": _HERE + "openmvg:FORMAT",
     "opensfm": _HERE + "opensfm:FORMAT",
     "nerfstudio": _HERE + "nerfstudio:FORMAT",
@@ -74,6 +77,9 @@ SUMMARIES: dict[str, str] = {
     "meshroom": "Meshroom (AliceVision) cameras.sfm: one focal length",
     "qualisys": "Qualisys calibration XML, 1/64 px; rigs",
     "lcp": "Adobe lens profile (.lcp): perspective, fisheye",
+    "lensfun": "LensFun database XML: poly3, poly5; ptlens refitted",
+    "gyroflow": "Gyroflow lens profile (JSON): fisheye or polynomial",
+    "usd": "USD camera with OpenCV's lens (Isaac Sim, Omniverse)",
     "openmvg": "OpenMVG sfm_data.json: one focal length",
     "opensfm": "OpenSfM and ODM JSON: brown, fisheye; many cameras",
     "nerfstudio": "transforms.json of nerfstudio and instant-ngp",
@@ -98,6 +104,7 @@ SUFFIXES: dict[str, str] = {
     ".toml": "anipose",
     ".sfm": "meshroom",
     ".lcp": "lcp",
+    ".usda": "usd",
 }
 
 
