@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal.routes.hand_eye.estimate import alone, estimate
+from camcal.routes.hand_eye.estimate import estimate
+from camcal.routes.hand_eye.pictures import alone
 from tests.routes.hand_eye.hands import hand, off
 
 NOISES = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)

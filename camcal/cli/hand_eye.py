@@ -13,7 +13,7 @@ from camcal.cli.verbosity import note, verbosity, verbosity_options
 from camcal.settings.kinds import is_report
 
 if TYPE_CHECKING:
-    from camcal.plan.solution import Solution
+    from camcal.plan.solution import RigSolution, Solution
 
 
 @click.command("hand-eye")
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     """Find where a camera sits on a robot's hand, or beside the robot.
 
-    IMAGES are pictures of a board, as for `camcal checkerboard`; REPORT is what `checkerboard` or `evaluate` wrote of
-    them. The pictures' and the robot's noise are both estimated.
+    IMAGES are pictures of a board, as for `camcal checkerboard`; REPORT is what `checkerboard`, `evaluate` or `rig`
+    wrote of them. The pictures' and the robot's noise are both estimated.
     """
     from camcal.cli.job import GATE_FELL, command_line, output_is_free
     from camcal.cli.output import console
@@ -53,12 +53,12 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     return GATE_FELL if report["verdict"] == "fail" else 0
 
 
-def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution:
+def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution | RigSolution:
     """The calibration of the pictures: read from a report, or made."""
     if len(data) == 1 and is_report(data[0]):
-        from camcal.report.loading import load
+        from camcal.report.hand_eye import load_calibration
 
-        return load(Path(data[0]))
+        return load_calibration(Path(data[0]))
     from camcal.cli.inputs import refuse_tables
     from camcal.cli.job import read_pictures
 

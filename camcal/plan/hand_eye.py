@@ -14,15 +14,17 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.data.robot_poses import RobotPoses, Stream, matched
 from camcal.errors import DataError, UsageError
 from camcal.model.pose import Pose, Poses
-from camcal.plan.solution import Solution
+from camcal.plan.solution import RigSolution, Solution
 from camcal.routes.hand_eye import closed_forms, offset, recognise
-from camcal.routes.hand_eye.estimate import Estimate, Pictures, alone, estimate
+from camcal.routes.hand_eye.estimate import Estimate, estimate
 from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes
 from camcal.routes.hand_eye.next_pose import Suggestion, suggest
+from camcal.routes.hand_eye.pictures import Mount, Pictures, alone
 from camcal.routes.hand_eye.recognise import Reading
 from camcal.routes.hand_eye.remarks import remarks
 from camcal.routes.hand_eye.scale import MILLIMETRES, require_same_unit, scale
 from camcal.routes.hand_eye.views import Views, views_of
+from camcal.solve.problem import Seen
 
 #: Names of pictures are stamps in seconds, ms, us, ns since 1970 from these values up (2001 to 2286); smaller whole
 #: numbers count pictures.
@@ -70,13 +72,14 @@ class Found:
     crosscheck: list[dict[str, Any]]
 
 
-def find(solution: Solution, robot: RobotPoses, asked: Asked) -> Found:
+def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> Found:
     """Calibrate hand and eye.
 
     Parameters
     ----------
-    solution : Solution
-        A calibration, or a known camera evaluated, of pictures of a board that stood still (or that the hand held).
+    solution : Solution or RigSolution
+        A calibration, or a known camera evaluated, of pictures of a board that stood still (or that the hand held). Of
+        a rig, the camera is its reference.
     robot : RobotPoses
     asked : Asked
 
@@ -93,7 +96,7 @@ def find(solution: Solution, robot: RobotPoses, asked: Asked) -> Found:
     robot = _in_unit(robot, asked.poses_unit, unit)
     pictures, ids = _pictures(solution)
     if robot.names is None:
-        return _of_stream(pictures, ids, robot, asked, unit)
+        return _of_stream(pictures, ids, robot, asked, solution.observations.target)
     rows, places = matched(robot, ids)
     if not rows:
         raise DataError(
@@ -112,11 +115,15 @@ def find(solution: Solution, robot: RobotPoses, asked: Asked) -> Found:
     require_same_unit(size[0], unit)
     made = estimate(reading.setup, pictures, poses, asked.robust != "none")
     other = recognise.better_reading(found, reading, len(rows))
-    return _told(made, reading, other, names, size, lost, asked)
+    return _told(made, reading, other, names, size, lost, asked, solution.observations.target)
 
 
 def _of_stream(
-    pictures: Pictures, ids: tuple[str, ...], robot: RobotPoses, asked: Asked, unit: str | None
+    pictures: Pictures,
+    ids: tuple[str, ...],
+    robot: RobotPoses,
+    asked: Asked,
+    target: Mapping[str, Any] | None,
 ) -> Found:
     """With poses that have times in place of views."""
     assert robot.times is not None
@@ -135,9 +142,9 @@ def _of_stream(
     reading = Reading(asked.setup, robot.form, *recognise.misfits(views))
     reading = recognise.choose([reading], replace(robot, certain=True), asked.setup, len(ids))
     size = scale(views)
-    require_same_unit(size[0], unit)
+    require_same_unit(size[0], (target or {}).get("unit"))
     made = estimate(asked.setup, pictures, at, asked.robust != "none", begin)
-    return _told(made, reading, None, ids, size, (0, 0), asked)
+    return _told(made, reading, None, ids, size, (0, 0), asked, target)
 
 
 def _told(
@@ -148,11 +155,14 @@ def _told(
     size: tuple[float, float],
     lost: tuple[int, int],
     asked: Asked,
+    target: Mapping[str, Any] | None,
 ) -> Found:
+    side = (target or {}).get("square")
+    square = None if side is None else f"{side * size[0]:.3g} {(target or {}).get('unit', '')}".strip()
     suggestions = suggest(made)
     views = views_of(made.setup, made.measured, made.poses)
     checks = _crosscheck(made, views) if asked.crosscheck else []
-    said = tuple(remarks(made, reading, other, names, size, lost))
+    said = tuple(remarks(made, reading, other, names, size, lost, square))
     return Found(made, reading, names, *size, suggestions, said, checks)
 
 
@@ -165,22 +175,24 @@ def _crosscheck(made: Estimate, views: Views) -> list[dict[str, Any]]:
     return against_cv2(views.robot, views.camera, closed_forms.length_unit(views), ours, sizes)
 
 
-def _pictures(solution: Solution) -> tuple[Pictures, tuple[str, ...]]:
-    """The points that the calibration rests on, and the names of their views."""
+def _pictures(solution: Solution | RigSolution) -> tuple[Pictures, tuple[str, ...]]:
+    """The points that the calibration rests on, and the names of their instants."""
     used = solution.observations.kept()
     weights = None if used.precision is None else used.split(used.precision)
     accuracy = covariance(solution)
-    gain = accuracy.poses_reduced.gain
-    views = tuple(used.views)
-    index = {name: i for i, name in enumerate(v.id for v in solution.observations.views)}
-    kept = np.array([index[v.id] for v in views], int)
-    camera_covariance = accuracy.free
-    if not np.isfinite(camera_covariance).all():
-        camera_covariance, gain = np.zeros((0, 0)), np.zeros((len(gain), 6, 0))
+    place = {name: i for i, name in enumerate(solution.observations.view_ids)}
+    kept = np.array([place[n] for n in used.view_ids], int)
+    known, gain = accuracy.free, accuracy.poses_reduced.gain[kept]
+    if not np.isfinite(known).all():
+        known, gain = np.zeros((0, 0)), np.zeros((len(kept), 6, 0))
     poses: Poses = solution.poses[kept]
-    return Pictures(solution.camera, views, poses, weights, gain[kept], camera_covariance), tuple(
-        v.id for v in views
-    )
+    given = (tuple(used.views), poses, weights, gain, known)
+    if isinstance(solution, Solution):
+        return Pictures(solution.camera, *given), used.view_ids
+    rig = solution.rig
+    seen = Seen(used.blocks.camera, used.blocks.view)
+    mount = Mount(solution.cameras, Poses.stack(list(rig.cam_from_rig.values())), seen)
+    return Pictures(rig.cameras[rig.reference], *given, mount), used.view_ids
 
 
 def _turns(pictures: Pictures) -> Motions:
@@ -188,7 +200,7 @@ def _turns(pictures: Pictures) -> Motions:
     return measure(seen.poses, seen.rotation_covariance)
 
 
-def _unit(solution: Solution) -> str | None:
+def _unit(solution: Solution | RigSolution) -> str | None:
     """The unit of the board's lengths; None where the points do not say it.
 
     Raises

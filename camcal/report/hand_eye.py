@@ -15,12 +15,18 @@ from camcal.data.labelled import read_labelled
 from camcal.data.robot_poses import RobotPoses, read_robot_poses
 from camcal.model.pose import Array, Pose
 from camcal.plan.hand_eye import Asked, Found, find
-from camcal.plan.solution import Solution
+from camcal.plan.solution import RigSolution, Solution
 from camcal.report.document import document, save
+from camcal.report.loading import from_document
 from camcal.report.plain import plain
+from camcal.report.rig import document as rig_document
+from camcal.report.rig_loading import from_document as rig_of_document
+from camcal.report.rig_loading import is_rig_report
 from camcal.report.routes import pose_entry
+from camcal.report.yaml import read_document
 from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.estimate import Estimate, implied
+from camcal.schema import check
 
 
 @dataclass(frozen=True, repr=False)
@@ -29,13 +35,13 @@ class HandEye:
 
     Attributes
     ----------
-    solution : Solution
+    solution : Solution or RigSolution
         The calibration that it rests on, with the warnings of both.
     section : mapping
         `hand_eye` of the report; docs/report.md explains its keys.
     """
 
-    solution: Solution
+    solution: Solution | RigSolution
     section: Mapping[str, Any]
 
     @property
@@ -89,7 +95,11 @@ class HandEye:
 
     def document(self, command: Sequence[str] = ()) -> dict[str, Any]:
         """The report of the calibration, with `hand_eye`."""
-        return {**document(self.solution, command=command), "hand_eye": plain(self.section)}
+        if isinstance(self.solution, RigSolution):
+            made = rig_document(self.solution, command=command)
+        else:
+            made = document(self.solution, command=command)
+        return {**made, "hand_eye": plain(self.section)}
 
     def __repr__(self) -> str:
         """On one line."""
@@ -103,7 +113,7 @@ class HandEye:
 
 
 def hand_eye(
-    solution: Solution,
+    solution: Solution | RigSolution,
     poses: str | os.PathLike | RobotPoses,
     *,
     rotation: str | None = None,
@@ -114,8 +124,8 @@ def hand_eye(
 
     Parameters
     ----------
-    solution : Solution
-        What `camcal.calibrate_images` returns, or `camcal.load` of a report.
+    solution : Solution or RigSolution
+        What `camcal.calibrate_images` or `camcal.calibrate_rig` returns, or `camcal.load` of a report of one camera.
     poses : path or RobotPoses
         base_from_hand of each view: a table `view,x,y,z,rx,ry,rz` (docs/hand-eye.md).
     rotation : str, optional
@@ -140,6 +150,18 @@ def hand_eye(
         crosscheck=(*solution.crosscheck, *found.crosscheck),
     )
     return HandEye(whole, plain(section(found)))
+
+
+def load_calibration(path: str | os.PathLike) -> Solution | RigSolution:
+    """The calibration of a report, of one camera or of a rig, with its data; raises DataError as `camcal.load`."""
+    found = read_document(path)
+    check(found, str(path))
+    return (rig_of_document if is_rig_report(found) else from_document)(found, str(path))
+
+
+def load_hand_eye(path: str | os.PathLike) -> HandEye:
+    """The hand-eye calibration of a report; raises DataError as `camcal.load`."""
+    return HandEye(load_calibration(path), read_document(path)["hand_eye"])
 
 
 def read_times(path: str | os.PathLike) -> dict[str, float]:

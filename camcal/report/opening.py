@@ -17,7 +17,7 @@ from camcal.model.rig import Rig
 from camcal.plan.solution import Solution
 from camcal.report.camera import cameras_document
 from camcal.report.document import save
-from camcal.report.hand_eye import HandEye
+from camcal.report.hand_eye import HandEye, load_hand_eye
 from camcal.report.loading import from_document, load_camera
 from camcal.report.yaml import read_document
 
@@ -44,10 +44,11 @@ def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
     file = Path(path)
     if file.is_file():
         source = Source(file)
-        if REPORT.sniff(source) and "data" in source.mapping and "cameras" not in source.mapping:
-            document = read_document(file)
-            solution = from_document(document, str(file))
-            return HandEye(solution, document["hand_eye"]) if "hand_eye" in document else solution
+        if REPORT.sniff(source) and "data" in source.mapping:
+            if "hand_eye" in source.mapping:
+                return load_hand_eye(file)
+            if "cameras" not in source.mapping:
+                return from_document(read_document(file), str(file))
     found = files.read(path)
     if len(found.cameras) > 1 and found.has_poses:
         return load_rig_cameras(path)

@@ -243,6 +243,53 @@ def test_the_page_lists_every_column_and_form():
     assert all(f"`{n}`" in page for n in CLOSED_FORMS) and all(f in page for f in VENDORS.values())
 
 
+@pytest.fixture
+def stereo(run):
+    """Make rig.yaml and poses.csv: two cameras on a hand, the reference as the single camera; returns the hand."""
+
+    def make(count=10):
+        h = hand("in-hand", 12, count)
+        places = {"a": Pose.identity(), "b": Pose.from_vector((0.02, 0.19, 0.01), (-80, -6, 5))}
+        rng, rows = np.random.default_rng(0), []
+        for name, place in places.items():
+            for view, pose in zip(h.pictures.views, h.pictures.poses, strict=True):
+                uv = CAMERA.project((place @ pose).apply(view.xyz)) + rng.normal(0, 0.2, view.uv.shape)
+                inside = ((uv > 0) & (uv < [639, 479])).all(1)
+                points = zip(view.xyz[inside], uv[inside], np.flatnonzero(inside), strict=True)
+                rows += [[name, view.id, *x, *u, i] for x, u, i in points]
+        write("rig.csv", ["camera", "view", "X", "Y", "Z", "u", "v", "id"], rows)
+        given = ("-m", "pinhole", "--image-size", "640x480", "--no-crosscheck", "-o", "rig.yaml")
+        code, _, err = run("rig", "rig.csv", *given)
+        assert code == 0, err
+        write("poses.csv", HEADER, pose_rows(h.robot, [v.id for v in h.pictures.views]))
+        return h
+
+    return make
+
+
+def test_a_rig_on_the_hand(run, stereo):
+    """hand_from_camera is that of the rig's reference; the second camera's points make it better known."""
+    h = stereo()
+    code, _, err = run("hand-eye", "rig.yaml", "--poses", "poses.csv", "-o", "hand.yaml")
+    assert code == 0, err
+    found = camcal.load("hand.yaml")
+    d = off(found.transform, h.x)
+    sigma = np.r_[np.radians(found.sigma_rotation_deg), found.sigma_translation]
+    assert (np.abs(d) < 4 * sigma).all() and found.setup == "in-hand"
+    assert found.section["poses"] == 10 and len(found.section["next"]) == 3
+    assert yaml.safe_load(Path("hand.yaml").read_text())["rig"]["reference"] == "a"
+    assert run("doctor", "hand.yaml")[0] == 0 and run("report", "hand.yaml")[0] == 0
+
+
+def test_an_outlying_pose_of_a_rig(run, stereo):
+    h = stereo()
+    rows = pose_rows(h.robot, [v.id for v in h.pictures.views])
+    rows[3][2] -= 30
+    write("poses.csv", HEADER, rows)
+    code, _, err = run("hand-eye", "rig.yaml", "--poses", "poses.csv")
+    assert code == 0 and "'v03'" in err
+
+
 @needs_data
 def test_pictures_of_visps_franka(run, tmp_path):
     """Published: 57.72 -33.92 -42.28 mm, .102 .526 90.629 deg (ViSP's tutorial); from the pictures."""

@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from camcal.data.observations import View
 from camcal.errors import EstimationError
-from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.routes.hand_eye import closed_forms, equation, variance
 from camcal.routes.hand_eye.agreement import agreeing
 from camcal.routes.hand_eye.closed_forms import Method
 from camcal.routes.hand_eye.joint import Joint, Measured, Noise, Robot, Unknowns, solve
 from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes
+from camcal.routes.hand_eye.pictures import Alone, Pictures, alone
 from camcal.routes.hand_eye.views import views_of
-from camcal.solve.poses import solve_poses
-from camcal.solve.problem import Problem, State
+from camcal.solve.problem import Problem
 
 #: The variances and the minimum are found in turn until no standard deviation changes by more than this part.
 SETTLED = 1e-3
@@ -28,47 +26,6 @@ OUTLIER = 1e-3
 #: Outliers are looked for while at least this many poses stay: two more than are needed, to test with.
 LEAST_TO_TEST = 6
 LEVEL = 0.95
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """What the camera saw.
-
-    Attributes
-    ----------
-    camera : Camera
-    views : tuple of V View
-        The points used.
-    poses : Poses
-        cam_from_board of each, where the search begins.
-    weights : V arrays (N,), or None
-    gain : (V, 6, F) array
-        How the pose of each view moves with the F free parameters of the calibration, as `ReducedPoses.gain`.
-    camera_covariance : (F, F) array
-        Of these.
-    """
-
-    camera: Camera
-    views: tuple[View, ...]
-    poses: Poses
-    weights: list[Array] | None
-    gain: Array
-    camera_covariance: Array
-
-    def take(self, rows: Array) -> Pictures:
-        """Some of the views, by their indices."""
-        weights = None if self.weights is None else [self.weights[i] for i in rows]
-        views = tuple(self.views[i] for i in rows)
-        return replace(self, views=views, poses=self.poses[rows], weights=weights, gain=self.gain[rows])
-
-    def problem(self) -> Problem:
-        """With the camera held."""
-        return Problem(self.camera.lens, self.views, np.zeros((self.camera.lens.size, 0)), self.weights)
-
-    @property
-    def freedom(self) -> int:
-        """Coordinates less poses and estimated parameters of the camera."""
-        return 2 * sum(map(len, self.views)) - 6 * len(self.views) - len(self.camera_covariance)
 
 
 @dataclass(frozen=True)
@@ -183,8 +140,8 @@ def estimate(
     EstimationError
         Motions that turn about one axis.
     """
-    require_enough(len(pictures.views))
-    everyone = np.arange(len(pictures.views))
+    require_enough(len(pictures))
+    everyone = np.arange(len(pictures))
     if not robust or len(everyone) <= LEAST_TO_TEST:
         return _estimate(setup, pictures, robot if callable(robot) else _taken(robot, everyone), offset)
     whole = _taken(robot, everyone)
@@ -263,36 +220,12 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
         float(np.sqrt(linear.image[:, 6, 6].sum() / points / weight)),
         begin.methods,
         begin.motions,
-        np.arange(len(pictures.views)),
+        np.arange(len(pictures)),
         robot(at.offset).poses,
         pictures,
         at.offset if offset is not None else None,
         float(np.sqrt(total[12, 12])) if offset is not None else None,
     )
-
-
-@dataclass(frozen=True)
-class Alone:
-    """The poses of the views from the pictures alone."""
-
-    problem: Problem
-    state: State
-    sigma: float  #: of an image coordinate, px
-    rotation_covariance: Array  #: (V, 3, 3), rad²
-
-    @property
-    def poses(self) -> Poses:
-        """cam_from_board (V,)."""
-        return self.problem.poses(self.state)
-
-
-def alone(pictures: Pictures) -> Alone:
-    """Fit the pose of each view."""
-    problem = pictures.problem()
-    found = solve_poses(problem, problem.state(pictures.camera.params, pictures.poses))
-    sigma = float(np.sqrt(max(2 * found.costs.sum(), 1e-24) / max(pictures.freedom, 1)))
-    normal = problem.pose_normals(found.state, np.arange(problem.instants))[:, :6, :6]
-    return Alone(problem, found.state, sigma, sigma**2 * np.linalg.inv(normal)[:, :3, :3])
 
 
 def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) -> Start:

@@ -59,7 +59,9 @@ def suggest(found: Estimate, count: int = 3) -> list[Suggestion]:
 
 def _candidates(found: Estimate) -> tuple[Poses, View]:
     """Poses cam_from_board (K,) that show the whole of the largest view's board, and that view."""
-    view = max(found.pictures.views, key=len)
+    view = max(
+        (v for v, c in zip(found.pictures.views, found.pictures.seen.camera, strict=True) if c == 0), key=len
+    )
     middle, camera = view.xyz.mean(0), found.pictures.camera
     bases = found.poses[np.unique(np.linspace(0, len(found.poses) - 1, BASES).round().astype(int))]
     turns = so3.exp(np.radians(TURNS))
@@ -69,8 +71,7 @@ def _candidates(found: Estimate) -> tuple[Poses, View]:
     uv = camera.project(poses[:, None].apply(view.xyz))
     low, high = np.zeros(2), camera.image_size
     if high is None:
-        seen = np.concatenate([v.uv for v in found.pictures.views])
-        low, high = seen.min(0), seen.max(0) + 1
+        low, high = view.uv.min(0), view.uv.max(0) + 1
     with np.errstate(invalid="ignore"):
         inside = ((uv >= low) & (uv <= np.subtract(high, 1))).all((1, 2))
     # the front of the board, from at least 15 degrees above its plane

@@ -18,6 +18,9 @@ MOST_OUTLIERS = 1 / 3
 #: Of the standard deviations of the translation along its principal directions: from 3 on, the worst direction has a
 #: ninth of the information of the best.
 UNEVEN = 3.0
+#: A wrong scale puts the board, and with it the camera, off by its part of their distance: wrong from so many standard
+#: deviations of the translation on, the error that its interval cannot explain.
+OFF = 3.0
 
 
 def remarks(
@@ -27,6 +30,7 @@ def remarks(
     names: Sequence[str],
     size: tuple[float, float],
     lost: tuple[int, int],
+    square: str | None = None,
 ) -> Iterator[CalibrationWarning]:
     """The warnings of a hand-eye calibration.
 
@@ -40,6 +44,8 @@ def remarks(
         Length of the robot's motions over what the board says, and its standard deviation.
     lost : (int, int)
         Views without a pose and poses without a view.
+    square : str, optional
+        The side of the board's squares that would give the robot's lengths.
     """
     if other is not None:
         yield CalibrationWarning(
@@ -51,13 +57,23 @@ def remarks(
         )
     yield from _poses(made, names, lost)
     yield from _directions(made)
-    factor, sigma = size
-    if np.isfinite(sigma) and abs(factor - 1) > DIFFERENT * sigma:
-        yield CalibrationWarning(
-            "hand-eye-scale",
-            f"the robot moves {factor:.5g} ± {sigma:.1g} times as far as the board's lengths say.",
-            "Measure the side of a square; the transformation is as wrong as it is.",
-        )
+    yield from _scale(made, *size, square)
+
+
+def _scale(made: Estimate, factor: float, sigma: float, square: str | None) -> Iterator[CalibrationWarning]:
+    if not np.isfinite(sigma) or abs(factor - 1) <= DIFFERENT * sigma:
+        return
+    view = made.pictures.views[0]
+    far = np.linalg.norm(made.poses.rotation @ view.xyz.mean(0) + made.poses.translation, axis=1)
+    off = abs(factor - 1) * float(np.median(far))
+    yield CalibrationWarning(
+        "hand-eye-scale",
+        f"the robot moves {factor:.4g} ± {sigma:.1g} times as far as the board's lengths say"
+        + (f"; a square of {square} would agree with it." if square else "."),
+        "Measure the side of a square, and check the unit and the focal length; the distance of the board is as wrong "
+        "as the scale.",
+        "wrong" if off > OFF * float(made.sigma[3:6].max()) else "doubtful",
+    )
 
 
 def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Iterator[CalibrationWarning]:

@@ -10,7 +10,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
 from camcal.routes.hand_eye.equation import robot_pose
-from camcal.routes.hand_eye.estimate import Pictures
+from camcal.routes.hand_eye.pictures import Pictures
 
 CAMERA = Camera(lenses.make("pinhole"), np.array([600.0, 600, 319.5, 239.5]), (640, 480))
 BOARD = np.c_[np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2) * 25, np.zeros(54)]

@@ -1,0 +1,134 @@
+"""What a camera, or a rig of several, saw of the board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camcal.data.observations import View
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Poses
+from camcal.solve.poses import solve_poses
+from camcal.solve.problem import Problem, Seen, State
+
+
+@dataclass(frozen=True)
+class Mount:
+    """The cameras of a rig.
+
+    Attributes
+    ----------
+    cameras : tuple of C Camera
+        The reference first.
+    places : Poses
+        cam_from_rig (C,).
+    seen : Seen
+        Which camera took each picture, and at which instant.
+    """
+
+    cameras: tuple[Camera, ...]
+    places: Poses
+    seen: Seen
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures of V instants.
+
+    Attributes
+    ----------
+    camera : Camera
+        Of a rig its reference.
+    views : tuple of B View
+        The points used: a view an instant, or several of a rig.
+    poses : Poses
+        cam_from_board (V,), of a rig that of its reference, where the search begins.
+    weights : B arrays (N,), or None
+    gain : (V, 6, F) array
+        How the pose of each instant moves with the F free parameters of the calibration, as `ReducedPoses.gain`.
+    camera_covariance : (F, F) array
+        Of these.
+    mount : Mount or None
+        Of a rig.
+    """
+
+    camera: Camera
+    views: tuple[View, ...]
+    poses: Poses
+    weights: list[Array] | None
+    gain: Array
+    camera_covariance: Array
+    mount: Mount | None = None
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def seen(self) -> Seen:
+        """Which camera took each view, and at which instant."""
+        return Seen.alone(len(self.views)) if self.mount is None else self.mount.seen
+
+    def take(self, rows: Array) -> Pictures:
+        """Some of the instants, by their indices."""
+        place = np.full(len(self), -1)
+        place[rows] = np.arange(len(rows))
+        instant = place[self.seen.instant]
+        kept = np.flatnonzero(instant >= 0)
+        if self.mount is None:
+            kept = np.asarray(rows, int)
+            mount = None
+        else:
+            mount = replace(self.mount, seen=Seen(self.seen.camera[kept], instant[kept]))
+        return replace(
+            self,
+            views=tuple(self.views[i] for i in kept),
+            poses=self.poses[rows],
+            weights=None if self.weights is None else [self.weights[i] for i in kept],
+            gain=self.gain[rows],
+            mount=mount,
+        )
+
+    def problem(self) -> Problem:
+        """With the cameras held."""
+        if self.mount is None:
+            return Problem(self.camera.lens, self.views, np.zeros((self.camera.lens.size, 0)), self.weights)
+        lenses = [c.lens for c in self.mount.cameras]
+        held = [np.zeros((lens.size, 0)) for lens in lenses]
+        return Problem(lenses, self.views, held, self.weights, seen=self.mount.seen)
+
+    def begin(self, problem: Problem) -> State:
+        """The state at `poses`."""
+        if self.mount is None:
+            return problem.state(self.camera.params, self.poses)
+        params = np.concatenate([c.params for c in self.mount.cameras])
+        return problem.state(params, self.poses, self.mount.places)
+
+    @property
+    def freedom(self) -> int:
+        """Coordinates less poses and estimated parameters of the calibration."""
+        return 2 * sum(map(len, self.views)) - 6 * len(self) - len(self.camera_covariance)
+
+
+@dataclass(frozen=True)
+class Alone:
+    """The poses of the instants from the pictures alone."""
+
+    problem: Problem
+    state: State
+    sigma: float  #: of an image coordinate, px
+    rotation_covariance: Array  #: (V, 3, 3), rad²
+
+    @property
+    def poses(self) -> Poses:
+        """cam_from_board (V,)."""
+        return self.problem.poses(self.state)
+
+
+def alone(pictures: Pictures) -> Alone:
+    """Fit the pose of each instant."""
+    problem = pictures.problem()
+    found = solve_poses(problem, pictures.begin(problem))
+    sigma = float(np.sqrt(max(2 * found.costs.sum(), 1e-24) / max(pictures.freedom, 1)))
+    normal = problem.pose_normals(found.state, np.arange(problem.instants))[:, :6, :6]
+    return Alone(problem, found.state, sigma, sigma**2 * np.linalg.inv(normal)[:, :3, :3])
