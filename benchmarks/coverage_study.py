@@ -28,7 +28,7 @@ from scipy import stats
 from tables import markdown, update
 
 from camcal.assess.covariance import Covariance, covariance
-from camcal.assess.curvature import beyond_linear
+from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.figures import redundancy
 from camcal.assess.uncertainty import board_distance, projection_uncertainty
 from camcal.errors import CamcalError
@@ -87,7 +87,7 @@ def run(task: tuple[str, int]) -> tuple[str, str, Hits]:
 
 def hits(solution: Solution, truth: Camera, poses: Poses, rng: np.random.Generator) -> Hits:
     """What the intervals of a solution hold of the truth."""
-    accuracy = beyond_linear(solution, covariance(solution))
+    accuracy = accuracy_of(solution)
     freedom = redundancy(solution)
     reach = stats.t.ppf((1 + LEVEL) / 2, freedom)
     found: Hits = {}

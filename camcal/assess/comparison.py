@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.checks.facts import Facts
-from camcal.assess.covariance import covariance
-from camcal.assess.curvature import beyond_linear
+from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.difference import Difference, difference, image_grid
 from camcal.assess.uncertainty import ProjectionUncertainty, projection_uncertainty, worst_sigma
 from camcal.errors import DataError
@@ -51,7 +50,7 @@ class Side:
         """A calibration; one of which nothing was estimated counts as exact."""
         if not solution.free.shape[1] or not len(solution.poses):
             return cls(name, solution.camera)
-        accuracy = beyond_linear(solution, covariance(solution))
+        accuracy = accuracy_of(solution)
         sigmas = {n: s for n, s in accuracy.sigmas.items() if s > 0}
         uv = Facts(solution).image_points
         box = uv.min(0), uv.max(0)

@@ -11,96 +11,177 @@ the 95 % interval along one direction are
 
 where the sum of squares should have grown by 4 sigma_0² (Bates & Watts, Nonlinear Regression Analysis, 1988,
 chapter 7, look at the same through second derivatives). Where it has grown by less than half or more than twice of
-that, or a point has left the lens's domain, the interval along this direction says nothing, and a parameter that
-owes it a part of its variance is as undetermined as if the direction were flat.
+that, or a point has left the lens's domain, the interval along this direction may be longer than said: less growth says
+so itself, and more growth is also what leaving a curved valley along its tangent looks like. The valley is then
+followed outwards, all other parameters and the poses refined at each step (the profile of the sum of squares, op. cit.
+section 6.1.2), to where the sum has grown by 4 sigma_0². Half the way that a parameter has gone by then is its sigma,
+where that is larger than the one of the covariance by more than √2. Where the sum does not grow as far within
+`FARTHEST`, no finite interval exists on that side, and the sigma is infinite.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from camcal.assess.covariance import NULL, Covariance, eliminate_poses, reduce
+from camcal.assess.covariance import NULL, Covariance, covariance, eliminate_poses, reduce
 from camcal.assess.design import Design
 from camcal.model.pose import Array
+from camcal.solve import optimizers
 from camcal.solve.calibration import Calibration, NormalBlocks
-from camcal.solve.problem import Blocks, Step
+from camcal.solve.optimizers.base import Options
+from camcal.solve.problem import Blocks, Problem, State, Step
 
-#: Ends of the interval in standard deviations.
+#: Ends of the interval in standard deviations: 95 % of a Gaussian distribution.
 REACH = 2.0
-#: The sum of squares may have grown by so many times what was said: the interval is then right to a factor √2.
-#: Regular models lie between 0.9 and 1.1 with eight views of .5 px.
+#: The sum of squares may have grown by so many times what was said at the ends: the interval is then right to a factor
+#: √2. Regular models lie between 0.9 and 1.1 with eight views of .5 px.
 GROWN = (0.5, 2.0)
 #: Directions with a larger eigenvalue have at most three hundred times the sigma of a parameter alone: too
 #: short to be curved, and not worth an evaluation.
 WEAK = 1e-5
-#: Part of a parameter's variance from which on it is lost with the direction. The truth lies ten tangents away
+#: Part of a parameter's variance from which on it is changed with the direction. The truth lies ten tangents away
 #: where it lies far along the curve (-12 ± 1.3 above), so that a hundredth of the variance is as much as all the rest.
 SHARE = 0.01
+#: The profile is looked at here first, in parts of the interval of (1), and then so many times as far each time: eight
+#: steps to `FARTHEST`. A valley that bends is lost by longer steps.
+FIRST, STRIDE = 0.5, 2.0
+#: An interval that is longer than said by this factor is none: what is off by a hundred stated sigmas was not measured.
+FARTHEST = 100.0
+#: A step of the profile ends where what is left to gain is below this part of the wanted growth (a hundredth of it
+#: moves the end of the interval by half a hundredth), or after so many iterations; it takes three to ten.
+SETTLED, ITERATIONS = 0.01, 30
+
+_known: WeakKeyDictionary[NormalBlocks, tuple[float, Covariance]] = WeakKeyDictionary()
 
 
-def beyond_linear(solution: Calibration, accuracy: Covariance) -> Covariance:
-    """The covariance with infinite variances where equation (1) shows that a sigma does not hold.
+def accuracy(solution: Calibration) -> Covariance:
+    """The covariance with what the curvature does to it; computed once for a fit, whoever asks.
 
-    `free` and `null` stay as they are: projections hardly move along such a direction.
+    Fits that share their normal equations and their sigma_0 are one fit, whatever a solution says besides.
+    """
+    plain = covariance(solution)
+    known = _known.get(solution.normal)
+    if known is None or known[0] != plain.sigma_0:
+        known = _known[solution.normal] = (plain.sigma_0, beyond_linear(solution, plain))
+    return known[1]
+
+
+def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
+    """The covariance with the variances that the profile of (1) gives, infinite where it has no end.
+
+    `free` and `null` stay as they are: projections hardly move along such a direction. A board whose shape was
+    estimated counts as known.
 
     Parameters
     ----------
     solution : Calibration
-    accuracy : Covariance
+    linear : Covariance
         That of the solution.
     """
     free = solution.free[:, solution.free.any(0)]
-    if not free.shape[1] or not 0 < accuracy.sigma_0 < np.inf:
-        return accuracy
-    share = curved_share(solution, accuracy)
-    lost = (np.abs(free[:, share > SHARE]) > 0).any(1) & np.isfinite(np.diag(accuracy.matrix))
-    if not lost.any():
-        return accuracy
-    matrix = accuracy.matrix.copy()
-    matrix[lost] = matrix[:, lost] = np.nan
-    matrix[lost, lost] = np.inf
-    names = tuple(n for n, v in zip(accuracy.names, np.diag(matrix), strict=True) if np.isinf(v))
-    return replace(accuracy, matrix=matrix, undetermined=names)
+    if not free.shape[1] or not 0 < linear.sigma_0 < np.inf:
+        return linear
+    matrix = linear.matrix.copy()
+    for share, reached in _curved(solution, linear):
+        touched = (free**2 @ share > SHARE * (free**2).sum(1)) & np.isfinite(np.diag(matrix))
+        if reached is None:
+            matrix[touched] = matrix[:, touched] = np.nan
+            matrix[touched, touched] = np.inf
+            continue
+        rest = free**2 @ (1 - share) / np.maximum((free**2).sum(1), 1e-300)
+        variances = np.diag(matrix)
+        wider = np.maximum(variances, rest * variances + (reached / REACH) ** 2)
+        touched &= wider > GROWN[1] * variances  # below that the sigma is as right as (1) can tell
+        scale = np.ones(len(variances))
+        scale[touched] = np.sqrt(wider[touched] / variances[touched])
+        matrix *= np.outer(scale, scale)  # correlations stay
+    names = tuple(n for n, v in zip(linear.names, np.diag(matrix), strict=True) if np.isinf(v))
+    return replace(linear, matrix=matrix, undetermined=names)
 
 
-def curved_share(solution: Calibration, accuracy: Covariance) -> Array:
-    """Part (F,) of each free parameter's variance that comes from directions along which (1) fails.
+def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, Array | None]]:
+    """Of each direction whose interval is longer than (1) says, its share (F,) of each free parameter's variance.
 
-    Zeros where a used point lies outside the lens's domain. A board whose shape was estimated counts as known.
+    With it how far each parameter (P,) goes until the sum of squares has grown as said; None where it never does.
+    Nothing where a used point lies outside the lens's domain.
     """
     size = int(solution.free.any(0).sum())
-    normal, gain = solution.normal, accuracy.poses_reduced.gain[:, :, :size]
+    normal, gain = solution.normal, linear.poses_reduced.gain[:, :, :size]
     own = NormalBlocks(normal.intrinsics[:size, :size], normal.coupling[:, :size], normal.poses)
     columns = np.diag(own.intrinsics)
     scale = np.sqrt(np.where(columns > 0, columns, 1.0))
-    reduced = reduce(own, replace(accuracy.poses_reduced, gain=gain))
+    reduced = reduce(own, replace(linear.poses_reduced, gain=gain))
     values, vectors = np.linalg.eigh(reduced / np.outer(scale, scale))
     known = values > NULL
     variances = vectors**2 / np.where(known, values, np.inf)
-    curved = np.zeros(size, bool)
-    weak = np.flatnonzero(known & (values < WEAK))
-    if len(weak):
-        ends = REACH * accuracy.sigma_0 * vectors[:, weak] / np.sqrt(values[weak]) / scale[:, None]
-        curved[weak] = _fails(Design(solution), gain, ends.T)
     total = variances.sum(1)
-    return np.asarray(variances[:, curved].sum(1) / np.where(total > 0, total, 1.0))
+    weak = np.flatnonzero(known & (values < WEAK))
+    if not len(weak):
+        return
+    valley = _Valley(Design(solution), gain)
+    if valley.begin is None:
+        return
+    for k in weak:
+        end = REACH * linear.sigma_0 * vectors[:, k] / np.sqrt(values[k]) / scale
+        sides = [side for side in (end, -end) if not GROWN[0] <= valley.grown(side) <= GROWN[1]]
+        if sides:
+            yield variances[:, k] / np.where(total > 0, total, 1.0), valley.reached(sides)
 
 
-def _fails(design: Design, gain: Array, ends: Array) -> Array:
-    """Whether (1) fails along each of the steps (K, F) or its opposite, as (K,) bool."""
-    problem = design.problem
-    begin = problem.linearise(design.state)
-    failed = np.zeros(len(ends), bool)
-    if begin is None:
-        return failed
-    for k, end in enumerate(ends):
-        for step in (end, -end):
-            blocks = problem.linearise(problem.retract(design.state, Step(step, -gain @ step)))
-            grown = (_settled(blocks) - begin.cost) / (0.5 * (REACH * design.sigma_0) ** 2)
-            failed[k] |= not GROWN[0] <= grown <= GROWN[1]
-    return failed
+class _Valley:
+    """The sum of squares about a solution, along steps of the camera's free parameters."""
+
+    def __init__(self, design: Design, gain: Array):
+        self.design, self.gain = design, gain
+        self.begin = design.problem.linearise(design.state)
+        self.wanted = 0.5 * (REACH * design.sigma_0) ** 2
+
+    def _moved(self, step: Array, state: State | None = None) -> State:
+        return self.design.problem.retract(state or self.design.state, Step(step, -self.gain @ step))
+
+    def grown(self, step: Array) -> float:
+        """How much the cost has grown after a step, poses following, against what it should have; inf outside."""
+        assert self.begin is not None
+        return (_settled(self.design.problem.linearise(self._moved(step))) - self.begin.cost) / self.wanted
+
+    def reached(self, sides: list[Array]) -> Array | None:
+        """How far each parameter (P,) goes along some sides before the cost has grown by what is wanted; None: on."""
+        farthest = np.zeros(self.design.problem.lens.size)
+        for side in sides:
+            gone = self._followed(side)
+            if gone is None:
+                return None
+            farthest = np.maximum(farthest, np.abs(gone))
+        return farthest
+
+    def _followed(self, end: Array) -> Array | None:
+        """The parameters' way (P,) to the end of the interval; None where it has none."""
+        begin, design = self.begin, self.design
+        assert begin is not None
+        across = np.linalg.svd(end[None])[2][1:].T  # the directions at right angles to the step, (F, F - 1)
+        held = Problem(design.problem.lens, design.views, design.transform @ across, design.problem.weights)
+        stopping = Options(tolerance=SETTLED * self.wanted / begin.cost, max_iterations=ITERATIONS)
+        state, at, before, reach = design.state, 0.0, 0.0, FIRST
+        while at < FARTHEST:
+            moved = self._moved((reach - at) * end, state)
+            if held.linearise(moved) is None:
+                if reach - at < FIRST / 4:
+                    return np.asarray(state.params - design.state.params)  # the lens's domain ends here
+                reach = (reach + at) / 2
+                continue
+            result = optimizers.make("lm")(held, moved, stopping)
+            grown = np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted)
+            part = 1.0 if grown < 1 else (1 - before) / (grown - before)
+            gone = state.params + part * (result.state.params - state.params) - design.state.params
+            if grown >= 1:
+                return np.asarray(gone)
+            state, at, before = result.state, reach, grown
+            reach *= STRIDE
+        return None
 
 
 def _settled(blocks: Blocks | None) -> float:

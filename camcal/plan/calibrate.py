@@ -149,9 +149,12 @@ def _solution(progress: Progress) -> Solution:
         start=progress.start.camera if progress.start is not None else fit.start,
         observations=with_shape(fit.observations, progress),
     )
-    changed = len(fit.poses) < len(progress.given) or not fit.used.all()
-    # the attempt that gave the result stands at the end, as `refine`
+    # attempts were also made on points that agree, when in the end all were kept
+    changed = len(fit.poses) < len(progress.given) or not fit.used.all() or progress.restarts > 0
+    # the attempt that gave the result stands at the end, as `refine`; a closed form on the same points says it all
     before = [s for s in progress.stages if s.camera is not fit.camera]
+    last = {s.name: s for s in before}
+    before = [s for s in before if s.name not in start.CLOSED_FORMS or s is last[s.name]]
     stages = [s for s in (_on_result(stage, fit, progress, changed) for stage in before) if s]
     warnings = progress.start.warnings if progress.start is not None else ()
     return of_fit(

@@ -192,39 +192,9 @@ def _from_radial(progress: Progress) -> Change | None:
     return Change(fit=Candidate(lowest(found))) if found else None
 
 
-def _wants_nested(progress: Progress) -> bool:
-    """Once for a lens with several minima, of which the one inside a smaller model may be the lower."""
-    if progress.made("from-nested"):
-        return False
-    return _doubtful(progress) or (progress.lens.several_minima and progress.best is not None)
-
-
-def _from_nested(progress: Progress) -> Change | None:
-    """The refinement from the optimum of a model that this one contains."""
-    begun = progress.start
-    assert begun is not None
-    found = starts.by_nesting(progress.lens, (begun.camera, begun.poses), progress.data, progress.how)
-    return None if found is None else Change(fit=Candidate(found))
-
-
-def _from_other_minima(progress: Progress) -> Change | None:
-    """The best of the minima of a model that has several; which one is met depends on the start."""
-    found = []
-    for camera in starts.other_minima(progress.fit):
-        try:
-            found.append(refine(camera, progress.fit.poses, progress.data, progress.how))
-        except EstimationError:
-            continue  # that minimum does not hold these points
-    return Change(fit=Candidate(lowest(found))) if found else None
-
-
 def has_start_only(progress: Progress) -> bool:
     """A start from which nothing was refined yet."""
     return progress.best is None and progress.start is not None
-
-
-def _several_minima(progress: Progress) -> bool:
-    return progress.best is not None and progress.lens.several_minima and not progress.options.fix
 
 
 def starts_from_nothing() -> tuple[Attempt, ...]:
@@ -233,16 +203,7 @@ def starts_from_nothing() -> tuple[Attempt, ...]:
     return (*closed_forms, Attempt("radial", _wants_radial, _radial))
 
 
-REFINEMENTS: tuple[Attempt, ...] = (
+FROM_START: tuple[Attempt, ...] = (
     Attempt("least-squares", has_start_only, _refine),
     Attempt("from-radial", _wants_other_starts, _from_radial),
-    Attempt("from-nested", _wants_nested, _from_nested),
 )
-
-
-def from_nothing() -> tuple[Attempt, ...]:
-    """A camera from the rows at hand."""
-    return (*starts_from_nothing(), *REFINEMENTS)
-
-
-OTHER_MINIMA = Attempt("other-minima", _several_minima, _from_other_minima)

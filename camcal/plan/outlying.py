@@ -16,7 +16,7 @@ from camcal.assess import causes
 from camcal.assess import outliers as foreign
 from camcal.errors import EstimationError
 from camcal.plan.better import Candidate
-from camcal.plan.camera import OTHER_MINIMA, from_nothing
+from camcal.plan.minima import LOWEST, from_nothing
 from camcal.plan.progress import Attempt, Change, Progress
 from camcal.solve import noise, outliers, ransac, robust, starts
 from camcal.solve.calibration import Calibration
@@ -211,7 +211,7 @@ def outliers_plan() -> tuple[Attempt, ...]:
         *from_nothing(),
         Attempt("all-poses", _found_from_half, _all_poses),
         *AFTER_RESTART,
-        OTHER_MINIMA,
+        *LOWEST,
     )
 
 

@@ -24,7 +24,7 @@ from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How
 
 #: attempts after others of the same points failed
-SECOND_THOUGHTS = ("radial", "from-radial", "from-nested")
+SECOND_THOUGHTS = ("radial", "from-radial", "other-starts")
 
 
 @dataclass(frozen=True)

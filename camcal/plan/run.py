@@ -6,7 +6,7 @@ from camcal.data.observations import Observations
 from camcal.errors import DataError
 from camcal.model import lenses
 from camcal.plan.boards import SHAPES
-from camcal.plan.camera import from_nothing
+from camcal.plan.minima import from_nothing
 from camcal.plan.options import Options
 from camcal.plan.outlying import FOREIGN, REJECT, SIGMAS, outliers_plan
 from camcal.plan.progress import Attempt, Progress, follow

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from camcal.assess import figures
-from camcal.assess.covariance import Covariance, covariance
-from camcal.assess.curvature import beyond_linear
+from camcal.assess.covariance import Covariance
+from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.warning import CalibrationWarning, grade
 from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
@@ -61,7 +61,7 @@ def document(
     dict
     """
     data = solution.observations
-    accuracy = beyond_linear(solution, covariance(solution))
+    accuracy = accuracy_of(solution)
     views, places = _views(solution, accuracy)
     fallen = [*solution.failures, *failures]
     made: dict[str, Any] = {
@@ -96,7 +96,7 @@ def document(
 
 def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[str, Any]:
     """The camera, its error figures and the verdict alone: a camera file, not a report that can be looked into."""
-    accuracy = beyond_linear(solution, covariance(solution))
+    accuracy = accuracy_of(solution)
     data = solution.observations
     inputs = {**_inputs(data), "views": len(solution.poses)}
     made = {

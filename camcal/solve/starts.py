@@ -2,29 +2,29 @@
 
 A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
 alignment constraint gives poses and a rough lens of any width, and the model at hand is fitted to its rays. A
-model that still ends badly gets the optimum of a model that it contains as a further start, so that it
-never ends worse than that one does.
+camera that is weakly determined begins at several principal points, each with poses of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
-from camcal.data.observations import Observations
-from camcal.errors import EstimationError
+from camcal.data.observations import Observations, View
+from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
-from camcal.model.lenses.containment import contained, embed
+from camcal.model.lenses.containment import embed
 from camcal.model.lenses.regress import minima, regress
 from camcal.model.pose import Poses
 from camcal.solve.calibration import Calibration
 from camcal.solve.parameters import ASPECT, apply_fixed
-from camcal.solve.refine import How, refine, residuals
+from camcal.solve.refine import refine, residuals
 from camcal.start import assumptions
+from camcal.start.pose import initial_poses
 from camcal.start.radial import RadialStart
 
 #: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
@@ -33,6 +33,11 @@ POOR_START = 0.02
 #: a refinement that leaves a larger median error than this part, or does not converge, is doubted: a wrong minimum
 #: leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
 POOR_END = 0.002
+#: rays closer to the camera's own plane than this (z of the unit ray, 3 degrees) are no start for a pose: x/z there
+#: has 20 times the noise of the point
+_FLAT_RAY = 0.05
+#: where in the joint interval of the principal point starts lie, in standard deviations: half-way and at the 95 % end
+REACHES = (1.0, 2.0)
 #: to what part of a model's own limit, and to what angle at most, rad, views are pushed into its domain
 CONES = ((0.98, np.deg2rad(88)), (0.9, np.deg2rad(84)))
 #: the lens that stands in for one that cannot hold all rays of the rough start
@@ -135,35 +140,50 @@ def adopted(lens: Lens, inner: Calibration, fix: Mapping[str, float | None]) -> 
     return Camera(lens, params, inner.camera.image_size), inner.poses
 
 
-def by_nesting(
-    lens: Lens, start: tuple[Camera, Poses], observations: Observations, how: How
-) -> Calibration | None:
-    """The fit that begins from the optimum of the model inside; that one likewise, where it is doubtful.
+def about(
+    calibration: Calibration, sigmas: Mapping[str, float], fix: Mapping[str, float | None]
+) -> list[tuple[Camera, Poses]]:
+    """Starts with principal points all over their joint interval, without distortion, poses found anew.
 
-    None where the model contains none, or none can be fitted.
+    Parameters
+    ----------
+    calibration : Calibration
+    sigmas : mapping
+        Of each parameter, px; one that is not finite, or larger than the image, is taken as half of its diagonal.
+    fix : mapping
+        As in `How`.
     """
-    specs = contained(lens)
-    if not specs:
-        return None
-    inner = make(specs[0], lens.has_skew)
-    own = replace(how, fix={n: v for n, v in how.fix.items() if has(inner, n)})
-    camera, poses = start
-    found: Calibration | None = None
-    try:
-        plain = Camera(inner, inner.from_matrix(camera.matrix), camera.image_size)
-        found = refine(plain, poses, observations, own)
-    except EstimationError:
-        pass  # the model inside may do
-    if found is None or doubtful(found):
-        deeper = by_nesting(inner, start, observations, own)
-        if deeper is not None and (found is None or deeper.fit.cost < found.fit.cost):
-            found = deeper
-    if found is None:
-        return None
-    try:
-        return refine(*adopted(lens, found, how.fix), observations, how)
-    except EstimationError:
-        return None
+    lens, data = calibration.camera.lens, calibration.observations.kept()
+    most = _half_diagonal(data)
+    reach = [min(sigmas[n], most) if n in sigmas else 0.0 for n in ("cx", "cy")]
+    found = []
+    steps = [(part * i, part * j) for part in REACHES for i, j in product((-1, 0, 1), repeat=2) if i or j]
+    for across, down in [(0.0, 0.0), *steps]:
+        matrix = calibration.camera.matrix.copy()
+        matrix[:2, 2] += across * reach[0], down * reach[1]
+        params = apply_fixed(lens, lens.from_matrix(matrix), fix)
+        camera = Camera(lens, params, calibration.camera.image_size)
+        try:
+            found.append((camera, poses_before(camera, data.views)))
+        except (DataError, EstimationError):
+            continue  # too few rays lie ahead of such a camera
+    return found
+
+
+def poses_before(camera: Camera, views: Sequence[View]) -> Poses:
+    """cam_from_board of each view from the rays of its points, in closed form.
+
+    Points outside the lens's domain, and those seen at almost a right angle to the axis or beyond, are left
+    out: normalised coordinates x/z do not hold them.
+    """
+    kept, ab = [], []
+    for view in views:
+        rays = camera.unproject(view.uv)
+        with np.errstate(invalid="ignore"):
+            ahead = rays[:, 2] > _FLAT_RAY  # False also for NaN
+        kept.append(view.take(ahead))
+        ab.append(rays[ahead, :2] / rays[ahead, 2:])
+    return initial_poses([v.xyz for v in kept], ab, [v.sigma for v in kept])
 
 
 def other_minima(calibration: Calibration) -> list[Camera]:

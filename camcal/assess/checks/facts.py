@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.causes import Found
-from camcal.assess.covariance import Covariance, covariance
-from camcal.assess.curvature import beyond_linear
+from camcal.assess.covariance import Covariance
+from camcal.assess.curvature import accuracy
 from camcal.assess.difference import grid_of
 from camcal.data.observations import Observations
 from camcal.data.shape import Shapes
@@ -38,7 +38,7 @@ class Facts:
     @cached_property
     def covariance(self) -> Covariance:
         """Of parameters and poses, infinite where the sigmas do not hold."""
-        return beyond_linear(self.solution, covariance(self.solution))
+        return accuracy(self.solution)
 
     @cached_property
     def shapes(self) -> Shapes:

@@ -1,0 +1,209 @@
+"""Attempts at a lower minimum: from the models inside, other principal points, other cameras of the same rays.
+
+A least squares search ends in the minimum whose basin it begins in. Where the data determine a camera well there is one
+that matters, and nothing here is tried. Otherwise:
+
+- a model that contains others begins at the optimum of each of these, found in the same way, the smallest first: it is
+  never worse than one of them;
+- where focal length or principal point are weak, the search begins again at places all over their joint interval;
+- models with several minima for the same rays (`Lens.several_minima`) try all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from camcal.assess.checks.facts import Facts
+from camcal.assess.checks.parameters import WEAK
+from camcal.errors import DataError, EstimationError
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
+from camcal.model.lenses.base import Lens
+from camcal.model.lenses.containment import contained, embed
+from camcal.model.pose import Poses
+from camcal.plan.better import Candidate, lowest
+from camcal.plan.camera import FROM_START, starts_from_nothing
+from camcal.plan.progress import Attempt, Change, Progress, advance
+from camcal.solve import starts
+from camcal.solve.calibration import Calibration
+from camcal.solve.optimizers.base import Options as Stopping
+from camcal.solve.refine import How, refine
+
+#: iterations after which the starts of a search are compared, and how many of them are followed to their end: on 30
+#: hand-clicked points the lowest minimum stands out after 80 steps and not after 40, while its valley takes 400
+SCREENED, FOLLOWED = 80, 3
+#: starts whose costs differ by less than this part then are one minimum
+SAME = 1e-6
+#: a search that ran out of iterations goes on so many times: it began far away, and is on its way down
+CONTINUED = 4
+#: a search from a minimum that was found by the last one looks elsewhere again; on the data at hand two are enough
+ROUNDS = 2
+
+
+# ------------------------------------------------------------------------------------------------ weak cameras
+def weak(fit: Calibration) -> bool:
+    """Whether focal length or principal point are weak, as the warning `weak-parameters` has it, or undetermined."""
+    facts = Facts(fit)
+    sigmas, focal = facts.covariance.sigmas, float(abs(fit.camera.params[:2]).max())
+    sizes = dict.fromkeys(facts.groups("focal"), focal) | dict.fromkeys(
+        facts.groups("principal"), facts.diagonal
+    )
+    return any(not sigmas[n] <= WEAK * size for n, size in sizes.items())
+
+
+def spread(fit: Calibration, how: How) -> Calibration:
+    """The lowest fit from principal points all over their joint 95 % interval; the given one where none is lower."""
+    for _ in range(ROUNDS):
+        sigmas = Facts(fit).covariance.sigmas
+        begins = starts.about(fit, sigmas, how.fix)
+        other = _lowest_of(begins, fit, how)
+        if other is None or lowest([fit, other]) is not other:
+            break
+        fit = to_its_end(other, how)
+    return fit
+
+
+def _lowest_of(begins: Sequence[tuple[Camera, Poses]], fit: Calibration, how: How) -> Calibration | None:
+    """The lowest fit of several starts, most of which are given up on the way."""
+    stopping = how.stopping or Stopping()
+    short = replace(
+        how, stopping=replace(stopping, max_iterations=min(SCREENED, stopping.max_iterations or SCREENED))
+    )
+    distinct: list[Calibration] = []
+    for found in sorted(_fits(begins, fit, short), key=lambda f: f.fit.cost):
+        if not distinct or found.fit.cost > distinct[-1].fit.cost * (1 + SAME):
+            distinct.append(found)
+    ends = _fits([(f.camera, f.poses) for f in distinct[:FOLLOWED]], fit, how)
+    return lowest(ends) if ends else None
+
+
+def _fits(begins: Sequence[tuple[Camera, Poses]], fit: Calibration, how: How) -> list[Calibration]:
+    found = []
+    for camera, poses in begins:
+        try:
+            found.append(refine(camera, poses, fit.observations, how))
+        except EstimationError:
+            continue  # the points do not project from there
+    return found
+
+
+def to_its_end(fit: Calibration, how: How) -> Calibration:
+    """The fit once its search has converged, or has been continued often enough."""
+    for _ in range(CONTINUED):
+        if fit.fit.converged:
+            break
+        fit = refine(fit.camera, fit.poses, fit.observations, how)
+    return fit
+
+
+# ------------------------------------------------------------------------------------------------- models inside
+def from_nested(progress: Progress) -> Calibration | None:
+    """The lowest fit that begins from the optimum of a model inside; None where there is none."""
+    fits: list[Calibration] = []
+    for spec in reversed(contained(progress.lens)):
+        inner = make(spec, progress.lens.has_skew)
+        found = _settled(_with(progress, inner), fits)
+        if found is not None:
+            fits.append(found)
+    ends = _from(fits, progress)
+    return lowest(ends) if ends else None
+
+
+def _with(progress: Progress, lens: Lens) -> Progress:
+    """The beginning of a progress with another lens and the same points."""
+    fix = {n: v for n, v in progress.options.fix.items() if starts.has(lens, n)}
+    options = replace(progress.options, model=lens.name, fix=fix, robust="none")
+    return Progress(options, lens, options.how(lens), progress.given, progress.data)
+
+
+def _settled(progress: Progress, inside: Sequence[Calibration]) -> Calibration | None:
+    """The lowest fit of a model by its own starts and those of the models inside it."""
+    progress = advance((*starts_from_nothing(), *FROM_START), progress)
+    found = [] if progress.best is None else [progress.fit]
+    found += _from(inside, progress)
+    if not found:
+        return None
+    best = lowest(found)
+    return spread(best, progress.how) if weak(best) else best
+
+
+def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration]:
+    """Fits of the progress's model that begin at those of models inside it."""
+    lens, found = progress.lens, []
+    for fit in inside:
+        if embed(lens, fit.camera.lens, fit.camera.params) is None:
+            continue
+        begin = starts.adopted(lens, fit, progress.how.fix)
+        try:
+            found.append(refine(*begin, progress.data, progress.how))
+        except (EstimationError, DataError):
+            continue  # a value that is held does not suit that minimum
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------ attempts
+def _not_looked_at(progress: Progress) -> bool:
+    """Whether other starts were not tried for these points."""
+    return progress.start is not None and progress.notes.get("minima_of") != _points(progress)
+
+
+def _wants_other_starts(progress: Progress) -> bool:
+    """No fit or a doubtful one; not before outliers were looked for, if they are to be: they make any fit doubtful."""
+    settled = progress.options.robust == "none" or progress.restarts > 0
+    bad = progress.best is None or starts.doubtful(progress.fit)
+    return _not_looked_at(progress) and ((settled and bad) or _has_several_minima(progress))
+
+
+def _wants_lowest(progress: Progress) -> bool:
+    """The points are settled, and their fit may not be the lowest one."""
+    if progress.best is None or not _not_looked_at(progress):
+        return False
+    return _has_several_minima(progress) or starts.doubtful(progress.fit) or weak(progress.fit)
+
+
+def _has_several_minima(progress: Progress) -> bool:
+    return progress.best is not None and progress.lens.several_minima
+
+
+def _points(progress: Progress) -> bytes:
+    """The points that a fit rests on, to be compared."""
+    data = progress.data
+    return data.used.tobytes() + repr(data.view_ids).encode()
+
+
+def _other_starts(progress: Progress) -> Change:
+    """The lowest of what models inside and other principal points lead to."""
+    found = [] if progress.best is None else [progress.fit]
+    nested = from_nested(progress)
+    found += [] if nested is None else [nested]
+    notes = {"minima_of": _points(progress)}
+    best = lowest(found) if found else None
+    if best is not None and weak(best):
+        best = spread(best, progress.how)
+    if best is None or (progress.best is not None and best is progress.fit):
+        return Change(notes=notes)
+    return Change(fit=Candidate(best), notes=notes)
+
+
+def _wants_other_cameras(progress: Progress) -> bool:
+    return _has_several_minima(progress) and not progress.options.fix
+
+
+def _other_cameras(progress: Progress) -> Change | None:
+    """The best of the minima of a model that has several; which one is met depends on the start."""
+    begins = [(camera, progress.fit.poses) for camera in starts.other_minima(progress.fit)]
+    found = _fits(begins, progress.fit, progress.how)
+    return Change(fit=Candidate(lowest(found))) if found else None
+
+
+OTHER_STARTS = Attempt("other-starts", _wants_other_starts, _other_starts)
+LOWEST: tuple[Attempt, ...] = (
+    Attempt("other-starts", _wants_lowest, _other_starts),
+    Attempt("other-minima", _wants_other_cameras, _other_cameras),
+)
+
+
+def from_nothing() -> tuple[Attempt, ...]:
+    """A camera from the rows at hand."""
+    return (*starts_from_nothing(), *FROM_START, OTHER_STARTS)
