@@ -57,8 +57,9 @@ def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A few points that hold much of the sum of squares."""
-    squares = np.square(facts.solution.used_residuals).sum(1)
+    """A few points that hold much of the sum of squares, each in units of its sigma where sigmas are given."""
+    squares = np.square(figures.standard_lengths(facts.solution))
+    off = np.linalg.norm(facts.solution.used_residuals, axis=1)[np.isfinite(squares)]
     squares = squares[np.isfinite(squares)]
     if not len(squares) or squares.sum() == 0:
         return
@@ -68,7 +69,7 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
     if share > GROSS_SHARE:
         yield CalibrationWarning(
             "outliers",
-            f"{gross.sum()} of {len(squares)} points, off by up to {np.sqrt(squares.max()):.3g} px, hold "
+            f"{gross.sum()} of {len(squares)} points, off by up to {off[gross].max():.3g} px, hold "
             f"{share:.0%} of the sum of squares.",
             "Remove or mend these points, or leave them out by a robust loss (--robust).",
             "wrong" if share > MOST_OF_IT else "doubtful",
