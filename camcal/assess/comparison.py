@@ -9,15 +9,20 @@ a pixel is
 standard deviations, in its own direction. That counts both calibrations as independent; two calibrations of
 the same pictures share their noise and differ by less. Above 3 or so everywhere, the cameras differ by more
 than noise: one has changed, or a model does not hold.
+
+What decides is the part of the picture that both cameras have data for: the convex hull of the image points that a
+camera was calibrated with, or the whole picture for a camera file that does not say. Beyond it a model extrapolates,
+and two honest calibrations may lie any number of px apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial import Delaunay, QhullError
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.curvature import accuracy as accuracy_of
@@ -35,15 +40,24 @@ Array = np.ndarray
 class Side:
     """A camera to compare, with what is known of its accuracy.
 
-    `sigmas` are those of the parameters, where they were estimated; `seen` are the corners (2,) of the box
-    of the points that it was calibrated with.
+    `sigmas` are those of the parameters, where they were estimated; `points` (N, 2) are the image points that it
+    was calibrated with.
     """
 
     name: str
     camera: Camera
     uncertainty: ProjectionUncertainty | None = None
     sigmas: Mapping[str, float] = field(default_factory=dict)
-    seen: tuple[Array, Array] | None = None
+    points: Array | None = None
+
+    def has_data(self, pixels: Array) -> Array:
+        """Which pixels (N, 2) lie within the convex hull of its image points, (N,) bool; all where none are known."""
+        if self.points is None:
+            return np.ones(len(pixels), bool)
+        try:
+            return np.asarray(Delaunay(self.points).find_simplex(pixels) >= 0)
+        except QhullError:  # all points on a line
+            return np.zeros(len(pixels), bool)
 
     @classmethod
     def of(cls, name: str, solution: Calibration) -> Side:
@@ -52,26 +66,78 @@ class Side:
             return cls(name, solution.camera)
         accuracy = accuracy_of(solution)
         sigmas = {n: s for n, s in accuracy.sigmas.items() if s > 0}
-        uv = Facts(solution).image_points
-        box = uv.min(0), uv.max(0)
-        return cls(name, solution.camera, projection_uncertainty(solution, accuracy), sigmas, box)
+        points = Facts(solution).image_points
+        return cls(name, solution.camera, projection_uncertainty(solution, accuracy), sigmas, points)
 
 
 @dataclass(frozen=True)
 class Apart:
-    """The difference at one distance; `sigmas` (N,) is (1), None where no uncertainty is known."""
+    """The difference at one distance.
+
+    Attributes
+    ----------
+    distance : float
+    difference : Difference
+    sigmas : (N,) array or None
+        (1); None where no uncertainty is known.
+    supported : (N,) bool array
+        The pixels that both cameras have data for.
+    """
 
     distance: float
     difference: Difference
     sigmas: Array | None
+    supported: Array
 
     @property
     def max_sigma(self) -> float | None:
-        """The largest of (1); None where no uncertainty is known."""
-        if self.sigmas is None:
-            return None
-        found = self.sigmas[~np.isnan(self.sigmas)]
-        return float(found.max()) if len(found) else float("nan")
+        """The largest of (1) in the whole picture; None where no uncertainty is known."""
+        return None if self.sigmas is None else _largest(self.sigmas, np.ones(len(self.sigmas), bool))[0]
+
+    @property
+    def inside(self) -> Inside:
+        """The figures of the part that both cameras have data for."""
+        lengths = self.difference.lengths
+        known = lengths[self.supported & ~np.isnan(lengths)]
+        nothing = float("nan")
+        return Inside(
+            pixels=len(known),
+            rms_px=float(np.sqrt(np.mean(known**2))) if len(known) else nothing,
+            p95_px=float(np.percentile(known, 95)) if len(known) else nothing,
+            max_px=_largest(lengths, self.supported)[0],
+            worst=self._place(lengths),
+            max_sigma=None if self.sigmas is None else _largest(self.sigmas, self.supported)[0],
+            worst_sigma=None if self.sigmas is None else self._place(self.sigmas),
+        )
+
+    def _place(self, values: Array) -> tuple[float, float] | None:
+        index = _largest(values, self.supported)[1]
+        return None if index is None else tuple(self.difference.pixels[index].tolist())
+
+
+@dataclass(frozen=True)
+class Inside:
+    """The difference over the part of the picture that both cameras have data for; NaN where there is no such part.
+
+    `worst` and `worst_sigma` are the pixels (u, v) of the largest difference in px and in standard deviations.
+    """
+
+    pixels: int
+    rms_px: float
+    p95_px: float
+    max_px: float
+    worst: tuple[float, float] | None
+    max_sigma: float | None
+    worst_sigma: tuple[float, float] | None
+
+
+def _largest(values: Array, where: Array) -> tuple[float, int | None]:
+    """The largest of the values (N,) that are numbers, and its index; NaN and None without any."""
+    found = np.flatnonzero(where & ~np.isnan(values))
+    if not len(found):
+        return float("nan"), None
+    index = int(found[values[found].argmax()])
+    return float(values[index]), index
 
 
 @dataclass(frozen=True)
@@ -109,26 +175,27 @@ def common_bounds(a: Side, b: Side, size: tuple[int, int] | None = None) -> tupl
         )
     if size or sizes:
         return np.zeros(2), np.subtract(size or sizes[0], 1.0)
-    seen = [s.seen for s in (a, b) if s.seen is not None]
+    seen = [s.points for s in (a, b) if s.points is not None]
     if not seen:
         raise DataError("neither camera says how large its pictures are.", "Give it: --image-size 640x480")
-    return np.min([low for low, _ in seen], 0), np.max([high for _, high in seen], 0)
+    return np.min([p.min(0) for p in seen], 0), np.max([p.max(0) for p in seen], 0)
 
 
 def compare(a: Side, b: Side, bounds: tuple[Array, Array], distance: float = np.inf) -> Apart:
     """How far B projects from A between two corners (2,) of the picture, at a distance."""
     pixels = image_grid(*bounds)
     known = [s for s in (a, b) if s.uncertainty is not None]
-    together, weights = np.zeros((len(pixels), 2, 2)), None
+    supported = a.has_data(pixels) & b.has_data(pixels)
+    together, weights = np.zeros((len(pixels), 2, 2)), supported.astype(float) if supported.any() else None
     for side in known:
         assert side.uncertainty is not None
         together = together + side.uncertainty.at_pixels(pixels, distance)
     if known:
         worst = worst_sigma(together)
-        weights = np.where(np.isfinite(worst), 1 / np.maximum(worst, 1e-9) ** 2, 0.0)
-        weights = weights if weights.any() else None
+        certain = np.where(np.isfinite(worst), 1 / np.maximum(worst, 1e-9) ** 2, 0.0)
+        weights = certain if certain.any() else weights
     apart = difference(a.camera, b.camera, pixels, None if np.isinf(distance) else distance, weights)
-    return Apart(distance, apart, _in_sigmas(apart.vectors, together) if known else None)
+    return Apart(distance, apart, _in_sigmas(apart.vectors, together) if known else None, supported)
 
 
 def _in_sigmas(vectors: Array, covariances: Array) -> Array:
@@ -159,12 +226,13 @@ def parameters(a: Side, b: Side) -> list[ParameterChange]:
 
 @dataclass(frozen=True)
 class Gate:
-    """A bound and what was found; NaN falls."""
+    """A bound and what was found, with the pixel (u, v) where it was found; NaN falls."""
 
     name: str
     value: float
     bound: float
     unit: str = ""
+    place: tuple[float, float] | None = None
 
     @property
     def passed(self) -> bool:
@@ -178,8 +246,10 @@ def gates(
     max_px: float | None = None,
     max_sigma: float | None = None,
     tolerances: Mapping[str, float] | None = None,
+    max_rms_px: float | None = None,
+    max_p95_px: float | None = None,
 ) -> list[Gate]:
-    """The gates that were asked for.
+    """The gates that were asked for; those of projections are on the part that both cameras have data for.
 
     Raises
     ------
@@ -190,15 +260,21 @@ def gates(
     made = []
     for apart in found:
         where = "at infinity" if np.isinf(apart.distance) else f"at {apart.distance:g}"
+        inside = apart.inside
         if max_px is not None:
-            made.append(Gate(f"projection {where}", apart.difference.max_px, max_px, "px"))
+            made.append(Gate(f"projection {where}", inside.max_px, max_px, "px", inside.worst))
+        if max_rms_px is not None:
+            made.append(Gate(f"rms of projection {where}", inside.rms_px, max_rms_px, "px", inside.worst))
+        if max_p95_px is not None:
+            name = f"95th percentile of projection {where}"
+            made.append(Gate(name, inside.p95_px, max_p95_px, "px", inside.worst))
         if max_sigma is not None:
-            if apart.max_sigma is None:
+            if inside.max_sigma is None:
                 raise DataError(
                     "no uncertainty is known: neither file holds the data of its calibration.",
                     "Give a camcal report, or use --max-px.",
                 )
-            made.append(Gate(f"projection {where}", apart.max_sigma, max_sigma, "sigma"))
+            made.append(Gate(f"projection {where}", inside.max_sigma, max_sigma, "sigma", inside.worst_sigma))
     by_name = {c.name: c for c in changes}
     for name, bound in (tolerances or {}).items():
         if name not in by_name:
@@ -221,12 +297,21 @@ def described(
         "parameters": {
             c.name: {"a": c.a, "b": c.b, "change": c.change, "sigma": c.sigma or None} for c in changes
         },
-        "gates": [
-            {"name": g.name, "value": g.value, "bound": g.bound, "unit": g.unit, "passed": g.passed}
-            for g in asked
-        ],
+        "gates": [_gate(g) for g in asked],
         "verdict": "pass" if all(g.passed for g in asked) else "fail",
     }  # fmt: skip
+
+
+def _gate(gate: Gate) -> dict[str, Any]:
+    place = None if gate.place is None else list(gate.place)
+    return {
+        "name": gate.name,
+        "value": gate.value,
+        "bound": gate.bound,
+        "unit": gate.unit,
+        "place": place,
+        "passed": gate.passed,
+    }
 
 
 def _apart(one: Apart) -> dict[str, Any]:
@@ -236,6 +321,7 @@ def _apart(one: Apart) -> dict[str, Any]:
     worst = d.worst
     return {
         "distance": one.distance,
+        "supported": asdict(one.inside),
         "max_px": d.max_px,
         "rms_px": d.rms_px,
         "median_px": float(np.median(lengths)) if len(lengths) else float("nan"),

@@ -9,7 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
-from camcal.errors import UsageError
+from camcal.errors import CamcalError, UsageError
 
 FILE = click.Path(path_type=Path)
 
@@ -23,16 +23,32 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
     """Compare two cameras by what they project, over the image.
 
     A and B are camera files of any format; `camcal list formats` names them. The exit code is 1 where a gate
-    falls. The difference is taken after the rotation (at a finite distance also the shift) that fits best, because a
-    calibration ties a camera's frame to nothing. Of two rigs: each camera by its name, and the relative poses;
-    rig.yaml#left is one camera of a rig.
+    falls. Gates look at the part of the picture that both cameras have data for. The difference is taken after the
+    rotation (at a finite distance also the shift) that fits best, because a calibration ties a camera's frame to
+    nothing. Of two rigs: each camera by its name, and the relative poses; rig.yaml#left is one camera of a rig.
     """
     if (b is None) == (options["against"] is None):
         raise UsageError("two cameras are needed.", "Give a second file, or --against cv2.")
     from camcal.cli.job import output_is_free
 
     output_is_free(options, "junit")
-    return _deliver(_comparison(a, b, options), options)
+    try:
+        found = _comparison(a, b, options)
+    except CamcalError as error:
+        _not_compared(a, b, error, options)
+        raise
+    return _deliver(found, options)
+
+
+def _not_compared(a: Path, b: Path | None, error: CamcalError, options: dict[str, Any]) -> None:
+    """What CI systems read says of a comparison that could not be made."""
+    from camcal.cli.output import write_for_ci
+    from camcal.report.ci import Check
+
+    check = Check(
+        "comparison", False, " ".join(filter(None, (error.message, error.hint))), "error", str(b or a)
+    )
+    write_for_ci("camcal compare", f"{a} against {b or 'cv2'}", [check], options)
 
 
 def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, Any]:
@@ -65,7 +81,15 @@ def _sides(first: Any, second: Any, options: dict[str, Any]) -> dict[str, Any]:
     apart = [comparison.compare(first, second, bounds, d) for d in options["distance"] or (np.inf,)]
     changes = comparison.parameters(first, second)
     tolerances = _tolerances(options["tolerance"])
-    asked = comparison.gates(apart, changes, options["max_px"], options["max_sigma"], tolerances)
+    asked = comparison.gates(
+        apart,
+        changes,
+        options["max_px"],
+        options["max_sigma"],
+        tolerances,
+        options["max_rms_px"],
+        options["max_p95_px"],
+    )
     return comparison.described(first, second, apart, changes, asked)
 
 
@@ -147,12 +171,13 @@ def _of_camera(found: dict[str, Any]) -> list[Any]:
 
     rows = []
     for p in found["projection"]:
-        where = "-" if p["worst"] is None else "{:.0f}, {:.0f}".format(*p["worst"])
-        # to a billionth: two equal cameras differ by 0, not by what their arithmetic rounds
-        keys = ("max_px", "rms_px", "median_px", "max_sigma", "median_sigma")
-        figures = [number(p[k] if p[k] is None else round(p[k], 9), 4) for k in keys]
-        rows.append([number(p["distance"]), *figures, where, p["pixels_outside"]])
-    columns = ["distance", "max px", "rms", "median", "max sigma", "median", "worst at u, v", "outside"]
+        keys = ("max_px", "p95_px", "rms_px", "max_sigma")
+        for part, of in (("both have data", p["supported"]), ("whole picture", p | {"p95_px": None})):
+            where = "-" if of["worst"] is None else "{:.0f}, {:.0f}".format(*of["worst"])
+            # to a billionth: two equal cameras differ by 0, not by what their arithmetic rounds
+            figures = [number(of[k] if of[k] is None else round(of[k], 9), 4) for k in keys]
+            rows.append([number(p["distance"]), part, *figures, where])
+    columns = ["distance", "where", "max px", "p95", "rms", "max sigma", "worst at u, v"]
     parts = [table(columns, rows, "difference of projection"), Text("")]
     changes = []
     for name, p in found["parameters"].items():

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from camcal.assess.comparison import Side
 from camcal.assess.rig_comparison import RigSide
 from camcal.data.formats.files import recognised
@@ -78,16 +80,19 @@ def pair(comparison: Document) -> str:
 
 
 def markdown(comparison: Document) -> str:
-    """A job summary: the differences of projection, and the gates that fell."""
-    header = ("distance", "max px", "rms px", "median px", "max sigma")
+    """A job summary: the differences of projection where both cameras have data, and the gates that fell."""
+    header = ("distance", "max px", "p95 px", "rms px", "max sigma")
     rows = [
-        [f"{p['distance']:g}", *("-" if p[k] is None else f"{p[k]:.4g}" for k in _FIGURES)]
+        [
+            f"{p['distance']:g}",
+            *("-" if p["supported"][k] is None else f"{p['supported'][k]:.4g}" for k in _FIGURES),
+        ]
         for p in comparison["projection"]
     ]
     return ci.markdown(f"camcal compare: {pair(comparison)}", header, rows, checks(comparison))
 
 
-_FIGURES = ("max_px", "rms_px", "median_px", "max_sigma")
+_FIGURES = ("max_px", "p95_px", "rms_px", "max_sigma")
 
 
 def _title(gate: Document) -> str:
@@ -98,4 +103,11 @@ def sentence(gate: Document) -> str:
     """A gate in words: what was found against what was allowed."""
     unit = f" {gate['unit']}" if gate["unit"] else ""
     verdict = "is within" if gate["passed"] else "exceeds"
-    return f"{gate['name']}: {gate['value']:.4g}{unit} {verdict} {gate['bound']:g}{unit}"
+    said = f"{gate['name']}: {gate['value']:.4g}{unit} {verdict} {gate['bound']:g}{unit}"
+    if np.isnan(gate["value"]):
+        return f"{said}: there is no part of the picture that both cameras have data for"
+    place = gate.get("place")
+    if gate["passed"] or place is None:
+        return said
+    where = "largest " if " of projection" in gate["name"] else ""
+    return f"{said}, {where}at pixel ({place[0]:.0f}, {place[1]:.0f})"

@@ -66,8 +66,10 @@ _COMPARE = (
         repeated=True,
     ),
     IMAGE_SIZE,
-    replace(_PX, help="A gate: the largest difference of projection."),
-    Option("max_sigma", POSITIVE, "A gate: the same in standard deviations.", metavar="N"),
+    replace(_PX, help="A gate: the largest difference of projection where both cameras have data."),
+    replace(_PX, name="max_rms_px", help="A gate: the root mean square of the differences there."),
+    replace(_PX, name="max_p95_px", help="A gate: their 95th percentile there."),
+    Option("max_sigma", POSITIVE, "A gate: the largest there in standard deviations.", metavar="N"),
     Option(
         "tolerance",
         Assignments("NAME=VALUE,...", "fx=0.5,cx=0.5", values=True),

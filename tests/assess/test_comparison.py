@@ -7,6 +7,7 @@ import pytest
 
 from camcal.assess.comparison import Gate, Side, common_bounds, compare, described, gates, parameters
 from camcal.errors import DataError
+from camcal.report.comparison import sentence
 from camcal.solve.refine import refine
 from tests.solved import TRUTH, camera_of, grid, observe, solved, tilted_poses
 
@@ -97,3 +98,41 @@ def test_the_part_of_the_picture_that_is_compared(pair):
     seen = replace(pair[0], camera=bare.camera)
     low, high = common_bounds(seen, bare)
     assert np.all(low > 0) and np.all(high < [639, 479])
+
+
+def beyond():
+    """Two cameras that are the same where points were seen, and px apart in the rest of the picture."""
+    a, b = camera_of(), camera_of()
+    params = b.params.copy()
+    params[b.lens.index("k3")] += 0.5
+    seen = np.array([[220.0, 160], [420, 160], [420, 320], [220, 320]])
+    return [Side(n, c, points=seen) for n, c in (("a", a), ("b", replace(b, params=params)))]
+
+
+def test_gates_look_at_the_part_that_both_cameras_have_data_for():
+    found = compare(*beyond(), BOX)
+    inside = found.inside
+    assert found.difference.max_px > 5 > 0.2 > inside.max_px >= inside.p95_px >= inside.rms_px > 0
+    assert 220 <= inside.worst[0] <= 420 and 160 <= inside.worst[1] <= 320
+    assert inside.pixels == found.supported.sum() < len(found.supported)
+    names = [g.name for g in gates([found], [], max_px=0.2, max_rms_px=0.1, max_p95_px=0.2) if g.passed]
+    assert names == [
+        "projection at infinity",
+        "rms of projection at infinity",
+        "95th percentile of projection at infinity",
+    ]
+
+
+def test_a_gate_that_falls_names_the_pixel():
+    (gate,) = gates([compare(*beyond(), BOX)], [], max_px=1e-9)
+    assert gate.place == compare(*beyond(), BOX).inside.worst
+    said = sentence(described(*beyond(), [compare(*beyond(), BOX)], [], [gate])["gates"][0])
+    assert f"at pixel ({gate.place[0]:.0f}, {gate.place[1]:.0f})" in said
+
+
+def test_no_common_part_falls():
+    a, b = beyond()
+    b = replace(b, points=np.array([[500.0, 400], [600, 400], [600, 460]]))
+    (gate,) = gates([compare(a, b, BOX)], [], max_px=1e6)
+    assert not gate.passed and gate.place is None
+    assert "no part of the picture" in sentence(described(a, b, [], [], [gate])["gates"][0])

@@ -36,6 +36,14 @@ def test_gates_and_exit_codes(camcal, reports):
     assert len(suite.findall("testcase/failure")) == 1
 
 
+def test_a_file_that_is_missing_is_a_failed_test_case(camcal, reports):
+    code, _, err = camcal("compare", reports[0], "missing.yaml", "--max-px", "1", "--junit", "j.xml")
+    assert code == 3 and "missing.yaml" in err
+    suite = ElementTree.parse("j.xml").getroot().find("testsuite")
+    assert (suite.get("tests"), suite.get("failures")) == ("1", "1")
+    assert "missing.yaml" in suite.find("testcase/failure").get("message")
+
+
 def test_documents(camcal, reports):
     code, out, _ = camcal(
         "compare", *reports, "--distance", "inf", "--distance", "400", "--format", "json", "-o", "c.yaml"
