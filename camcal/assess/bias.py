@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camcal.assess.design import Design, Rows
-from camcal.assess.figures import redundancy
+from camcal.assess.figures import ranked, redundancy
 from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, normal_exceeded, normality
 
 Array = np.ndarray
@@ -218,7 +218,7 @@ def _gaussian(found: Standardised) -> ResidualTest:
 
 def holm(found: list[ResidualTest]) -> list[ResidualTest]:
     """Holm's correction: p-values that hold for all tests together."""
-    order = sorted(range(len(found)), key=lambda i: found[i].p_value)
+    order = sorted(range(len(found)), key=lambda i: ranked(found[i].p_value))
     corrected, worst = [0.0] * len(found), 0.0
     for rank, i in enumerate(order):
         worst = max(worst, min(1.0, (len(found) - rank) * found[i].p_value))

@@ -64,6 +64,14 @@ def rms_point(residuals: Array) -> float:
     return float(np.sqrt(np.einsum("ij,ij->", r, r) / len(r))) if len(r) else float("nan")
 
 
+def ranked(value: float | None) -> float:
+    """A figure that is the better the smaller it is, for a ranking: inf where there is none or it is NaN.
+
+    Comparisons with NaN are all false, so that one NaN upsets any sort, min or max.
+    """
+    return float("inf") if value is None or np.isnan(value) else float(value)
+
+
 def redundancy(solution: Estimate) -> int:
     """2N - p: observed coordinates less free parameters; the degrees of freedom of the residuals."""
     return 2 * int(solution.used.sum()) - solution.free_count

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.figures import ranked
 from camcal.batch.work import DONE, Row
 from camcal.system.text import cell
 
@@ -131,7 +132,7 @@ def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> list[Row]:
         for name, z in chart.outliers.items():
             found.setdefault(name, []).append(f"{chart.quantity} {z:+.1f}")
     done = [row for row in rows if row["status"] == DONE]
-    order = sorted(done, key=lambda row: (row["holdout"] or row["rms_point"], row["name"]))
+    order = sorted(done, key=lambda row: (ranked(row["holdout"] or row["rms_point"]), row["name"]))
     ranks = {row["name"]: rank for rank, row in enumerate(order, 1)}
     return [
         {**row, "outlier": "; ".join(found.get(row["name"], ())), "rank": ranks.get(row["name"])}

@@ -39,10 +39,10 @@ def against_cv2(views: Sequence[View], stage: str) -> Entry | None:
     for view, ours, theirs in _transfers(views):
         a, b = rms_point(ours), rms_point(theirs)
         apart = float(np.linalg.norm(ours - theirs, axis=1).max())
-        worst = max(worst, apart)
+        worst = float(np.maximum(worst, apart))  # NaN stays
         ours_all.append(ours)
         theirs_all.append(theirs)
-        if apart > max(PART * a, FLOOR_PX) and b < a:
+        if not apart <= max(PART * a, FLOOR_PX) and (b < a or np.isnan(a)):
             failed.append(f"{view.id} ({b:.6g} instead of {a:.6g} px)")
     if not ours_all:
         return None

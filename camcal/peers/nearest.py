@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.assess.difference import difference, image_grid
+from camcal.assess.figures import ranked
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.peers import CALIBRATORS
@@ -35,7 +36,7 @@ def nearest(solution: Calibration, stage: str) -> Entry:
         return entry(
             stage, "cv2.calibrateCamera", "not_applicable", f"{why}, and calibrates none of these data"
         )
-    model = min(found, key=lambda name: found[name].rms_point)
+    model = min(found, key=lambda name: ranked(found[name].rms_point))
     result = found[model]
     apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
     why += (

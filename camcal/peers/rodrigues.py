@@ -22,13 +22,11 @@ def against_cv2(poses: Poses, stage: str) -> Entry:
     The second leaves out rotations by nearly 0 or π, where cv2 rounds the angle.
     """
     vectors = rotations.log(poses.rotations)
-    forth = max(
-        (float(np.abs(cv2.Rodrigues(v)[0] - r).max()) for v, r in zip(vectors, poses.rotations, strict=True)),
-        default=0.0,
-    )
+    apart = [np.abs(cv2.Rodrigues(v)[0] - r).max() for v, r in zip(vectors, poses.rotations, strict=True)]
+    forth = float(np.max(apart, initial=0.0))  # NaN stays
     turned = poses.rotations[np.sin(np.linalg.norm(vectors, axis=-1)) > np.sin(SNAPS)]
     theirs = np.array([cv2.Rodrigues(np.ascontiguousarray(r))[0].ravel() for r in turned]).reshape(-1, 3)
     # compared as rotations: v and v (1 - 2π/|v|) are the same one
     back = float(rotations.angle_between(rotations.exp(theirs), turned).max(initial=0.0))
-    status, why = judge(max(forth, back), BOUND, "rotations differ by")
+    status, why = judge(float(np.maximum(forth, back)), BOUND, "rotations differ by")
     return entry(stage, NAME, status, why, None, {"matrix_max": forth, "angle_max": back})

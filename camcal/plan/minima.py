@@ -11,11 +11,12 @@ that matters, and nothing here is tried. Otherwise:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.parameters import WEAK
+from camcal.assess.covariance import covariance
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
@@ -45,11 +46,15 @@ ROUNDS = 2
 def weak(fit: Calibration) -> bool:
     """Whether focal length or principal point are weak, as the warning `weak-parameters` has it, or undetermined."""
     facts = Facts(fit)
-    sigmas, focal = facts.covariance.sigmas, float(abs(fit.camera.params[:2]).max())
+    focal = float(abs(fit.camera.params[:2]).max())
     sizes = dict.fromkeys(facts.groups("focal"), focal) | dict.fromkeys(
         facts.groups("principal"), facts.diagonal
     )
-    return any(not sigmas[n] <= WEAK * size for n, size in sizes.items())
+
+    def any_weak(sigmas: Mapping[str, float]) -> bool:
+        return any(not sigmas[n] <= WEAK * size for n, size in sizes.items())
+
+    return any_weak(covariance(fit).sigmas) or any_weak(facts.covariance.sigmas)  # the first costs less
 
 
 def spread(fit: Calibration, how: How) -> Calibration:

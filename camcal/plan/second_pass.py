@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess import figures
 from camcal.assess.holdout import HoldOut, hold_out
 from camcal.data.observations import Observations, View
 from camcal.detect import targets
@@ -83,7 +84,7 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
         for fit in [_refitted(first, points, progress)]
     ]
     usual = next((t for t in tried if t[0] == INNER_HALF), tried[0])
-    for other in sorted(tried, key=lambda t: _rms(t[3].holdout) or np.inf):
+    for other in sorted(tried, key=lambda t: figures.ranked(_rms(t[3].holdout))):
         if other is usual or better(other[3], usual[3])[0]:
             return other[0], other[1], other[2]
     return usual[0], usual[1], usual[2]

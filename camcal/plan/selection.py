@@ -26,7 +26,6 @@ from camcal.plan.options import Options
 from camcal.plan.run import solved
 from camcal.solve import starts
 from camcal.solve.calibration import Calibration
-from camcal.solve.losses import robust_sigma
 from camcal.solve.refine import How, refine
 
 #: what `--model select` chooses from: each kind of lens once, none with more parameters than a dozen views bear
@@ -76,8 +75,7 @@ class Candidate:
     @property
     def holdout_rms(self) -> float:
         """rms_point of the held-out views, px; inf without."""
-        rms = np.inf if self.holdout is None else self.holdout.figures.rms_point
-        return rms if np.isfinite(rms) else np.inf  # a NaN would upset the ranking
+        return figures.ranked(None if self.holdout is None else self.holdout.figures.rms_point)
 
     def information(self) -> tuple[float, float]:
         """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance.
@@ -89,8 +87,9 @@ class Candidate:
             return np.inf, np.inf
         r = self.solution.used_residuals
         n, p = r.size, self.solution.free_count + 1
-        fit = n * np.log(float((r**2).sum()) / n)
-        return float(fit + 2 * p), float(fit + p * np.log(n))
+        with np.errstate(divide="ignore"):  # exact data
+            fit = n * np.log(float((r**2).sum()) / n)
+        return figures.ranked(fit + 2 * p), figures.ranked(fit + p * np.log(n))
 
 
 @dataclass(frozen=True)
@@ -235,8 +234,9 @@ class _Bench:
 
 
 def _typical_error(solution: Calibration) -> float:
+    """The median length of all residuals, px; those of points that a model does not project are infinite."""
     lengths = np.linalg.norm(solution.residuals, axis=1)
-    return float(robust_sigma(np.where(np.isfinite(lengths), lengths, np.inf)))
+    return float(np.median(np.where(np.isfinite(lengths), lengths, np.inf)))
 
 
 def _same_points(solution: Calibration, kept: Observations) -> bool:

@@ -1,0 +1,39 @@
+"""Given sigmas: believed where they are right, a floor where the residuals speak against them."""
+
+import numpy as np
+import pytest
+
+from camcal.assess.figures import sigma_0
+from camcal.plan.calibrate import calibrate
+from camcal.solve.noise import noise_model
+from tests.solved import camera_of, grid, observe, tilted_poses
+
+
+def data(seed, floor=0.0):
+    """Twelve views with sigmas of .05 to 1 px, and what they leave out."""
+    rng = np.random.default_rng(seed)
+    found = observe(camera_of(), tilted_poses(grid(), 12, rng), grid(), 0.0, rng)
+    sigma = np.exp(rng.uniform(np.log(0.05), 0.0, len(found.uv)))
+    noise = rng.normal(size=found.uv.shape) * np.hypot(sigma, floor)[:, None]
+    return found.__class__(**{**vars_of(found), "uv": found.uv + noise, "sigma": sigma})
+
+
+def vars_of(observations):
+    return {f: getattr(observations, f) for f in observations.__dataclass_fields__}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sigmas_that_are_right_are_believed(seed):
+    found = calibrate(data(seed), model="opencv5", robust="auto", checks=False)
+    model = found.fit.info["noise_model"]
+    assert model["floor_px"] == 0.0 and found.used.all()
+    # sigma_0 against the given sigmas: 648 points in two coordinates leave 2 % of scatter, four of these are allowed
+    assert sigma_0(found) * model["scale"] == pytest.approx(1.0, abs=0.09)
+    assert not [w for w in calibrate(data(seed), model="opencv5").warnings if w.severity != "note"]
+
+
+def test_a_floor_is_found():
+    found = calibrate(data(1, floor=0.3), model="opencv5", checks=False)
+    assert found.fit.info["noise_model"]["floor_px"] == pytest.approx(0.3, abs=0.06)
+    given = data(1, floor=0.3).sigma
+    assert noise_model(found, given).floor == pytest.approx(0.3, abs=0.06)
