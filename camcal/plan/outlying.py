@@ -174,13 +174,12 @@ def _weight(progress: Progress) -> Change:
     assert sigma is not None
     model, made = noise.NoiseModel(1.0, 0.0), fit
     for _ in range(WEIGHTINGS):
-        before, data = model, replace(fit.observations, sigma=model.sigmas(sigma), weight=None)
-        made = refine(made.camera, made.poses, data, progress.how)
+        data = replace(fit.observations, sigma=model.sigmas(sigma), weight=None)
+        made, before = refine(made.camera, made.poses, data, progress.how), model
         model = noise.noise_model(made, sigma)
-        if np.allclose(model.sigmas(sigma), before.sigmas(sigma), rtol=SAME_SIGMA):
+        ratio = model.sigmas(sigma) / before.sigmas(sigma)
+        if np.ptp(ratio) <= SAME_SIGMA * ratio.mean():  # a common factor changes nothing
             break
-    data = replace(fit.observations, sigma=model.sigmas(sigma), weight=None)
-    made = refine(made.camera, made.poses, data, progress.how)
     if progress.options.robust not in ("auto", "none"):
         made = robust.reweight(made, progress.how, LOSSES[progress.options.robust])
     described = {"scale": model.scale, "floor_px": model.floor}

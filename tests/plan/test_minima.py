@@ -1,4 +1,4 @@
-"""Lower minima: weak cameras begin again elsewhere, models inside are never better, well-determined cameras pay nothing."""
+"""Lower minima: weak cameras begin again elsewhere, and well-determined ones pay nothing."""
 
 from collections import Counter
 from dataclasses import replace
@@ -47,7 +47,7 @@ def test_a_cube_that_was_clicked_by_hand(model, robust, rms):
 def test_weak_is_what_the_warning_calls_weak():
     strong = solved(views=8)
     assert not minima.weak(strong)
-    # the same camera from noise that is as many times larger as brings its sigma to the limit, and a little more or less
+    # the same camera from noise that brings its sigma to a little below the limit, and above it
     sigma = minima.Facts(strong).covariance.sigmas["fx"] / strong.camera.params[0]
     for factor, weak in ((0.8, False), (1.25, True)):
         more = WEAK / sigma * factor

@@ -28,7 +28,7 @@ def test_sigmas_that_are_right_are_believed(seed):
     model = found.fit.info["noise_model"]
     assert model["floor_px"] == 0.0 and found.used.all()
     # sigma_0 against the given sigmas: 648 points in two coordinates leave 2 % of scatter, four of these are allowed
-    assert sigma_0(found) * model["scale"] == pytest.approx(1.0, abs=0.09)
+    assert sigma_0(found) == pytest.approx(1.0, abs=0.09) == model["scale"]
     assert not [w for w in calibrate(data(seed), model="opencv5").warnings if w.severity != "note"]
 
 
