@@ -27,7 +27,7 @@ import numpy as np
 from scipy import stats
 from tables import markdown, update
 
-from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.figures import redundancy
 from camcal.assess.uncertainty import board_distance, projection_uncertainty

@@ -20,8 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import ndtri
 
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
@@ -33,7 +32,7 @@ _REACH = 4.0
 _NOTHING = 1e-3
 #: of a thousand sets whose sigmas are right, one gets a floor
 CHANCE = 0.001
-EVIDENCE = float(chi2.isf(2 * CHANCE, 1))
+EVIDENCE = float(ndtri(CHANCE)) ** 2  # χ² of one degree of freedom is the square of a Gaussian
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,8 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
         the others make in the camera, and these pass for τ.
     given : (N,) array, px
     """
+    from scipy.optimize import minimize  # takes longer to import than a camera takes to calibrate
+
     s, r = given[calibration.used], calibration.used_residuals
     squares = np.einsum("ij,ij->i", r, r) * (2 * len(r) / max(2 * len(r) - calibration.free_count, 1))
     with np.errstate(invalid="ignore"):
