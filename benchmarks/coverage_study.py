@@ -21,6 +21,7 @@ import collections
 import multiprocessing
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ from camcal.study.points import simulate_points
 MODELS = (
     "pinhole", "opencv4", "opencv5", "opencv8", "brown:radial=3,decentering=1", "kb4", "ucm", "ds", "division:1",
 )  # fmt: skip
-ARMS = ("none", "auto", "auto, 1 % outliers", "huber, 1 % outliers")
+ARMS = ("none", "auto", "auto, 1 % outliers", "huber, 1 % outliers", "auto, given sigmas")
 KINDS = ("parameter", "pose", "infinite")
 PLACES = tuple(f"{p}, {d}" for p in ("centre", "anywhere", "corners") for d in ("board distance", "infinity"))
 PAGE = Path(__file__).parents[1] / "docs" / "trust-figures.md"
@@ -56,17 +57,22 @@ TURNS = ("rotation x", "rotation y", "rotation z", "place x", "place y", "place 
 Hits = dict[tuple[str, str], Array]
 
 
-def truth_and_data(model: str, rng: np.random.Generator, outliers: float):
-    """A camera, poses, and what is seen of a board of 9x6, 7x5 or 12x9 points."""
+def truth_and_data(model: str, rng: np.random.Generator, outliers: float, given: bool = False):
+    """A camera, poses, and what is seen of a board of 9x6, 7x5 or 12x9 points.
+
+    With `given`, each point has noise of its own, from a quarter to four times that of the run, and its sigma.
+    """
     truth = example_camera(model)
     truth = Camera(truth.lens, truth.params * rng.uniform(0.97, 1.03, truth.lens.size), truth.image_size)
     columns, rows = ((9, 6), (7, 5), (12, 9))[rng.integers(3)]
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
     board = np.c_[x.ravel(), y.ravel(), 0 * x.ravel()] * 0.03
     poses = simulate_poses(board, truth, rng, int(rng.integers(8, 41)), Spread())
-    data = simulate_points(
-        truth, board, poses, rng, float(np.exp(rng.uniform(*np.log([0.05, 0.5])))), outliers
-    )
+    noise = float(np.exp(rng.uniform(*np.log([0.05, 0.5]))))
+    data = simulate_points(truth, board, poses, rng, 0.0 if given else noise, outliers)
+    if given:
+        sigma = noise * np.exp(rng.uniform(-np.log(4), np.log(4), data.point_count))
+        data = replace(data, uv=data.uv + rng.normal(size=data.uv.shape) * sigma[:, None], sigma=sigma)
     return truth, poses, data
 
 
@@ -75,7 +81,7 @@ def run(task: tuple[str, int]) -> tuple[str, str, Hits]:
     model, seed = task
     arm = ARMS[seed % len(ARMS)]
     rng = np.random.default_rng([seed, MODELS.index(model)])
-    truth, poses, data = truth_and_data(model, rng, 0.01 if "outliers" in arm else 0.0)
+    truth, poses, data = truth_and_data(model, rng, 0.01 if "outliers" in arm else 0.0, "given" in arm)
     try:
         solution = calibrate(data, model=model, robust=arm.split(",")[0], checks=False)
     except CamcalError:

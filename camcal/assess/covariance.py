@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.assess.figures import sigma_0
+from camcal.model.pose import Poses
 from camcal.solve.calibration import Estimate, NormalBlocks
 
 Array = np.ndarray
@@ -51,6 +52,27 @@ class ReducedPoses:
 
 
 @dataclass(frozen=True)
+class End:
+    """Where the 95 % interval along a curved direction ends (`curvature.py`).
+
+    Attributes
+    ----------
+    direction : int
+        Which of the curved directions; each has up to two ends.
+    params : (P,) array
+    poses : Poses
+        cam_from_board of each view.
+    part : float
+        The end itself lies at this part of the way from the solution to here.
+    """
+
+    direction: int
+    params: Array
+    poses: Poses
+    part: float
+
+
+@dataclass(frozen=True)
 class Covariance:
     """What the data say on the accuracy of a solution.
 
@@ -73,6 +95,8 @@ class Covariance:
     condition : float
         Condition number of the column-scaled reduced matrix.
     undetermined : tuple of str
+    ends : tuple of End
+        Of the intervals along directions that are curved; empty for what `covariance` gives.
     """
 
     names: tuple[str, ...]
@@ -84,6 +108,7 @@ class Covariance:
     condition: float
     undetermined: tuple[str, ...]
     poses_reduced: ReducedPoses
+    ends: tuple[End, ...] = ()
 
     @property
     def sigmas(self) -> dict[str, float]:

@@ -27,7 +27,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from camcal.assess.covariance import NULL, Covariance, covariance, eliminate_poses, reduce
+from camcal.assess.covariance import NULL, Covariance, End, covariance, eliminate_poses, reduce
 from camcal.assess.design import Design
 from camcal.model.pose import Array
 from camcal.solve import optimizers
@@ -73,8 +73,8 @@ def accuracy(solution: Calibration) -> Covariance:
 def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
     """The covariance with the variances that the profile of (1) gives, infinite where it has no end.
 
-    `free` and `null` stay as they are: projections hardly move along such a direction. A board whose shape was
-    estimated counts as known.
+    `free` and `null` stay as they are; `ends` hold the cameras at the ends of the curved directions, which projections
+    take into account. A board whose shape was estimated counts as known.
 
     Parameters
     ----------
@@ -85,8 +85,9 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
     free = solution.free[:, solution.free.any(0)]
     if not free.shape[1] or not 0 < linear.sigma_0 < np.inf:
         return linear
-    matrix = linear.matrix.copy()
-    for share, reached in _curved(solution, linear):
+    matrix, ends = linear.matrix.copy(), []
+    for share, reached, found in _curved(solution, linear):
+        ends += found
         touched = (free**2 @ share > SHARE * (free**2).sum(1)) & np.isfinite(np.diag(matrix))
         if reached is None:
             matrix[touched] = matrix[:, touched] = np.nan
@@ -100,13 +101,14 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
         scale[touched] = np.sqrt(wider[touched] / variances[touched])
         matrix *= np.outer(scale, scale)  # correlations stay
     names = tuple(n for n, v in zip(linear.names, np.diag(matrix), strict=True) if np.isinf(v))
-    return replace(linear, matrix=matrix, undetermined=names)
+    return replace(linear, matrix=matrix, undetermined=names, ends=tuple(ends))
 
 
-def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, Array | None]]:
+def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, Array | None, list[End]]]:
     """Of each direction whose interval is longer than (1) says, its share (F,) of each free parameter's variance.
 
-    With it how far each parameter (P,) goes until the sum of squares has grown as said; None where it never does.
+    With it how far each parameter (P,) goes until the sum of squares has grown as said, None where it never does; and
+    the cameras at the ends.
     Nothing where a used point lies outside the lens's domain.
     """
     size = int(solution.free.any(0).sum())
@@ -129,7 +131,7 @@ def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, 
         end = REACH * linear.sigma_0 * vectors[:, k] / np.sqrt(values[k]) / scale
         sides = [side for side in (end, -end) if not GROWN[0] <= valley.grown(side) <= GROWN[1]]
         if sides:
-            yield variances[:, k] / np.where(total > 0, total, 1.0), valley.reached(sides)
+            yield variances[:, k] / np.where(total > 0, total, 1.0), *valley.reached(sides, int(k))
 
 
 class _Valley:
@@ -148,40 +150,42 @@ class _Valley:
         assert self.begin is not None
         return (_settled(self.design.problem.linearise(self._moved(step))) - self.begin.cost) / self.wanted
 
-    def reached(self, sides: list[Array]) -> Array | None:
-        """How far each parameter (P,) goes along some sides before the cost has grown by what is wanted; None: on."""
-        farthest = np.zeros(self.design.problem.lens.size)
-        for side in sides:
-            gone = self._followed(side)
-            if gone is None:
-                return None
-            farthest = np.maximum(farthest, np.abs(gone))
-        return farthest
+    def reached(self, sides: list[Array], direction: int) -> tuple[Array | None, list[End]]:
+        """How far each parameter (P,) goes along some sides before the cost has grown by what is wanted; None: on.
 
-    def _followed(self, end: Array) -> Array | None:
-        """The parameters' way (P,) to the end of the interval; None where it has none."""
+        And where that is, or the last place looked at.
+        """
+        begin, ends, endless = self.design.state.params, [], False
+        for side in sides:
+            state, grown = self._followed(side)
+            part = 1 / max(grown, 1.0)
+            endless |= grown < 1
+            ends.append(End(direction, state.params, self.design.problem.poses(state), part))
+        ways = [np.abs(end.part * (end.params - begin)) for end in ends]
+        return None if endless else np.max(ways, axis=0), ends
+
+    def _followed(self, end: Array) -> tuple[State, float]:
+        """The state where the cost has grown enough, or the last one, and by how much in roots; 1 at a lens's limit."""
         begin, design = self.begin, self.design
         assert begin is not None
         across = np.linalg.svd(end[None])[2][1:].T  # the directions at right angles to the step, (F, F - 1)
         held = Problem(design.problem.lens, design.views, design.transform @ across, design.problem.weights)
         stopping = Options(tolerance=SETTLED * self.wanted / begin.cost, max_iterations=ITERATIONS)
-        state, at, before, reach = design.state, 0.0, 0.0, FIRST
+        state, at, reach, grown = design.state, 0.0, FIRST, 0.0
         while at < FARTHEST:
             moved = self._moved((reach - at) * end, state)
             if held.linearise(moved) is None:
                 if reach - at < FIRST / 4:
-                    return np.asarray(state.params - design.state.params)  # the lens's domain ends here
+                    return state, 1.0  # the lens's domain ends here
                 reach = (reach + at) / 2
                 continue
             result = optimizers.make("lm")(held, moved, stopping)
-            grown = np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted)
-            part = 1.0 if grown < 1 else (1 - before) / (grown - before)
-            gone = state.params + part * (result.state.params - state.params) - design.state.params
+            grown = float(np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted))
+            state, at = result.state, reach
             if grown >= 1:
-                return np.asarray(gone)
-            state, at, before = result.state, reach, grown
+                break
             reach *= STRIDE
-        return None
+        return state, grown
 
 
 def _settled(blocks: Blocks | None) -> float:

@@ -22,18 +22,27 @@ J_p = dq/dp [-[p]ₓ  I]:
 which costs two small products a pixel, however many views there are. At infinity p is a direction, and τ
 drops out. Where the board's shape is estimated, the board's frame is that in which its points are nearest to
 the ideal ones: the similarity that does this moves with the shape's parameters, and B takes that in.
+
+Along a direction that is curved (`curvature.py`) the same is done without linearising: (1) with the camera and the
+poses at either end of the interval gives q' - q, of which a half is a standard deviation, and the larger of both ends
+is added,
+
+    cov(q) + ¼ (q' - q)(q' - q)ᵀ                                                                        (4)
+
+The linear part of that direction is then in it twice where it holds, which is on the safe side.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from camcal.assess.covariance import Covariance, covariance
+from camcal.assess.covariance import Covariance, End, covariance
 from camcal.assess.difference import image_grid
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
+from camcal.model.pose import Poses
 from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
@@ -63,6 +72,10 @@ class ProjectionUncertainty:
         B: how the reference frame follows the free parameters, with a minus sign.
     own : (6, 6) array
         N: scatter of the reference frame of its own; infinite where no pose is determined.
+    poses : Poses, optional
+        Of the views over whose boards (1) takes its mean, for (4).
+    ends : tuple of End
+        With the poses of the same views.
     """
 
     camera: Camera
@@ -71,6 +84,8 @@ class ProjectionUncertainty:
     null: Array
     follow: Array
     own: Array
+    poses: Poses | None = None
+    ends: tuple[End, ...] = ()
 
     def at_pixels(self, pixels: Array, distance: float = np.inf) -> Array:
         """Covariances (N, 2, 2), px², of what is seen at pixels (N, 2) at a distance from the camera.
@@ -89,10 +104,31 @@ class ProjectionUncertainty:
         with np.errstate(invalid="ignore"):
             found = moved @ self.free @ moved.transpose(0, 2, 1)
             found = found + by_frame @ self.own @ by_frame.transpose(0, 2, 1)
+            found = found + self._of_ends(xyz, at_infinity)
             open_ = np.abs(moved @ self.null).max((1, 2), initial=0.0) > _MOVED
         open_ |= lost & np.isfinite(by_params).all((1, 2))
         found[open_] = np.diag([np.inf, np.inf])
         return np.asarray(found)
+
+    def _of_ends(self, xyz: Array, at_infinity: bool) -> Array:
+        """What (4) adds at points (N, 3), (N, 2, 2) px²; infinite where the camera at an end does not see one."""
+        total = np.zeros((len(xyz), 2, 2))
+        if self.poses is None or not self.ends:
+            return total
+        here = self.camera.project(xyz)
+        r, t = self.poses.rotations, self.poses.translations
+        on_boards = (xyz if at_infinity else xyz - t[:, None]) @ r  # Rᵀ x, (V, N, 3)
+        for direction in sorted({end.direction for end in self.ends}):
+            most = np.zeros_like(here)
+            for end in (e for e in self.ends if e.direction == direction):
+                seen = on_boards @ end.poses.rotations.transpose(0, 2, 1)
+                seen = seen.mean(0) if at_infinity else (seen + end.poses.translations[:, None]).mean(0)
+                moved = end.part * (self.camera.lens.project(end.params, seen)[0] - here)
+                moved = np.where(np.isfinite(moved), moved, np.inf)
+                larger = np.square(moved).sum(1) > np.square(most).sum(1)
+                most = np.where(larger[:, None], moved, most)
+            total += most[:, :, None] * most[:, None, :] / 4
+        return total
 
     def jacobians(self, xyz: Array, at_infinity: bool = False) -> tuple[Array, Array]:
         """J_f (N, 2, F) and J_p (N, 2, 6) of (3), at points (N, 3) of the camera's frame."""
@@ -130,7 +166,10 @@ def projection_uncertainty(
         own = (e @ reduced.inverse[good] @ e.transpose(0, 2, 1)).sum(0) / len(good) ** 2
         own = scale**2 * own if np.isfinite(scale) else np.full((6, 6), np.inf)
     free = accuracy.free if np.isfinite(scale) else np.full_like(accuracy.free, np.inf)
-    return ProjectionUncertainty(solution.camera, solution.free, free, accuracy.null, follow, own)
+    ends = tuple(replace(end, poses=end.poses[good]) for end in accuracy.ends)
+    return ProjectionUncertainty(
+        solution.camera, solution.free, free, accuracy.null, follow, own, solution.poses[good], ends
+    )
 
 
 def _centroids(solution: Calibration) -> Array:

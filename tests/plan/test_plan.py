@@ -57,9 +57,9 @@ def counted(monkeypatch):
         return run
 
     fit = counting("refine", refine)
-    for module in ("camera", "outlying", "boards", "second_pass"):
+    for module in ("camera", "minima", "outlying", "second_pass"):
         monkeypatch.setattr(f"camcal.plan.{module}.refine", fit)
-    for module in ("camcal.solve.robust", "camcal.solve.starts", "camcal.assess.holdout"):
+    for module in ("camcal.solve.refine", "camcal.solve.robust", "camcal.solve.starts"):
         monkeypatch.setattr(f"{module}.refine", fit)
     monkeypatch.setattr("camcal.start.zhang.estimate", counting("zhang", zhang.estimate))
     return count
