@@ -130,7 +130,7 @@ def _settled(progress: Progress, inside: Sequence[Calibration]) -> Calibration |
     if not found:
         return None
     best = lowest(found)
-    return spread(best, progress.how) if weak(best) else best
+    return spread(best, progress.how) if progress.options.lowest and weak(best) else best
 
 
 def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration]:
@@ -156,13 +156,13 @@ def _not_looked_at(progress: Progress) -> bool:
 def _wants_other_starts(progress: Progress) -> bool:
     """No fit or a doubtful one; not before outliers were looked for, if they are to be: they make any fit doubtful."""
     settled = progress.options.robust == "none" or progress.restarts > 0
-    bad = progress.best is None or starts.doubtful(progress.fit)
-    return _not_looked_at(progress) and ((settled and bad) or _has_several_minima(progress))
+    bad = progress.best is None or starts.doubtful(progress.fit) or _has_several_minima(progress)
+    return _not_looked_at(progress) and bad and (settled or _has_several_minima(progress))
 
 
 def _wants_lowest(progress: Progress) -> bool:
     """The points are settled, and their fit may not be the lowest one."""
-    if progress.best is None or not _not_looked_at(progress):
+    if progress.best is None or not progress.options.lowest or not _not_looked_at(progress):
         return False
     return _has_several_minima(progress) or starts.doubtful(progress.fit) or weak(progress.fit)
 
@@ -184,7 +184,7 @@ def _other_starts(progress: Progress) -> Change:
     found += [] if nested is None else [nested]
     notes = {"minima_of": _points(progress)}
     best = lowest(found) if found else None
-    if best is not None and weak(best):
+    if best is not None and progress.options.lowest and weak(best):
         best = spread(best, progress.how)
     if best is None or (progress.best is not None and best is progress.fit):
         return Change(notes=notes)

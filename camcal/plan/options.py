@@ -18,11 +18,14 @@ class Options(CalibrationOptions):
 
     refine_points: bool | None = False  #: go back to the pictures; None = where views held out gain from it
     stopping: Stopping = field(default_factory=Stopping)
+    lowest: bool = (
+        True  #: look for lower minima of weak cameras; a ranking of models does not, its choice does
+    )
 
     @classmethod
     def resolve(cls, **keywords: Any) -> Self:
         """Make the options of the keywords of a call; see `Settings.resolve`."""
-        own = {n: keywords.pop(n) for n in ("refine_points", "stopping") if n in keywords}
+        own = {n: keywords.pop(n) for n in ("refine_points", "stopping", "lowest") if n in keywords}
         return replace(super().resolve(**keywords), **own)
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:

@@ -189,7 +189,9 @@ class _Bench:
         """The pipeline's own calibration; None, with the reason kept, where there is none."""
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         try:
-            options = Options(lens.name, skew=lens.has_skew, fix=asked, robust=robust, seed=self.seed)
+            options = Options(
+                lens.name, skew=lens.has_skew, fix=asked, robust=robust, seed=self.seed, lowest=False
+            )
             return solved(data, options).fit
         except DataError:
             raise
