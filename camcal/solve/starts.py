@@ -7,12 +7,12 @@ camera that is weakly determined begins at several principal points, each with p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 
-from camcal.data.observations import Observations, View
+from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
@@ -24,7 +24,7 @@ from camcal.solve.calibration import Calibration
 from camcal.solve.parameters import ASPECT, apply_fixed
 from camcal.solve.refine import refine, residuals
 from camcal.start import assumptions
-from camcal.start.pose import initial_poses
+from camcal.start.known_pose import start_poses
 from camcal.start.radial import RadialStart
 
 #: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
@@ -33,9 +33,6 @@ POOR_START = 0.02
 #: a refinement that leaves a larger median error than this part, or does not converge, is doubted: a wrong minimum
 #: leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
 POOR_END = 0.002
-#: rays closer to the camera's own plane than this (z of the unit ray, 3 degrees) are no start for a pose: x/z there
-#: has 20 times the noise of the point
-_FLAT_RAY = 0.05
 #: where in the joint interval of the principal point starts lie, in standard deviations: half-way and at the 95 % end
 REACHES = (1.0, 2.0)
 #: to what part of a model's own limit, and to what angle at most, rad, views are pushed into its domain
@@ -164,26 +161,10 @@ def about(
         params = apply_fixed(lens, lens.from_matrix(matrix), fix)
         camera = Camera(lens, params, calibration.camera.image_size)
         try:
-            found.append((camera, poses_before(camera, data.views)))
+            found.append((camera, start_poses(camera, data.views)))
         except (DataError, EstimationError):
             continue  # too few rays lie ahead of such a camera
     return found
-
-
-def poses_before(camera: Camera, views: Sequence[View]) -> Poses:
-    """cam_from_board of each view from the rays of its points, in closed form.
-
-    Points outside the lens's domain, and those seen at almost a right angle to the axis or beyond, are left
-    out: normalised coordinates x/z do not hold them.
-    """
-    kept, ab = [], []
-    for view in views:
-        rays = camera.unproject(view.uv)
-        with np.errstate(invalid="ignore"):
-            ahead = rays[:, 2] > _FLAT_RAY  # False also for NaN
-        kept.append(view.take(ahead))
-        ab.append(rays[ahead, :2] / rays[ahead, 2:])
-    return initial_poses([v.xyz for v in kept], ab, [v.sigma for v in kept])
 
 
 def other_minima(calibration: Calibration) -> list[Camera]:

@@ -12,9 +12,8 @@ from camcal.detect.camera_pass import WINDOWS
 from camcal.detect.images import detect_images
 from camcal.detect.saddle import INNER_HALF
 from camcal.errors import DataError, EstimationError
-from camcal.plan import camera as attempts
+from camcal.plan import minima, second_pass
 from camcal.plan import run as road
-from camcal.plan import second_pass
 from camcal.plan.better import Candidate
 from camcal.plan.calibrate import calibrate
 from camcal.plan.options import Options
@@ -213,7 +212,7 @@ def test_an_attempt_that_fails_leaves_the_rest_to_the_others():
 
     data = data_of()
     started = Progress(*_begun(data))
-    broken = [Attempt("broken", lambda _: True, fails), *attempts.from_nothing()]
+    broken = [Attempt("broken", lambda _: True, fails), *minima.from_nothing()]
     assert follow(broken, started).fit.rms_point < 0.4
     with pytest.raises(EstimationError, match="no camera"):
         follow([Attempt("broken", lambda _: True, fails)], started)
