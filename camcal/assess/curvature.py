@@ -49,6 +49,9 @@ SHARE = 0.01
 #: The profile is looked at here first, in parts of the interval of (1), and then so many times as far each time: eight
 #: steps to `FARTHEST`. A valley that bends is lost by longer steps.
 FIRST, STRIDE = 0.5, 2.0
+#: A step that takes the root of the growth to more than so many times what is wanted is halved: from further off the
+#: end of the interval is not told by proportion.
+OVERSHOT = 1.5
 #: An interval that is longer than said by this factor is none: what is off by a hundred stated sigmas was not measured.
 FARTHEST = 100.0
 #: A step of the profile ends where what is left to gain is below this part of the wanted growth (a hundredth of it
@@ -165,7 +168,7 @@ class _Valley:
         return None if endless else np.max(ways, axis=0), ends
 
     def _followed(self, end: Array) -> tuple[State, float]:
-        """The state where the cost has grown enough, or the last one, and by how much in roots; 1 at a lens's limit."""
+        """The state where the cost has grown enough, or the last one, and by how much in roots."""
         begin, design = self.begin, self.design
         assert begin is not None
         across = np.linalg.svd(end[None])[2][1:].T  # the directions at right angles to the step, (F, F - 1)
@@ -174,14 +177,16 @@ class _Valley:
         state, at, reach, grown = design.state, 0.0, FIRST, 0.0
         while at < FARTHEST:
             moved = self._moved((reach - at) * end, state)
-            if held.linearise(moved) is None:
+            outside, found = held.linearise(moved) is None, 0.0
+            if not outside:
+                result = optimizers.make("lm")(held, moved, stopping)
+                found = float(np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted))
+            if outside or found > OVERSHOT:
                 if reach - at < FIRST / 4:
-                    return state, 1.0  # the lens's domain ends here
+                    return state, max(grown, 1.0)  # the lens's domain, or the valley, ends here
                 reach = (reach + at) / 2
                 continue
-            result = optimizers.make("lm")(held, moved, stopping)
-            grown = float(np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted))
-            state, at = result.state, reach
+            state, at, grown = result.state, reach, found
             if grown >= 1:
                 break
             reach *= STRIDE
