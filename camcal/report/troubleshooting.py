@@ -181,8 +181,8 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "The change that the message names; check how the table was made.",
     ),
     "does-not-fit": (
-        "Points and pixels that do not belong together, a wrong board, pictures of several cameras.",
-        "`camcal doctor` on the data; check ids, board and views before anything else.",
+        "Another focus or zoom than at the calibration, another camera, resized pictures, a wrong board.",
+        "Check which camera took the pictures and how; else calibrate again.",
     ),
     "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
     "hand-eye-convention": (
