@@ -11,11 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.covariance import covariance
+from camcal.assess.rig import pose_rows
 from camcal.data.labelled import Labelled, read_labelled
 from camcal.errors import DataError
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.placed import load_placed
+from camcal.report.rig_loading import from_document, is_rig_report
 from camcal.report.routes import document, warning
+from camcal.report.yaml import read_document
+from camcal.routes.calibration_part import calibration_part
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import Images, Triangulated, sorted_images, triangulate
 from camcal.system.text import cell
@@ -41,8 +46,11 @@ def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Seque
     names = table.names["point"]
     found = triangulate(cameras, images, len(names))
     checks = _checks(found, images) if crosscheck else []
+    part = _calibration(paths, found, images)
     sections = {
-        "points": [_entry(i, name, found, images) for i, name in enumerate(names) if not found.reason[i]],
+        "points": [
+            _entry(i, name, found, images, part) for i, name in enumerate(names) if not found.reason[i]
+        ],
         "undetermined": [{"point": n, "reason": r} for n, r in zip(names, found.reason, strict=True) if r],
         "sigma_hat": found.sigma_hat,
     }
@@ -86,17 +94,42 @@ def _matched(table: Labelled, cameras: Sequence[PlacedCamera], path: Path) -> Ar
     return np.array(out)
 
 
-def _entry(index: int, name: str, found: Triangulated, images: Images) -> dict[str, Any]:
+def _calibration(paths: Sequence[Path], found: Triangulated, images: Images) -> Array | None:
+    """The covariances (P, 3, 3) that the calibration of a rig adds; None of cameras whose report has none."""
+    if len(paths) != 1 or paths[0].suffix.lower() not in (".yaml", ".yml", ".json"):
+        return None
+    document = read_document(paths[0])
+    if not is_rig_report(document):
+        return None
+    rig = from_document(document, str(paths[0]))
+    accuracy = covariance(rig)
+    if not np.isfinite(accuracy.sigma_0):
+        return None
+    sizes = [camera.lens.size for camera in rig.cameras]
+    begins = dict(zip(rig.rig.cameras, np.cumsum([0, *sizes]).tolist(), strict=False))
+    moves = []
+    for camera in found.cameras:
+        begin = begins[camera.name]
+        own = rig.free[begin : begin + camera.camera.lens.size]
+        moves.append(np.concatenate([own, pose_rows(rig, camera.name)]))
+    return calibration_part(found, images, moves, accuracy.free, accuracy.null)
+
+
+def _entry(index: int, name: str, found: Triangulated, images: Images, part: Array | None) -> dict[str, Any]:
     rows = images.point == index
     left_out = images.camera[rows & ~found.used]
+    own = found.covariance[index]
+    total = own if part is None else own + part[index]
+    more = {} if part is None else {"sigma_calibration": np.sqrt(np.diagonal(part[index]))}
     return {
         "point": name,
         "xyz": found.xyz[index],
-        "sigma": np.sqrt(np.diagonal(found.covariance[index])),
+        "sigma": np.sqrt(np.diagonal(total)),
+        **more,
         "residual": found.residual[index],
         "images": int((rows & found.used).sum()),
         "outliers": [found.cameras[c].name for c in left_out],
-        "covariance": found.covariance[index],
+        "covariance": total,
     }
 
 

@@ -75,6 +75,11 @@ class Triangulated:
     reason: tuple[str, ...]
     cameras: tuple[PlacedCamera, ...]
 
+    @property
+    def known(self) -> Array:
+        """Which points have a position (P,)."""
+        return np.array([not r for r in self.reason], bool)
+
 
 def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> Triangulated:
     """Triangulate `count` points.
