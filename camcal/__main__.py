@@ -7,11 +7,12 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    from camcal.system.processes import end_on_signals
+    from camcal.system.processes import end_on_signals, limit_linear_algebra
     from camcal.system.streams import close, hold_standard_descriptors
 
     hold_standard_descriptors()
     end_on_signals()
+    limit_linear_algebra()
     from camcal.cli.boundary import run
 
     code = run(sys.argv[1:])
