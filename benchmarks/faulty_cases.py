@@ -110,6 +110,61 @@ def codes(data: Correspondences, **options: Any) -> Said:
     return said
 
 
+# ------------------------------------------------------------------ clean data of many kinds
+def _fisheye(focal: float) -> Camera:
+    lens = make("kb4")
+    values = {"fx": focal, "fy": focal, "cx": 645.0, "cy": 472.0, "k1": 0.02, "k2": -0.005}
+    return Camera(lens, lens.from_values(values), SIZE)
+
+
+def _sigmas(rng: np.random.Generator) -> Correspondences:
+    """Points of very different quality, whose sigmas are given and true."""
+    data = seen(camera(), rng, 15, noise=0.0)
+
+    def noisy(view: View) -> View:
+        sigma = rng.uniform(0.05, 1.0, len(view))
+        return replace(view, uv=view.uv + sigma[:, None] * rng.normal(size=view.uv.shape), sigma=sigma)
+
+    return each(data, noisy)
+
+
+def _board_of(columns: int, rows: int, count: int) -> Callable[[np.random.Generator], Correspondences]:
+    return lambda rng: seen(camera(), rng, count, grid(columns, rows, 0.24 / (columns - 1)))
+
+
+CLEAN_KINDS: dict[str, tuple[Callable[[np.random.Generator], Correspondences], str]] = {
+    "3x3 points, 25 views": (_board_of(3, 3, 25), "opencv5"),
+    "4x3 points, 20 views": (_board_of(4, 3, 20), "opencv5"),
+    "6x4 points, 15 views": (_board_of(6, 4, 15), "opencv5"),
+    "14x10 points, 10 views": (_board_of(14, 10, 10), "opencv5"),
+    "30x20 points, 8 views": (_board_of(30, 20, 8), "opencv5"),
+    "6 views": (lambda r: seen(camera(), r, 6), "opencv5"),
+    "5 views, pinhole": (lambda r: seen(camera("pinhole"), r, 5), "pinhole"),
+    "4 views, pinhole": (lambda r: seen(camera("pinhole"), r, 4), "pinhole"),
+    "40 views": (lambda r: seen(camera(), r, 40), "opencv5"),
+    "lens of 8 degrees": (
+        lambda r: seen(camera("pinhole", fx=9000.0, fy=9000.0), r, 15, tilt=(25.0, 50.0), fill=(0.5, 0.8)), "pinhole"),
+    "lens of 20 degrees": (lambda r: seen(camera(fx=3600.0, fy=3600.0), r, 20, tilt=(20.0, 45.0)), "opencv4"),
+    "lens of 40 degrees": (lambda r: seen(camera(fx=1760.0, fy=1760.0), r, 15), "opencv4"),
+    "lens of 90 degrees": (lambda r: seen(camera(fx=640.0, fy=640.0), r, 20), "opencv5"),
+    "lens of 120 degrees": (lambda r: seen(_fisheye(600.0), r, 20, fill=(0.2, 0.45)), "kb4"),
+    "lens of 150 degrees": (lambda r: seen(_fisheye(470.0), r, 20, fill=(0.2, 0.45)), "kb4"),
+    "lens of 170 degrees": (lambda r: seen(_fisheye(420.0), r, 25, fill=(0.2, 0.45)), "kb4"),
+    "pixels 10 % taller than wide": (lambda r: seen(camera(fy=1100.0), r, 15), "opencv5"),
+    "principal point 80, 60 px off": (lambda r: seen(camera(cx=720.0, cy=420.0), r, 15), "opencv5"),
+    "given true sigmas of .05 to 1 px": (_sigmas, "opencv5"),
+    "noise of .02 px": (lambda r: seen(camera(), r, 15, noise=0.02), "opencv5"),
+    "noise of 1 px": (lambda r: seen(camera(), r, 20, noise=1.0), "opencv5"),
+}  # fmt: skip
+
+
+def clean_kind(task: tuple[str, int]) -> tuple[str, Said]:
+    """What is said of clean data of a kind, with outliers looked for as by default."""
+    name, seed = task
+    make_data, model = CLEAN_KINDS[name]
+    return name, codes(make_data(np.random.default_rng(seed)), model=model, robust="auto")
+
+
 # ------------------------------------------------------------------ changes to clean data
 def changed(data: Correspondences, index: int, uv: Array) -> Correspondences:
     views = list(data.views)

@@ -2,7 +2,7 @@
 
 The cases are in `faulty_cases.py`. An error counts as flagged where it names the fault.
 
-Usage: python benchmarks/warnings_study.py [--clean 1000] [--faulty 100] [--jobs 1] [--seed 0] [--write]
+Usage: python benchmarks/warnings_study.py [--clean 1000] [--kinds 50] [--faulty 100] [--jobs 1] [--seed 0] [--write]
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from faulty_cases import COMMON, HARMLESS, OTHERS, SILENT, Case, clean
+from faulty_cases import CLEAN_KINDS, COMMON, HARMLESS, OTHERS, SILENT, Case, Said, clean, clean_kind
 from tables import markdown, update
 
 PAGE = Path(__file__).parents[1] / "docs" / "trust-figures.md"
@@ -51,6 +51,23 @@ def clean_table(alarms: collections.Counter, runs: int) -> str:
     return markdown(["warning", f"share of {runs} clean runs"], rows)
 
 
+def kinds_table(said: dict[str, list[Said]]) -> str:
+    """How often each kind of clean data is graded less than good, and what was said."""
+    rows = []
+    for name, runs in said.items():
+        counted = collections.Counter(c for f in runs for c in f)
+        words = ", ".join(f"`{c}` {n / len(runs):.0%}" for c, n in counted.most_common(3))
+        rows.append(
+            [
+                name,
+                *(bound(sum(f.grade == g for f in runs), len(runs)) for g in ("doubtful", "wrong")),
+                words or "nothing",
+            ]
+        )
+    count = len(next(iter(said.values())))
+    return markdown([f"clean data, {count} runs each", "doubtful", "wrong", "what was said most"], rows)
+
+
 def faulty_table(cases: list[Case], flagged: dict[str, list[set[str]]]) -> str:
     rows = []
     for case in cases:
@@ -68,19 +85,30 @@ def faulty_table(cases: list[Case], flagged: dict[str, list[set[str]]]) -> str:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    for name, default in (("clean", 1000), ("faulty", 100), ("jobs", 1), ("seed", 0)):
+    for name, default in (("clean", 1000), ("kinds", 50), ("faulty", 100), ("jobs", 1), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--tables", help="only these of silent, faulty, common, harmless (commas)")
     parser.add_argument("--cases", help="only those whose name has this in it")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/trust-figures.md")
     told = parser.parse_args()
     begin = time.perf_counter()
     kinds = {"silent": SILENT, "faulty": OTHERS, "common": COMMON, "harmless": HARMLESS}
-    names = [n for n in CASES if told.faulty and (told.cases is None or told.cases in n)]
+    if told.tables is not None:
+        kinds = {k: cases for k, cases in kinds.items() if k in told.tables.split(",")}
+    some = [c.name for cases in kinds.values() for c in cases]
+    names = [n for n in some if told.faulty and (told.cases is None or told.cases in n)]
     with multiprocessing.Pool(told.jobs) as pool:
         alarms: collections.Counter = collections.Counter()
         for found in pool.imap_unordered(clean, range(told.seed, told.seed + told.clean), chunksize=4):
             alarms.update(c.split(":")[0] for c in found)
         tables = {"clean": clean_table(alarms, told.clean)} if told.clean else {}
+        kinds_tasks = [(name, told.seed + i) for name in CLEAN_KINDS for i in range(told.kinds)]
+        of_kinds: dict[str, list[Said]] = collections.defaultdict(list)
+        for name, said in pool.imap(clean_kind, kinds_tasks, chunksize=4):
+            of_kinds[name].append(said)
+        if of_kinds:
+            tables["kinds"] = kinds_table(of_kinds)
+            print(tables["kinds"], file=sys.stderr, flush=True)
         tasks = [(name, told.seed + i) for name in names for i in range(told.faulty)]
         flagged: dict[str, list[set[str]]] = collections.defaultdict(list)
         for name, found in pool.imap(_faulty, tasks, chunksize=4):
