@@ -8,8 +8,14 @@ import numpy as np
 
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
+from camcal.assess.difference import difference
+from camcal.assess.fold_difference import covered_grid
+from camcal.assess.uncertainty import projection_uncertainty
 from camcal.assess.warning import CalibrationWarning
+from camcal.errors import CamcalError
 from camcal.model.pose import Array
+from camcal.solve.optimizers.base import Options
+from camcal.solve.refine import How, refine
 
 #: A point is gross beyond this many robust standard deviations of a coordinate: one Gaussian point in 6e7.
 GROSS = 6.0
@@ -25,10 +31,13 @@ REDUNDANT = 1.5
 
 #: below so many coordinates an unknown, the residuals say next to nothing of the noise
 BARELY = 1.2
-#: outliers that hold nine tenths of the sum of squares decide where the camera ends
-MOST_OF_IT = 0.9
+#: Outliers make a camera wrong where the fit without them projects elsewhere, by more than this many of its own sigmas
+#: (one camera in 400 by chance) and by more than `SEVERAL_PX`.
+SIGMAS = 3.0
 #: a systematic error of so many px (rms) is no property of a detector: the camera projects wrongly by as much
 SEVERAL_PX = 1.0
+#: steps of the fit without outliers
+STEPS = 20
 
 
 def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
@@ -72,8 +81,39 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
             f"{gross.sum()} of {len(squares)} points, off by up to {off[gross].max():.3g} px, hold "
             f"{share:.0%} of the sum of squares.",
             "Remove or mend these points, or leave them out by a robust loss (--robust).",
-            "wrong" if share > MOST_OF_IT else "doubtful",
+            "wrong" if _bent_by(facts, gross) else "doubtful",
         )
+
+
+def _bent_by(facts: Facts, gross: Array) -> bool:
+    """Whether the camera without some of the used points (a mask of the finite ones) projects clearly elsewhere.
+
+    Over the part of the picture that points cover, at infinity. A fit without them that fails says nothing.
+    """
+    solution = facts.solution
+    held = {
+        n: None
+        for n, free in zip(facts.camera.lens.names, np.any(solution.free, axis=1), strict=True)
+        if not free
+    }
+    finite = solution.used & np.isfinite(solution.residuals).all(1)
+    kept = finite.copy()
+    kept[np.flatnonzero(finite)[gross]] = False
+    try:
+        rest = solution.observations.with_used(kept)
+        other = refine(
+            solution.camera, solution.poses, rest, How(held, stopping=Options(max_iterations=STEPS))
+        )
+    except CamcalError:
+        return False
+    grid, covered = covered_grid(solution)
+    pixels = grid[covered]
+    apart = difference(other.camera, facts.camera, pixels).rms_px
+    variance = np.einsum("nii->n", projection_uncertainty(other).at_pixels(pixels))
+    noise = (
+        float(np.sqrt(np.mean(variance[np.isfinite(variance)]))) if np.isfinite(variance).any() else np.inf
+    )
+    return bool(apart > max(SEVERAL_PX, SIGMAS * noise))
 
 
 def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
