@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from camcal.version import __version__
 
 
 def head(command: Sequence[str]) -> dict[str, Any]:
-    """The entries `schema`, `tool` and `command`; `command` are the words after `camcal`, as typed."""
-    return {"schema": SCHEMA, "tool": tool(), "command": list(command)}
+    """The entries `schema`, `tool`, `command` and `date`; `command` are the words after `camcal`, as typed."""
+    now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    return {"schema": SCHEMA, "tool": tool(), "command": list(command), "date": now}
 
 
 def tool() -> dict[str, str]:

@@ -96,6 +96,9 @@ class Head(Section, kw_only=True):
     schema: Annotated[Literal["camcal-report/1"], key(f"`{SCHEMA}`")] = "camcal-report/1"
     tool: Annotated[Tool, key("versions: `camcal`, `opencv`, `numpy`, `python`")]
     command: Annotated[list[str], key("the words after `camcal`, as they were typed")]
+    date: Annotated[
+        str | UnsetType | None, key("when it was made, UTC (ISO 8601); null with `--reproducible`")
+    ] = UNSET
 
 
 class Report(Head, kw_only=True):

@@ -27,7 +27,9 @@ def test_a_page(camcal, report):
     assert (code, out) == (0, "") and "r.html" in err
     text = Path("r.html").read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>")
-    assert text.count("data:image/jpeg;base64,") == 12  # the pictures are still there
+    assert (
+        text.count("data:image/jpeg;base64,") == 14
+    )  # the pictures are still there, and one of them twice without distortion
     code, _, err = camcal("report", report)
     assert code == 2 and "--force" in err
     assert camcal("report", report, "--force")[0] == 0

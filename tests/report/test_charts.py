@@ -1,11 +1,14 @@
 """Charts as data, as SVG and as files."""
 
 import sys
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from camcal.assess.fold_difference import difference_of_folds
+from camcal.assess.holdout import described, hold_out
 from camcal.errors import UsageError
 from camcal.report.charts import CHARTS, charts
 from camcal.report.charts.base import Bars, Cells, Chart, Line, Points, tick_text, ticks
@@ -13,6 +16,7 @@ from camcal.report.charts.colours import css_colour
 from camcal.report.charts.files import drawn, write_charts
 from camcal.report.charts.residuals import cell_means, enlargement, thinned
 from camcal.report.charts.svg import svg
+from camcal.solve.refine import How
 from tests.solved import solved
 
 NAMES = [n for n in CHARTS if n != "board-shape"]
@@ -20,7 +24,9 @@ NAMES = [n for n in CHARTS if n != "board-shape"]
 
 @pytest.fixture(scope="module")
 def solution():
-    return solved(views=12)
+    made = solved(views=12)
+    held = hold_out(made, How())
+    return replace(made, holdout=described(held, difference_of_folds(made, held)))
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,10 @@ from camcal.plan.solution import of_fit
 from camcal.report.document import document
 from camcal.report.html import page as pages
 from camcal.report.html import scene
-from camcal.report.html.page import page
+from camcal.report.html.page import code_of, page
+from camcal.report.html.pictures import _undistorted
 from camcal.solve.refine import How, refine
+from camcal.study.cameras import example_camera
 from tests.report.browser import needs_chromium, open_page
 from tests.solved import camera_of, grid, observe, rig, solved, tilted_poses
 
@@ -163,7 +165,7 @@ def test_thumbnails(tmp_path, full):
     files = tuple({"path": f"somewhere/{n}", "sha256": d} for n, d in zip(names, digests, strict=True))
     s = replace(full, observations=replace(full.observations, view_ids=renamed, files=files))
     found = page(document(s), s, str(tmp_path / "report.yaml"))
-    assert found.count("data:image/jpeg;base64,") == 2
+    assert found.count("data:image/jpeg;base64,") == 4  # two thumbnails, and the preview before and after
     assert f"1 pictures are not those of the calibration any more, and not shown: {names[1]}." in found
     assert "10 pictures are not shown" in found
     assert 'class="dots lost"' in found  # the rejected points of the first view
@@ -278,3 +280,40 @@ def test_the_browser_would_tell_of_an_error(tmp_path):
     broken = tmp_path / "broken.html"
     broken.write_text("<script>nothing.there()</script>", encoding="utf-8")
     assert any("nothing is not defined" in line for line in open_page(broken, tmp_path, "--dump-dom")[1])
+
+
+def test_the_camera_to_copy():
+    """What the page shows is Python that gives the camera back."""
+    s = solved("opencv5")
+    said: dict = {}
+    exec(code_of(s), said)  # our own text
+    k, dist = s.camera.opencv()
+    assert np.array_equal(said["K"], k) and np.array_equal(np.ravel(said["dist"]), np.ravel(dist))
+    other = replace(s, camera=example_camera("eucm"))
+    exec(code_of(other), said)
+    assert said["model"] == "eucm" and list(said["parameters"].values()) == other.camera.params.tolist()
+
+
+@pytest.mark.parametrize("grade", ["good", "doubtful", "wrong"])
+def test_the_verdict_shows_the_grade(grade):
+    s = solved("opencv4", views=4)
+    warnings = () if grade == "good" else (CalibrationWarning("few-views", "few.", "", grade),)
+    graded = replace(s, warnings=warnings)
+    found = page(document(graded), graded)
+    assert f'class="verdict {graded.verdict} {grade}"' in found and f">{grade.upper()}<" in found
+    assert re.search(r"made \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", found)
+
+
+def test_the_preview_is_what_a_pinhole_sees():
+    """A picture whose gray is a ramp of the pinhole's u: without distortion it is that ramp."""
+    camera = example_camera("opencv5")
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    rays = camera.unproject(np.c_[u.ravel(), v.ravel()].astype(float))
+    ideal = (rays @ camera.matrix.T)[:, 0] / (rays @ camera.matrix.T)[:, 2]
+    gray = np.clip(ideal / width * 255, 0, 255).reshape(height, width).astype(np.uint8)
+    small, straight = _undistorted(camera, gray)
+    wanted = (np.arange(small.shape[1]) + 0.5) / small.shape[1] * 255
+    middle = np.s_[small.shape[0] // 4 : -small.shape[0] // 4, small.shape[1] // 4 : -small.shape[1] // 4]
+    # a gray level of rounding, one of interpolation
+    assert np.abs(straight[middle] - np.broadcast_to(wanted, small.shape)[middle]).max() <= 2

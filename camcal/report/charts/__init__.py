@@ -24,6 +24,7 @@ CHARTS: dict[str, str] = {
     "distortion-field": "camcal.report.charts.lens:field",
     "uncertainty-board": "camcal.report.charts.lens:uncertainty_at_board",
     "uncertainty-infinity": "camcal.report.charts.lens:uncertainty_at_infinity",
+    "holdout": "camcal.report.charts.lens:holdout_map",
     "board-shape": "camcal.report.charts.board:shape",
 }
 

@@ -137,3 +137,31 @@ def _uncertainty(solution: Solution, distance: float, where: str) -> Chart | Non
         ),
         picture=True,
     )
+
+
+def holdout_map(solution: Solution) -> Chart | None:
+    """How far the cameras of the folds lie apart over the picture."""
+    found = (solution.holdout or {}).get("difference")
+    if not found or not found.get("map"):
+        return None
+    facts, drawn = Facts(solution), found["map"]
+    values = np.array(drawn["found_px"], float)
+    if np.isnan(values).all():
+        return None
+    x, y = picture_limits(facts)
+    hull = hull_of(facts.image_points)
+    return Chart(
+        "Cameras from different views",
+        "How far cameras estimated without a part of the views project from that of all views, at infinity (rms "
+        f"over the folds): {found['median_px']:.3g} px in the median, {found['max_px']:.3g} at most; noise alone "
+        f"explains {found['predicted_px']:.3g}.",
+        "u, px",
+        "v, px",
+        x,
+        y,
+        (
+            Cells(np.array(drawn["u"]), np.array(drawn["v"]), values, "px", logarithmic=True),
+            *([Line(hull, tone="hull", closed=True, label="the data")] if len(hull) else []),
+        ),
+        picture=True,
+    )

@@ -46,7 +46,7 @@ def quiver(solution: Solution) -> Chart | None:
     if not len(r):
         return None
     x, y = picture_limits(facts)
-    scale = enlargement(np.linalg.norm(r, axis=1), x[1] - x[0])
+    scale = enlargement(np.linalg.norm(r, axis=1), 2 * (x[1] - x[0]))
     some = thinned(len(r))
     places, means = cell_means(uv, r, x, y)
     return Chart(

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from camcal.errors import UsageError
 from camcal.plan.solution import Solution
 from camcal.report import table, words
@@ -19,7 +21,7 @@ _HERE = Path(__file__).parent
 SECTIONS = {
     "residuals": ("residuals", "histogram", "views", "radius"),
     "coverage": ("coverage", "tilts", "distances", "next-view"),
-    "lens": ("distortion-curve", "distortion-field", "uncertainty-board", "uncertainty-infinity"),
+    "lens": ("distortion-curve", "distortion-field", "uncertainty-board", "uncertainty-infinity", "holdout"),
     "board": ("board-shape",),
 }
 
@@ -52,6 +54,8 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
         trust=words.trust(report),
         findings=examine(report, solution, source, try_models=False),
         parameters=parameter_rows(report["camera"]),
+        code=code_of(solution),
+        preview=pictures.preview(solution, report, Path(source).resolve().parent),
         charts=drawn,
         sections=SECTIONS,
         scene=turned,
@@ -69,10 +73,10 @@ def scene_data(turned: dict[str, Any]) -> str:
 
 
 def assets() -> dict[str, str]:
-    """The style sheet and the script."""
+    """The style sheet and the scripts."""
     return {
         "style": _HERE.joinpath("style.css").read_text(encoding="utf-8"),
-        "script": _HERE.joinpath("scene.js").read_text(encoding="utf-8"),
+        "script": "".join(_HERE.joinpath(n).read_text(encoding="utf-8") for n in ("scene.js", "page.js")),
     }
 
 
@@ -92,6 +96,20 @@ def template_of(name: str) -> Any:
         lstrip_blocks=True,
     )
     return environment.get_template(name)
+
+
+def code_of(solution: Solution) -> str:
+    """The camera as Python to copy: K and dist for OpenCV, or the parameters by name where OpenCV has no such model."""
+    camera = solution.camera
+    try:
+        k, dist = camera.opencv()
+    except UsageError:
+        values = ", ".join(
+            f'"{n}": {v!r}' for n, v in zip(camera.lens.names, camera.params.tolist(), strict=True)
+        )
+        return f'model = "{camera.lens.name}"\nparameters = {{{values}}}'
+    rows = ",\n     ".join(str(row) for row in k.tolist())
+    return f"K = [{rows}]\ndist = {np.ravel(dist).tolist()}  # {camera.lens.name}"
 
 
 def parameter_rows(camera: dict[str, Any]) -> list[dict[str, str]]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.model.camera import Camera
 from camcal.plan.solution import Solution
 from camcal.report.charts.residuals import enlargement
 from camcal.system.reading import is_file
@@ -18,6 +19,8 @@ from camcal.system.reading import is_file
 Array = np.ndarray
 
 WIDTH = 340
+#: of the preview without distortion, and of its quality
+PREVIEW_WIDTH, PREVIEW_QUALITY = 640, 75
 QUALITY = 62
 #: more thumbnails than this are not shown: the worst views, and some of those that were not used
 MOST_USED, MOST_OTHERS = 24, 8
@@ -145,13 +148,73 @@ def _dots(uv: Array) -> str:
     return "".join(f"M{u:.1f} {v:.1f}h0" for u, v in uv)
 
 
-def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
-    """A small JPEG of a picture as a data URI, and the picture's own (width, height).
+@dataclass(frozen=True)
+class Preview:
+    """A picture as it was taken and without distortion, as data URIs."""
 
-    A report of a stranger may name any file: only what was in the calibration is shown.
-    """
+    id: str
+    before: str
+    after: str
+
+
+def preview(solution: Solution, report: dict[str, Any], folder: Path) -> Preview | None:
+    """The used picture whose points reach farthest from the principal point; None where all files are gone."""
+    paths, data, centre = _paths(report, folder), solution.observations, solution.camera.params[2:4]
+    reach = {
+        v.id: float(np.linalg.norm(v.uv - centre, axis=1).max(initial=0.0))
+        for v in data.views
+        if v.id in paths
+    }
+    for name in sorted(reach, key=lambda n: -reach[n]):
+        try:
+            gray = _gray(*paths[name])
+        except ChangedError:
+            continue
+        if gray is not None and solution.camera.image_size == gray.shape[::-1]:
+            before, after = (_uri(p, PREVIEW_QUALITY) for p in _undistorted(solution.camera, gray))
+            return None if before is None or after is None else Preview(name, before, after)
+    return None
+
+
+def _undistorted(camera: Camera, gray: Array) -> tuple[Array, Array]:
+    """A picture, made smaller, and the same without distortion."""
     import cv2
 
+    height, width = gray.shape
+    factor = min(1.0, PREVIEW_WIDTH / width)
+    size = round(width * factor), round(height * factor)
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    u, v = np.meshgrid(*((np.arange(n) + 0.5) / factor - 0.5 for n in size))
+    pinhole = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.matrix).T
+    seen = (camera.project(pinhole.reshape(-1, 3)).reshape(*u.shape, 2) + 0.5) * factor - 0.5
+    # pixels that no ray reaches become black
+    seen = np.nan_to_num(seen, nan=-1e4).astype(np.float32)
+    return small, cv2.remap(small, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR)
+
+
+def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
+    """A small JPEG of a picture as a data URI, and the picture's own (width, height)."""
+    import cv2
+
+    gray = _gray(path, sha256)
+    if gray is None:
+        return None
+    height, width = gray.shape
+    small = cv2.resize(gray, (WIDTH, max(1, round(WIDTH * height / width))), interpolation=cv2.INTER_AREA)
+    uri = _uri(small, QUALITY)
+    return None if uri is None else (uri, (width, height))
+
+
+def _gray(path: Path, sha256: str | None) -> Array | None:
+    """A picture, 8 bits; None where it cannot be read.
+
+    A report of a stranger may name any file: only what was in the calibration is shown.
+
+    Raises
+    ------
+    ChangedError
+        Where it is not the picture of the calibration any more.
+    """
     from camcal.detect.decode import UnreadableError, decode_gray
     from camcal.detect.sources import read_bytes
 
@@ -162,11 +225,11 @@ def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
         gray = decode_gray(data)
     except UnreadableError:
         return None
-    if gray.dtype != np.uint8:
-        gray = (gray >> 8).astype(np.uint8)
-    height, width = gray.shape
-    small = cv2.resize(gray, (WIDTH, max(1, round(WIDTH * height / width))), interpolation=cv2.INTER_AREA)
-    done, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    if not done:
-        return None
-    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii"), (width, height)
+    return gray if gray.dtype == np.uint8 else (gray >> 8).astype(np.uint8)
+
+
+def _uri(picture: Array, quality: int) -> str | None:
+    import cv2
+
+    done, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii") if done else None
