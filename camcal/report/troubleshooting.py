@@ -13,14 +13,6 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 #: code -> (what usually causes it, what to do)
 REMEDIES: dict[str, tuple[str, str]] = {
-    "does-not-fit": (
-        "Another camera, another zoom or focus, a target of another size, or points in another order.",
-        "Compare the two cameras (`camcal compare`); calibrate again where the lens was touched.",
-    ),
-    "data-exchanged": (
-        "v counted from the bottom, row before column, a left-handed frame, or pictures that were resized.",
-        "Change the table as the message says; do not change the camera.",
-    ),
     "single-view": (
         "One picture of a flat board.",
         "Take 10 to 20 pictures with the board tilted to several sides, or hold what is known: "
