@@ -29,6 +29,7 @@ from camcal.system.processes import Terminated
 
 BUG, INTERRUPTED, BROKEN_PIPE = 70, 130, 141
 DATA = 3
+NO_MEMORY = -4  #: cv2.Error.StsNoMem
 
 
 def run(args: Sequence[str]) -> int:
@@ -63,13 +64,15 @@ def _run(args: Sequence[str]) -> int:
         streams.silence(sys.stdout)
         return BROKEN_PIPE
     except MemoryError:
-        return _say("there is not enough memory.", "Try less data at a time, or smaller pictures.", DATA)
+        return _no_memory()
     except OSError as error:
         if error.strerror is None:  # not raised by the system
             return _report_bug(error, args, state["verbosity"])
         where = "the system refused" if error.filename is None else f"{error.filename}"
         return _say(f"{where}: {error.strerror}.", None, DATA)
     except Exception as error:  # noqa: BLE001 - the boundary: whatever else arrives here is a bug
+        if type(error).__module__ == "cv2" and getattr(error, "code", None) == NO_MEMORY:
+            return _no_memory()
         return _report_bug(error, args, state["verbosity"])
 
 
@@ -130,6 +133,10 @@ def _say(message: str, hint: str | None, code: int) -> int:
     for line in (hint or "").splitlines():
         click.echo(f"  {text.message(line)}", err=True)
     return code
+
+
+def _no_memory() -> int:
+    return _say("there is not enough memory.", "Try less data at a time, or smaller pictures.", DATA)
 
 
 def _report_bug(error: Exception, args: Sequence[str], verbosity: int) -> int:

@@ -82,7 +82,9 @@ def examine(task: Task) -> Outcome:
         outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
-    except MemoryError:
+    except (MemoryError, cv2.error) as error:
+        if isinstance(error, cv2.error) and error.code != cv2.Error.StsNoMem:
+            raise
         return Outcome(task.path, "unreadable", "there is not enough memory for it", sha256)
     if place is None or outcome.code == "time":  # a slow moment must not be remembered
         return outcome

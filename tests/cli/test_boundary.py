@@ -80,6 +80,16 @@ def test_a_bug_without_a_place_for_its_log(toy, tmp_path, monkeypatch):
     assert "no log could be written" in err
 
 
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [("memory", "there is not enough memory"), ("full", "the system refused: No space left on device")],
+)
+def test_what_the_system_refuses_is_no_bug(toy, tmp_path, what, said):
+    code, _, err = toy(what)
+    assert code == 3 and err.startswith(f"Error: {said}.")
+    assert not (tmp_path / "state").exists()
+
+
 def test_a_gate_that_fell(toy):
     assert toy("gate") == (1, "", "")
 

@@ -20,6 +20,8 @@ FAILURES = {
     "abort": click.Abort(),
     "bug": ZeroDivisionError("division by zero\nsecond line"),
     "end-of-file": EOFError("from a library, not from the user"),
+    "memory": MemoryError(),
+    "full": OSError(28, "No space left on device"),
     "nameless-os-error": OSError("from a library, not from the system"),
 }
 

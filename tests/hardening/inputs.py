@@ -7,10 +7,12 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.pose import Pose
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 SIZE = (640, 480)
@@ -59,6 +61,21 @@ def _rig(folder: Path) -> None:
     write_rows(folder / "rig.csv", "camera,view,X,Y,Z,u,v", rows)
 
 
+def _robot(folder: Path) -> None:
+    """base_from_hand of a robot that carried the camera of r.yaml."""
+    report = yaml.safe_load((folder / "r.yaml").read_text())
+    rng = np.random.default_rng(2)
+    hand_from_camera = Pose(rotations.exp(np.array([0.2, -0.1, 0.3])), np.array([20.0, 30, 40]))
+    rows = []
+    for view in report["views"]:
+        given = view["cam_from_board"]
+        seen = Pose(rotations.exp(np.array(given["rotation_vector"])), np.array(given["translation"]))
+        base_from_hand = seen.inverse() @ hand_from_camera.inverse()
+        shift = base_from_hand.translation + rng.normal(0, 0.1, 3)
+        rows.append([view["id"], *shift, *rotations.log(base_from_hand.rotation)])
+    write_rows(folder / "poses.csv", "view,x,y,z,rx,ry,rz", rows)
+
+
 def _tables(folder: Path) -> None:
     rng = np.random.default_rng(0)
     lens = lenses.make("opencv4")
@@ -100,8 +117,7 @@ def _tables(folder: Path) -> None:
         uv = ideal.project(xyz @ rotations.exp(np.array([0.3, 0.5, 0.1])).T + [0, 0, 7])
         room += [[i, *p] for p in uv.tolist()]
     write_rows(folder / "room.csv", "line,u,v", room)
-    poses = [[f"view{i + 1:02d}", *rng.uniform(-1, 1, 6)] for i in range(5)]
-    write_rows(folder / "poses.csv", "view,x,y,z,rx,ry,rz", poses)
+    _robot(folder)
     (folder / "jobs.yaml").write_text(
         "jobs:\n- {name: a, points: p.csv, image-size: 640x480, model: pinhole}\n"
     )

@@ -127,6 +127,12 @@ def make_state(folder: Path) -> None:
     _follow(folder / "state")
 
 
+def _robot(path: Path) -> Any:
+    from camcal.data.robot_poses import read_robot_poses
+
+    return read_robot_poses(path)
+
+
 def _config(path: Path) -> Any:
     from camcal.settings.config import load_config, values_for
 
@@ -183,6 +189,7 @@ def subjects() -> list[Subject]:
         Subject("tracks", (".csv",), ("tracks.csv",), _labelled("view", "point")),
         Subject("points of cameras", (".csv",), ("points2d.csv",), _labelled("camera", "point")),
         Subject("placed cameras", (".csv", ".yaml"), ("dlt.csv", "rig.yaml"), _placed),
+        Subject("poses of a robot", (".csv",), ("poses.csv",), _robot),
         Subject("frames", (".csv",), ("f.csv",), _frames),
         Subject("checkpoint", ("",), ("state",), _checkpoint),
         Subject("configuration", (".yaml",), ("camcal.yml",), _config),
