@@ -70,7 +70,7 @@ def _quoted(name: str) -> str:
             f"the view name {name!r} cannot be written to a CSV file.", "Names are one line and not empty."
         )
     name = cell(name)
-    if name.isprintable() and name == name.strip() and not any(c in name for c in "#,;\"'\t "):
+    if name.isprintable() and name == name.strip() and not any(c in name for c in "#%,;\"'\t "):
         return name
     out = io.StringIO()
     csv.writer(out, quoting=csv.QUOTE_ALL, lineterminator="").writerow([name])

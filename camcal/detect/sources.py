@@ -21,7 +21,7 @@ from camcal.detect.decode import FLAGS, UnreadableError, as_gray, check_size, de
 from camcal.detect.exif import UNKNOWN, Taken, read_exif
 from camcal.detect.frames import is_film, read_frame
 from camcal.errors import DataError
-from camcal.system.reading import read_file
+from camcal.system.reading import is_file, read_file
 
 Array = np.ndarray
 
@@ -150,6 +150,8 @@ def read_bytes(path: Path) -> bytes:
 
 def page_count(path: Path) -> int:
     """How many pictures a file holds: more than 1 for TIFF files of several pages."""
+    if not is_file(path):  # a pipe would be waited for
+        return 1
     try:
         with path.open("rb") as stream:
             if stream.read(4)[:2] not in (b"II", b"MM"):

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from camcal.errors import UsageError
+from camcal.errors import DataError, UsageError
 from camcal.registry import suggestion
 from camcal.settings.commands import OPTIONS, options_of
 from camcal.settings.kinds import shown
 from camcal.settings.option import Option
 from camcal.settings.yaml_strict import KeyPath, parse
+from camcal.system.reading import read_file
 
 DEFAULT_FILE = "camcal.yaml"
 LARGEST = 1 << 20  #: bytes; a configuration of every option is below 10 kB
@@ -82,17 +83,9 @@ def load_config(path: str | os.PathLike, named: bool = True) -> Config:
 
 def _read(name: str) -> str:
     try:
-        with Path(name).open("rb") as stream:
-            data = stream.read(LARGEST + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UsageError(
-            f"{name}: cannot be read: {reason.lower()}.", "Check the name given to --config."
-        ) from None
-    if len(data) > LARGEST:
-        raise UsageError(
-            f"{name}: more than {LARGEST} bytes; a configuration is short.", "Is it the right file?"
-        )
+        data = read_file(name, LARGEST, "a configuration", "Check the name given to --config.")
+    except DataError as error:
+        raise UsageError(f"{name}: cannot be read: {error.message}", error.hint) from None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

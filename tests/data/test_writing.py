@@ -16,7 +16,6 @@ from camcal.data.table import LARGEST_VALUE
 from camcal.data.writing import write_points
 from camcal.errors import DataError, UsageError
 from camcal.system import writing
-from camcal.system.text import cell
 from camcal.system.writing import atomic_write, check_writable
 
 
@@ -152,7 +151,6 @@ def test_points_read_back_whatever_separates_them(tmp_path, c, separator, comma)
     for name, *numbers in rows[1:]:
         if comma and separator in ";\t":
             numbers = [n.replace(".", ",") for n in numbers]
-        name = cell(name)
         lines.append(separator.join(['"' + name.replace('"', '""') + '"', *numbers]))
     path.write_text("# again\n\n" + "\n".join(lines), encoding="utf-8", newline="")
     check_same(read_points(path), c)

@@ -229,7 +229,7 @@ def test_every_option_takes_its_own_default(load):
         ("a: " + "[" * 5000, "camcal.yaml:1: nested more than"),
         ("a: " + "9" * 5000, "camcal.yaml:1: a number of 5000 digits"),
         (b"a: 1\nb: \xff", "camcal.yaml:2: not UTF-8 text"),
-        (b"#" * (2 << 20), "more than 1048576 bytes"),
+        (b"#" * (2 << 20), "more than 1 MB"),
     ],
 )
 def test_what_the_loader_refuses(load, text, message):
@@ -239,7 +239,7 @@ def test_what_the_loader_refuses(load, text, message):
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(UsageError, match="cannot be read: no such file"):
+    with pytest.raises(UsageError, match="cannot be read: there is no file"):
         load_config(tmp_path / "absent.yaml")
 
 
