@@ -8,6 +8,7 @@ import pytest
 from camcal.assess.checks import check
 from camcal.assess.covariance import covariance
 from camcal.assess.curvature import accuracy, beyond_linear
+from camcal.assess.uncertainty import projection_uncertainty, worst_sigma
 from camcal.data.points import read_points
 from camcal.plan.calibrate import calibrate
 from camcal.report.document import document
@@ -86,3 +87,23 @@ def test_a_camera_that_is_known_or_without_redundancy_is_left_alone():
     t = solved(views=4)
     d = replace(covariance(t), sigma_0=float("nan"))
     assert beyond_linear(t, d) is d
+
+
+PLACES = np.array([[0.0, 0], [639, 0], [0, 479], [639, 479], [320, 240]])
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_projections_take_the_ends_of_curved_intervals_into_account(seed):
+    s = needless(seed)
+    linear, whole = (
+        worst_sigma(projection_uncertainty(s, c).at_pixels(PLACES)) for c in (covariance(s), accuracy(s))
+    )
+    assert (whole >= linear * (1 - 1e-9)).all() and (whole[:4] > linear[:4]).all()
+    # in the centre, where there are points, all cameras along the curve project alike
+    assert whole[4] < 1.1 * linear[4]
+
+
+def test_projections_of_a_regular_model_stay():
+    s = solved(views=8)
+    spread = [projection_uncertainty(s, c).at_pixels(PLACES) for c in (covariance(s), accuracy(s))]
+    assert np.array_equal(*spread)

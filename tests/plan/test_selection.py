@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from camcal.assess import figures
 from camcal.data.observations import Correspondences
 from camcal.data.points import read_points
 from camcal.errors import EstimationError
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
-from camcal.plan.selection import described, select
+from camcal.plan.selection import Candidate, _typical_error, described, select
+from camcal.solve.robust import spread
 from camcal.study.points import simulate_points
 from tests.shared_data import DATA, needs_data
+from tests.solved import solved
 
 GRID = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2) * 0.03
 
@@ -91,3 +94,16 @@ def test_nothing_fits():
         assert "none of the models" in error.message
     else:
         assert found.chosen.solution.rms_point > 50
+
+
+def test_nan_decides_no_ranking():
+    assert figures.ranked(None) == figures.ranked(float("nan")) == float("inf")
+    assert sorted([2.0, float("nan"), 1.0, None], key=figures.ranked)[:2] == [1.0, 2.0]
+    # a model that projects a tenth of its points, and these well, is not the one that believes most
+    good, few = solved(views=4), solved(views=4)
+    few.residuals[: int(0.9 * len(few.residuals))] = np.nan
+    few.residuals[int(0.9 * len(few.residuals)) :] *= 0.1
+    assert min([few, good], key=_typical_error) is good
+    assert min([few, good], key=spread) is good
+    broken = Candidate("pinhole", few, None, (), 0.0)
+    assert broken.information() == (np.inf, np.inf) and broken.holdout_rms == np.inf
