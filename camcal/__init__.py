@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # what `__getattr__` loads, for type checkers
     from camcal.model.camera import Camera as Camera
     from camcal.model.pose import Pose as Pose
     from camcal.model.pose import Poses as Poses
+    from camcal.model.rectification import Rectification as Rectification
+    from camcal.model.rectification import rectify as rectify
     from camcal.model.rig import Rig as Rig
     from camcal.plan.calibrate import calibrate as calibrate
     from camcal.plan.images import calibrate_images as calibrate_images
@@ -44,6 +46,7 @@ _PUBLIC = {
     "Observations": "camcal.data.observations:Observations",
     "Pose": "camcal.model.pose:Pose",
     "Poses": "camcal.model.pose:Poses",
+    "Rectification": "camcal.model.rectification:Rectification",
     "Rig": "camcal.model.rig:Rig",
     "RigSolution": "camcal.plan.solution:RigSolution",
     "Solution": "camcal.plan.solution:Solution",
@@ -55,6 +58,7 @@ _PUBLIC = {
     "load": "camcal.report.opening:load",
     "read_points": "camcal.data.points:read_points",
     "read_rig": "camcal.data.rig_table:read_rig",
+    "rectify": "camcal.model.rectification:rectify",
     "save_camera": "camcal.report.opening:save_camera",
 }
 

@@ -37,7 +37,7 @@ WIDE = np.deg2rad(60)
 WIDEST = {PERSPECTIVE: np.deg2rad(80), LATITUDE_LONGITUDE: np.deg2rad(85)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rectification:
     """The rectified pictures of two cameras, of the same scale, centre and size.
 
@@ -68,6 +68,12 @@ class Rectification:
     focal: float
     centre: Array
     image_size: tuple[int, int]
+
+    def __repr__(self) -> str:
+        """On one line: the kind of pair, projection, scale and size."""
+        kind, (width, height) = ("horizontal", "vertical")[self.axis], self.image_size
+        unit = "px" if self.projection == PERSPECTIVE else "px per rad"
+        return f"<Rectification {kind}, {self.projection}, {self.focal:.5g} {unit}, {width}x{height}>"
 
     def pixels(self, rays: Array) -> Array:
         """Rectified pixels (..., 2) of directions (..., 3) of the rectified frame; NaN beyond `WIDEST`."""

@@ -99,6 +99,12 @@ def test_the_matrices_are_like_those_of_cv2(alpha):
     np.testing.assert_allclose(made["P1"][:2, 2], theirs[2][:2, 2], atol=10)
 
 
+def test_it_fits_on_a_line():
+    pose = Pose.from_vector(np.zeros(3), np.array([-60.0, 0, 0]))
+    said = repr(rectify(camera(), camera(), pose))
+    assert said == "<Rectification horizontal, perspective, 531 px, 640x480>"
+
+
 def test_alpha_says_what_is_black():
     pose = Pose.from_vector(np.array([0.02, 0.05, -0.01]), np.array([-60.0, 3, 2]))
     black = {}
