@@ -61,12 +61,15 @@ class NamedCamera:
         cam_from_rig: from the frame that all cameras of the file share, where the file has poses.
     rectification : (R (3, 3), P (3, 4)) or None
         Of a pair that is written: see `camcal.model.rectification`.
+    projection : (3, 4) array or None
+        As the file has it, of formats that hold nothing else: the same numbers are written again.
     """
 
     name: str
     camera: Any
     pose: Pose | None = None
     rectification: tuple[Array, Array] | None = None
+    projection: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ camera is a pinhole with a skew, and its pose in the frame of the points: exactl
 
 from __future__ import annotations
 
+import numpy as np
+
 from camcal.data.dlt_table import dlt_text, looks_like_dlt, matrices
 from camcal.data.formats.base import Array, CameraFile, Format, NamedCamera
 from camcal.data.formats.source import Source
@@ -17,6 +19,8 @@ from camcal.model.pose import Pose
 #: characters of a table of a thousand cameras
 LONGEST = 1_000_000
 MODELS = ("pinhole+skew",)
+#: relative difference up to which numbers are those that were read: camera and pose of them are rounded by 1e-13
+SAME = 1e-9
 
 
 def _sniff(source: Source) -> bool:
@@ -30,7 +34,8 @@ def _read(source: Source) -> CameraFile:
 def _camera(index: int, projection: Array) -> NamedCamera:
     k, rotation, translation, _ = decompose(projection)
     matrix = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1])
-    return NamedCamera(str(index), polynomial(matrix, None), Pose(rotation, translation))
+    camera, pose = polynomial(matrix, None), Pose(rotation, translation)
+    return NamedCamera(str(index), camera, pose, projection=projection)
 
 
 def _write(cameras: CameraFile, suffix: str) -> str:
@@ -41,8 +46,16 @@ def _write(cameras: CameraFile, suffix: str) -> str:
             raise UsageError(
                 "the DLT's numbers need the pose of the camera in the frame of the points.", "Convert a rig."
             )
-        projections.append(terms.matrix @ named.pose.matrix[:3])
+        made = terms.matrix @ named.pose.matrix[:3]
+        known = named.projection
+        projections.append(made if known is None or not _same(made, known) else known)
     return dlt_text(projections)
+
+
+def _same(made: Array, known: Array) -> bool:
+    """Whether two projection matrices are one up to scale and rounding, each column in its own unit."""
+    off = np.abs(made / made[2, 3] - known / known[2, 3])
+    return bool((off <= SAME * np.abs(known / known[2, 3]).max(0)).all())
 
 
 FORMAT = Format(

@@ -1,11 +1,15 @@
 """Formats of tools without a reader that installs here: files as their owners document them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from camcal.data.formats import files
 from camcal.data.formats.source import Source
 from camcal.errors import DataError
+from camcal.geometry import rotations
+from camcal.model.pose import Pose
 
 USD = """#usda 1.0
 def Camera "Left" (
@@ -77,3 +81,22 @@ def test_gyroflow(tmp_path):
     assert named.camera.lens.name == "kb4" and named.camera.values["k4"] == 0.003
     with pytest.raises(DataError, match="unknown distortion_model"):
         read(tmp_path, "b.json", text.replace('"name"', '"distortion_model": "gopro_superview", "name"'))
+
+
+def test_numbers_of_a_dlt_file_come_back_to_the_last_bit(tmp_path):
+    """Programs of a laboratory hold the same file, and compare it."""
+    rng = np.random.default_rng(5)
+    cameras = []
+    for _ in range(3):
+        turn = rotations.exp(rng.uniform(-1, 1, 3))
+        p = np.array([[1400.0, 0, 960], [0, 1400, 540], [0, 0, 1]]) @ np.c_[turn, [0.3, -0.2, 4.0]]
+        cameras.append((p / p[2, 3]).ravel()[:11])
+    text = "".join(",".join(repr(float(x)) for x in row) + "\n" for row in np.transpose(cameras))
+    found = read(tmp_path, "dlt.csv", text)
+    form = files.named_format("dlt")
+    assert files.rendered(form, found, tmp_path / "again.csv").content == text
+    moved = replace(found.cameras[0], pose=Pose(np.eye(3), np.array([0.0, 0, 5])))
+    other = replace(found, cameras=(moved, *found.cameras[1:]))
+    assert (
+        files.rendered(form, other, tmp_path / "again.csv").content != text
+    )  # not the numbers of another camera
