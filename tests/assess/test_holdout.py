@@ -13,7 +13,7 @@ from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.errors import UsageError
 from camcal.plan.calibrate import calibrate
 from camcal.solve.losses import LOSSES
-from camcal.solve.refine import How, refine
+from camcal.solve.refine import How, refine, refit
 from camcal.solve.robust import reweight
 from tests.solved import camera_of, grid, observe, solved, tilted_poses
 
@@ -76,7 +76,7 @@ def test_one_step_is_the_fit_to_the_rest(fix, monkeypatch):
 def test_where_one_step_does_not_do_the_rest_is_fitted(monkeypatch):
     s = solved(views=8)
     calls = []
-    monkeypatch.setattr(holdout, "refine", lambda *a: calls.append(1) or refine(*a))
+    monkeypatch.setattr(holdout, "refit", lambda *a: calls.append(1) or refit(*a))
     assert hold_out(s, How()) is not None and not calls
     # where the cost does not fall as the step predicts
     monkeypatch.setattr(holdout, "TRUSTED", 1e-12)
