@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.errors import EstimationError
-from camcal.model.pose import Array, Pose, Poses
+from camcal.model.pose import Pose, Poses
 from camcal.registry import load
 from camcal.routes.hand_eye import CLOSED_FORM_SUMMARIES, CLOSED_FORMS
 from camcal.routes.hand_eye.equation import residuals
@@ -86,8 +86,3 @@ def best(methods: list[Method]) -> Method:
 
 #: keeps a figure of exactly 0 from hiding the other one
 _TINY = float(np.finfo(float).tiny) ** 0.25
-
-
-def poses_of(methods: list[Method]) -> dict[str, Array]:
-    """The transformations (4, 4) X by name, of those that did not fail."""
-    return {m.name: m.x.matrix for m in methods if m.x is not None}

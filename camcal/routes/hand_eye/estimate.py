@@ -23,8 +23,8 @@ SETTLED = 1e-3
 MOST_ROUNDS = 30
 #: A pose is an outlier below this probability, of any one of V: one false alarm in a thousand calibrations.
 OUTLIER = 1e-3
-#: Outliers are looked for while at least this many poses stay: two more than are needed, to test with.
-LEAST_TO_TEST = 6
+#: Outliers are looked for among at least this many poses: of fewer, a wrong one hides in the noise that it makes.
+LEAST_TO_TEST = 7
 LEVEL = 0.95
 
 
@@ -142,7 +142,7 @@ def estimate(
     """
     require_enough(len(pictures))
     everyone = np.arange(len(pictures))
-    if not robust or len(everyone) <= LEAST_TO_TEST:
+    if not robust or len(everyone) < LEAST_TO_TEST:
         return _estimate(setup, pictures, robot if callable(robot) else _taken(robot, everyone), offset)
     whole = _taken(robot, everyone)
     seen = alone(pictures)
@@ -160,7 +160,7 @@ def _tested(found: Estimate, seen: Alone, robot: Robot, used: Array) -> Array:
     """The poses without the worst one, if that is an outlier; else with all those set aside that fit after all."""
     count, shared = len(seen.poses), 12 + (found.offset is not None)
     chance = variance.outlying(found.misfit, shared)
-    if chance.min() * count < OUTLIER and len(used) > LEAST_TO_TEST:
+    if chance.min() * count < OUTLIER and len(used) >= LEAST_TO_TEST:
         return np.delete(used, int(chance.argmin()))
     aside = np.setdiff1d(np.arange(count), used)
     if not len(aside):
