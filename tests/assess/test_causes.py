@@ -14,6 +14,8 @@ from camcal.assess.causes.kinds import KINDS, contrasts, shared
 from camcal.assess.causes.linear import Linear, all_fields, problem_of
 from camcal.assess.causes.search import two_groups
 from camcal.assess.causes.words import MANY_PX, SEVERAL_PX, VISIBLE_PX, WORSE, severity, warning_of
+from camcal.assess.checks.cause import cause
+from camcal.assess.checks.facts import Facts
 from camcal.data.observations import Correspondences
 from camcal.errors import DataError
 from camcal.plan.calibrate import calibrate
@@ -176,3 +178,33 @@ def test_the_size_of_the_pictures(cases):
         size = round(cases.SIZE[0] * factor), round(cases.SIZE[1] * factor)
         assert ("image-size" in cases.codes(replace(data, image_sizes=(size,)))) == said
     assert "image-size" not in cases.codes(replace(data, image_sizes=((2560, 960),)))
+
+
+@pytest.mark.parametrize(
+    ("part", "tails", "wanted"), [(0.91, 5.0, "doubtful"), (0.89, 5.0, "wrong"), (0.91, 0.0, "wrong")]
+)
+def test_little_evidence_in_noise_with_heavy_tails(cases, monkeypatch, part, tails, wanted):
+    """The grade of a cause falls only where sigma hardly falls and the noise is not Gaussian."""
+    rng = np.random.default_rng(2)
+    first, second = cases.camera(), cases.camera(fx=1020.0, fy=1020.0)
+    a, b = cases.seen(first, rng, 12), cases.seen(second, rng, 12)
+    data = a.with_views(
+        tuple(
+            replace(w if i >= 6 else v, id=v.id)
+            for i, (v, w) in enumerate(zip(a.views, b.views, strict=True))
+        )
+    )
+    made = fitted(data)
+    found = replace(find(made), sigma=part, before=1.0)
+    monkeypatch.setattr("camcal.assess.checks.noise.fourth_moment", lambda facts: (2.9, tails))
+    (said,) = cause(Facts(made, None, found))
+    assert said.severity == wanted
+
+
+def test_parts_that_explain_little_are_no_cause(cases):
+    data = cases.seen(cases.camera(), np.random.default_rng(3), 12)
+    made = fitted(cases.each(data, lambda v: replace(v, uv=v.uv * (1.01 if v.id > "v5" else 1.0))))
+    found = find(made)
+    assert found.trial is not None and found.trial.how != "each" and found.cause is not None
+    for share, named in ((0.79, False), (0.81, True)):
+        assert (replace(found, share=share).cause is not None) == named

@@ -7,6 +7,7 @@ model explains all views at once (`search.py`), and `words.py` says which.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,10 @@ from camcal.start.pose import initial_poses
 
 #: larger problems are left alone: the search takes 30 to 60 passes over the data, as much as a calibration
 MOST_POINTS, MOST_VIEWS = 20_000, 150
+#: Parts of the views are the cause where they explain this part of what numbers of each view explain: all of it,
+#: where that is what happened. Bent boards and blur leave something for any two groups: half of it on a real set of
+#: 17 pictures.
+MOST_OF_IT = 0.8
 #: a number for each view says something about all of them from so many views on
 LEAST_FOR_EACH = 6
 #: sine of the angle between a ray and the image plane below which x/z means little
@@ -47,6 +52,8 @@ class Found:
         What is left of the noise, in the unit of the weights (px without sigmas).
     before : float
         The same without the cause.
+    share : float
+        Of the squares that numbers of each view explain, beyond noise, what the candidate explains.
     """
 
     base: Calibration
@@ -56,6 +63,7 @@ class Found:
     scatter: float
     sigma: float
     before: float
+    share: float = 1.0
 
     @property
     def common(self) -> bool:
@@ -68,7 +76,9 @@ class Found:
         trial = self.trial
         if trial is None or self.views or trial.kind == "board":
             return None
-        return None if trial.how == "each" and len(self.base.poses) < LEAST_FOR_EACH else trial
+        if trial.how == "each":
+            return trial if len(self.base.poses) >= LEAST_FOR_EACH else None
+        return trial if self.share > MOST_OF_IT else None
 
 
 def find(solution: Calibration, given: Observations | None = None) -> Found:
@@ -96,7 +106,19 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
     assert search.linear is not None
     left = float(np.sqrt(2 * best.cost / (search.freedom - best.numbers)))
     before = float(np.sqrt(2 * search.linear.cost / search.freedom))
-    return Found(base, best, best.kind == "views", *effect_px(base, best), left, before)
+    share = _share(best, trials, search.linear.cost, search.freedom)
+    return Found(base, best, best.kind == "views", *effect_px(base, best), left, before, share)
+
+
+def _share(best: Trial, trials: Sequence[Trial], cost: float, freedom: int) -> float:
+    """What a candidate explains of the squares that numbers of each view do, less what noise lets either explain."""
+    rivals = [t for t in trials if t.how == "each"]
+    if not rivals:
+        return 1.0
+    each = min(rivals, key=lambda t: t.cost)
+    noise = min(t.cost / (freedom - t.numbers) for t in (best, each))
+    most = cost - each.cost - noise * each.numbers
+    return (cost - best.cost - noise * best.numbers) / most if most > 0 else 1.0
 
 
 def _sigmas(data: Observations, rows: Observations) -> Array | None:
