@@ -1,8 +1,11 @@
 """Given sigmas: believed where they are right, a floor where the residuals speak against them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from camcal.assess.curvature import accuracy
 from camcal.assess.figures import sigma_0
 from camcal.plan.calibrate import calibrate
 from camcal.solve.noise import noise_model
@@ -15,11 +18,7 @@ def data(seed, floor=0.0):
     found = observe(camera_of(), tilted_poses(grid(), 12, rng), grid(), 0.0, rng)
     sigma = np.exp(rng.uniform(np.log(0.05), 0.0, len(found.uv)))
     noise = rng.normal(size=found.uv.shape) * np.hypot(sigma, floor)[:, None]
-    return found.__class__(**{**vars_of(found), "uv": found.uv + noise, "sigma": sigma})
-
-
-def vars_of(observations):
-    return {f: getattr(observations, f) for f in observations.__dataclass_fields__}
+    return replace(found, uv=found.uv + noise, sigma=sigma)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -37,3 +36,19 @@ def test_a_floor_is_found():
     assert found.fit.info["noise_model"]["floor_px"] == pytest.approx(0.3, abs=0.06)
     given = data(1, floor=0.3).sigma
     assert noise_model(found, given).floor == pytest.approx(0.3, abs=0.06)
+
+
+def test_intervals_hold_the_truth_with_given_sigmas():
+    """The quick version of benchmarks/coverage_study.py, arm `auto, given sigmas`."""
+    truth, hits = camera_of("opencv4"), []
+    for seed in range(40):
+        rng = np.random.default_rng([7, seed])
+        seen = observe(truth, tilted_poses(grid(), 10, rng), grid(), 0.0, rng)
+        sigma = 0.2 * np.exp(rng.uniform(-np.log(4), np.log(4), seen.point_count))
+        noisy = replace(seen, uv=seen.uv + rng.normal(size=seen.uv.shape) * sigma[:, None], sigma=sigma)
+        found = calibrate(noisy, model="opencv4", robust="auto", checks=False)
+        sigmas = np.array(list(accuracy(found).sigmas.values()))
+        hits.append(np.abs(found.camera.params - truth.params) <= 1.96 * sigmas)
+    share = np.array(hits).mean(1)
+    # 8 parameters of a run are not independent: the standard error is that between the runs, three of which are allowed
+    assert abs(share.mean() - 0.95) < 3 * share.std(ddof=1) / np.sqrt(len(share))
