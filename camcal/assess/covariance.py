@@ -64,12 +64,15 @@ class End:
         cam_from_board of each view.
     part : float
         The end itself lies at this part of the way from the solution to here.
+    endless : bool
+        No end was found up to here.
     """
 
     direction: int
     params: Array
     poses: Poses
     part: float
+    endless: bool = False
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ class _Valley:
             state, grown = self._followed(side)
             part = 1 / max(grown, 1.0)
             endless |= grown < 1
-            ends.append(End(direction, state.params, self.design.problem.poses(state), part))
+            ends.append(End(direction, state.params, self.design.problem.poses(state), part, grown < 1))
         ways = [np.abs(end.part * (end.params - begin)) for end in ends]
         return None if endless else np.max(ways, axis=0), ends
 

@@ -29,7 +29,8 @@ is added,
 
     cov(q) + ¼ (q' - q)(q' - q)ᵀ                                                                        (4)
 
-The linear part of that direction is then in it twice where it holds, which is on the safe side.
+The linear part of that direction is then in it twice where it holds, which is on the safe side. Where the interval has
+no end, what has moved by more than (3) says, up to where it was looked at, is undetermined.
 """
 
 from __future__ import annotations
@@ -104,13 +105,13 @@ class ProjectionUncertainty:
         with np.errstate(invalid="ignore"):
             found = moved @ self.free @ moved.transpose(0, 2, 1)
             found = found + by_frame @ self.own @ by_frame.transpose(0, 2, 1)
-            found = found + self._of_ends(xyz, at_infinity)
+            found = found + self._of_ends(xyz, at_infinity, np.trace(found, axis1=1, axis2=2))
             open_ = np.abs(moved @ self.null).max((1, 2), initial=0.0) > _MOVED
         open_ |= lost & np.isfinite(by_params).all((1, 2))
         found[open_] = np.diag([np.inf, np.inf])
         return np.asarray(found)
 
-    def _of_ends(self, xyz: Array, at_infinity: bool) -> Array:
+    def _of_ends(self, xyz: Array, at_infinity: bool, linear: Array) -> Array:
         """What (4) adds at points (N, 3), (N, 2, 2) px²; infinite where the camera at an end does not see one."""
         total = np.zeros((len(xyz), 2, 2))
         if self.poses is None or not self.ends:
@@ -124,7 +125,10 @@ class ProjectionUncertainty:
                 seen = on_boards @ end.poses.rotations.transpose(0, 2, 1)
                 seen = seen.mean(0) if at_infinity else (seen + end.poses.translations[:, None]).mean(0)
                 moved = end.part * (self.camera.lens.project(end.params, seen)[0] - here)
-                moved = np.where(np.isfinite(moved), moved, np.inf)
+                lost = ~np.isfinite(moved).all(1)
+                if end.endless:  # it would go on moving
+                    lost |= ~(np.square(moved).sum(1) <= linear)
+                moved = np.where(lost[:, None], np.inf, moved)
                 larger = np.square(moved).sum(1) > np.square(most).sum(1)
                 most = np.where(larger[:, None], moved, most)
             total += most[:, :, None] * most[:, None, :] / 4
