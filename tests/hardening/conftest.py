@@ -22,7 +22,7 @@ def made(tmp_path_factory):
     before = os.getcwd()  # noqa: PTH109
     os.chdir(folder)
     try:
-        inputs.make(folder, lambda *args: run(["-q", *args]))
+        inputs.make(folder, _run)
         readers.make_state(folder)
         rng = np.random.default_rng(0)
         picture = cv2.GaussianBlur(rng.integers(0, 255, (48, 64), np.uint8), (0, 0), 2)
@@ -38,6 +38,11 @@ def made(tmp_path_factory):
     finally:
         os.chdir(before)
     return folder
+
+
+def _run(*args):
+    code = run(["-q", *args])
+    assert code in (0, 1), f"camcal {' '.join(args)} ended with {code}"
 
 
 def _seeds_of_formats(folder):
