@@ -13,7 +13,15 @@ from camcal.assess.causes import find
 from camcal.assess.causes.kinds import KINDS, contrasts, shared
 from camcal.assess.causes.linear import Linear, all_fields, problem_of
 from camcal.assess.causes.search import two_groups
-from camcal.assess.causes.words import MANY_PX, SEVERAL_PX, VISIBLE_PX, WORSE, severity, warning_of
+from camcal.assess.causes.words import (
+    MANY_PX,
+    OTHER_CAMERAS,
+    SEVERAL_PX,
+    VISIBLE_PX,
+    WORSE,
+    severity,
+    warning_of,
+)
 from camcal.assess.checks.cause import cause
 from camcal.assess.checks.facts import Facts
 from camcal.data.observations import Correspondences
@@ -157,6 +165,13 @@ def test_two_groups():
 )
 def test_severity(effect, each, ratio, wanted):
     assert severity(effect, effect, each, ratio) == wanted
+
+
+@pytest.mark.parametrize(
+    ("ratio", "wanted"), [(OTHER_CAMERAS - 0.01, "wrong"), (OTHER_CAMERAS + 0.01, "doubtful")]
+)
+def test_other_cameras_are_wrong_however_near_the_mean_camera_projects(ratio, wanted):
+    assert severity(0.5 * SEVERAL_PX, 0.0, False, ratio, "several-cameras") == wanted
 
 
 def test_numbering(cases):

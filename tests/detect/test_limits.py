@@ -203,7 +203,7 @@ def test_one_disc_has_one_centre():
     for apart, number in ((0.9, 1), (1.1, 2)):
         centre = np.array([[50.0, 50], [50 + apart * 0.3 * 8, 50]])
         both = discs.Discs(centre, np.stack([10 * np.eye(2), 8 * np.eye(2)]))
-        assert len(discs._distinct(both)) == number
+        assert len(discs.distinct(both)) == number
 
 
 def test_unusual_residuals():

@@ -18,6 +18,7 @@ from camcal.data.observations import Observations
 from camcal.errors import CamcalError
 from camcal.model.pose import Array, Poses
 from camcal.solve.calibration import Calibration
+from camcal.solve.losses import robust_sigma
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, on_board, refine
 from camcal.start.pose import initial_poses
@@ -28,6 +29,9 @@ MOST_POINTS, MOST_VIEWS = 20_000, 150
 #: where that is what happened. Bent boards and blur leave something for any two groups: half of it on a real set of
 #: 17 pictures.
 MOST_OF_IT = 0.8
+#: What is left with a cause, in units of the points that the solution keeps, up to which it explains the rejected
+#: views, too: a view in which rows of the board are shifted leaves thirty times the noise whatever the camera.
+MOST_LEFT = 3.0
 #: a number for each view says something about all of them from so many views on
 LEAST_FOR_EACH = 6
 #: sine of the angle between a ray and the image plane below which x/z means little
@@ -68,7 +72,9 @@ class Found:
     @property
     def common(self) -> bool:
         """Whether something that all views share explains them better than that some do not belong."""
-        return self.trial is not None and not self.views
+        trial = self.trial
+        parts = trial is not None and trial.how in ("split", "groups")
+        return trial is not None and not self.views and (not parts or self.share > MOST_OF_IT)
 
     @property
     def cause(self) -> Trial | None:
@@ -107,7 +113,14 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
     left = float(np.sqrt(2 * best.cost / (search.freedom - best.numbers)))
     before = float(np.sqrt(2 * search.linear.cost / search.freedom))
     share = _share(best, trials, search.linear.cost, search.freedom)
-    return Found(base, best, best.kind == "views", *effect_px(base, best), left, before, share)
+    unexplained = left > MOST_LEFT * _noise(solution)
+    return Found(base, best, best.kind == "views" or unexplained, *effect_px(base, best), left, before, share)
+
+
+def _noise(solution: Calibration) -> float:
+    """The robust scale of the points that a solution rests on, in the unit of its weights."""
+    lengths = solution.observations.standardised(solution.residuals)[solution.used]
+    return robust_sigma(lengths, solution.free_count)
 
 
 def _share(best: Trial, trials: Sequence[Trial], cost: float, freedom: int) -> float:

@@ -22,6 +22,10 @@ MANY_PX = 3.0
 #: sigmas that are too large by this much for a cause that was not taken into account mean little (as of
 #: `checks/board.py`)
 WORSE = 0.85
+#: parts taken by other cameras are data that are not what they are taken for, however near the mean camera projects:
+#: so where half of the variance that is left is due to it (0.7 = sqrt(1/2); two cameras of one kind side by side give
+#: 0.58, a set of one camera with heavy tails .95)
+OTHER_CAMERAS = 0.7
 #: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and
 #: pictures were turned where the two principal points lie opposite to one another about the centre to this part of
 #: their distance.
@@ -44,11 +48,11 @@ def warning_of(found: Found) -> CalibrationWarning | None:
     if found.scatter > found.effect > 0:
         off += f", and each picture by {found.scatter:.2g} px"
     left = f" Sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
-    grave = severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before)
+    grave = severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before, code)
     return CalibrationWarning(code, f"{what}{left}{off}.", hint, grave)
 
 
-def severity(effect: float, scatter: float, each: bool, ratio: float) -> Severity:
+def severity(effect: float, scatter: float, each: bool, ratio: float, code: str = "") -> Severity:
     """How grave a cause is.
 
     Parameters
@@ -59,7 +63,11 @@ def severity(effect: float, scatter: float, each: bool, ratio: float) -> Severit
         Whether every view has numbers of its own.
     ratio : float
         What sigma falls to, as a part of it.
+    code : str
+        Of the warning.
     """
+    if code == "several-cameras" and ratio < OTHER_CAMERAS:
+        return "wrong"
     if effect > (MANY_PX if each else SEVERAL_PX):
         return "wrong"
     return "doubtful" if max(effect, scatter) > VISIBLE_PX or ratio < WORSE else "note"
