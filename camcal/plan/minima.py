@@ -41,6 +41,9 @@ CONTINUED = 4
 #: points up to which principal points are searched: minima apart by the principal point were met on 24 to 30 points of
 #: one view; at 200 the 34 searches take 2 s, and sets of 500 and more had no such minimum
 SEARCHED = 200
+#: free parameters of the camera up to which they are searched: larger models begin at the minima of those inside, and
+#: searched themselves take half a minute for 20 points
+MOST_PARAMETERS = 10
 #: a search from a minimum that was found by the last one looks elsewhere again; on the data at hand two are enough
 ROUNDS = 2
 
@@ -62,7 +65,8 @@ def weak(fit: Calibration) -> bool:
 
 def _several_centres(fit: Calibration) -> bool:
     """Whether there may be minima apart by the principal point: few points that leave it weak."""
-    return int(fit.used.sum()) <= SEARCHED and weak(fit)
+    free = int(fit.free.any(0).sum())
+    return int(fit.used.sum()) <= SEARCHED and free <= MOST_PARAMETERS and weak(fit)
 
 
 def spread(fit: Calibration, how: How) -> Calibration:
