@@ -191,7 +191,7 @@ def main() -> None:
     for name, n in taken.items():
         print(f"{n} x {name}")
     if options.update:
-        update(options.update, "false-alarms", table)
+        update(options.update, "boards-that-are-none", table)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import numpy as np
 from tables import markdown, update
 
 import camcal
+from camcal.assess.difference import difference, image_grid
 from camcal.detect.images import detect_images
 
 
@@ -49,20 +50,11 @@ def main() -> None:
         solution = camcal.calibrate(found, model="opencv5")
         spent = time.perf_counter() - start
         cameras.append(solution.camera)
-        sigma = (
-            float(np.sqrt(solution.covariance.camera[0, 0]))
-            if hasattr(solution, "covariance")
-            else float("nan")
-        )
         rate = f"{said['decoded'] / said['seconds']:.1f}"
         counts = (int(said["decoded"]), int(said["searched"]), int(said["kept"]))
-        rows.append((name, *counts, rate, f"{spent:.1f}", f"{solution.camera.values['fx']:.2f}", f"{sigma:.2f}",
+        rows.append((name, *counts, rate, f"{spent:.1f}", f"{solution.camera.values['fx']:.2f}",
                      f"{solution.rms_point:.4f}"))  # fmt: skip
-    width, height = cameras[0].image_size
-    u, v = np.meshgrid(np.linspace(0, width - 1, 21), np.linspace(0, height - 1, 16))
-    uv = np.c_[u.ravel(), v.ravel()]
-    again = cameras[1].project(cameras[0].unproject(uv))
-    off = np.linalg.norm(again - uv, axis=1)
+    apart = difference(*cameras, image_grid(np.zeros(2), np.array(cameras[0].image_size) - 1.0))
     header = (
         "frames",
         "decoded",
@@ -71,13 +63,12 @@ def main() -> None:
         "frames/s",
         "calibration s",
         "fx",
-        "sigma of fx",
         "rms px",
     )
     table = markdown(header, rows)
+    print(table)
     print(
-        table,
-        f"\nprojections apart, rays alike: median {np.nanmedian(off):.3f} px, largest {np.nanmax(off):.3f} px",
+        f"projections apart after the best rotation: rms {apart.rms_px:.3f} px, at most {apart.max_px:.3f} px"
     )
     if options.update:
         update(options.update, "films", table)
