@@ -28,12 +28,6 @@ def relative_sigmas(solution: RigCalibration, accuracy: Covariance, name: str) -
     return _sigmas(rows, accuracy)
 
 
-def relative_covariance(solution: RigCalibration, accuracy: Covariance, name: str) -> Array:
-    """The covariance (6, 6) of the same."""
-    rows = pose_rows(solution, name)
-    return np.asarray(rows @ accuracy.free @ rows.T)
-
-
 def baseline_sigma(solution: RigCalibration, accuracy: Covariance, a: str, b: str) -> float:
     """The standard deviation of the distance of two cameras; inf where it is undetermined."""
     rig = solution.rig

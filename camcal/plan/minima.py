@@ -69,6 +69,12 @@ def _several_centres(fit: Calibration) -> bool:
     return int(fit.used.sum()) <= SEARCHED and free <= MOST_PARAMETERS and weak(fit)
 
 
+def _lowest_centre(fit: Calibration, progress: Progress) -> Calibration:
+    """The lowest fit from other principal points, where these are to be searched."""
+    wanted = progress.options.lowest and _several_centres(fit)
+    return spread(fit, progress.how) if wanted else fit
+
+
 def spread(fit: Calibration, how: How) -> Calibration:
     """The lowest fit from principal points all over their joint 95 % interval; the given one where none is lower."""
     for _ in range(ROUNDS):
@@ -141,8 +147,7 @@ def _settled(progress: Progress, inside: Sequence[Calibration]) -> Calibration |
     found += _from(inside, progress)
     if not found:
         return None
-    best = lowest(found)
-    return spread(best, progress.how) if progress.options.lowest and _several_centres(best) else best
+    return _lowest_centre(lowest(found), progress)
 
 
 def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration]:
@@ -195,9 +200,7 @@ def _other_starts(progress: Progress) -> Change:
     nested = from_nested(progress)
     found += [] if nested is None else [nested]
     notes = {"minima_of": _points(progress)}
-    best = lowest(found) if found else None
-    if best is not None and progress.options.lowest and _several_centres(best):
-        best = spread(best, progress.how)
+    best = _lowest_centre(lowest(found), progress) if found else None
     if best is None or (progress.best is not None and best is progress.fit):
         return Change(notes=notes)
     return Change(fit=Candidate(best), notes=notes)

@@ -13,13 +13,13 @@ from camcal.data.rig_table import RigViews, joined
 from camcal.errors import DataError
 from camcal.model.pose import Poses
 from camcal.plan.known_camera import evaluate
-from camcal.plan.rig_cameras import board_variance
+from camcal.plan.rig_cameras import pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem
 from camcal.solve.refine import on_board
-from camcal.solve.rig_start import Pictures, corners_of, placed, symmetries
+from camcal.solve.rig_start import corners_of, placed, symmetries
 from camcal.track.rig_changes import RigFollower, excess
 from camcal.track.rig_equations import Instant, Picture, instant
 
@@ -104,17 +104,8 @@ def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations,
             part = on_board(part, rig.board.ideal, rig.board.points)
         fits[name] = evaluate(rig.rig.cameras[name], part, robust)
     data = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
-    found = {}
-    for name, fit in fits.items():
-        variances = board_variance(fit)
-        for i, view in enumerate(fit.observations.view_ids):
-            found[name, views.instants[name][view]] = fit.poses[i], float(variances[i])
-    blocks = data.blocks
-    keys = [(data.cameras[c], data.view_ids[v]) for c, v in zip(blocks.camera, blocks.view, strict=True)]
-    seen = Poses.stack([found[k][0] for k in keys])
-    alone = Pictures(blocks.camera, blocks.view, seen, np.array([found[k][1] for k in keys]))
     places = Poses.stack([rig.rig.cam_from_rig[n] for n in names])
-    data, poses, _ = placed(alone, places, data, symmetries(data), corners_of(data))
+    data, poses, _ = placed(pictures_of(fits, views, data), places, data, symmetries(data), corners_of(data))
     return data, poses
 
 

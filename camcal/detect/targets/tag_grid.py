@@ -97,8 +97,12 @@ class TagGrid(TagBoard):
     @property
     def clear(self) -> float:
         """Up to the bits behind the black border, or to the next marker."""
-        cells = dictionary(self.dictionary).markerSize + 2 * self.border
-        return self.square * min(self.spacing, self.border / cells)
+        return self.square * min(self.spacing, self._border_share)
+
+    @property
+    def _border_share(self) -> float:
+        """Width of the black border as a share of the side."""
+        return self.border / (dictionary(self.dictionary).markerSize + 2 * self.border)
 
     def _at_size(self, gray: Array, picture: Array, factor: float) -> Detection | Miss:
         tags, corners = self._markers(picture, factor)
@@ -107,8 +111,7 @@ class TagGrid(TagBoard):
             return Miss(
                 "none", f"{said} of {self.dictionary} of this grid was found; {LEAST_MARKERS} are needed"
             )
-        cells = dictionary(self.dictionary).markerSize + 2 * self.border
-        room = min(self.spacing, FARTHER * self.border / cells)
+        room = min(self.spacing, FARTHER * self._border_share)
         fitted, sides = outlined.fit_squares(gray, corners, room)
         keep = outlined.in_place(self.points, self.square, tags, fitted)
         if keep.sum() < LEAST_MARKERS:
