@@ -44,40 +44,55 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
         Where jinja2 is not installed.
     """
     template = template_of("page.html")
-    drawn = {name: (chart, svg(chart, name)) for name, chart in charts(solution).items()}
     shown, on_pictures = pictures.thumbnails(solution, report, Path(source).resolve().parent)
-    turned = scene.drawing(solution)
-    return template.render(
-        report=report,
-        source=source,
-        sentence=table.sentence(report),
-        trust=words.trust(report),
+    return filled(
+        template,
+        report,
+        source,
+        scene.drawing(solution),
         findings=examine(report, solution, source, try_models=False),
         parameters=parameter_rows(report["camera"]),
         code=code_of(solution),
         preview=pictures.preview(solution, report, Path(source).resolve().parent),
-        charts=drawn,
+        charts={name: (chart, svg(chart, name)) for name, chart in charts(solution).items()},
         sections=SECTIONS,
-        scene=turned,
-        scene_data=scene_data(turned),
         thumbnails=shown,
         on_pictures=on_pictures,
-        number=table.number,
-        **assets(),
     )
 
 
-def scene_data(turned: dict[str, Any]) -> str:
-    """What `scene.js` gets; a closing tag inside the data would end the script."""
-    return json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c")
+def filled(template: Any, report: dict[str, Any], source: str, turned: dict[str, Any], **own: Any) -> str:
+    """A page: what that of one camera and that of a rig have in common, and the parts of its `own`.
 
-
-def assets() -> dict[str, str]:
-    """The style sheet and the scripts."""
-    return {
-        "style": _HERE.joinpath("style.css").read_text(encoding="utf-8"),
-        "script": "".join(_HERE.joinpath(n).read_text(encoding="utf-8") for n in ("scene.js", "page.js")),
-    }
+    Parameters
+    ----------
+    template : jinja2.Template
+        One that extends `_base.html`.
+    report : dict
+    source : str
+        Where the report was read.
+    turned : dict
+        The drawing of the cameras and boards in space.
+    **own
+        What else the template asks for.
+    """
+    # a closing tag inside the data would end the script
+    scene_data = json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c")
+    scripts = (_HERE.joinpath(n).read_text(encoding="utf-8") for n in ("scene.js", "page.js"))
+    return str(
+        template.render(
+            report=report,
+            source=source,
+            sentence=table.sentence(report),
+            trust=words.trust(report),
+            scene=turned,
+            scene_data=scene_data,
+            number=table.number,
+            style=_HERE.joinpath("style.css").read_text(encoding="utf-8"),
+            script="".join(scripts),
+            **own,
+        )
+    )
 
 
 def template_of(name: str) -> Any:

@@ -15,7 +15,7 @@ from camcal.report.charts import charts
 from camcal.report.charts.svg import svg
 from camcal.report.doctor.rig import examine
 from camcal.report.html import scene
-from camcal.report.html.page import assets, parameter_rows, scene_data, template_of
+from camcal.report.html.page import filled, parameter_rows, template_of
 from camcal.report.rig_uncertainty import pair
 
 #: charts of each camera, by name
@@ -25,21 +25,15 @@ CHARTS = ("residuals", "histogram", "views", "coverage", "distortion-curve")
 def page(report: dict[str, Any], solution: RigSolution, source: str = "report.yaml") -> str:
     """The report of a rig as one HTML document, everything within it; see `camcal.report.html.page.page`."""
     template = template_of("rig.html")
-    turned = scene.rig_drawing(solution)
-    return str(
-        template.render(
-            report=report,
-            source=source,
-            sentence=table.sentence(report),
-            findings=examine(report, solution),
-            places=_places(report["rig"]),
-            pairs=_pairs(solution),
-            cameras=[_camera(report, solution, name) for name in solution.rig.cameras],
-            scene=turned,
-            scene_data=scene_data(turned),
-            number=table.number,
-            **assets(),
-        )
+    return filled(
+        template,
+        report,
+        source,
+        scene.rig_drawing(solution),
+        findings=examine(report, solution),
+        places=_places(report["rig"]),
+        pairs=_pairs(solution),
+        cameras=[_camera(report, solution, name) for name in solution.rig.cameras],
     )
 
 
@@ -86,10 +80,10 @@ def _pairs(solution: RigSolution) -> list[dict[str, str]]:
 def _camera(report: dict[str, Any], solution: RigSolution, name: str) -> dict[str, Any]:
     entry = report["cameras"][name]
     drawn = charts(solution_within(solution, name), CHARTS)
+    size = ", pictures of {}x{}".format(*entry["image_size"]) if entry["image_size"] else ""
     return {
         "name": name,
-        "model": entry["model"],
-        "image_size": entry["image_size"],
+        "caption": f"{entry['model']}{size}; parameters with one standard deviation.",
         "parameters": parameter_rows(entry),
         "charts": [(chart, svg(chart, f"{name}-{kind}")) for kind, chart in drawn.items()],
     }
