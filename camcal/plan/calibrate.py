@@ -25,8 +25,8 @@ from camcal.plan.camera import run_closed_form, starts_from_nothing
 from camcal.plan.known_camera import fully_known, placed
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
-from camcal.plan.progress import Progress, advance
-from camcal.plan.run import begun, solved, usable
+from camcal.plan.progress import Progress, advance, follow
+from camcal.plan.run import begun, plan, usable
 from camcal.plan.solution import Solution, of_fit
 from camcal.solve import outliers, ransac
 from camcal.solve.calibration import Calibration, Stage
@@ -84,7 +84,7 @@ def calibrate(
         progress, selection = solved_with_found(given, asked)
         tell("selected", selection)
     else:
-        progress = solved(given, asked)
+        progress = follow(plan(), begun(given, asked))
     second_pass = progress.notes.get("second_pass")
     if second_pass is not None:
         tell("refined-points", second_pass)

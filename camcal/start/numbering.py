@@ -29,11 +29,15 @@ LOOKED_AT = 5
 
 def check_numbering(data: Observations) -> None:
     """Raise a DataError where the points fit another numbering of the grid in every view, and this one in none."""
-    whole = [v for v in data.views if _grid(v) is not None][:LOOKED_AT]
-    if len(whole) < 1 or 2 * len(whole) < min(len(data.views), LOOKED_AT):
-        return
-    left = np.array([_left(v, v.xyz[:, :2]) for v in whole])
-    if not (left > ASTRAY).all():
+    whole, left = [], []
+    for view in (v for v in data.views if _grid(v) is not None):
+        whole.append(view)
+        left.append(_left(view, view.xyz[:, :2]))
+        if left[-1] <= ASTRAY:  # as a rule the first view: the check costs one homography
+            return
+        if len(whole) == LOOKED_AT:
+            break
+    if not whole or 2 * len(whole) < min(len(data.views), LOOKED_AT):
         return
     columns, rows = _grid(whole[0]) or (0, 0)
     for words, order in _numberings(columns * rows):
