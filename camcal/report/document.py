@@ -15,7 +15,7 @@ from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
-from camcal.plan.solution import Solution
+from camcal.plan.solution import RigSolution, Solution
 from camcal.report.bias import section as bias
 from camcal.report.camera import camera_entry
 from camcal.report.coverage import section as coverage
@@ -63,33 +63,71 @@ def document(
     data = solution.observations
     accuracy = accuracy_of(solution)
     views, places = _views(solution, accuracy)
-    fallen = [*solution.failures, *failures]
+    subject: dict[str, Any] = {"camera": _camera(solution, accuracy)}
+    if len(solution.poses) == 1:
+        subject["projection_matrix"] = _projection_matrix(solution.camera, solution.poses[0])
+    return assembled(
+        solution,
+        accuracy,
+        command=command,
+        options=options,
+        inputs=_inputs(data),
+        subject=subject,
+        views=views,
+        data=encode(data, places),
+        uncertainty=uncertainty(solution, accuracy),
+        # tests of the residuals are checks, and the slowest part of a report
+        bias=None if solution.option("checks") is False else bias(solution, accuracy),
+        coverage=coverage(solution),
+        warnings=warnings,
+        failures=failures,
+    )
+
+
+def assembled(
+    solution: Solution | RigSolution,
+    accuracy: Covariance,
+    *,
+    command: Sequence[str],
+    options: Mapping[str, Any] | None,
+    inputs: dict[str, Any],
+    subject: dict[str, Any],
+    views: list[dict[str, Any]],
+    data: dict[str, Any] | None,
+    uncertainty: dict[str, Any] | None = None,
+    bias: dict[str, Any] | None = None,
+    coverage: dict[str, Any] | None = None,
+    warnings: Sequence[CalibrationWarning] = (),
+    failures: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The report of a camera or of a rig: the sections that both have, in the schema's order, around their own.
+
+    Raises
+    ------
+    TypeError
+        Where a key is not in the schema: docs/report.md would not explain it.
+    """
+    fallen, said = [*solution.failures, *failures], (*solution.warnings, *warnings)
     made: dict[str, Any] = {
         **head(command),
-        "inputs": _inputs(data),
+        "inputs": inputs,
         "options": dict(solution.options) if options is None else options,
-        "target": data.target,
+        "target": solution.observations.target,
         "stages": [stage_entry(s) for s in solution.stages],
-        "camera": _camera(solution, accuracy),
-    }
-    if solution.selection is not None:
-        made["selection"] = solution.selection
-    if len(solution.poses) == 1:
-        made["projection_matrix"] = _projection_matrix(solution.camera, solution.poses[0])
-    made |= {
+        **subject,
+        **({} if solution.selection is None else {"selection": solution.selection}),
         "views": views,
         "fit": fit_entry(solution, accuracy),
-        "uncertainty": uncertainty(solution, accuracy),
+        "uncertainty": uncertainty,
         "holdout": solution.holdout,
-        # tests of the residuals are checks, and the slowest part of a report
-        "bias": None if solution.option("checks") is False else bias(solution, accuracy),
-        "coverage": coverage(solution),
+        "bias": bias,
+        "coverage": coverage,
         "crosscheck": list(solution.crosscheck),
-        "warnings": [warning_entry(w) for w in (*solution.warnings, *warnings)],
+        "warnings": [warning_entry(w) for w in said],
         "verdict": "fail" if fallen else "pass",
-        "grade": grade((*solution.warnings, *warnings)),
+        "grade": grade(said),
         "failures": fallen,
-        "data": encode(data, places),
+        "data": data,
     }
     return checked(plain(made))
 

@@ -73,24 +73,55 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
         seen, places = decode(report.data, [v.id for v in report.views])
         poses = _poses([report.views[i] for i in places])
         data = _with_inputs(seen, report, found)
-        board = board_of(report.target, data)
-        normal = normal_at(camera, [free], poses, data, board)
-        return Solution(
-            camera=camera,
-            poses=poses,
-            observations=data,
-            residuals=residuals(camera, poses, data),
-            start=start,
-            free=np.c_[free, np.zeros((len(free), len(normal.intrinsics) - free.shape[1]))],
-            normal=normal,
-            fit=fit_of(report.fit),
-            stages=tuple(stage_of(s) for s in report.stages),
-            warnings=tuple(warning_of(w) for w in report.warnings),
-            options=found["options"],
-            crosscheck=tuple(found["crosscheck"]),
-            holdout=found["holdout"],
-            board=board,
-        )
+        return Solution(camera=camera, start=start, **judged(report, found, camera, [free], poses, data))
+
+
+def judged(
+    report: Report,
+    found: Mapping[str, Any],
+    subject: Camera | Rig,
+    frees: Sequence[Array],
+    poses: Poses,
+    data: Observations,
+) -> dict[str, Any]:
+    """The fields of a solution that one of a camera and one of a rig have in common.
+
+    Parameters
+    ----------
+    report, found : Report, mapping
+        The document, as its schema reads it and plain.
+    subject : Camera or Rig
+    frees : sequence of (P, F) arrays
+        d params / d free parameters of each camera.
+    poses : Poses
+    data : Observations
+    """
+    board = board_of(report.target, data)
+    normal = normal_at(subject, frees, poses, data, board)
+    return {
+        "poses": poses,
+        "observations": data,
+        "residuals": residuals(subject, poses, data),
+        "free": _all_free(frees, len(normal.intrinsics)),
+        "normal": normal,
+        "fit": fit_of(report.fit),
+        "stages": tuple(stage_of(s) for s in report.stages),
+        "warnings": tuple(warning_of(w) for w in report.warnings),
+        "options": found["options"],
+        "crosscheck": tuple(found["crosscheck"]),
+        "holdout": found["holdout"],
+        "board": board,
+    }
+
+
+def _all_free(frees: Sequence[Array], variables: int) -> Array:
+    """d params / d variables of all cameras, with columns of zeros for the rig and the board."""
+    made = np.zeros((sum(f.shape[0] for f in frees), variables))
+    row = column = 0
+    for free in frees:
+        made[row : row + free.shape[0], column : column + free.shape[1]] = free
+        row, column = row + free.shape[0], column + free.shape[1]
+    return made
 
 
 def load_camera(path: str | os.PathLike) -> Camera:

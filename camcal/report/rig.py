@@ -14,18 +14,8 @@ from camcal.assess.rig import baseline_sigma, relative_sigmas
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.plan.solution import RigSolution
-from camcal.report.document import (
-    camera_of_fit,
-    checked,
-    fit_entry,
-    skipped_entry,
-    stage_entry,
-    used_view,
-    warning_entry,
-)
+from camcal.report.document import assembled, camera_of_fit, skipped_entry, used_view
 from camcal.report.embedded import encode
-from camcal.report.head import head
-from camcal.report.plain import plain
 
 Array = np.ndarray
 
@@ -46,39 +36,24 @@ def document(
     data = solution.observations
     accuracy = covariance(solution)
     views, places = _views(solution, accuracy)
-    made: dict[str, Any] = {
-        **head(command),
-        "inputs": {
-            "image_size": data.image_size,
-            "image_sizes": dict(zip(data.cameras, data.image_sizes, strict=True)),
-            "instants": list(data.view_ids),
-            "views": len(views),
-            "points": data.point_count,
-            "files": list(data.files),
-        },
-        "options": dict(solution.options) if options is None else options,
-        "target": data.target,
-        "stages": [stage_entry(s) for s in solution.stages],
-        "cameras": _cameras(solution, accuracy),
-        "rig": rig_section(solution, accuracy),
+    inputs = {
+        "image_size": data.image_size,
+        "image_sizes": dict(zip(data.cameras, data.image_sizes, strict=True)),
+        "instants": list(data.view_ids),
+        "views": len(views),
+        "points": data.point_count,
+        "files": list(data.files),
     }
-    if solution.selection is not None:
-        made["selection"] = solution.selection
-    made |= {
-        "views": views,
-        "fit": fit_entry(solution, accuracy),
-        "uncertainty": None,
-        "holdout": solution.holdout,
-        "bias": None,
-        "coverage": None,
-        "crosscheck": list(solution.crosscheck),
-        "warnings": [warning_entry(w) for w in solution.warnings],
-        "verdict": solution.verdict,
-        "grade": solution.grade,
-        "failures": solution.failures,
-        "data": encode(replace(data, view=data.block_of_row), places),
-    }
-    return checked(plain(made))
+    return assembled(
+        solution,
+        accuracy,
+        command=command,
+        options=options,
+        inputs=inputs,
+        subject={"cameras": _cameras(solution, accuracy), "rig": rig_section(solution, accuracy)},
+        views=views,
+        data=encode(replace(data, view=data.block_of_row), places),
+    )
 
 
 def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:

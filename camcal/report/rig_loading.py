@@ -18,12 +18,11 @@ from camcal.model.rig import Rig
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
 from camcal.report.embedded import decode
-from camcal.report.loading import board_of, damage, fit_of, normal_at, stage_of, start_and_free, warning_of
+from camcal.report.loading import damage, judged, start_and_free
 from camcal.report.loading import from_document as solution_of_document
 from camcal.report.yaml import read_document
 from camcal.schema import Report, check, structure
 from camcal.schema.kinds import UNSET
-from camcal.solve.refine import residuals
 
 Array = np.ndarray
 
@@ -81,35 +80,11 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> RigSoluti
         places = {n: pose_of_entry(e) for n, e in found["rig"]["cam_from_rig"].items()}
         rig = Rig(cameras, places, found["rig"]["reference"])
         data, poses = _data(report, found)
-        board = board_of(report.target, data)
-        frees = [f for _, f in begun.values()]
-        normal = normal_at(rig, frees, poses, data, board)
         return RigSolution(
             rig=rig,
             start=replace(rig, cameras={n: c for n, (c, _) in begun.items()}),
-            poses=poses,
-            observations=data,
-            residuals=residuals(rig, poses, data),
-            free=_free(frees, len(normal.intrinsics)),
-            normal=normal,
-            fit=fit_of(report.fit),
-            stages=tuple(stage_of(s) for s in report.stages),
-            warnings=tuple(warning_of(w) for w in report.warnings),
-            options=found["options"],
-            crosscheck=tuple(found["crosscheck"]),
-            holdout=found["holdout"],
-            board=board,
+            **judged(report, found, rig, [f for _, f in begun.values()], poses, data),
         )
-
-
-def _free(frees: list[Array], variables: int) -> Array:
-    """d params / d variables of all cameras, with columns of zeros for the rig and the board."""
-    made = np.zeros((sum(f.shape[0] for f in frees), variables))
-    row = column = 0
-    for free in frees:
-        made[row : row + free.shape[0], column : column + free.shape[1]] = free
-        row, column = row + free.shape[0], column + free.shape[1]
-    return made
 
 
 def _data(report: Report, found: Mapping[str, Any]) -> tuple[Observations, Poses]:
