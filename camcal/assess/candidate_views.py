@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from camcal.errors import DataError
 from camcal.geometry import rotations
+from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.placement import Spread
 from camcal.model.pose import Poses
@@ -104,8 +105,7 @@ class Candidates:
         """Which poses (K,) keep the target in the picture, within the limits of tilt and size."""
         uv = self.images(poses, self.edge)
         low, high = uv.min(1), uv.max(1)
-        margin = SPREAD.margin * self.size
-        inside = ((low >= margin - 0.5) & (high <= self.size - margin - 0.5)).all(1)
+        inside = in_picture(np.stack([low, high], 1), self.size, SPREAD.margin * self.size).all(1)
         fill = ((high - low) / self.size).max(1)
         centres = poses.rotations @ self.points.mean(0) + poses.translations
         normals = poses.rotations @ self.base[2]  # the axis that faced the camera before the tilt

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from camcal.data.observations import View
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
+from camcal.system.text import listed
 
 #: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
 NEAR = 0.15
@@ -86,10 +87,10 @@ def describe(found: Mismatch, view: View) -> str:
 
     said = []
     if found.swapped:
-        pairs = ", ".join(f"{name(i)} and {name(j)}" for i, j in found.swapped[:5])
+        pairs = listed([f"{name(i)} and {name(j)}" for i, j in found.swapped])
         said.append(f"points {pairs} are swapped")
     if found.shifted:
-        rows = ", ".join(map(name, found.shifted[:12])) + (", ..." if len(found.shifted) > 12 else "")
+        rows = listed([name(row) for row in found.shifted], 12)
         by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
         said.append(f"points {rows} lie where those displaced by ({by}) belong")
     return f"view '{found.view}': " + "; ".join(said)

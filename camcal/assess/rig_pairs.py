@@ -23,6 +23,7 @@ from camcal.assess.covariance import Covariance
 from camcal.assess.difference import grid_of
 from camcal.assess.rig import pose_rows
 from camcal.geometry import rotations
+from camcal.geometry.picture import in_picture
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray
@@ -139,7 +140,7 @@ def _inside(solution: RigCalibration, b: str, xyz: Array) -> Array:
         uv = camera.project(solution.rig.cam_from_rig[b].apply(xyz))
         seen = np.isfinite(uv).all(1)
         if camera.image_size is not None:
-            seen &= ((uv > -0.5) & (uv < np.array(camera.image_size) - 0.5)).all(1)
+            seen &= in_picture(uv, camera.image_size)
     return seen
 
 

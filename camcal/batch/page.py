@@ -13,6 +13,7 @@ from camcal.batch.work import DONE, Row
 from camcal.report import html
 from camcal.report.charts.base import Chart, Layer, Line, Points
 from camcal.report.charts.svg import svg
+from camcal.system.text import listed
 
 #: rows in the table of the page at most; summary.csv has all
 MOST_ROWS = 2000
@@ -131,8 +132,8 @@ def control_chart(control: Control) -> Chart:
             np.c_[place, control.values][bad], "bad", 3.5, titles=[n for n in control.names if n in outliers]
         ),
     ]
-    names = ", ".join(f"{name} ({z:+.1f})" for name, z in list(outliers.items())[:10])
-    said = f"Outliers: {names}{' ...' if len(outliers) > 10 else ''}." if outliers else "No outlier."
+    names = listed([f"{name} ({z:+.1f})" for name, z in outliers.items()], 10)
+    said = f"Outliers: {names}." if outliers else "No outlier."
     return Chart(
         f"{control.type}, {title}",
         f"Median {control.centre:.6g}, scatter between cameras {control.spread:.3g}, limits at {control.limit:.1f} "

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.geometry.picture import in_picture
 
 Array = np.ndarray
 Size = tuple[int, int]
@@ -60,8 +61,7 @@ def contents(path: Path, u: Array, v: Array, source: Size, **more: Array) -> dic
 
 
 def _outside(u: Array, v: Array, source: Size) -> Array:
-    width, height = source
-    return ~((u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5))
+    return ~in_picture(np.stack([u, v], -1), source)
 
 
 def pgm(values: Array, u: Array, v: Array, source: Size) -> bytes:

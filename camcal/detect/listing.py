@@ -14,7 +14,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from camcal.detect.frames import is_film
 from camcal.detect.sources import ARCHIVES, RAW, exists, page_count
 from camcal.errors import DataError
-from camcal.system.text import readable
+from camcal.system.text import listed, readable
 
 #: endings of the files that a folder is searched for
 PICTURES = (
@@ -138,7 +138,7 @@ def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
             f"the folder '{folder}' holds no pictures itself.", f"Its folder does. Try: '{inside[0]}'"
         )
     if inside:
-        names = ", ".join(p.name for p in inside[:MOST_NAMED]) + ", ..." * (len(inside) > MOST_NAMED)
+        names = listed([p.name for p in inside], MOST_NAMED)
         pairs = " ".join(shlex.quote(f"{p.name}={p}") for p in inside[:MOST_NAMED])
         return DataError(
             f"the folder '{folder}' holds no pictures itself; the folders inside it do: {names}.",

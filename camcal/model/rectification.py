@@ -22,6 +22,7 @@ import numpy as np
 
 from camcal.errors import EstimationError, UsageError
 from camcal.geometry import rotations
+from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.lenses.undistort import bisected, border_grid
 from camcal.model.pose import Pose
@@ -243,10 +244,7 @@ def _sources(camera: Camera, turn: Array, rays: Array) -> tuple[Array, Array]:
     """Where directions (..., 3) of the rectified frame lie in the picture as taken, and which do."""
     assert camera.image_size is not None
     seen = camera.project(rays @ turn)
-    with np.errstate(invalid="ignore"):
-        # half a pixel beyond the outermost centres is still the picture
-        inside = ((seen >= -0.5) & (seen <= np.array(camera.image_size) - 0.5)).all(-1)
-    return seen, np.asarray(inside)
+    return seen, in_picture(seen, camera.image_size)
 
 
 def _border(camera: Camera, turn: Array) -> Array:

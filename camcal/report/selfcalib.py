@@ -17,6 +17,7 @@ from camcal.report.camera import camera_entry
 from camcal.report.routes import document, pose_entry, warning
 from camcal.routes.bundle import Tracks
 from camcal.routes.selfcalib import SelfCalibration, estimate
+from camcal.system.text import listed
 
 
 def report(
@@ -121,7 +122,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
         made.append(
             warning(
                 "views-left-out",
-                f"{len(lost)} views could not be added: {', '.join(lost[:5])}.",
+                f"{len(lost)} views could not be added: {listed(lost)}.",
                 "Add tracks.",
             )
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.data.observations import Observations, View
+from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 
@@ -45,21 +46,16 @@ def simulate_points(
     """
     digits = max(2, len(str(len(poses))))
     names = names or [f"view{i + 1:0{digits}d}" for i in range(len(poses))]
+    size = camera.image_size
+    assert size is not None or not clip
     views = []
     for name, pose in zip(names, poses, strict=True):
         uv = camera.project(pose.apply(points))
-        seen = np.flatnonzero(in_picture(uv, camera) if clip else np.isfinite(uv).all(-1))
+        seen = np.flatnonzero(in_picture(uv, size) if size is not None and clip else np.isfinite(uv).all(-1))
         uv = uv[seen] + noise * rng.normal(size=(len(seen), 2))
         uv += outlier_moves(len(seen), outliers, rng)
         views.append(View(name, points[seen], uv, point_ids=seen))
     return Observations.from_views(views, camera.image_size)
-
-
-def in_picture(uv: Array, camera: Camera) -> Array:
-    """Which pixels (..., 2) lie within the picture; NaN does not."""
-    assert camera.image_size is not None
-    with np.errstate(invalid="ignore"):
-        return np.asarray(((uv >= -0.5) & (uv <= np.array(camera.image_size) - 0.5)).all(-1))
 
 
 def outlier_moves(count: int, part: float, rng: np.random.Generator) -> Array:

@@ -8,6 +8,7 @@ with `= + - @` as a formula.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 #: control characters except line end and tab: C0, DEL, C1 (ECMA-48), and Unicode's controls of direction and lines
 UNSAFE = "\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069"
@@ -40,6 +41,12 @@ def escaped(text: str) -> str:
 def has_unsafe(text: str) -> bool:
     """Whether a terminal would obey something in the text."""
     return _UNSAFE.search(text) is not None
+
+
+def listed(parts: Sequence[str], most: int = 5) -> str:
+    """The first few of a list, and how many more there are."""
+    more = len(parts) - most
+    return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def message(text: str) -> str:

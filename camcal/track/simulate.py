@@ -9,6 +9,7 @@ import numpy as np
 
 from camcal.errors import UsageError
 from camcal.geometry import projective, rotations
+from camcal.geometry.picture import in_picture
 from camcal.track import SEQUENCES
 from camcal.track.decompose import noise_columns
 from camcal.track.frames import Frame
@@ -118,7 +119,7 @@ def _seen(number: int, xyz: Array, truth: Truth, scene: Scene, rng: np.random.Ge
     uv[wild] = rng.uniform(0, size, (int(wild.sum()), 2))
     inside = np.ones(len(uv), bool)
     if scene.image_size is not None:
-        inside &= ((uv >= -0.5) & (uv <= size - 0.5)).all(1)
+        inside &= in_picture(uv, size)
     truth.good = ~wild[inside]
     return Frame(number, xyz[inside], uv[inside])
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camcal.report.yaml import dump_json, dump_yaml
-from camcal.system.text import cell, escaped, from_cell, has_unsafe, message, printable, readable
+from camcal.system.text import cell, escaped, from_cell, has_unsafe, listed, message, printable, readable
 
 BAD = ["\x1b[31m", "\x9b31m", "a\u202eb", "\u2066x", "\x07", "\x7f", "\u2028"]
 TEXT = st.text(st.characters(codec="utf-8")) | st.sampled_from(BAD)
@@ -53,3 +53,9 @@ def test_cells_of_numbers_are_numbers():
     assert cell("-1.5e-3") == "-1.5e-3"
     assert cell("-cmd|' /C calc'!A0") == "'-cmd|' /C calc'!A0"
     assert escaped("a\u202eb") == "a\\u202eb"
+
+
+def test_a_long_list_is_cut_and_the_rest_counted():
+    assert listed(["a", "b"], 2) == "a, b"
+    assert listed(["a", "b", "c"], 2) == "a, b and 1 more"
+    assert listed([]) == ""

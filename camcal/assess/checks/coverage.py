@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
+from camcal.geometry.picture import in_picture
 from camcal.model.pose import Array
 
 #: Share of the image inside the convex hull of all points below which distortion at its border is
@@ -59,7 +60,7 @@ def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
     if facts.image_size is None:
         return
     uv = facts.image_points
-    out = int(((uv < -0.5 - MARGIN_PX) | (uv > np.subtract(facts.image_size, 0.5) + MARGIN_PX)).any(1).sum())
+    out = int((~in_picture(uv, facts.image_size, -MARGIN_PX)).sum())
     if out:
         width, height = facts.image_size
         u, v = uv.max(0)

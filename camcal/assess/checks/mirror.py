@@ -20,6 +20,7 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import View
 from camcal.model.pose import Array, Poses
 from camcal.solve.poses import refine_poses
+from camcal.system.text import listed
 
 #: The mirrored view has to be likelier by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
 LIKELIER = 14.0
@@ -38,7 +39,7 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     found = mirrored_views(facts)
     if not len(found):
         return
-    names = ", ".join(facts.views[i].id for i in found[:5]) + (", ..." if len(found) > 5 else "")
+    names = listed([facts.views[i].id for i in found])
     yield CalibrationWarning(
         "mirrored-picture",
         f"{len(found)} of {len(facts.views)} views fit much better as mirror images: {names}.",

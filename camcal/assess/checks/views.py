@@ -11,6 +11,7 @@ from camcal.assess.checks import parameters
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.model.pose import Array
+from camcal.system.text import listed
 
 #: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
 #: twice.
@@ -116,10 +117,10 @@ def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
     pairs = _repeats(facts)
     if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
         return
-    named = ", ".join(f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs[:5])
+    named = listed([f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs])
     yield CalibrationWarning(
         "repeated-view",
-        f"the target is where it was in another view: {named}" + (", ..." if len(pairs) > 5 else "") + ".",
+        f"the target is where it was in another view: {named}.",
         "The repetition adds no information, but counts; leave it out.",
         "note",
     )
@@ -165,7 +166,7 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
     minority = np.flatnonzero(side if side.mean() < 0.5 else ~side)
     if len(minority) * 3 > len(side):
         return  # a target that is seen from both sides
-    names = ", ".join(facts.views[i].id for i in minority[:5]) + (", ..." if len(minority) > 5 else "")
+    names = listed([facts.views[i].id for i in minority])
     yield CalibrationWarning(
         "mirrored-views",
         f"{len(minority)} of {len(side)} views show the target from behind: {names}.",

@@ -20,6 +20,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rectification import PERSPECTIVE, rectify
 from camcal.registry import load, look_up
+from camcal.system.text import listed
 
 Array = np.ndarray
 
@@ -195,7 +196,7 @@ def single(found: CameraFile, source: str) -> Camera:
     first = exact(cameras[0])
     for other in cameras[1:]:
         if isinstance(other, ForeignCamera) or not _same(first, other):
-            names = ", ".join(found.names[:8]) + (", ..." if len(cameras) > 8 else "")
+            names = listed(found.names, 8)
             raise DataError(
                 f"'{source}' holds {len(cameras)} cameras ({names}); one is needed.",
                 f"Name it: '{source}#{found.names[0]}', or --camera {found.names[0]} with `camcal convert`.",

@@ -21,6 +21,7 @@ from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
 from camcal.geometry import homography
+from camcal.geometry.picture import in_picture
 
 Array = np.ndarray
 
@@ -130,7 +131,7 @@ class TagBoard(Target):
         points = self.points[:, :2]
         known = Known.of(len(points))
         for _ in range(ROUNDS):
-            inside = in_picture(uv, gray.shape)
+            inside = in_picture(uv, gray.shape[::-1])
             ids, uv, jacobian = ids[inside], uv[inside], jacobian[inside]
             if not len(ids) or not known.add(ids, self._fit(gray, uv, jacobian), jacobian):
                 break
@@ -201,9 +202,3 @@ def consistent(board: Array, corners: Array) -> Array:
     number, label = connected_components(both, directed=False)
     members = np.flatnonzero(label == np.bincount(label, minlength=number).argmax())
     return members if len(members) >= 2 else np.zeros(0, int)
-
-
-def in_picture(uv: Array, shape: tuple[int, ...]) -> Array:
-    """Which pixels (N, 2) lie in a picture of (rows, columns)."""
-    with np.errstate(invalid="ignore"):
-        return (uv >= -0.5).all(1) & (uv[:, 0] <= shape[1] - 0.5) & (uv[:, 1] <= shape[0] - 0.5)

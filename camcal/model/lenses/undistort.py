@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.errors import EstimationError, UsageError
+from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 
@@ -105,10 +106,7 @@ def _sources(camera: Camera, target: Camera, pixels: Array) -> tuple[Array, Arra
     """Where pixels (..., 2) of the new picture lie in the old one, and which do."""
     assert camera.image_size is not None
     seen = camera.project(target.unproject(pixels))
-    with np.errstate(invalid="ignore"):
-        # half a pixel beyond the outermost centres is still the picture
-        inside = ((seen >= -0.5) & (seen <= np.array(camera.image_size) - 0.5)).all(-1)
-    return seen, np.asarray(inside)
+    return seen, in_picture(seen, camera.image_size)
 
 
 def _camera(projection: str, f: float, size: tuple[int, int], centre: Array | None = None) -> Camera:

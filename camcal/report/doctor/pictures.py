@@ -9,7 +9,8 @@ from camcal.assess.checks.pictures import REMEDIES, faults
 from camcal.data.observations import Correspondences
 from camcal.errors import CamcalError
 from camcal.report.doctor.findings import Finding
-from camcal.report.doctor.remedies import listed, lost_pictures
+from camcal.report.doctor.remedies import lost_pictures
+from camcal.system.text import listed
 
 #: fewer pictures than this seldom cover picture, tilts and distances
 ENOUGH = 10

@@ -17,6 +17,7 @@ from camcal.errors import CamcalError
 from camcal.plan.solution import Solution
 from camcal.report.doctor.findings import Finding, Gain
 from camcal.report.next_view import suggest
+from camcal.system.text import listed
 
 #: pictures that are suggested at once
 MORE = 3
@@ -215,9 +216,3 @@ def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
         "Take them again: the whole target in the picture, still, sharp, evenly lit, all of one size.",
         gain if enough else None,
     )
-
-
-def listed(parts: list[str], most: int = 5) -> str:
-    """The first few of a list, and how many more there are."""
-    more = len(parts) - most
-    return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")

@@ -15,6 +15,7 @@ from camcal.model.camera import Camera
 from camcal.plan.solution import Solution
 from camcal.report.charts.residuals import enlargement
 from camcal.system.reading import is_file
+from camcal.system.text import listed
 
 Array = np.ndarray
 
@@ -70,7 +71,7 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     missing = len(report["views"]) - len(made) - len(changed)
     said = f"Arrows: residuals, {scale:g} times enlarged."
     if changed:
-        names = ", ".join(changed[:MOST_NAMED]) + ", ..." * (len(changed) > MOST_NAMED)
+        names = listed(changed, MOST_NAMED)
         said += f" {len(changed)} pictures are not those of the calibration any more, and not shown: {names}."
     if missing:
         said += (

@@ -11,6 +11,7 @@ from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.estimate import LEAST_TO_TEST, Estimate
 from camcal.routes.hand_eye.recognise import Reading
 from camcal.routes.hand_eye.scale import DIFFERENT
+from camcal.system.text import listed
 
 #: Part of the poses that may be outliers: with a third of them wrong in the same way, the others could be
 #: the wrong ones.
@@ -80,10 +81,10 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
     out = sorted(set(range(len(names))) - set(made.used.tolist()))
     if out:
         many = len(out) > MOST_OUTLIERS * len(names)
-        listed = ", ".join(f"'{names[i]}'" for i in out[:5]) + (", ..." if len(out) > 5 else "")
+        left_out = listed([f"'{names[i]}'" for i in out])
         yield CalibrationWarning(
             "hand-eye-outliers",
-            f"{len(out)} of {len(names)} poses do not agree with the others and are left out: {listed}.",
+            f"{len(out)} of {len(names)} poses do not agree with the others and are left out: {left_out}.",
             "Check that each pose belongs to its picture, and that the robot stood still.",
             "wrong" if many else "doubtful",
         )
