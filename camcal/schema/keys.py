@@ -68,13 +68,6 @@ def renewed(page: str) -> str:
     return _BLOCK.sub(lambda m: f"<!-- keys: {m[1]} -->\n{table(known[m[1]])}<!-- end -->", page)
 
 
-def without_table(page: str) -> list[str]:
-    """Return the paths of sections that a page has no table of."""
-    shown = set(_BLOCK.findall(page))
-    kinds = {kind for path, kind in sections() if path in shown}
-    return [path for path, kind in sections() if kind not in kinds]
-
-
 if __name__ == "__main__":
     target = Path(sys.argv[1])
     target.write_text(renewed(target.read_text(encoding="utf-8")), encoding="utf-8")

@@ -79,11 +79,6 @@ def corner_rig(cells: int = 6, spacing: float = 30.0) -> Array:
     return np.concatenate([np.c_[a, b, zero], np.c_[a, zero, b], np.c_[zero, a, b]])
 
 
-def volume_rig(count: int, size: float, rng: np.random.Generator) -> Array:
-    """Points (count, 3) spread by chance through a cube of side `size`."""
-    return rng.uniform(0.0, size, (count, 3))
-
-
 def facing_corner() -> Array:
     """The rotation (3, 3) with which a camera looks into the corner of a cube, z up: cam_from_rig."""
     forward = -np.ones(3) / np.sqrt(3)

@@ -85,10 +85,5 @@ def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -
             )
 
 
-def round_trip(content: Mapping[str, Any]) -> dict[str, Any]:
-    """What `load` gives after `save`, without a file."""
-    return json.loads(json.dumps(pack(content)), object_hook=unpack)
-
-
 def _digest(body: str) -> str:
     return hashlib.sha256(body.encode()).hexdigest()

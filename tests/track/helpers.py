@@ -1,5 +1,7 @@
 """What the tests of tracking share: estimators by name, sequences as lists, and cameras to compare with."""
 
+import json
+
 import numpy as np
 
 from camcal.geometry import projective
@@ -7,6 +9,7 @@ from camcal.registry import look_up
 from camcal.settings.tracking import TrackOptions
 from camcal.track import ESTIMATORS
 from camcal.track.frames import Frame
+from camcal.track.keep import pack, unpack
 from camcal.track.physical_model import Physical
 from camcal.track.simulate import SEQUENCES, Scene, simulate
 
@@ -62,3 +65,8 @@ def projection_error(estimator, state, truth, xyz):
 
 def with_points(frame, rows):
     return Frame(frame.number, frame.xyz[rows], frame.uv[rows], frame.sigma, frame.time)
+
+
+def round_trip(content):
+    """What a checkpoint gives back of what it was given."""
+    return json.loads(json.dumps(pack(content)), object_hook=unpack)

@@ -6,7 +6,7 @@ import pytest
 from camcal.errors import DataError
 from camcal.track import checkpoint
 
-from .helpers import make, sequence
+from .helpers import make, round_trip, sequence
 
 
 @pytest.fixture
@@ -47,4 +47,4 @@ def test_a_cut_file_is_noticed(state, length):
 
 def test_what_cannot_be_stored_is_a_bug():
     with pytest.raises(TypeError, match="cannot hold a set"):
-        checkpoint.round_trip({"x": set()})
+        round_trip({"x": set()})

@@ -4,11 +4,20 @@ import numpy as np
 import pytest
 
 from camcal.errors import EstimationError
-from camcal.track import checkpoint
 from camcal.track.estimator import TrackState
 from camcal.track.frames import Frame
 
-from .helpers import METHODS, follow, made_for, make, projection_error, sequence, true_estimate, with_points
+from .helpers import (
+    METHODS,
+    follow,
+    made_for,
+    make,
+    projection_error,
+    round_trip,
+    sequence,
+    true_estimate,
+    with_points,
+)
 
 pytestmark = pytest.mark.parametrize("method", METHODS)
 
@@ -48,7 +57,7 @@ def test_resumed_run_is_the_uninterrupted_run(method):
         for frame in frames[:cut]:
             first.update(frame)
         second = make(method)
-        second.restore(checkpoint.round_trip(first.state()))
+        second.restore(round_trip(first.state()))
         for frame, wanted in zip(frames[cut:], expected[cut:], strict=True):
             same(second.update(frame), wanted)
         if whole.offline:

@@ -5,14 +5,14 @@ import pytest
 
 from camcal.model import lenses
 from camcal.start.central import Central
-from camcal.track import checkpoint, decompose, motion
+from camcal.track import decompose, motion
 from camcal.track.decompose import Cameras
 from camcal.track.frames import Frame
 from camcal.track.matrix_model import MatrixModel
 from camcal.track.physical_model import Physical, PhysicalModel
 from camcal.track.table import Table, inverse_left_jacobian
 
-from .helpers import sequence
+from .helpers import round_trip, sequence
 
 BENT = "opencv5"
 
@@ -73,7 +73,7 @@ def test_local_undoes_retract(name):
 @every_model
 def test_packs_to_the_last_bit(name):
     _, x, _ = MODELS[name]()
-    again = checkpoint.round_trip({"x": x})["x"]
+    again = round_trip({"x": x})["x"]
     assert type(again) is type(x)
     assert all(np.array_equal(a, b) for a, b in zip(again, x, strict=True))
 
