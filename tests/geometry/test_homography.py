@@ -91,6 +91,17 @@ def test_weights():
     )
 
 
+def test_the_scale_of_the_weights_is_that_of_the_covariance_alone():
+    _, xy, uv = views(3, noise=0.5)
+    weights = np.random.default_rng(5).uniform(0.2, 3.0, uv.shape[:2])
+    plain, large = homography.Equations.of(xy, uv, weights), homography.Equations.of(xy, uv, 400 * weights)
+    (h, gap, cost), (same, same_gap, times) = plain.solve(2), large.solve(2)
+    np.testing.assert_allclose(same, h, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(same_gap, gap, rtol=1e-9)
+    np.testing.assert_allclose(times, 400 * cost, rtol=1e-9)
+    np.testing.assert_allclose(large.covariances(h), plain.covariances(h) / 400, rtol=1e-6, atol=1e-18)
+
+
 def test_covariances_against_differences():
     """The covariance of a transferred point equals the sum over all image coordinates of its derivatives."""
     _, xy, uv = views(4)

@@ -137,6 +137,23 @@ def test_focal_uncertainty_is_that_of_repeated_noise():
     assert 0.7 < np.std(errors) / np.median(stated) < 2
 
 
+def test_sigmas_that_are_too_large_by_a_factor_change_nothing():
+    """Only their proportions count: the noise itself is estimated from the residuals."""
+    scene = scenes.scene(scenes.board(), scenes.tilts(8), scenes.K_NO_SKEW, noise=0.3, seed=2)
+
+    def found(factor):
+        views = [
+            View(v.id, v.xyz, v.uv, sigma=factor * np.linspace(0.2, 0.4, len(v.xyz)))
+            for v in scene.observations.views
+        ]
+        return zhang.estimate(Correspondences.from_views(views, image_size=scenes.SIZE))
+
+    one, other = found(1.0), found(20.0)
+    np.testing.assert_allclose(other.matrix, one.matrix, rtol=1e-8)
+    for name in ("focal_uncertainty", "perspective"):
+        assert other.info[name] == pytest.approx(one.info[name], rel=1e-6)
+
+
 def test_a_bowed_sheet_is_taken_for_its_plane():
     points = scenes.board(20, 20, 0.01)
     bowed = points.copy()
