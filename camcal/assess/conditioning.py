@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from camcal.data.observations import Correspondences
-from camcal.geometry import dlt as resection
-from camcal.geometry import projective
+from camcal.geometry import dlt, projective
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.condition import condition
 from camcal.solve.problem import Problem
@@ -86,7 +85,7 @@ def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
     planar = data.shapes.planar
     views = [v for v, flat in zip(data.views, planar, strict=True) if not flat]
     both = [
-        max(_ratio(resection.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
+        max(_ratio(dlt.system(v.xyz[None], v.uv[None], None, n)[0][0], 10) for v in views)
         for n in (False, True)
     ]
     return _pair(both[0], both[1], normalise)
@@ -125,7 +124,7 @@ def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, fl
     axes = stage.poses.rotations @ form.axes[..., :2]
     origins = np.einsum("vij,vj->vi", stage.poses.rotations, form.origins) + stage.poses.translations
     h = stage.matrix @ np.concatenate([axes, origins[..., None]], 2)
-    basis = assumptions.LADDER[1].basis
+    basis = assumptions.SETS[1].basis
     both = []
     for to_unit in (np.eye(3), assumptions.unit_coordinates(data)[0]):
         moved = to_unit @ h

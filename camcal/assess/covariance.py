@@ -205,6 +205,6 @@ def invert_determined(reduced: Array, columns: Array, scale: float = 1.0) -> tup
     good = values > NULL
     inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
     null = vectors[:, ~good]
-    null[np.abs(null) < TOUCHED] = 0.0  # rounding smears a null direction over all parameters
+    null[np.abs(null) < TOUCHED] = 0.0  # rounding leaves something of a null direction in every parameter
     condition = float(values[-1] / values[0]) if values[0] > 0 else float("inf")
     return scale**2 * inverse / np.outer(d, d), null / d[:, None], condition

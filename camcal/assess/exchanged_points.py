@@ -25,7 +25,7 @@ LEAST_SHIFTED = 3
 
 
 @dataclass(frozen=True)
-class Mismatch:
+class Exchanged:
     """Rejected points of a view that were taken for others.
 
     Attributes
@@ -44,7 +44,7 @@ class Mismatch:
     by: Array
 
 
-def mismatches(solution: Calibration) -> Iterator[Mismatch]:
+def exchanged_points(solution: Calibration) -> Iterator[Exchanged]:
     """The views whose rejected points lie where other points are predicted."""
     data = solution.observations
     for view, rows in zip(data.views, data.slices, strict=True):
@@ -52,12 +52,12 @@ def mismatches(solution: Calibration) -> Iterator[Mismatch]:
         wrong = np.flatnonzero(~used & np.isfinite(residual).all(1))
         if len(wrong) < 2:
             continue
-        found = mismatch(view, view.uv + residual, wrong)
+        found = in_view(view, view.uv + residual, wrong)
         if found.swapped or found.shifted:
             yield found
 
 
-def mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
+def in_view(view: View, predicted: Array, wrong: Array) -> Exchanged:
     """What the rows `wrong` (K,) of a view were taken for, from where its points are predicted (N, 2), px."""
     known = np.flatnonzero(np.isfinite(predicted).all(1))
     tree = cKDTree(predicted[known])
@@ -74,13 +74,13 @@ def mismatch(view: View, predicted: Array, wrong: Array) -> Mismatch:
     steps = {i: tuple(np.round((view.xyz[j] - view.xyz[i]) / size, 3)) for i, j in alone.items()}
     step, count = Counter(steps.values()).most_common(1)[0] if steps else ((0.0, 0.0, 0.0), 0)
     if count < LEAST_SHIFTED:
-        return Mismatch(view.id, swapped, (), np.zeros(3))
+        return Exchanged(view.id, swapped, (), np.zeros(3))
     rows = tuple(i for i in alone if steps[i] == step)
-    return Mismatch(view.id, swapped, rows, view.xyz[alone[rows[0]]] - view.xyz[rows[0]])
+    return Exchanged(view.id, swapped, rows, view.xyz[alone[rows[0]]] - view.xyz[rows[0]])
 
 
-def describe(found: Mismatch, view: View) -> str:
-    """A mismatch in words; points by their number on the target, else by their row in the view."""
+def describe(found: Exchanged, view: View) -> str:
+    """Exchanged points in words; points by their number on the target, else by their row in the view."""
 
     def name(row: int) -> str:
         return str(int(view.point_ids[row]) if view.point_ids is not None else row)

@@ -1,6 +1,6 @@
 """What is wrong with the points and views that were rejected, in words.
 
-Points that were taken for others are told by `mismatch.py`. A rejected view whose points fit a plane of other
+Points that were taken for others are named by `exchanged_points.py`. A rejected view whose points fit a plane of other
 proportions shows another board; one that fits the mirrored points holds them in mirrored order; one that fits
 as its own mirror image is of a picture that was mirrored.
 """
@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc
 
-from camcal.assess import exchanged_points as mismatch
-from camcal.assess import figures
+from camcal.assess import exchanged_points, figures
 from camcal.assess.causes import Found
 from camcal.assess.checks import fit, mirror
 from camcal.assess.checks.facts import Facts
@@ -112,8 +111,8 @@ def named(
         said += [("other-board", s.words(data.views[s.index].id), "doubtful") for s in _suspects(solution)]
     used = {v.id: v for v in data.views}
     said += [
-        ("mismatched-points", mismatch.describe(m, used[m.view]) + ".", "note")
-        for m in mismatch.mismatches(solution)
+        ("mismatched-points", exchanged_points.describe(m, used[m.view]) + ".", "note")
+        for m in exchanged_points.exchanged_points(solution)
     ]
     warnings = (CalibrationWarning(code, text, _HINTS[code], severity) for code, text, severity in said)
     return replace(data, skipped=tuple(skipped)), tuple(warnings)
@@ -213,11 +212,11 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
         residual = camera.project(pose.apply(view.xyz)) - view.uv
         lengths = np.linalg.norm(residual, axis=1)
         wrong = np.flatnonzero(lengths > 2 * EXPLAINED * usual)
-        taken = mismatch.mismatch(view, view.uv + residual, wrong)
+        taken = exchanged_points.in_view(view, view.uv + residual, wrong)
         if taken.swapped or taken.shifted:
-            return "mismatched-points", mismatch.describe(taken, view).split(": ", 1)[1]
+            return "mismatched-points", exchanged_points.describe(taken, view).split(": ", 1)[1]
         # a point that does not project is as far off as can be
-        if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * mismatch.spacing(view.uv):
+        if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * exchanged_points.spacing(view.uv):
             return "other-board", "no pose explains its points: another board, or points out of order"
     return "rejected-view", ""
 

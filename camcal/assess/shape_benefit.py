@@ -1,4 +1,4 @@
-"""Whether a board of its own shape makes the camera truer, or only the residuals smaller.
+"""Whether a board of its own shape improves the camera, or only makes the residuals smaller.
 
 A board whose every point is free fits better, and fits views held out better, as soon as its points are not quite
 where they should be. The camera need not gain: its own parameters get noisier, and with few views that can cost
@@ -55,7 +55,7 @@ class Change:
     shaped_px: float
 
     @property
-    def truer(self) -> bool:
+    def better(self) -> bool:
         """Whether the shape has the smaller expected error."""
         return self.shaped_px < self.simple_px
 

@@ -87,14 +87,14 @@ class Watcher:
     ----------
     search : mapping
         Options of the search for the target (camcal.settings.detection).
-    told : mapping
+    options : mapping
         Options of the calibration (camcal.settings.calibration).
     """
 
-    def __init__(self, search: Mapping[str, Any], told: Mapping[str, Any]):
+    def __init__(self, search: Mapping[str, Any], options: Mapping[str, Any]):
         self.search = {name: value for name, value in search.items() if name != "jobs"}
-        model = told["model"] if told["model"] != "auto" else "opencv5"
-        self.told = {**told, "model": model, **_QUICK}
+        model = options["model"] if options["model"] != "auto" else "opencv5"
+        self.options = {**options, "model": model, **_QUICK}
         self.target: Target | None = _given(search)
         self.certain = self.target is not None
         self.outcomes: dict[Path, Outcome] = {}
@@ -180,7 +180,7 @@ class Watcher:
             self.solution = self.worst = None
             return replace(step, advice=FIRST_POSES[0])
         try:
-            self.solution = calibrate(self.observations(), **self.told)
+            self.solution = calibrate(self.observations(), **self.options)
             self.worst, place = worst_uncertainty(self.solution)
             advice = self._advice()
         except CamcalError as error:

@@ -61,9 +61,9 @@ def _report(job: Job) -> tuple[dict[str, Any], Solution]:
     from camcal.report.document import compact_document, document
 
     values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
-    told = {name: values[name] for name in CalibrationOptions.options()}
+    options = {name: values[name] for name in CalibrationOptions.options()}
     with local_copies(job.sources) as paths:
-        solution = _calibrate(job, paths, values, told)
+        solution = _calibrate(job, paths, values, options)
     described = {
         name: {"value": readable(value), "from": "job" if name in job.options else "default"}
         for name, value in values.items()
@@ -75,7 +75,7 @@ def _report(job: Job) -> tuple[dict[str, Any], Solution]:
     return report, solution
 
 
-def _calibrate(job: Job, paths: list[str], values: dict[str, Any], told: dict[str, Any]) -> Solution:
+def _calibrate(job: Job, paths: list[str], values: dict[str, Any], options: dict[str, Any]) -> Solution:
     """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
     from camcal.plan.calibrate import calibrate
 
@@ -88,14 +88,14 @@ def _calibrate(job: Job, paths: list[str], values: dict[str, Any], told: dict[st
         from camcal.data.points import read_points
 
         data = read_points(*paths, image_size=values["image_size"])
-    if is_report(told["board_shape"]):
+    if is_report(options["board_shape"]):
         from camcal.report.board import on_known_board
 
-        data = on_known_board(data, told["board_shape"])
-        told["board_shape"] = "flat"
+        data = on_known_board(data, options["board_shape"])
+        options["board_shape"] = "flat"
     if job.kind == IMAGES:
-        told["refine_points"] = values["refine_corners"]
-    return calibrate(data, **told)
+        options["refine_points"] = values["refine_corners"]
+    return calibrate(data, **options)
 
 
 def distortion_px(camera: Camera) -> float:

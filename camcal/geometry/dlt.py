@@ -1,4 +1,4 @@
-"""Resection: projection matrices of many views at once, by the direct linear transformation.
+"""Projection matrices of many views at once, by the direct linear transformation.
 
 Abdel-Aziz & Karara (1971); in homogeneous form with Hartley's normalisation as in Hartley & Zisserman,
 section 7.1.

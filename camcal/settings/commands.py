@@ -195,7 +195,7 @@ _NEXT = (
     CONFIG,
 )
 
-#: of pictures of a printed target, whose own shape is the truer board
+#: of pictures of a printed target, whose measured shape is nearer to the truth than the printed plan
 _OF_PICTURES = tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in CALIBRATION)
 
 _IMAGES = (

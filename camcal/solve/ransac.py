@@ -18,8 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from camcal.data.observations import View
-from camcal.geometry import dlt as resection
-from camcal.geometry import homography, projective
+from camcal.geometry import dlt, homography, projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.solve import p3p
@@ -176,7 +175,7 @@ class Map:
             if self.sample == 4:
                 matrices = homography.homographies(points, uv, relative**-2.0, steps=0)
             else:
-                matrices = resection.projection_matrices(points, uv, relative**-2.0)
+                matrices = dlt.projection_matrices(points, uv, relative**-2.0)
         return np.nan_to_num(matrices, nan=0.0, posinf=0.0, neginf=0.0)
 
     def _errors(self, matrices: Array) -> Array:

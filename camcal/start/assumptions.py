@@ -23,7 +23,7 @@ FAR_OUTSIDE = 2.0
 
 
 @dataclass(frozen=True)
-class Rung:
+class Assumed:
     """A set of assumptions: `basis` (6, k) spans the b = (B11, B12, B22, B13, B23, B33) that they allow.
 
     `held` are the same in the names that `--fix` takes, the skew left out.
@@ -47,12 +47,12 @@ def _basis(*groups: tuple[int, ...]) -> Array:
 
 
 _CENTRE, _SQUARE = "the principal point is {centre}", "one focal length, fx = fy"
-LADDER = (
-    Rung(_basis((0,), (1,), (2,), (3,), (4,), (5,)), ()),
-    Rung(_basis((0,), (2,), (3,), (4,), (5,)), ("skew is 0",)),
-    Rung(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE), ("aspect",)),
-    Rung(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE), ("cx", "cy")),
-    Rung(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE), ("aspect", "cx", "cy")),
+SETS = (
+    Assumed(_basis((0,), (1,), (2,), (3,), (4,), (5,)), ()),
+    Assumed(_basis((0,), (2,), (3,), (4,), (5,)), ("skew is 0",)),
+    Assumed(_basis((0, 2), (3,), (4,), (5,)), ("skew is 0", _SQUARE), ("aspect",)),
+    Assumed(_basis((0,), (2,), (5,)), ("skew is 0", _CENTRE), ("cx", "cy")),
+    Assumed(_basis((0, 2), (5,)), ("skew is 0", _CENTRE, _SQUARE), ("aspect", "cx", "cy")),
 )
 
 
@@ -107,19 +107,19 @@ def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 
     columns = np.array([length**-2.0] * 3 + [1 / length] * 2 + [1.0])
     rejected: list[str] = []
     best = Found()
-    for rung in LADDER[0 if skew else 1 :]:
-        said = tuple(a.format(centre=where) for a in rung.assumptions)
+    for assumed in SETS[0 if skew else 1 :]:
+        said = tuple(a.format(centre=where) for a in assumed.assumptions)
         label = ", ".join(said) or "nothing assumed"
-        x, singular = conic.smallest((equations.reshape(-1, 6) * columns) @ rung.basis)
-        b = columns * (rung.basis @ x)
-        k, reason = _plausible(b, singular, rung, len(h))
+        x, singular = conic.smallest((equations.reshape(-1, 6) * columns) @ assumed.basis)
+        b = columns * (assumed.basis @ x)
+        k, reason = _plausible(b, singular, assumed, len(h))
         if k is None:
             rejected.append(f"{label}: {reason}")
             continue
-        uncertainty = conic.focal_uncertainty(b, rung.basis, h, covariances)
+        uncertainty = conic.focal_uncertainty(b, assumed.basis, h, covariances)
         if best.matrix is None or uncertainty < best.uncertainty:
             condition = float(singular[0] / singular[-2])
-            best = Found(k, said, rung.held, tuple(rejected), condition, uncertainty)
+            best = Found(k, said, assumed.held, tuple(rejected), condition, uncertainty)
         if uncertainty <= UNCERTAIN:
             return best
         rejected.append(f"{label}: the focal length is uncertain by {uncertainty:.0%}")
@@ -138,9 +138,9 @@ def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Foun
     return climb(h * scale, covariances * scale**2, skew, where)
 
 
-def _plausible(b: Array, singular: Array, rung: Rung, count: int) -> tuple[Array | None, str]:
+def _plausible(b: Array, singular: Array, assumed: Assumed, count: int) -> tuple[Array | None, str]:
     """K of a conic where it is determined, real and has its principal point near the image; else why not."""
-    if 2 * count < rung.unknowns:
+    if 2 * count < assumed.unknowns:
         return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
     if singular[-2] < UNDETERMINED * np.sqrt(count):
         return None, "the views leave it open"

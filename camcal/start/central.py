@@ -11,8 +11,7 @@ import numpy as np
 
 from camcal.data.observations import Correspondences, View
 from camcal.errors import EstimationError
-from camcal.geometry import dlt as resection
-from camcal.geometry import projective
+from camcal.geometry import dlt, projective
 from camcal.model.pose import Poses
 from camcal.start import shape
 from camcal.start.base import ClosedForm
@@ -140,7 +139,7 @@ def _require_m34(view: View) -> None:
     neither on the unit nor on the scale of M.
     """
     weights = None if view.sigma is None else view.sigma[None] ** -2.0
-    a, t_xyz, _ = resection.system(view.xyz[None], view.uv[None], weights)
+    a, t_xyz, _ = dlt.system(view.xyz[None], view.uv[None], weights)
     _, singular, vt = np.linalg.svd(
         np.concatenate([a[0], np.zeros((max(12 - a.shape[1], 0), 12))]), full_matrices=False
     )

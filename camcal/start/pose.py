@@ -13,8 +13,7 @@ import numpy as np
 
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError
-from camcal.geometry import dlt as resection
-from camcal.geometry import homography, rotations
+from camcal.geometry import dlt, homography, rotations
 from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.pose import Poses
 from camcal.start import shape
@@ -222,7 +221,7 @@ def _joined(a: Poses, b: Poses) -> Poses:
 
 def _from_dlt(xyz: Array, ab: Array, w: Array) -> Poses:
     """Poses from the projection matrices of views in normalised coordinates, K = I."""
-    p = resection.projection_matrices(xyz, ab, w)
+    p = dlt.projection_matrices(xyz, ab, w)
     scale = np.linalg.norm(p[..., :3], axis=(1, 2)) / np.sqrt(3)
     p = p / scale[:, None, None]
     return Poses(rotations.nearest(p[..., :3]), p[..., 3])

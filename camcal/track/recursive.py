@@ -288,7 +288,7 @@ class Recursive(Estimator):
         state.alarm = Alarm(frame.number, verdict.since, verdict.test, before, after)
         return state
 
-    # ------------------------------------------------------------------ what is told
+    # ------------------------------------------------------------------ what is said
     def _report(
         self,
         frame: Frame,

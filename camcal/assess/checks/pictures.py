@@ -1,4 +1,4 @@
-"""The pictures themselves: blurred, smeared, overexposed, flat, rough or with a small target."""
+"""The pictures themselves: blurred, moved, overexposed, flat, rough or with a small target."""
 
 from __future__ import annotations
 

@@ -205,10 +205,10 @@ def _writable(folder: Path) -> bool:
 
 def _settings() -> Iterator[Check]:
     """What changes the options without being on the command line."""
-    told = sorted(name for name in os.environ if name.startswith("CAMCAL_"))
+    given = sorted(name for name in os.environ if name.startswith("CAMCAL_"))
     if Path("camcal.yaml").is_file():
-        told.insert(0, "./camcal.yaml")
-    yield Check("settings", ", ".join(told) if told else "none from the environment or a ./camcal.yaml")
+        given.insert(0, "./camcal.yaml")
+    yield Check("settings", ", ".join(given) if given else "none from the environment or a ./camcal.yaml")
 
 
 def diagnose(look: Callable[[], list[Check]] = checks) -> dict[str, Any]:

@@ -40,12 +40,12 @@ def nothing_found(error: CamcalError, seen: Sequence[Mapping[str, Any]]) -> list
     """The finding where the pictures do not show one target; `seen` are the events of `detect_images`."""
     reasons = {p["id"]: p["reason"] for p in seen if p["status"] != "found"}
     differ = len(set(reasons.values())) > 1
-    told = f": {listed([f'{k} ({v})' for k, v in reasons.items()])}" if differ else ""
+    reasons_given = f": {listed([f'{k} ({v})' for k, v in reasons.items()])}" if differ else ""
     hint = error.hint or ""
     todo = (
         hint if "--" in hint else "Name the target (--board, or --target; `camcal list targets` shows them)."
     )
-    return [Finding("no-target", "wrong", f"{error.message.rstrip('.')}{told}.", todo)]
+    return [Finding("no-target", "wrong", f"{error.message.rstrip('.')}{reasons_given}.", todo)]
 
 
 def not_calibrated(error: CamcalError) -> Finding:

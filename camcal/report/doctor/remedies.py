@@ -1,4 +1,4 @@
-"""What could be done about a calibration, and how much it would gain as far as that can be told beforehand."""
+"""What could be done about a calibration, and how much it would gain as far as that can be predicted."""
 
 from __future__ import annotations
 

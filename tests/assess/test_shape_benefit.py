@@ -1,4 +1,4 @@
-"""Whether a free board makes the camera truer: the offsets' size, and the choice, on boards that are known."""
+"""Whether a free board improves the camera: the offsets' size, and the choice, on boards that are known."""
 
 from dataclasses import replace
 
@@ -37,13 +37,13 @@ def test_the_offsets_are_as_large_as_they_are(offset, simple):
 def test_a_flat_board_has_none_and_stays_flat(seed):
     found = change(*both(boards(0.0, 8, seed)))
     assert found.tau < 5e-4
-    assert not found.truer
+    assert not found.better
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_large_offsets_are_worth_it(seed):
     flat, free = both(boards(0.01, 8, seed))
-    assert change(flat, free).truer
+    assert change(flat, free).better
     errors = [difference(TRUTH, s.camera).rms_px for s in (flat, free)]
     assert errors[1] < errors[0]
 
