@@ -47,11 +47,11 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     # how many frames a film has is known at its end only; a frame never overwrites a file, either
     targets = [folder / written_name(f) for f in files if not is_film(f)]
     _check(targets, folder, options["force"])
-    _check_maps(options)
+    _check_maps(source, options)
     made = undistortion(source, options["keep"], options["size"], options["projection"])
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"from": str(options["camera"]), "keep": str(options["keep"]), "black": made.black}
-    figures["crop"] = _write_maps(made, source.image_size, options)
+    figures["crop"] = _write_maps(made, source, options)
     document = camera_document(made.camera, command_line(ctx), undistortion=figures)
     save(document, folder / "camera.yaml", options["force"])
     failed, count = _resample_all(files, folder, source.image_size, made, options)
@@ -61,28 +61,31 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     return 1 if failed else 0
 
 
-def _check_maps(options: dict[str, Any]) -> None:
-    from camcal.data.remap_files import check_ending, names
+def _check_maps(source: Any, options: dict[str, Any]) -> None:
+    from camcal.data.remap_files import check_ending, gstreamer, names
     from camcal.data.writing import check_writable
 
     for path in options["maps"]:
         check_ending(path)
+        if path.suffix.lower() == ".gst":
+            gstreamer(source)  # names the term that it has no room for
         for file in names(path):
             check_writable(file, options["force"])
 
 
-def _write_maps(made: Any, size: tuple[int, int] | None, options: dict[str, Any]) -> dict[str, int] | None:
+def _write_maps(made: Any, source: Any, options: dict[str, Any]) -> dict[str, int] | None:
     """Write --maps; the rectangle without black, for the document."""
     import numpy as np
 
     from camcal.data.remap_files import contents, crop_box
     from camcal.data.writing import atomic_write
 
+    size = source.image_size
     assert size is not None  # or there would be no map
     box = crop_box(made.u, made.v, size)
     more = {"matrix": made.camera.matrix, "crop": np.array(box or (0, 0, 0, 0))}
     for path in options["maps"]:
-        for file, data in contents(path, made.u, made.v, size, **more).items():
+        for file, data in contents(path, made.u, made.v, size, source, **more).items():
             atomic_write(file, data, options["force"])
             note(f"Map written to {file}.")
     return None if box is None else dict(zip(("x", "y", "width", "height"), box, strict=True))

@@ -1,4 +1,4 @@
-"""Maps of an undistortion as other programs take them: numpy archives, STMaps (EXR), ffmpeg's remap (PGM)."""
+"""An undistortion as other programs take it: numpy archives, STMaps (EXR), ffmpeg's remap (PGM), GStreamer."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from camcal.data.formats.opencv import coefficients
+from camcal.data.formats.terms import choose
 from camcal.errors import UsageError
 from camcal.geometry.picture import in_picture
+from camcal.model.camera import Camera
 
 Array = np.ndarray
 Size = tuple[int, int]
-ENDINGS = (".npz", ".exr", ".pgm")
+ENDINGS = (".npz", ".exr", ".pgm", ".gst")
+#: what GStreamer's cameraundistort takes: cv::initUndistortRectifyMap, without a skew and without cv::fisheye
+GSTREAMER_MODELS = ("opencv4", "opencv5", "opencv8", "opencv12", "opencv14")
 #: ffmpeg's remap fills what lies outside of the picture
 OUTSIDE = 65535
 
@@ -22,7 +27,8 @@ def check_ending(path: Path) -> None:
     """UsageError where the ending of a name stands for none of the forms."""
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(
-            f"'{path}': maps are written as .npz (numpy), .exr (STMap) or .pgm (ffmpeg).", "Try: maps.npz"
+            f"'{path}': maps are written as .npz (numpy), .exr (STMap), .pgm (ffmpeg) or .gst (GStreamer).",
+            "Try: maps.npz",
         )
 
 
@@ -33,7 +39,9 @@ def names(path: Path) -> list[Path]:
     return [path.with_name(f"{path.stem}-{axis}{path.suffix}") for axis in "xy"]
 
 
-def contents(path: Path, u: Array, v: Array, source: Size, **more: Array) -> dict[Path, bytes]:
+def contents(
+    path: Path, u: Array, v: Array, source: Size, camera: Camera | None = None, **more: Array
+) -> dict[Path, bytes]:
     """The bytes of each file.
 
     Parameters
@@ -45,6 +53,8 @@ def contents(path: Path, u: Array, v: Array, source: Size, **more: Array) -> dic
         where nowhere.
     source : (width, height)
         Of the old picture.
+    camera : Camera, optional
+        That took the old picture; a .gst holds it in place of the map.
     more : arrays
         Further entries of an .npz.
     """
@@ -57,6 +67,10 @@ def contents(path: Path, u: Array, v: Array, source: Size, **more: Array) -> dic
         return {path: out.getvalue()}
     if suffix == ".exr":
         return {path: stmap(u, v, source)}
+    if suffix == ".gst":
+        if camera is None:
+            raise UsageError("a .gst holds a camera, not a map.", "Write .npz, .exr or .pgm.")
+        return {path: gstreamer(camera)}
     return dict(zip(names(path), (pgm(u, u, v, source), pgm(v, u, v, source)), strict=True))
 
 
@@ -71,6 +85,27 @@ def pgm(values: Array, u: Array, v: Array, source: Size) -> bytes:
     whole = np.where(_outside(u, v, source), OUTSIDE, np.rint(np.nan_to_num(values, nan=-1.0)))
     height, width = values.shape
     return f"P5\n{width} {height}\n{OUTSIDE}\n".encode() + np.maximum(whole, 0).astype(">u2").tobytes()
+
+
+def gstreamer(camera: Camera) -> bytes:
+    """The `settings` of GStreamer's cameraundistort: matrix and coefficients as OpenCV's XML, on one line.
+
+    The element makes its own map and its own new camera matrix, of `cv::getOptimalNewCameraMatrix` with its property
+    `alpha`. Attributes are in single quotes, so that the text stands between double quotes in a `gst-launch-1.0` line.
+
+    Raises
+    ------
+    UsageError
+        Where OpenCV's model has no room for a term of the camera, which it names.
+    """
+    spec, terms = choose(camera, GSTREAMER_MODELS, "GStreamer's cameraundistort")
+    entries = {"cameraMatrix": terms.matrix, "distCoeffs": np.array([coefficients(spec, terms)])}
+    parts = [
+        f"<{name} type_id='opencv-matrix'><rows>{a.shape[0]}</rows><cols>{a.shape[1]}</cols><dt>d</dt>"
+        f"<data>{' '.join(repr(float(x)) for x in a.ravel())}</data></{name}>"
+        for name, a in entries.items()
+    ]
+    return f"<?xml version='1.0'?><opencv_storage>{''.join(parts)}</opencv_storage>".encode()
 
 
 def stmap(u: Array, v: Array, source: Size) -> bytes:

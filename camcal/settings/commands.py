@@ -140,7 +140,8 @@ _UNDISTORT = (
     Option(
         "maps",
         Several(OUT),
-        "Write the map too: .npz (u, v, matrix, crop), .exr (STMap) or .pgm (two files for ffmpeg's remap).",
+        "Write the map too: .npz (u, v, matrix, crop), .exr (STMap), .pgm (two files for ffmpeg's remap) or "
+        ".gst (settings of GStreamer's cameraundistort).",
         repeated=True,
     ),
     IMAGE_SIZE,

@@ -4,6 +4,7 @@ import io
 import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -70,6 +71,32 @@ def test_pgm(made):
         whole = np.frombuffer(data[len(head) :], ">u2").reshape(120, 160)
         inside = whole != 65535
         assert np.abs(whole[inside] - values[inside]).max() <= 0.5 and inside.mean() > 0.5
+
+
+def test_gstreamer():
+    """cv2 reads it as the element does: from memory, by the names of its source."""
+    lens = lenses.make("opencv8")
+    params, size = lens.examples()[0]
+    (data,) = remap_files.contents(
+        Path("m.gst"), np.zeros((2, 2)), np.zeros((2, 2)), size, Camera(lens, np.array(params), size)
+    ).values()
+    text = data.decode()
+    assert "\n" not in text and '"' not in text
+    store = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    matrix, bend = store.getNode("cameraMatrix").mat(), store.getNode("distCoeffs").mat()
+    assert [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]] == list(params[:4])
+    assert bend.ravel().tolist() == list(params[4:])
+
+
+@pytest.mark.parametrize("spec, skew, word", [("kb4", False, "fisheye"), ("opencv5", True, "skew")])
+def test_gstreamer_refuses_by_name(spec, skew, word):
+    lens = lenses.make(spec, skew)
+    params, size = lens.examples()[0]
+    values = np.array(params, float)
+    if skew:
+        values[4] = 1.5
+    with pytest.raises(UsageError, match=word):
+        remap_files.gstreamer(Camera(lens, values, size))
 
 
 def test_an_unknown_ending():
