@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from camcal.cli.job import TABLES
+from camcal.cli.job import is_table
 from camcal.errors import DataError
 
 
 def refuse_tables(paths: Sequence[str | Path]) -> None:
     """Raise a DataError that names the right command where a table of points stands among pictures."""
-    tables = [str(p) for p in paths if Path(p).suffix.lower() in TABLES]
+    tables = [str(p) for p in paths if is_table(p)]
     if tables:
         raise DataError(
             f"'{tables[0]}' is a table of points; pictures are needed.",
@@ -21,7 +21,7 @@ def refuse_tables(paths: Sequence[str | Path]) -> None:
 
 def refuse_pictures(paths: Sequence[str | Path]) -> None:
     """Raise a DataError that names the right command where a picture, a film or a folder of them is no table."""
-    others = [Path(p) for p in paths if Path(p).suffix.lower() not in TABLES]
+    others = [Path(p) for p in paths if not is_table(p)]
     if not others:
         return
     from camcal.detect.frames import is_film

@@ -23,11 +23,30 @@ if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
     from camcal.plan.solution import Solution
 
-TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl", ".yml", ".yaml", ".xml", ".json")
+TABLES = (
+    ".csv",
+    ".txt",
+    ".tsv",
+    ".dat",
+    ".npz",
+    ".vnl",
+    ".orpc",
+    ".mat",
+    ".bin",
+    ".yml",
+    ".yaml",
+    ".xml",
+    ".json",
+)
 GATE_FELL = 1
 PATIENT = 60.0  #: s; with --reproducible a busy machine must not decide which pictures are given up
 
 OnPicture = Callable[[Mapping[str, Any]], Any]
+
+
+def is_table(path: str | Path) -> bool:
+    """Whether a name is that of a table of points; `FILE#CAMERA` is one camera of it."""
+    return Path(path).suffix.lower().partition("#")[0] in TABLES
 
 
 def names_of(settings: type[Settings]) -> list[str]:
@@ -52,7 +71,7 @@ def read_data(
     paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
 ) -> Correspondences:
     """Read tables of points or pictures of a board, whichever the names say."""
-    if all(Path(path).suffix.lower() in TABLES for path in paths):
+    if all(is_table(path) for path in paths):
         from camcal.data.points import read_points
 
         square = options.get("square")

@@ -11,7 +11,7 @@ import numpy as np
 
 from camcal.data.archive import read_archive
 from camcal.data.columns import POINTS
-from camcal.data.formats.files import damage
+from camcal.data.formats.files import damage, split_name
 from camcal.data.formats.source import Source
 from camcal.data.observations import Correspondences, View
 from camcal.data.pairs import read_pair
@@ -23,8 +23,8 @@ from camcal.errors import DataError, UsageError
 from camcal.registry import load
 
 #: endings of files that may be another program's points
-FOREIGN = (".vnl", ".yml", ".yaml", ".xml", ".json")
-#: bytes of a .txt that say whether it is a table or a gcp_list
+FOREIGN = (".vnl", ".orpc", ".mat", ".bin", ".yml", ".yaml", ".xml", ".json")
+#: bytes of a .txt that say whether it is a table, a gcp_list or an export of PhotoModeler
 HEAD = 4096
 #: so many rows without a header, each with another name, are points with names: views of a single point give nothing,
 #: and fewer points no camera
@@ -94,12 +94,15 @@ def read_points(
 
 
 def _read_text(path: str, board: Board) -> tuple[Table, tuple[int, int] | None]:
-    """A table of points, or another program's file of points."""
-    for reader in _readers(Path(path)):
-        source = Source(Path(path))
+    """A table of points, or another program's file of points; `FILE#CAMERA` is one camera of several."""
+    file, camera = split_name(path)
+    readers = _readers(file)
+    source = Source(file) if readers else None
+    for reader in readers:
+        assert source is not None
         with damage(source, reader.title):
             if reader.sniff(source):
-                return reader.read(source, board)
+                return reader.read(source, replace(board, camera=camera))
     return read_table(path, POINTS), None
 
 

@@ -90,7 +90,9 @@ def test_gstreamer(tmp_path, camera):
     write(tmp_path, "cam.gst", camera)
     cv2.imwrite(str(tmp_path / "a.png"), smooth(camera.image_size))
     line = "filesrc location=a.png ! pngdec ! videoconvert ! video/x-raw,format=BGR"
-    line += ' ! cameraundistort "settings=\\"$(cat cam.gst)\\"" ! videoconvert ! pngenc ! filesink location=b.png'
+    line += (
+        ' ! cameraundistort "settings=\\"$(cat cam.gst)\\"" ! videoconvert ! pngenc ! filesink location=b.png'
+    )
     subprocess.run(["bash", "-c", f"gst-launch-1.0 -q {line}"], cwd=tmp_path, check=True, timeout=120)
     got = cv2.imread(str(tmp_path / "b.png"))[40:-40:4, 40:-40:4].reshape(-1, 3).astype(float)
     width, height = camera.image_size

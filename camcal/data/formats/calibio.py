@@ -22,14 +22,21 @@ MODELS = ("opencv5", "opencv8", "opencv12", "opencv14")
 FIRST = 1 << 31
 
 
-def _listed(source: Source) -> Any:
+def listed_cameras(source: Source) -> Any:
+    """The entries of the cameras; a project of the Calibrator has them under `calibration`."""
     found = source.mapping if source.kind == "json" else {}
-    inner = found.get("Calibration", found)
+    inner = found.get("Calibration", found.get("calibration", found))
     return inner.get("cameras") if isinstance(inner, Mapping) else None
 
 
+def size_of(data: Mapping[str, Any]) -> tuple[int, int]:
+    """The size of the image, from the data of a camera model."""
+    size = data["CameraModelCRT"]["CameraModelBase"]["imageSize"]
+    return image_size(size["width"], size["height"])
+
+
 def _sniff(source: Source) -> bool:
-    listed = _listed(source)
+    listed = listed_cameras(source)
     return isinstance(listed, list) and any(
         has(c, "model") and has(c["model"], "ptr_wrapper") for c in listed
     )
@@ -38,7 +45,7 @@ def _sniff(source: Source) -> bool:
 def _read(source: Source) -> CameraFile:
     names: dict[int, str] = {}
     found = []
-    for i, entry in enumerate(_listed(source)):
+    for i, entry in enumerate(listed_cameras(source)):
         model = entry["model"]
         identity = int(model.get("polymorphic_id", 0)) & ~FIRST
         names.setdefault(identity, model.get("polymorphic_name"))
@@ -61,7 +68,6 @@ def _camera(data: Mapping[str, Any]) -> Any:
             return default
         return float(floats(given[name]["val"], 1, name)[0])
 
-    size = data["CameraModelCRT"]["CameraModelBase"]["imageSize"]
     d = [value(n, 0.0) for n in NAMES]
     unread = [n for n in given if n not in (*NAMES, "f", "ar", "cx", "cy") and value(n)]
     if unread:
@@ -70,7 +76,7 @@ def _camera(data: Mapping[str, Any]) -> Any:
     matrix = (f, f * value("ar", 1.0), value("cx"), value("cy"), 0.0)
     return polynomial(
         matrix,
-        image_size(size["width"], size["height"]),
+        size_of(data),
         [d[0], d[1], d[4]],
         d[2:4],
         denominator=d[5:8],

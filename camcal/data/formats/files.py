@@ -59,14 +59,15 @@ def read(path: str | os.PathLike, name: str | None = None) -> CameraFile:
     DataError
         Where the file is missing, damaged, of no known format, or names a model that is not known.
     """
-    file, chosen = _split(path)
+    file, chosen = split_name(path)
     source = Source(file)
     form = named_format(name) if name else recognised(source)
     found = parsed(form, source)
     return found if chosen is None else select(found, chosen, str(file))
 
 
-def _split(path: str | os.PathLike) -> tuple[Path, str | None]:
+def split_name(path: str | os.PathLike) -> tuple[Path, str | None]:
+    """FILE and NAME of `FILE#NAME`; NAME is None where there is none, or where a file has that whole name."""
     text = os.fspath(path)
     name, mark, camera = text.rpartition("#")
     if mark and camera and not Path(text).exists():
@@ -94,7 +95,8 @@ def recognised(source: Source) -> Format:
 
 def parsed(form: Format, source: Source) -> CameraFile:
     """The checked cameras of a file of a known format."""
-    with damage(source, form.title):
+    # a quotient by a 0 of the file is damage like any other, not a warning of numpy's
+    with damage(source, form.title), np.errstate(divide="raise", over="raise", invalid="raise"):
         found = form.read(source)
         if not found.cameras:
             raise DataError("no camera in it.", "Is it the right file?")

@@ -1,7 +1,7 @@
 """MATLAB files of version 5 (-v6, -v7): numbers, text and structs.
 
 MathWorks, MAT-file format, chapter 1. A reader of camcal's own, because scipy's ends the process on some
-damaged files; objects, cells, sparse matrices and functions are None.
+damaged files; objects, sparse matrices and functions are None.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ DEEPEST = 8
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMBERS |= {16: "u1", 17: "u2"}
 MATRIX, COMPRESSED, UTF8, UTF16 = 14, 15, 16, 17
-STRUCT, TEXT, FIRST_NUMBER, LAST_NUMBER = 2, 4, 6, 15
+CELL, STRUCT, TEXT, FIRST_NUMBER, LAST_NUMBER = 1, 2, 4, 6, 15
 COMPLEX = 0x0800
 
 
@@ -104,6 +104,8 @@ def _matrix(parts: Elements, depth: int) -> tuple[str, Any]:
     name = _text(parts.next())
     if kind == STRUCT:
         return name, _struct(parts, shape, depth)
+    if kind == CELL:
+        return name, _cell(parts, shape, depth)
     if kind == TEXT:
         return name, _text(parts.next())
     if kind < FIRST_NUMBER or int(flags[0]) & COMPLEX:
@@ -119,6 +121,20 @@ def _text(part: tuple[int, bytes]) -> str:
     if kind in (4, UTF16):
         return content.decode("utf-16-le", "replace")
     return content.decode("utf-8" if kind == UTF8 else "latin-1", "replace")
+
+
+def _cell(parts: Elements, shape: tuple[int, ...], depth: int) -> list[Any]:
+    """The values of a cell array, column by column."""
+    count = int(np.prod(shape, dtype=object))
+    if count * 8 > len(parts.data):
+        raise ValueError("a cell array that ends too early")
+    found = []
+    for _ in range(count):
+        kind, content = parts.next()
+        if kind != MATRIX:
+            raise ValueError("a cell that is no variable")
+        found.append(_matrix(Elements(content, parts.order), depth + 1)[1] if content else np.zeros(0))
+    return found
 
 
 def _struct(parts: Elements, shape: tuple[int, ...], depth: int) -> Any:

@@ -18,10 +18,11 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Board:
-    """What the command line says of a board: inner corners, columns x rows, and the side of a square."""
+    """What the command line says: inner corners, columns x rows, the side of a square, and the camera of several."""
 
     grid: Size | None = None
     square: float = 1.0
+    camera: str | None = None
 
     def points(self, count: int, source: str) -> Array:
         """The points (count, 3) of a board whose corners are listed row by row.
@@ -49,6 +50,27 @@ class Reader:
     title: str
     sniff: Callable[[Source], bool]
     read: Callable[[Source, Board], tuple[Table, Size | None]]
+
+
+def one_camera(source: Source, names: Sequence[str], board: Board) -> int:
+    """Which of the cameras of a file is meant.
+
+    Raises
+    ------
+    DataError
+        Where there are several and none is named, or the name is none of them.
+    """
+    known = ", ".join(names[:20])
+    if board.camera is not None:
+        if board.camera not in names:
+            raise DataError(f"'{source.path}' has no camera '{board.camera}'.", f"It has: {known}.")
+        return list(names).index(board.camera)
+    if len(names) > 1:
+        raise DataError(
+            f"'{source.path}' holds the points of {len(names)} cameras ({known}); one is needed.",
+            f"Name it: '{source.path}#{names[0]}'.",
+        )
+    return 0
 
 
 def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | None]]) -> Table:
