@@ -100,7 +100,7 @@ def _read_text(path: str, board: Board) -> tuple[Table, tuple[int, int] | None]:
     source = Source(file) if readers else None
     for reader in readers:
         assert source is not None
-        with damage(source, reader.title):
+        with damage(source, reader.title), np.errstate(divide="raise", over="raise", invalid="raise"):
             if reader.sniff(source):
                 return reader.read(source, replace(board, camera=camera))
     return read_table(path, POINTS), None

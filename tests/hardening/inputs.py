@@ -13,6 +13,7 @@ from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from tests.data.corner_samples import samples
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 SIZE = (640, 480)
@@ -125,5 +126,8 @@ def _tables(folder: Path) -> None:
     (folder / "april.yaml").write_text(
         "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\ntagSize: 0.022\ntagSpacing: 0.3\n"
     )
-    (folder / "gcp_list.txt").write_text("EPSG:32633\n" + "1 2 3 4 5 a.jpg\n2 3 4 5 6 a.jpg\n" * 3)
+    for name, (file, content, beside) in samples().items():
+        (folder / f"of-{name}").mkdir()
+        for other, data in {file: content, **beside}.items():
+            (folder / f"of-{name}" / other).write_bytes(data)
     np.savetxt(folder / "p3.csv", world, delimiter=",", header="X,Y,Z", comments="")

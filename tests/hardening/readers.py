@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from camcal.data.formats import FORMATS
-from camcal.data.point_files import POINT_FILES
+from tests.data.corner_samples import samples
 
 
 @dataclass(frozen=True)
@@ -169,16 +169,8 @@ PICTURES = (".png", ".jpg", ".tif", ".bmp", ".pgm", ".webp", ".jp2", ".exr", ".h
 def subjects() -> list[Subject]:
     """All readers."""
     made = [Subject(f"format {n}", (), (f"format-{n}",), _format(n)) for n in FORMATS]
-    endings = {"vnl": ".vnl", "photonvision": ".json", "opencv": ".yml", "gcp": ".txt"}
-    seeds = {
-        "vnl": "points.vnl",
-        "gcp": "gcp_list.txt",
-        "photonvision": "photonvision.json",
-        "opencv": "sample.yml",
-    }
-    for name in POINT_FILES:
-        seed = seeds.get(name, "p.csv")
-        made.append(Subject(f"points {name}", (endings.get(name, Path(seed).suffix),), (seed,), _points))
+    for name, (file, _, _) in samples().items():
+        made.append(Subject(f"points {name}", (Path(file).suffix,), (f"of-{name}/{file}",), _points))
     made += [
         Subject("points table", (".csv", ".txt"), ("p.csv",), _points),
         Subject("points archive", (".npz",), ("points.npz",), _points),

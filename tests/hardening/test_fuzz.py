@@ -54,6 +54,10 @@ def check(subject, path, data):
 def test_mutated(made, tmp_path, limited, subject):
     for name in BESIDE:
         shutil.copyfile(made / name, tmp_path / name)
+    for seed in (made / s for s in subject.seeds if "/" in s):  # a board or a target that belongs to it
+        for other in seed.parent.iterdir():
+            if other != seed:
+                shutil.copyfile(other, tmp_path / other.name)
     known = seeds(made, subject)
 
     @settings(

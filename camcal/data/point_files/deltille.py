@@ -7,6 +7,7 @@ core/feature/parse; deltille, apps.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -143,8 +144,10 @@ def _boards(source: Source) -> dict[int, Array]:
         count = int((rows - 1) * (columns - 1))
         if not 0 < count <= len(source.data):
             raise DataError(f"'{source.path}': a board of {rows:g}x{columns:g}.", "Is the file damaged?")
-        next(lines)  # the family of the tags
-        nodes = [floats(next(lines).split(","), 6, f"a corner of {source.path}") for _ in range(count)]
+        listed = list(itertools.islice(lines, 1, count + 1))  # after the family of the tags
+        if len(listed) < count:
+            raise DataError(f"'{source.path}' ends within board {number:g}.", "Is it complete?")
+        nodes = [floats(t.split(","), 6, f"a corner of {source.path}") for t in listed]
         found[int(number)] = np.array(nodes)[:, 3:] * CENTIMETRE
     return found
 

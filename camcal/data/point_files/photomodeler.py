@@ -7,6 +7,7 @@ pixel. The points are those that PhotoModeler estimated. Source: DBAT, loadpm.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -69,8 +70,8 @@ def _photos(source: Source, left: Iterator[tuple[int, str]]) -> Iterator[str]:
             return
         if len(words) < 2 or not words[0].isdigit():
             raise DataError(f"{source.path}:{number}: a photo is its number and its name.", "Is it complete?")
-        for _ in range(PHOTO):
-            next(left)
+        if len(list(itertools.islice(left, PHOTO))) < PHOTO:
+            raise DataError(f"{source.path}: it ends within a photo.", "Is it complete?")
         name = words[1].replace("\\", "/").rpartition("/")[2].strip()
         seen[name] = seen.get(name, 0) + 1
         yield name if seen[name] == 1 else f"{name}-{seen[name]}"

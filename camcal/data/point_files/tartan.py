@@ -1,7 +1,7 @@
 """Corners of TartanCalib: `corners.mat` with `board.mat` (`--outputMatlab`), and its data set (`--export-dataset-dir`).
 
-BabelCalib takes the .mat. Of each picture `x` are the pixels (2, N) and `cspond` the numbers of point and board, from 1;
-of each board `X` are the points (2, M) and `Rt` the pose. TartanCalib counts pixels from 0; BabelCalib's own files,
+BabelCalib takes the .mat. Of each picture `x` are the pixels (2, N) and `cspond` the numbers of point and board, from
+1; of each board `X` are the points (2, M) and `Rt` the pose. TartanCalib counts pixels from 0; BabelCalib's own files,
 which MATLAB writes, count them from 1. The data set is binary: whole numbers big-endian, pixels and places
 little-endian floats. Source: TartanCalib, tartan_calibrate and TartanCalibWorker; BabelCalib, core/feature.
 """
