@@ -15,92 +15,13 @@ from typing import Any
 import numpy as np
 
 from camcal.data.shape import Shapes, shapes
-from camcal.errors import DataError
+from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_view, named_view, stacked
 
 Array = np.ndarray
 
 #: why a row takes no part, by its code in `Observations.reason`
 REASONS = ("", "outlier", "outside the domain of the lens")
 KEPT, OUTLIER, OUTSIDE = range(len(REASONS))
-#: the number of a point that is not known; any other may be an id
-NO_ID = int(np.iinfo(int).min)
-
-
-@dataclass(frozen=True)
-class View:
-    """The rows of one picture, for those who work picture by picture.
-
-    Attributes
-    ----------
-    id : str
-        What the user calls it: the file's name, or the value of the `view` column.
-    xyz : (N, 3) array
-        Points in the board's or the world's frame, in the unit of the data.
-    uv : (N, 2) array
-        Their images, px.
-    sigma : (N,) array or None
-        Standard deviation of each image point in each coordinate, px.
-    point_ids : (N,) int array or None
-        Which point of the target each row is; the same number is the same physical point in every view.
-    """
-
-    id: str
-    xyz: Array
-    uv: Array
-    sigma: Array | None = None
-    point_ids: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.xyz)
-
-    def take(self, rows: Array) -> View:
-        """Return the view with only `rows` (a mask or indices) of its points."""
-
-        def pick(a: Array | None) -> Array | None:
-            return None if a is None else a[rows]
-
-        return View(self.id, self.xyz[rows], self.uv[rows], pick(self.sigma), pick(self.point_ids))
-
-
-@dataclass(frozen=True)
-class SkippedView:
-    """A picture or a view that gave no usable points, and why.
-
-    `status` is one of the report's: `not_found`, `unreadable` or `rejected`. `rms_point`, px, is that of its
-    points at the pose with which most of them agree, where there are points and a camera.
-    """
-
-    id: str
-    status: str
-    reason: str
-    points: int = 0
-    rms_point: float | None = None
-    camera: str | None = None  #: which took it, of a rig
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """The runs of rows of one picture each.
-
-    Attributes
-    ----------
-    camera, view : (B,) int arrays
-        Which camera and which view a block is of.
-    starts : (B + 1,) int array
-        Block b is the rows starts[b] to starts[b + 1].
-    """
-
-    camera: Array
-    view: Array
-    starts: Array
-
-    def __len__(self) -> int:
-        return len(self.view)
-
-    @property
-    def counts(self) -> Array:
-        """Number of rows (B,) of each block."""
-        return np.diff(self.starts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,11 +112,11 @@ class Observations:
         DataError
             Where shapes do not match or a value is not finite.
         """
-        made = [v if isinstance(v, View) else _view(f"view{i + 1}", v) for i, v in enumerate(views)]
+        made = [v if isinstance(v, View) else named_view(f"view{i + 1}", v) for i, v in enumerate(views)]
         for view in made:
-            _check_view(view)
+            check_view(view)
         size = None if image_size is None else (int(image_size[0]), int(image_size[1]))
-        return cls(**_stacked(made), image_sizes=(size,), **more)
+        return cls(**stacked(made), image_sizes=(size,), **more)
 
     # ------------------------------------------------------------------------------------------ what it holds
     def __len__(self) -> int:
@@ -349,7 +270,7 @@ class Observations:
     def with_views(self, views: Sequence[View]) -> Observations:
         """With the rows of these views in place of all rows; whole views may be gone. One camera only."""
         nothing = np.zeros(0)
-        return replace(self, weight=None, used=nothing, reason=nothing, **_stacked(views))
+        return replace(self, weight=None, used=nothing, reason=nothing, **stacked(views))
 
     def map_views(self, change: Callable[[View], View]) -> Observations:
         """With each view changed by a function that keeps its number of points; what is used stays."""
@@ -391,54 +312,3 @@ def _known(values: Array | None, rows: slice) -> Array | None:
     if values is None or np.isnan(values[rows]).all():
         return None
     return values[rows]
-
-
-def _view(name: str, item: Sequence[Any]) -> View:
-    xyz, uv = (_points(a) for a in item[:2])
-    if xyz.ndim == 2 and xyz.shape[1] == 2:
-        xyz = np.c_[xyz, np.zeros(len(xyz))]
-    sigma = np.asarray(item[2], float) if len(item) > 2 and item[2] is not None else None
-    return View(name, xyz, uv, sigma)
-
-
-def _points(values: Any) -> Array:
-    """Points as rows; cv2 keeps them as (N, 1, k)."""
-    points = np.array(values, dtype=float, ndmin=2)
-    return points[:, 0] if points.ndim == 3 and points.shape[1] == 1 else points
-
-
-def _stacked(views: Sequence[View]) -> dict[str, Any]:
-    """The columns of a table with these views' rows."""
-    counts = [len(v) for v in views]
-
-    def column(parts: list[Array | None], default: float, kind: type) -> Array | None:
-        if all(p is None for p in parts):
-            return None
-        return np.concatenate(
-            [
-                np.full(n, default, kind) if p is None else np.asarray(p)
-                for p, n in zip(parts, counts, strict=True)
-            ]
-        )
-
-    return {
-        "xyz": np.concatenate([v.xyz for v in views]) if views else np.zeros((0, 3)),
-        "uv": np.concatenate([v.uv for v in views]) if views else np.zeros((0, 2)),
-        "view": np.repeat(np.arange(len(views)), counts),
-        "view_ids": tuple(v.id for v in views),
-        "camera": np.zeros(sum(counts), int),
-        "point": column([v.point_ids for v in views], NO_ID, int),
-        "sigma": column([v.sigma for v in views], np.nan, float),
-    }
-
-
-def _check_view(view: View) -> None:
-    if view.xyz.ndim != 2 or view.xyz.shape[1] != 3 or view.uv.shape != (len(view.xyz), 2):
-        raise DataError(
-            f"view '{view.id}' holds points of shape {view.xyz.shape} and {view.uv.shape}; "
-            "(N, 3) and (N, 2) are needed."
-        )
-    if not (np.isfinite(view.xyz).all() and np.isfinite(view.uv).all()):
-        raise DataError(f"view '{view.id}' holds a NaN or infinite coordinate.", "Remove that row.")
-    if view.sigma is not None and not (np.isfinite(view.sigma) & (view.sigma > 0)).all():
-        raise DataError(f"view '{view.id}' holds a sigma that is not positive.", "Sigmas are px, > 0.")

@@ -11,7 +11,7 @@ import numpy as np
 from camcal.geometry import homography, projective
 
 if TYPE_CHECKING:
-    from camcal.data.observations import View
+    from camcal.data.views import View
 
 Array = np.ndarray
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, Whole, Words
 from camcal.settings.option import Settings, setting
@@ -88,3 +88,14 @@ class CalibrationOptions(Settings):
         True,
         on_command_line=False,
     )
+
+
+#: of commands that take one model as it is
+ONE_MODEL = replace(
+    CalibrationOptions.options()["model"],
+    kind=MODEL,
+    default="opencv5",
+    help="Camera model; `camcal list models` names them.",
+)
+#: a gate in px, of commands that compare
+MAX_PX = replace(CalibrationOptions.options()["max_rms"], name="max_px")

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from camcal.settings.batch import BATCH, COMPACT, FLEET_PRIOR, WATCH
-from camcal.settings.calibration import MODEL, CalibrationOptions
+from camcal.settings.calibration import MAX_PX, MODEL, ONE_MODEL, CalibrationOptions
+from camcal.settings.comparison import COMPARE, COMPARE_OPTIMIZERS
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.hand_eye import HAND_EYE
 from camcal.settings.kinds import (
@@ -40,135 +41,14 @@ from camcal.settings.run import (
     TRACE,
 )
 from camcal.settings.simulation import SIMULATIONS
-from camcal.settings.sizes import DISTANCE, ImageSize, KeptField, Pixel
+from camcal.settings.sizes import DISTANCE, Pixel
 from camcal.settings.tracking import METHOD, RUN, TrackOptions
+from camcal.settings.undistortion import RECTIFY, UNDISTORT
 
 CALIBRATION = (*CalibrationOptions.command_line(), TRACE)
 BOARD = DetectionOptions.command_line()
 
 _OF = CalibrationOptions.options()
-#: of commands that take one model as it is
-_MODEL = replace(
-    _OF["model"], kind=MODEL, default="opencv5", help="Camera model; `camcal list models` names them."
-)
-_PX = replace(_OF["max_rms"], name="max_px")
-
-_COMPARE = (
-    Option(
-        "against",
-        Words(("cv2",)),
-        "In place of B: a fresh calibration of A's points by OpenCV.",
-    ),
-    Option(
-        "distance",
-        Several(DISTANCE),
-        "Of what is looked at, in the unit of the data; infinity by default.",
-        repeated=True,
-    ),
-    IMAGE_SIZE,
-    replace(_PX, help="A gate: the largest difference of projection where both cameras have data."),
-    replace(_PX, name="max_rms_px", help="A gate: the root mean square of the differences there."),
-    replace(_PX, name="max_p95_px", help="A gate: their 95th percentile there."),
-    Option("max_sigma", POSITIVE, "A gate: the largest there in standard deviations.", metavar="N"),
-    Option(
-        "tolerance",
-        Assignments("NAME=VALUE,...", "fx=0.5,cx=0.5", values=True),
-        "A gate: the largest change of a parameter, in its own unit.",
-        {},
-        repeated=True,
-    ),
-    *CI,
-    *REPORT,
-)
-
-_COMPARE_OPTIMIZERS = (
-    IMAGE_SIZE,
-    _MODEL,
-    _OF["skew"],
-    _OF["fix"],
-    Option(
-        "optimizers",
-        Text(),
-        "Which, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
-        metavar="NAME,...",
-    ),
-    Option("perturbed", Whole(0), "Starts besides the closed form's, moved at random.", 3),
-    Option(
-        "perturbation",
-        POSITIVE,
-        "How far: focal length, depth and principal point relative, rotations in rad.",
-        0.02,
-    ),
-    Option("max_seconds", POSITIVE, "Longest time of one run.", 20.0),
-    Option(
-        "rotation",
-        Words(("left", "vector", "quaternion", "euler")),
-        "Coordinates of rotations; left = perturbations on the left, as everywhere else.",
-        "left",
-    ),
-    replace(_OF["normalise"], help="Centre points and scale columns."),
-    replace(TRACE, help="Write every step of every run to FILE (CSV)."),
-    Option("plot", OUT, "Draw the convergence to FILE (needs matplotlib)."),
-    _OF["seed"],
-    *REPORT,
-)
-
-_INTERPOLATION = Option(
-    "interpolation",
-    Words(("nearest", "linear", "cubic", "lanczos")),
-    "Between pixels.",
-    "linear",
-)
-
-_UNDISTORT = (
-    Option("camera", FILE, "A camera file of any format.", short="-c", required=True),
-    replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
-    Option(
-        "keep",
-        KeptField(),
-        "The field that is kept: all pixels, the most without black, or a horizontal field of view.",
-        "all",
-    ),
-    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
-    Option(
-        "projection",
-        Words(("perspective", "equidistant")),
-        "Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
-        "perspective",
-    ),
-    _INTERPOLATION,
-    Option(
-        "maps",
-        Several(OUT),
-        "Write the map too: .npz (u, v, matrix, crop), .exr (STMap), .pgm (two files for ffmpeg's remap) or "
-        ".gst (settings of GStreamer's cameraundistort).",
-        repeated=True,
-    ),
-    IMAGE_SIZE,
-    FORCE,
-    CONFIG,
-)
-
-_RECTIFY = (
-    replace(OUTPUT, help="Where the pictures, maps and matrices go.", metavar="FOLDER", required=True),
-    Option(
-        "alpha",
-        Real(0, 1),
-        "0: the largest field without black in either picture; 1: all pixels of both; between: in proportion.",
-        0.0,
-    ),
-    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
-    Option(
-        "projection",
-        Words(("auto", "perspective", "latitude-longitude")),
-        "latitude-longitude is for wide lenses; auto takes it beyond 60 degrees from the axis.",
-        "auto",
-    ),
-    _INTERPOLATION,
-    FORCE,
-    FORMAT,
-    CONFIG,
-)
 
 _NEXT = (
     Option(
@@ -282,12 +162,12 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             "From the camera, in the unit of the data; by default the boards' and infinity.",
             repeated=True,
         ),
-        replace(_PX, help="A gate: exit code 1 where a sigma is larger."),
+        replace(MAX_PX, help="A gate: exit code 1 where a sigma is larger."),
         FORMAT,
         CONFIG,
     ),
     "lines": (
-        _MODEL,
+        ONE_MODEL,
         replace(
             _OF["fix"],
             help="Hold parameters; fx=VALUE sets the focal length, which lines do not determine.",
@@ -304,7 +184,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "selfcalib": (
-        replace(_MODEL, default="opencv4"),
+        replace(ONE_MODEL, default="opencv4"),
         replace(
             _OF["fix"], help="Hold parameters, at VALUE or where they start; fy = fx unless fy is given."
         ),
@@ -314,7 +194,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "scene": (
-        replace(_MODEL, default="pinhole"),
+        replace(ONE_MODEL, default="pinhole"),
         replace(
             _OF["fix"], help="Hold parameters, at VALUE or in the middle of the picture; fy = fx by default."
         ),
@@ -341,7 +221,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         CONFIG,
     ),
     "hand-eye": HAND_EYE,
-    "compare": _COMPARE,
+    "compare": COMPARE,
     "select": (
         MODELS,
         Option("folds", Whole(2), "Rounds of holding views out.", 5),
@@ -369,7 +249,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("to_model", MODEL, "Refit to this model; `camcal list models` names them."),
         _OF["skew"],
         replace(
-            _PX,
+            MAX_PX,
             help="The largest difference, anywhere in the image, that a refit may have.",
             default=0.5,
         ),
@@ -377,7 +257,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "lens-fit": (
-        _MODEL,
+        ONE_MODEL,
         _OF["skew"],
         Option(
             "ideal",
@@ -388,8 +268,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         IMAGE_SIZE,
         *REPORT,
     ),
-    "undistort": _UNDISTORT,
-    "rectify": _RECTIFY,
+    "undistort": UNDISTORT,
+    "rectify": RECTIFY,
     "report": (
         replace(OUTPUT, help="The page (HTML); REPORT with .html by default."),
         PLOTS,
@@ -403,8 +283,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         FORCE,
         CONFIG,
     ),
-    "compare-optimizers": _COMPARE_OPTIMIZERS,
-    "doctor": (_MODEL, IMAGE_SIZE, *BOARD, FORMAT, CONFIG),
+    "compare-optimizers": COMPARE_OPTIMIZERS,
+    "doctor": (ONE_MODEL, IMAGE_SIZE, *BOARD, FORMAT, CONFIG),
     "next": _NEXT,
     "track": (METHOD, *TrackOptions.command_line(), *RUN, *DetectionOptions.command_line("keep_frames")),
     "board": (

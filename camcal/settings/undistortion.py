@@ -1,0 +1,67 @@
+"""The options of the commands that resample pictures: undistort and rectify."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from camcal.settings.kinds import Real, Several, Words
+from camcal.settings.option import Option
+from camcal.settings.run import CONFIG, FILE, FORCE, FORMAT, IMAGE_SIZE, OUT, OUTPUT
+from camcal.settings.sizes import ImageSize, KeptField
+
+INTERPOLATION = Option(
+    "interpolation",
+    Words(("nearest", "linear", "cubic", "lanczos")),
+    "Between pixels.",
+    "linear",
+)
+
+UNDISTORT = (
+    Option("camera", FILE, "A camera file of any format.", short="-c", required=True),
+    replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
+    Option(
+        "keep",
+        KeptField(),
+        "The field that is kept: all pixels, the most without black, or a horizontal field of view.",
+        "all",
+    ),
+    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option(
+        "projection",
+        Words(("perspective", "equidistant")),
+        "Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
+        "perspective",
+    ),
+    INTERPOLATION,
+    Option(
+        "maps",
+        Several(OUT),
+        "Write the map too: .npz (u, v, matrix, crop), .exr (STMap), .pgm (two files for ffmpeg's remap) or "
+        ".gst (settings of GStreamer's cameraundistort).",
+        repeated=True,
+    ),
+    IMAGE_SIZE,
+    FORCE,
+    CONFIG,
+)
+
+RECTIFY = (
+    replace(OUTPUT, help="Where the pictures, maps and matrices go.", metavar="FOLDER", required=True),
+    Option(
+        "alpha",
+        Real(0, 1),
+        "0: the largest field without black in either picture; 1: all pixels of both; between: in proportion.",
+        0.0,
+    ),
+    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option(
+        "projection",
+        Words(("auto", "perspective", "latitude-longitude")),
+        "latitude-longitude is for wide lenses; auto takes it beyond 60 degrees from the axis.",
+        "auto",
+    ),
+    INTERPOLATION,
+    FORCE,
+    FORMAT,
+    CONFIG,
+)
