@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc
 
 from camcal.assess import figures
 from camcal.assess.holdout import HoldOut
 from camcal.assess.shape_benefit import Change
+from camcal.least_squares.distributions import f_exceeded
 from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: a shape is believed below this p-value: of a thousand flat boards one passes
@@ -57,7 +57,7 @@ def p_value(flat: Estimate, shaped: Estimate) -> float:
         return 1.0
     size = shaped.board.size
     ratio = (flat.fit.cost - shaped.fit.cost) / size / (shaped.fit.cost / freedom)
-    return float(fdtrc(size, freedom, max(ratio, 0.0)))
+    return f_exceeded(max(ratio, 0.0), size, freedom)
 
 
 def described(

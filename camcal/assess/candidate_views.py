@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.errors import DataError
 from camcal.geometry import rotations
+from camcal.geometry.neighbours import spacing
 from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.placement import Spread
@@ -144,7 +144,7 @@ def target_points(solution: Calibration) -> Array:
 
 def lattice(points: Array) -> tuple[Array, Array]:
     """Columns x (C,) and rows y (R,) on which the points (N, 3) of a grid lie, up to a bend or a bad print."""
-    gap = UNEVEN * _spacing(points)
+    gap = UNEVEN * spacing(points)
     return _levels(points[:, 0], gap), _levels(points[:, 1], gap)
 
 
@@ -154,17 +154,12 @@ def _levels(values: Array, gap: float) -> Array:
     return np.array([g.mean() for g in np.split(values, np.flatnonzero(np.diff(values) > gap) + 1)])
 
 
-def _spacing(points: Array) -> float:
-    """The median distance from a point to the one nearest to it."""
-    return float(np.median(cKDTree(points).query(points, 2)[0][:, 1]))
-
-
 def surround(points: Array) -> Array:
     """The outline (K, 3) of a flat grid with one cell more on each side; none where there is no flat grid.
 
     A checkerboard's outermost corners are found only where the squares beyond them are in the picture.
     """
-    if len(points) < 4 or np.ptp(points[:, 2]) > UNEVEN * _spacing(points):
+    if len(points) < 4 or np.ptp(points[:, 2]) > UNEVEN * spacing(points):
         return np.zeros((0, 3))
     columns, rows = lattice(points)
     if len(columns) < 2 or len(rows) < 2 or not len(points) <= len(columns) * len(rows) <= 4 * len(points):

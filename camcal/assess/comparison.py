@@ -22,14 +22,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial import Delaunay, QhullError
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.curvature import accuracy as accuracy_of
 from camcal.assess.difference import Difference, difference, image_grid
 from camcal.assess.uncertainty import ProjectionUncertainty, projection_uncertainty, worst_sigma
 from camcal.errors import DataError
-from camcal.geometry import rotations
+from camcal.geometry import hull, rotations
 from camcal.model.camera import Camera
 from camcal.solve.calibration import Calibration
 
@@ -54,10 +53,7 @@ class Side:
         """Which pixels (N, 2) lie within the convex hull of its image points, (N,) bool; all where none are known."""
         if self.points is None:
             return np.ones(len(pixels), bool)
-        try:
-            return np.asarray(Delaunay(self.points).find_simplex(pixels) >= 0)
-        except QhullError:  # all points on a line
-            return np.zeros(len(pixels), bool)
+        return hull.within(self.points, pixels)
 
     @classmethod
     def of(cls, name: str, solution: Calibration) -> Side:

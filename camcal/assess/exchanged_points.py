@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.data.observations import View
+from camcal.geometry.neighbours import Neighbours, spacing
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
 from camcal.system.text import listed
@@ -60,9 +60,9 @@ def exchanged_points(solution: Calibration) -> Iterator[Exchanged]:
 def in_view(view: View, predicted: Array, wrong: Array) -> Exchanged:
     """What the rows `wrong` (K,) of a view were taken for, from where its points are predicted (N, 2), px."""
     known = np.flatnonzero(np.isfinite(predicted).all(1))
-    tree = cKDTree(predicted[known])
+    tree = Neighbours(predicted[known])
     apart = spacing(predicted[known])
-    distance, index = (np.asarray(a) for a in tree.query(view.uv[wrong]))
+    distance, index = tree.query(view.uv[wrong])
     taken = {
         int(i): int(known[j])
         for i, j, d in zip(wrong, index, distance, strict=True)
@@ -94,8 +94,3 @@ def describe(found: Exchanged, view: View) -> str:
         by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
         said.append(f"points {rows} lie where those displaced by ({by}) belong")
     return f"view '{found.view}': " + "; ".join(said)
-
-
-def spacing(uv: Array) -> float:
-    """The median distance of a point from its nearest neighbour, px."""
-    return float(np.median(np.asarray(cKDTree(uv).query(uv, k=2)[0])[:, 1]))

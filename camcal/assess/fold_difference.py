@@ -20,12 +20,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from camcal.assess.covariance import covariance
 from camcal.assess.difference import image_grid
 from camcal.assess.holdout import HoldOut
 from camcal.assess.uncertainty import projection_uncertainty
+from camcal.geometry import hull
 from camcal.solve.calibration import Calibration, Estimate
 
 Array = np.ndarray
@@ -96,11 +96,7 @@ def covered_grid(solution: Estimate, camera: int = 0) -> tuple[Array, Array]:
     """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
     uv = solution.observations.uv[solution.used & (solution.observations.camera == camera)]
     pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
-    try:
-        sides = ConvexHull(uv).equations
-    except QhullError:  # all points on a line
-        return pixels, np.zeros(len(pixels), bool)
-    return pixels, (pixels @ sides[:, :2].T + sides[:, 2] <= 0).all(1)
+    return pixels, hull.within(uv, pixels)
 
 
 def seen_by_fold(solution: Calibration, fit: Calibration, views: Array, pixels: Array) -> Array:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc
 
 from camcal.assess import exchanged_points, figures
 from camcal.assess.causes import Found
@@ -20,6 +19,7 @@ from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.data.observations import Observations, SkippedView, View
 from camcal.data.shape import shapes
 from camcal.geometry import homography, projective
+from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.solve import ransac
@@ -156,7 +156,7 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
             continue
         other = measured.rms * np.sqrt(counts[i] / freedom)
         more = (own[i] / other) ** 2 * (freedom + _PLANE - _POSE) - freedom
-        by_chance = fdtrc(_PLANE - _POSE, freedom, max(more / (_PLANE - _POSE), 0.0))
+        by_chance = f_exceeded(max(more / (_PLANE - _POSE), 0.0), _PLANE - _POSE, freedom)
         if other < own[i] / SUSPECT and by_chance < BY_CHANCE:
             found.append(_Suspect(int(i), measured.ratio, float(other), float(own[i])))
     most = max((s.own / s.other for s in found), default=0.0)

@@ -8,9 +8,9 @@ and polygons of other shapes are taken as half-planes at the scale of the box.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.detect.targets.base import Pattern
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -24,7 +24,7 @@ class BlackArea:
         self.others = [np.asarray(p, float) for p in pattern.polygons if not is_rectangle(p)]
         self.rectangles = RectangleIntegral(rectangles) if rectangles else None
         self.circles = np.asarray(pattern.circles, float).reshape(-1, 3)
-        self.tree = cKDTree(self.circles[:, :2]) if len(self.circles) else None
+        self.tree = Neighbours(self.circles[:, :2]) if len(self.circles) else None
 
     def mean(self, xy: Array, width: Array) -> Array:
         """Mean blackness, 0 to 1, of boxes of the board.

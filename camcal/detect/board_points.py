@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.detect.corners import Corners
 from camcal.detect.edge_model import COUNT
 from camcal.geometry import homography
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -87,7 +87,7 @@ class Known:
         rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
         if len(rows) < 4 or not len(open_):
             return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
-        near = np.asarray(cKDTree(points[rows]).query(points[open_])[0]) < reach
+        near = Neighbours(points[rows]).query(points[open_])[0] < reach
         ids = open_[near]
         uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
         return ids[certain], uv[certain], jacobian[certain]
@@ -96,7 +96,7 @@ class Known:
 def board_from_pixel(points: Array, uv: Array) -> Callable[[Array], Array]:
     """A map from px (K, P, 2) around each of K points to the board, by the homography of its neighbours."""
     count = min(LOCAL_POINTS, len(points))
-    near = np.asarray(cKDTree(points).query(points, k=count)[1])
+    near = Neighbours(points).query(points, k=count)[1]
     h, gap, _ = homography.solve(uv[near], points[near], steps=1)
     h[gap < LEAST_GAP] = np.nan
 
@@ -129,7 +129,7 @@ def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) ->
     count = min(LOCAL_POINTS, len(points) - skip)
     if not len(at) or count < 4:
         return np.zeros((len(at), 2)), np.zeros((len(at), 2, 2)), np.zeros(len(at), bool)
-    near = np.asarray(cKDTree(points).query(at, k=count + skip)[1])[:, skip:]
+    near = Neighbours(points).query(at, k=count + skip)[1][:, skip:]
     h, gap, _ = homography.solve(points[near], uv[near], steps=1)
     image, jacobian = transfer(h, at)
     return image, jacobian, (gap > LEAST_GAP) & np.isfinite(image).all(1)
@@ -164,7 +164,7 @@ def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[A
         d uv / d point.
     """
     count = min(SUPPORT, len(board))
-    distance, near = (np.asarray(a) for a in cKDTree(board.mean(1)).query(points, k=count))
+    distance, near = Neighbours(board.mean(1)).query(points, k=count)
     ids = np.flatnonzero(distance[:, 0] < reach)
     near, distance = near[ids], distance[ids]
     weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest decides

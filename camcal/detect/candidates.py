@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.detect.grid import Marks
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -71,7 +71,7 @@ def _single(xy: Array, contrast: Array) -> Array:
     """Mask (N,) that leaves the best of candidates so close that they are one corner, split by noise or motion."""
     kept = np.ones(len(xy), bool)
     if len(xy):
-        pairs = cKDTree(xy).query_pairs(SINGLE, output_type="ndarray")
+        pairs = Neighbours(xy).pairs(SINGLE)
         first_better = contrast[pairs[:, 0]] >= contrast[pairs[:, 1]]
         kept[np.where(first_better, pairs[:, 1], pairs[:, 0])] = False
     return kept

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import erf
 
 Array = np.ndarray
 
@@ -61,6 +60,8 @@ def matrix_of(params: Array) -> Array:
 
 def residuals(band: Band, params: Array) -> tuple[Array, Array]:
     """Residuals (K, P), model - value, and their derivatives (K, 10, P)."""
+    from scipy.special import erf  # slow to import, and most targets have no discs
+
     p = params[:, :, None]
     x, y = band.x - p[:, CX], band.y - p[:, CY]
     s, nx, ny, slope = distance(matrix_of(params)[:, None], x, y)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.detect.grid import Marks, neighbours
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -136,10 +136,9 @@ def distinct(discs: Discs) -> Discs:
     if not len(discs):
         return discs
     gone = np.zeros(len(discs), bool)
-    tree = cKDTree(discs.centre)
-    for i, close in enumerate(tree.query_ball_point(discs.centre, CONCENTRIC * size)):
+    for i, close in enumerate(Neighbours(discs.centre).within(CONCENTRIC * size)):
         if not gone[i]:
-            inner = np.array([j for j in close if j > i], int)
+            inner = close[close > i]
             apart = np.linalg.norm(discs.centre[inner] - discs.centre[i], axis=1)
             gone[inner[apart < CONCENTRIC * size[inner]]] = True
     return discs.take(~gone)
@@ -153,7 +152,7 @@ def links(discs: Discs) -> tuple[Array, Array]:
     the measure of both discs, is beyond a hidden disc or belongs to another board.
     """
     inverse = np.linalg.inv(discs.shape)
-    near = np.asarray(cKDTree(discs.centre).query(discs.centre, k=min(NEARBY + 1, len(discs)))[1])[:, 1:]
+    near = Neighbours(discs.centre).query(discs.centre, k=min(NEARBY + 1, len(discs)))[1][:, 1:]
     step = discs.centre[near] - discs.centre[:, None]
     flat = np.einsum("nij,nkj->nki", inverse, step)  # foreshortening undone
     length = np.linalg.norm(flat, axis=2)

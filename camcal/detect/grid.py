@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -73,7 +74,7 @@ def neighbours(
     count = len(marks.xy)
     if count < LEAST_NODES:
         return np.full((count, 4), -1), np.zeros((count, 4), int)
-    near = np.asarray(cKDTree(marks.xy).query(marks.xy, k=min(NEAREST + 1, count))[1])[:, 1:]
+    near = Neighbours(marks.xy).query(marks.xy, k=min(NEAREST + 1, count))[1][:, 1:]
     x, y = (marks.xy[:, i][near] - marks.xy[:, i, None] for i in (0, 1))
     distance = np.hypot(x, y)
     x, y, rays = x / distance, y / distance, marks.rays.transpose(1, 2, 0)

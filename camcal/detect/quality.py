@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from camcal.detect.motion_blur import blur_ellipse, corner_blurs
 from camcal.detect.targets.base import Detection
+from camcal.geometry import hull
 
 Array = np.ndarray
 
@@ -57,11 +57,7 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
 
 def coverage(uv: Array, image_size: tuple[int, int]) -> float:
     """Share of the picture inside the convex hull of the points (N, 2)."""
-    try:
-        area = ConvexHull(uv).volume  # of a plane hull, `volume` is the area
-    except (QhullError, ValueError):  # fewer than three points, or all on a line
-        return 0.0
-    return float(area / (image_size[0] * image_size[1]))
+    return hull.area(uv) / (image_size[0] * image_size[1])
 
 
 def _exposure(gray: Array, uv: Array) -> dict[str, float]:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.detect.candidates import Candidates
 from camcal.detect.grid import Marks
 from camcal.detect.lattice import Lattice, predicted
 from camcal.detect.ranks import median
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
@@ -116,7 +116,7 @@ def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
     sign = Squares.of(gray, lattice).sign
     if not sign:
         return lattice
-    tree, origin = cKDTree(found.weak), 0  # parity of the place that was the first corner
+    tree, origin = Neighbours(found.weak), 0  # parity of the place that was the first corner
     lattice = lattice.padded(1, 1, 1, 1)
     for _ in range(ROUNDS):
         present = lattice.present
@@ -125,7 +125,7 @@ def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
         known = np.isfinite(guess).all(1) & np.isfinite(steps).all((1, 2))
         row, col, guess, steps = row[known], col[known], guess[known], steps[known]
         side = np.linalg.norm(steps, axis=2).min(1)
-        distance, nearest = map(np.asarray, tree.query(guess))
+        distance, nearest = tree.query(guess)
         near = distance < REACH * side
         row, col, steps, at = row[near], col[near], steps[near], found.weak[nearest[near]]
         contrast = _corner_contrast(gray, at, steps) * np.where((row + col) % 2 == origin, 1, -1)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from camcal.assess.checks.coverage import hull_area
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.views import distinct_count, tilt_of_views, tilts
+from camcal.geometry import hull
 from camcal.model.pose import Array
 from camcal.plan.solution import Solution
 
@@ -23,7 +23,7 @@ def section(solution: Solution) -> dict[str, Any] | None:
     poses = solution.poses
     placed = poses.apply(np.array(centres))
     return {
-        "image": None if size is None else hull_area(facts.image_points) / float(np.prod(size)),
+        "image": None if size is None else hull.area(facts.image_points) / float(np.prod(size)),
         "tilt_degrees": _spread(tilt_of_views(facts)) if facts.planar else None,
         "normals_spread_degrees": tilts(facts)[1] if facts.planar else None,
         "distance": _spread(np.linalg.norm(placed, axis=1)),

@@ -17,10 +17,11 @@ from camcal.assess.holdout import CHEAP_PARAMETERS
 from camcal.assess.next_view import NextView, Suggestion
 from camcal.errors import CamcalError, DataError, EstimationError
 from camcal.geometry import rotations
+from camcal.geometry.hull import hull as hull_of
 from camcal.model.pose import Pose
 from camcal.plan.solution import Solution
 from camcal.report.charts.base import Chart, Layer, Line, Points, Tone, short
-from camcal.report.charts.coverage import hull_of, unit_of
+from camcal.report.charts.coverage import unit_of
 from camcal.report.charts.residuals import picture_limits, thinned
 
 Array = np.ndarray

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.errors import DataError
+from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Array
 from camcal.model.rectification import PERSPECTIVE, Rectification
 from camcal.routes.epipolar import LEAST, agreeing, fundamental
@@ -89,7 +89,7 @@ def _local_scatter(places: Array, values: Array) -> Array:
     """
     places = places / np.maximum(places.std(0), 1e-12)
     count = min(NEIGHBOURS, len(places) - 1)
-    _, nearest = cKDTree(places).query(places, count + 1)
+    _, nearest = Neighbours(places).query(places, count + 1)
     return np.asarray((values - values[nearest[:, 1:]].mean(1)) / np.sqrt(1 + 1 / count))
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
@@ -30,9 +29,13 @@ from camcal.solve.losses import robust_sigma
 _REACH = 4.0
 #: τ, or κ s, below this part of the other is as good as 0
 _NOTHING = 1e-3
+#: scoring ends where a step gains less of (2) than this, a ten-thousandth of `EVIDENCE`, or after so many steps, each
+#: a factor of e at most
+_SETTLED, _STEPS = 1e-6, 60
 #: of a thousand sets whose sigmas are right, one gets a floor
 CHANCE = 0.001
-EVIDENCE = float(ndtri(CHANCE)) ** 2  # χ² of one degree of freedom is the square of a Gaussian
+#: the square of the standard normal quantile of that: half a χ² of one degree of freedom exceeds it by `CHANCE`
+EVIDENCE = 9.549536
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,6 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
         the others make in the camera, and these pass for τ.
     given : (N,) array, px
     """
-    from scipy.optimize import minimize  # takes longer to import than a camera takes to calibrate
-
     s, r = given[calibration.used], calibration.used_residuals
     squares = np.einsum("ij,ij->i", r, r) * (2 * len(r) / max(2 * len(r) - calibration.free_count, 1))
     with np.errstate(invalid="ignore"):
@@ -69,19 +70,41 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
     s, squares = s[keep], squares[keep]
     middle, usual = float(np.median(s)), robust_sigma(np.sqrt(squares))
 
-    def unlikelihood(logs: Array) -> float:
-        variance = (np.exp(logs[0]) * s / middle) ** 2 + np.exp(2 * logs[1])
-        return float(np.sum(np.log(variance) + squares / (2 * variance)))
-
     # τ = 0: the best κ² is the mean of |r|² / 2 s²
     alone = float(np.sqrt(np.mean(squares / (2 * s**2))))
     believed = float(np.sum(np.log((alone * s) ** 2)) + len(s))
     starts = [np.log([usual * a, usual * b]) for a, b in ((0.99, 0.1), (0.7, 0.7), (0.1, 0.99))]
-    found = [minimize(unlikelihood, start, method="Nelder-Mead", options={"xatol": 1e-4}) for start in starts]
-    best = min(found, key=lambda f: f.fun)
-    if not 2 * (believed - best.fun) > EVIDENCE:
+    best, logs = min((_likeliest(start, s / middle, squares) for start in starts), key=lambda f: f[0])
+    if not 2 * (believed - best) > EVIDENCE:
         return NoiseModel(alone, 0.0)
-    scale, floor = np.exp(best.x)
+    scale, floor = np.exp(logs)
     if scale < _NOTHING * floor:
         scale = 0.0
     return NoiseModel(float(scale / middle), float(floor))
+
+
+def _likeliest(logs: Array, s: Array, squares: Array) -> tuple[float, Array]:
+    """The least value of (2) and the logarithms (2,) of κ and τ there, by Fisher scoring with steps of at most 1."""
+
+    def unlikelihood(logs: Array) -> tuple[float, Array, Array]:
+        parts = np.exp(2 * logs)[:, None] * np.stack([s * s, np.ones_like(s)])
+        variance = parts.sum(0)
+        return float((np.log(variance) + squares / (2 * variance)).sum()), parts, variance
+
+    damping, (value, parts, variance) = 1e-6, unlikelihood(logs)
+    for _ in range(_STEPS):
+        share = 2 * parts / variance  # ∂ log σ² / ∂ logs
+        gradient = share @ (1 - squares / (2 * variance))
+        information = share @ share.T
+        information[[0, 1], [0, 1]] *= 1 + damping
+        step = -np.linalg.lstsq(information, gradient, rcond=None)[0]
+        tried = logs + step / max(1.0, float(np.abs(step).max()))
+        new = unlikelihood(tried)
+        if new[0] <= value:
+            settled = value - new[0] < _SETTLED
+            logs, damping, (value, parts, variance) = tried, damping / 10, new
+            if settled:
+                break
+        else:
+            damping *= 10
+    return value, logs

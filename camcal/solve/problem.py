@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from camcal.data.observations import View
 from camcal.geometry import rotations
@@ -104,7 +103,7 @@ class Problem:
         self.seen = Seen.alone(len(self.views)) if seen is None else seen
         self.instants = int(self.seen.instant.max(initial=-1)) + 1
         self.weights = weights if weights is not None else _default_weights(self.views)
-        self.free = frees[0] if len(frees) == 1 else block_diag(*frees)
+        self.free = frees[0] if len(frees) == 1 else _diagonal(frees)
         self.cameras = _parts(lenses, frees, self.seen, self.instants, 0 if hold_rig else 6)
         self._places = np.empty(len(self.views), int)  # of each view among those of its camera
         for camera in self.cameras:
@@ -399,6 +398,15 @@ def _parts(
             )
         )
     return tuple(parts)
+
+
+def _diagonal(matrices: Sequence[Array]) -> Array:
+    """Matrices along the diagonal of one, zeros elsewhere."""
+    ends = np.cumsum([m.shape for m in matrices], axis=0)
+    found = np.zeros(ends[-1])
+    for m, (row, column) in zip(matrices, ends, strict=True):
+        found[row - m.shape[0] : row, column - m.shape[1] : column] = m
+    return found
 
 
 def _default_weights(views: Sequence[View]) -> list[Array] | None:

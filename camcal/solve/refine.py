@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar, cast, overload
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
+from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.model.rig import Rig
@@ -235,7 +235,7 @@ def on_board(observations: Observations, ideal: Array, points: Array) -> Observa
     Points that are none of the ideal ones (no view that was used shows them) stay where they are.
     """
     near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
-    distance, index = (np.asarray(a) for a in cKDTree(ideal).query(observations.xyz))
+    distance, index = Neighbours(ideal).query(observations.xyz)
     moved = np.where(distance[:, None] <= near, points[index], observations.xyz)
     return replace(observations, xyz=moved)
 

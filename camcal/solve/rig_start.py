@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.data.observations import Observations
 from camcal.errors import EstimationError
 from camcal.geometry import rotations
+from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Pose, Poses
 
 Array = np.ndarray
@@ -93,12 +93,12 @@ def symmetries(data: Observations) -> tuple[Pose, ...]:
     extent = float((high - low).max())
     if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:
         return nothing
-    middle, tree = (low + high) / 2, cKDTree(points)
+    middle, tree = (low + high) / 2, Neighbours(points)
     found = list(nothing)
     for angle in (np.pi, np.pi / 2, -np.pi / 2):
         turn = rotations.exp(np.array([0.0, 0.0, angle]))
         pose = Pose(turn, middle - turn @ middle)
-        if np.asarray(tree.query(pose.apply(points))[0]).max() < SAME_POINT * extent:
+        if tree.query(pose.apply(points))[0].max() < SAME_POINT * extent:
             found.append(pose)
     return tuple(found)
 
@@ -280,17 +280,17 @@ class _Renaming:
 
     points: Array
     ids: Array | None
-    tree: cKDTree
+    tree: Neighbours
 
     @classmethod
     def of(cls, data: Observations) -> _Renaming:
         points, first = np.unique(data.xyz, axis=0, return_index=True)
-        return cls(points, None if data.point is None else data.point[first], cKDTree(points))
+        return cls(points, None if data.point is None else data.point[first], Neighbours(points))
 
     def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:
         """Turn the points of some rows."""
         xyz, ids = columns
-        which = np.asarray(self.tree.query(turn.apply(xyz[rows]))[1])
+        which = self.tree.query(turn.apply(xyz[rows]))[1]
         xyz[rows] = self.points[which]
         if ids is not None and self.ids is not None:
             ids[rows] = self.ids[which]

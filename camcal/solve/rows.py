@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from scipy import sparse as sparse_
 
 from camcal.solve.problem import Group, Problem, State
 
@@ -62,6 +61,8 @@ def jacobian(problem: Problem, state: State, turn: Array | None = None, sparse: 
             blocks.append((view, row[:free].T.copy(), pose.copy() if turn is None else pose @ turn[view]))
     own = problem.prior(state)
     if sparse:
+        from scipy import sparse as sparse_  # slow to import, and only for optimizers that ask for it
+
         left = sparse_.csr_array(np.concatenate([b[1] for b in blocks] + ([] if own is None else [own[1]])))
         right = _pose_columns(blocks, instants, 0 if own is None else len(own[0]))
         return sparse_.hstack([left, right], format="csr")
@@ -83,4 +84,6 @@ def _pose_columns(blocks: list[tuple[int, Array, Array]], instants: int, more: i
     columns = np.concatenate([np.tile(6 * v + np.arange(6), len(b)) for v, _, b in blocks])
     length = sum(len(b) for _, _, b in blocks)
     starts = np.r_[6 * np.arange(length + 1), np.full(more, 6 * length)]
+    from scipy import sparse as sparse_  # as above
+
     return sparse_.csr_array((data, columns, starts), shape=(length + more, 6 * instants))

@@ -11,11 +11,14 @@ along the last axis: a few dozen vector operations in place of one small LAPACK 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from camcal.solve.problem import Blocks, Step
 
 Array = np.ndarray
+
+#: Parameters from which on a solution takes scipy, which solves with a triangle as such; numpy factors it once more.
+#: For a camera and a board of 70 free points, the import (.15 s) takes longer than that does in a calibration.
+MANY = 250
 
 
 def cholesky(blocks: Array) -> Array | None:
@@ -164,7 +167,22 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
         matrix = matrix + np.diag(idle.astype(float))
         diagonal = np.diag(matrix)
     scale = 1.0 / np.sqrt(diagonal) if scaled else np.ones(len(right))
-    factor, solution, failed = dposv(matrix * scale * scale[:, None], right * scale, lower=1)
-    if failed:
+    solved = _positive_definite(matrix * scale * scale[:, None], right * scale)
+    if solved is None:
         return None
-    return scale * solution, (np.diag(factor) / scale) ** 2
+    return scale * solved[0], (solved[1] / scale) ** 2
+
+
+def _positive_definite(matrix: Array, right: Array) -> tuple[Array, Array] | None:
+    """The solution (F,) of a system, and the pivots (F,) of its Cholesky factor; None where it is not one."""
+    if len(right) > MANY:
+        from scipy.linalg.lapack import dposv  # see above
+
+        factor, solution, failed = dposv(matrix, right, lower=1)
+        return None if failed else (solution, np.diag(factor))
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    half = np.linalg.solve(factor, right)
+    return np.linalg.solve(factor.T, half), np.diag(factor)

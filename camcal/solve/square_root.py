@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from camcal.solve import rows, tangent
 from camcal.solve.problem import Blocks, Problem, State, Step
@@ -88,7 +87,7 @@ class SquareRoot:
             return None
         own = np.zeros(free)
         if count:
-            own[moving] = -solve_triangular(camera[:count, :count], camera[:count, count])
+            own[moving] = -np.linalg.solve(camera[:count, :count], camera[:count, count])
         right = views[:, :6, -1] + views[:, :6, 6:-1] @ own
         poses = -np.linalg.solve(views[:, :6, :6], right[..., None])[..., 0]
         step = Step(own, poses)

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError
 from camcal.geometry import homography
+from camcal.geometry.neighbours import spacing
 
 Array = np.ndarray
 
@@ -74,5 +74,4 @@ def _left(view: View, plane: Array) -> float:
     seen = np.c_[plane, np.ones(len(plane))] @ h.T
     with np.errstate(all="ignore"):
         off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - view.uv, axis=1)
-    apart = np.median(np.asarray(cKDTree(view.uv).query(view.uv, k=2)[0])[:, 1])
-    return float(np.median(off) / max(float(apart), 1e-12))
+    return float(np.median(off) / max(spacing(view.uv), 1e-12))

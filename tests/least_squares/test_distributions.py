@@ -39,3 +39,20 @@ def test_normality(draw, count):
     assert statistic == pytest.approx(expected.statistic, rel=1e-9)
     assert p == pytest.approx(expected.pvalue, rel=1e-6)
     assert ours.excess_kurtosis(x) == pytest.approx(stats.kurtosis(x), rel=1e-9, abs=1e-12)
+
+
+@given(PROBABILITY, st.integers(1, 5000))
+def test_t(p, n):
+    """rel: what is left of an upper tail of 1e-9 in the double 1 - p; abs: t is a root, and 0 in the middle."""
+    assert ours.t_quantile(p, n) == pytest.approx(stats.t.ppf(p, n), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("freedom", [20_000, 1_000_000])
+def test_f_of_large_sets(freedom):
+    for x in (0.5, 1.0, 1.2, 3.0):
+        assert ours.f_exceeded(x, 150, freedom) == pytest.approx(stats.f.sf(x, 150, freedom), rel=1e-8)
+
+
+def test_what_is_no_probability():
+    assert np.isnan(ours.f_exceeded(1.0, 0, 5)) and np.isnan(ours.f_exceeded(float("nan"), 2, 5))
+    assert ours.f_exceeded(0.0, 2, 5) == 1.0 and ours.f_exceeded(float("inf"), 2, 5) == 0.0

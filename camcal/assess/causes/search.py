@@ -17,13 +17,13 @@ from dataclasses import dataclass, field
 from math import comb, lgamma, log
 
 import numpy as np
-from scipy.special import fdtrc
 
 from camcal.assess import figures
 from camcal.assess.causes.kinds import KINDS, OF_EACH, OF_ONE, OF_PARTS, contrasts, shared
 from camcal.assess.causes.linear import Linear, all_fields, problem_of
 from camcal.assess.covariance import eliminate_poses, invert_determined, reduce
 from camcal.errors import CamcalError
+from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.solve import optimizers
@@ -295,4 +295,4 @@ def p_value(search: Search, trial: Trial) -> float:
     assert search.linear is not None
     freedom = search.freedom - trial.numbers
     ratio = (search.linear.cost - trial.cost) / trial.numbers / (trial.cost / freedom)
-    return float(fdtrc(trial.numbers, freedom, max(ratio, 0.0)))
+    return f_exceeded(max(ratio, 0.0), trial.numbers, freedom)

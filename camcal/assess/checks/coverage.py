@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
+from camcal.geometry import hull
 from camcal.geometry.picture import in_picture
-from camcal.model.pose import Array
 
 #: Share of the image inside the convex hull of all points below which distortion at its border is
 #: extrapolated over more than the covered part: at .12 the points reach less than half the way to the
@@ -37,7 +36,7 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
     """Points only in a small part of the image."""
     if facts.image_size is None:
         return
-    share = hull_area(facts.image_points) / float(np.prod(facts.image_size))
+    share = hull.area(facts.image_points) / float(np.prod(facts.image_size))
     if share < LEAST_AREA:
         yield CalibrationWarning(
             "poor-coverage",
@@ -45,14 +44,6 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
             "Bring the target close and into every corner of the picture.",
             "note" if share > SMALL_AREA else "doubtful",
         )
-
-
-def hull_area(uv: Array) -> float:
-    """Area of the convex hull of points (N, 2), px²; 0 where they lie on a line."""
-    try:
-        return float(ConvexHull(uv).volume)  # in two dimensions `volume` is the area
-    except (QhullError, ValueError):
-        return 0.0
 
 
 def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.assess.checks import parameters
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
+from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Array
 from camcal.system.text import listed
 
@@ -137,7 +137,7 @@ def _repeats(facts: Facts) -> Array:
         return np.zeros((0, 2), int)
     corners = _seen_corners(facts)
     good = np.flatnonzero(np.isfinite(corners).all(1))
-    pairs = cKDTree(corners[good]).query_pairs(SAME_PX * np.sqrt(corners.shape[1] / 2), output_type="ndarray")
+    pairs = Neighbours(corners[good]).pairs(SAME_PX * np.sqrt(corners.shape[1] / 2))
     return np.sort(good[pairs.reshape(-1, 2)], axis=1)
 
 

@@ -11,9 +11,6 @@ from abc import abstractmethod
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from camcal.detect import saddle
 from camcal.detect.board_points import LEAST_GAP, Known, board_from_pixel, locate
@@ -21,6 +18,7 @@ from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
 from camcal.geometry import homography
+from camcal.geometry.neighbours import Neighbours
 from camcal.geometry.picture import in_picture
 
 Array = np.ndarray
@@ -187,10 +185,13 @@ def consistent(board: Array, corners: Array) -> Array:
     """
     if len(board) < 2:
         return np.zeros(0, int)
+    from scipy.sparse import csr_array  # for boards of markers alone: slow to import
+    from scipy.sparse.csgraph import connected_components
+
     h = homography.homographies(board, corners, steps=0)
     on_board, centre = board.mean(1), corners.mean(1)
     count = min(NEIGHBOURS + 1, len(board))
-    near = np.asarray(cKDTree(on_board).query(on_board, k=count)[1])
+    near = Neighbours(on_board).query(on_board, k=count)[1]
     a = np.repeat(np.arange(len(board)), count - 1)
     b = near[:, 1:].ravel()
     expected = homography.transfer(h[a], on_board[b][:, None])[:, 0]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
-from camcal.assess.checks.coverage import hull_area
 from camcal.assess.checks.facts import Facts
+from camcal.geometry.hull import area as hull_area
+from camcal.geometry.hull import hull as hull_of
 from camcal.plan.solution import Solution
 from camcal.report.charts.base import Chart, Line, Points, short
 from camcal.report.charts.residuals import picture_limits, thinned
@@ -45,14 +45,6 @@ def image(solution: Solution) -> Chart | None:
         tuple(layers),
         picture=True,
     )
-
-
-def hull_of(uv: Array) -> Array:
-    """The corners (K, 2) of the convex hull of points (N, 2); none where they lie on a line."""
-    try:
-        return uv[ConvexHull(uv).vertices]
-    except (QhullError, ValueError):
-        return np.zeros((0, 2))
 
 
 def unit_of(solution: Solution) -> str:

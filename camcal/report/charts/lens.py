@@ -7,9 +7,10 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import image_grid
 from camcal.assess.uncertainty import board_distance, map_over_image, projection_uncertainty
+from camcal.geometry.hull import hull as hull_of
 from camcal.plan.solution import Solution
 from camcal.report.charts.base import Arrows, Cells, Chart, Line, short
-from camcal.report.charts.coverage import hull_of, unit_of
+from camcal.report.charts.coverage import unit_of
 from camcal.report.charts.residuals import enlargement, picture_limits
 
 Array = np.ndarray
