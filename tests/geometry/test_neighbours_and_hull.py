@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay, cKDTree
 
@@ -47,6 +47,7 @@ def test_pairs_and_reach(limit):
         assert sorted(near) == sorted(wanted)
 
 
+@settings(deadline=None)  # scipy is imported in the first example
 @given(SEEDS, st.integers(3, 400))
 def test_hull(seed, count):
     rng = np.random.default_rng(seed)
