@@ -131,7 +131,9 @@ def test_a_size_that_no_picture_shows_whole():
     assert board_size([part] * 3 + [other] * 2) == ((7, 7), False, 3)
     assert board_size([part] * 2 + [other] * 2) is None
     assert board_size([part]) is None
-    assert board_size([part] * 5 + [Sight(board=(8, 7), whole=True)] * 3) == ((8, 7), True, 3)
+    whole = Sight(board=(8, 7), whole=True)
+    assert board_size([part] * 5 + [whole] * 3) == ((8, 7), True, 3)
+    assert board_size([part] * 4 + [whole] * 2) == ((7, 7), False, 4)  # a third of the pictures is too few
 
 
 def test_a_misread_marker_does_not_make_the_board_longer():
