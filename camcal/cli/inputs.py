@@ -8,9 +8,25 @@ from pathlib import Path
 from camcal.cli.job import is_table
 from camcal.errors import DataError
 
+#: in the name of an input: a pattern, a page or a frame, numbered frames, an address
+_MORE = frozenset("*?[#%:")
+
+
+def refuse_missing(paths: Sequence[str | Path]) -> None:
+    """Raise a DataError for the first input that does not exist, before anything is imported to read it.
+
+    Names that may stand for something else than a file are left to those who read them.
+    """
+    for path in map(Path, paths):
+        standing = next((p for p in (path, *path.parents) if p.exists()), Path())
+        inside = standing != path and standing.is_file()  # an archive
+        if not path.exists() and not inside and str(path) != "-" and not _MORE & set(str(path)):
+            raise DataError(f"there is no file or folder '{path}'.", "Check the spelling and the folder.")
+
 
 def refuse_tables(paths: Sequence[str | Path]) -> None:
     """Raise a DataError that names the right command where a table of points stands among pictures."""
+    refuse_missing(paths)
     tables = [str(p) for p in paths if is_table(p)]
     if tables:
         raise DataError(
@@ -21,6 +37,7 @@ def refuse_tables(paths: Sequence[str | Path]) -> None:
 
 def refuse_pictures(paths: Sequence[str | Path]) -> None:
     """Raise a DataError that names the right command where a picture, a film or a folder of them is no table."""
+    refuse_missing(paths)
     others = [Path(p) for p in paths if not is_table(p)]
     if not others:
         return

@@ -29,12 +29,13 @@ def command(report: Path, output: Path | None, plots: Path | None, **options: An
     page = output or (None if plots else report.with_suffix(".html"))
     if page is not None:
         check_writable(page, options["force"])
-    from camcal.report.rig_loading import is_rig_report
     from camcal.report.yaml import read_document
     from camcal.schema import check
 
     found = read_document(report)
     check(found, str(report))
+    from camcal.report.rig_loading import is_rig_report  # loads most of the program
+
     if is_rig_report(found):
         _rig(found, report, page, plots, options)
     else:

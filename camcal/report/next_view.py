@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,33 @@ def suggest(
     return answer, found
 
 
+#: pictures that are suggested at once on a page and by the doctor
+MORE = 3
+
+
+class _Same:
+    """A solution as a key: equal to itself alone."""
+
+    def __init__(self, solution: Solution):
+        self.solution = solution
+
+    def __hash__(self) -> int:
+        return id(self.solution)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.solution is self.solution
+
+
+def next_ones(solution: Solution) -> tuple[dict[str, Any], list[Suggestion]]:
+    """`suggest` of `MORE` pictures, kept for the next who asks for the same solution: the page and its findings do."""
+    return _next_ones(_Same(solution))
+
+
+@lru_cache(maxsize=1)
+def _next_ones(key: _Same) -> tuple[dict[str, Any], list[Suggestion]]:
+    return suggest(key.solution, MORE)
+
+
 def _entry(solution: Solution, points: Array, found: Suggestion) -> dict[str, Any]:
     outline = _outline(solution, points, found.pose)
     return {
@@ -137,7 +165,7 @@ def chart(solution: Solution) -> Chart | None:
     if solution.camera.lens.size > CHEAP_PARAMETERS:
         return None
     try:
-        _, (found,) = suggest(solution)
+        found = next_ones(solution)[1][0]
     except CamcalError:
         return None
     return replace(drawing(solution, found), title="Where to hold the target next")

@@ -1,10 +1,14 @@
 """Pictures given to `estimate` and tables given to `checkerboard` and `detect`: the right command is named."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
-from camcal.cli.inputs import refuse_pictures
+from camcal.cli.inputs import refuse_missing, refuse_pictures
 
 
 @pytest.fixture
@@ -29,4 +33,28 @@ def test_checkerboard_names_estimate(camcal, inputs, command):
 
 
 def test_other_files_are_left_to_the_reader(inputs):
-    refuse_pictures(["points.csv", "points.unknown", "nothing/there"])
+    Path("points.unknown").write_text("")
+    refuse_pictures(["points.csv", "points.unknown"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("estimate", "absent.csv"),
+        ("checkerboard", "absent/"),
+        ("checkerboard", ".", "absent.png"),
+        ("estimate", "absent.npz", "--robust", "auto"),
+        ("report", "absent.yaml"),
+    ],
+)
+def test_a_wrong_path_is_refused_before_anything_is_loaded(words, tmp_path):
+    code = "import sys; from camcal.cli.boundary import run; print(run(sys.argv[1:]), 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout.split() == ["3", "False"]
+    assert "absent" in done.stderr and len(done.stderr.splitlines()) <= 3
+
+
+@pytest.mark.parametrize("name", ["film.mp4#3", "of_*.png", "frame_%04d.png", "pictures.zip/a.png"])
+def test_names_that_are_more_than_a_path_are_left_to_who_reads_them(name, tmp_path):
+    (tmp_path / "pictures.zip").write_bytes(b"")
+    refuse_missing([tmp_path / name])

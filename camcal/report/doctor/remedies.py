@@ -16,11 +16,9 @@ from camcal.assess.holdout import CHEAP_PARAMETERS, CHEAP_POINTS
 from camcal.errors import CamcalError
 from camcal.plan.solution import Solution
 from camcal.report.doctor.findings import Finding, Gain
-from camcal.report.next_view import suggest
+from camcal.report.next_view import MORE, next_ones
 from camcal.system.text import listed
 
-#: pictures that are suggested at once
-MORE = 3
 #: gains below these are not worth a word: of pictures (each costs a minute), of anything else
 WORTH_PICTURES, WORTH = 1.3, 1.05
 #: a view is worse than the others from this multiple of their median rms on
@@ -56,7 +54,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
     ):
         return None
     try:
-        answer, _ = suggest(solution, MORE)
+        answer, _ = next_ones(solution)
     except CamcalError:
         return None
     now, last = answer["now"]["worst_px"], answer["suggestions"][-1]["worst_px"]
