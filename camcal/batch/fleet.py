@@ -39,6 +39,8 @@ QUANTITIES: dict[str, tuple[str | None, str, bool]] = {
 #: cameras of one type, fewer of which say nothing on how cameras differ: the MAD of eight has a relative standard
 #: deviation of 40 %
 LEAST = 8
+#: quantities of the residuals, which a rig has as a whole; of the others it has one for each camera
+_OF_THE_WHOLE = ("rms_point", "holdout")
 #: expected number of false alarms in a fleet without outliers
 FALSE_ALARMS = 0.05
 SHEWHART = 3.0
@@ -73,10 +75,21 @@ class Control:
     limit: float
 
     @property
+    def title(self) -> str:
+        """The quantity with its unit; of a rig's camera with its name."""
+        part, _, quantity = self.quantity.rpartition(" ")
+        if quantity in QUANTITIES:
+            return f"{part} {QUANTITIES[quantity][1]}".strip()
+        return f"distance {quantity}, unit of the board"
+
+    @property
+    def _one_sided(self) -> bool:
+        return self.quantity in QUANTITIES and QUANTITIES[self.quantity][2]
+
+    @property
     def outliers(self) -> dict[str, float]:
         """z of the cameras beyond the limit, by name."""
-        one_sided = QUANTITIES[self.quantity][2]
-        bad = self.z > self.limit if one_sided else np.abs(self.z) > self.limit
+        bad = self.z > self.limit if self._one_sided else np.abs(self.z) > self.limit
         return {self.names[i]: float(self.z[i]) for i in np.flatnonzero(bad)}
 
 
@@ -92,9 +105,30 @@ def controls(rows: Sequence[Row]) -> list[Control]:
     for row in done:
         groups.setdefault(type_of(row), []).append(row)
     groups = {name: group for name, group in groups.items() if len(group) >= LEAST}
-    tests = len(QUANTITIES) * sum(map(len, groups.values()))
-    made = [_control(name, q, group, tests) for name, group in groups.items() for q in QUANTITIES]
+    measured = {name: [quantities(row) for row in group] for name, group in groups.items()}
+    names = {name: list(dict.fromkeys(q for found in all_ for q in found)) for name, all_ in measured.items()}
+    tests = sum(len(names[name]) * len(group) for name, group in groups.items())
+    made = [
+        _control(name, q, group, measured[name], tests) for name, group in groups.items() for q in names[name]
+    ]
     return [chart for chart in made if chart is not None]
+
+
+def quantities(row: Row) -> dict[str, tuple[float, float]]:
+    """What is compared of a job, with its own standard deviation (0 where unknown), by name.
+
+    Of a camera those of QUANTITIES; of a rig those of each camera, after its name and a blank, and the distances.
+    """
+    parts = row.get("parts")
+    sources = [("", row)] if parts is None else [("", row), *((f"{n} ", part) for n, part in parts.items())]
+    found: dict[str, tuple[float, float]] = {}
+    for prefix, values in sources:
+        for name, (sigma, _, _) in QUANTITIES.items():
+            if values.get(name) is not None and (not prefix or name not in _OF_THE_WHOLE):
+                found[prefix + name] = (values[name], (values[sigma] or 0.0) if sigma else 0.0)
+    for pair, distance in row.get("baselines", {}).items():
+        found[pair] = (distance["value"], distance["sigma"] or 0.0)
+    return found
 
 
 def limit_for(tests: int, cameras: int) -> float:
@@ -106,20 +140,20 @@ def limit_for(tests: int, cameras: int) -> float:
     return max(SHEWHART, quantile * math.sqrt(1 + MEDIAN_VARIANCE / cameras))
 
 
-def _control(name: str, quantity: str, rows: list[Row], tests: int) -> Control | None:
-    own = QUANTITIES[quantity][0]
-    rows = [row for row in rows if row.get(quantity) is not None]
-    if len(rows) < LEAST:
+def _control(
+    name: str, quantity: str, rows: list[Row], measured: list[dict[str, tuple[float, float]]], tests: int
+) -> Control | None:
+    there = [i for i, found in enumerate(measured) if quantity in found]
+    if len(there) < LEAST:
         return None
-    values = np.array([row[quantity] for row in rows], float)
-    sigma = np.array([row[own] or 0.0 for row in rows], float) if own else np.zeros(len(rows))
+    values, sigma = np.array([measured[i][quantity] for i in there], float).T
     centre = float(np.median(values))
     scatter = MAD * float(np.median(np.abs(values - centre)))
     floor = ROUNDING * max(abs(centre), 1.0)
     between = math.sqrt(max(scatter**2 - float(np.median(sigma**2)), floor**2))
     z = (values - centre) / np.hypot(between, sigma)
-    names = tuple(row["name"] for row in rows)
-    return Control(name, quantity, names, values, z, centre, between, limit_for(tests, len(rows)))
+    names = tuple(rows[i]["name"] for i in there)
+    return Control(name, quantity, names, values, z, centre, between, limit_for(tests, len(there)))
 
 
 def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> list[Row]:

@@ -4,9 +4,12 @@
       - {name: left, images: pictures/left, board: 9x6}
       - {name: zhang, points: points.csv, model: opencv4, fix: "p1,p2", max_rms: 0.5}
 
-A job has a name, `images` or `points` (a path, a pattern or a list of them; relative to the file), and options of
-`camcal checkerboard` or `camcal estimate` under their names in camcal.yaml. `type` groups cameras that are
-compared with each other.
+      - {name: head, cameras: {left: head/left, right: head/right}, square: 25mm}
+
+A job has a name, `images` or `points` (a path, a pattern or a list of them; relative to the file) or, for a rig,
+`cameras` (the pictures of each by its name, or a table with a column `camera`), and options of `camcal checkerboard`,
+`camcal estimate` or `camcal rig` under their names in camcal.yaml. `type` groups cameras or rigs that are compared
+with each other.
 """
 
 from __future__ import annotations
@@ -24,11 +27,17 @@ from camcal.errors import DataError, UsageError
 from camcal.registry import suggestion
 from camcal.settings.batch import COMPACT, FLEET_PRIOR
 from camcal.settings.calibration import CalibrationOptions
+from camcal.settings.commands import OPTIONS
 from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.option import Option, readable
+from camcal.settings.rig import CAMERA, RigOptions
 from camcal.settings.run import IMAGE_SIZE
 
-POINTS, IMAGES = "points", "images"
+POINTS, IMAGES, CAMERAS = "points", "images", "cameras"
+#: what a job is of -> the command that does the same
+COMMANDS = {POINTS: "estimate", IMAGES: "checkerboard", CAMERAS: "rig"}
+#: of a rig: the option --cameras of `camcal rig`, whose name is that of the input here
+INTRINSICS = "intrinsics"
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".npz", ".vnl")
 LONGEST_NAME = 200  #: a file's name has at most 255 bytes, and OUT/NAME.yaml and a temporary name must fit
 
@@ -41,9 +50,9 @@ class Job:
     ----------
     name : str
         Of the camera; the report is OUT/NAME.yaml.
-    kind : {"points", "images"}
+    kind : {"points", "images", "cameras"}
     sources : tuple of str
-        Absolute paths, patterns or addresses.
+        Absolute paths, patterns or addresses; those of a rig's pictures begin with the camera's name and `=`.
     options : mapping
         Values of options as the program works with them; those left out have the defaults of the command line.
     type : str
@@ -66,11 +75,22 @@ class Job:
 @cache
 def options_of(kind: str) -> Mapping[str, Option]:
     """The options that a job of a kind may have, by name."""
-    own = {**CalibrationOptions.options(), COMPACT.name: COMPACT, FLEET_PRIOR.name: FLEET_PRIOR}
-    if kind == POINTS:
-        return {**own, IMAGE_SIZE.name: IMAGE_SIZE}
-    found = {name: option for name, option in DetectionOptions.options().items() if name != "jobs"}
-    return {**found, REFINE_CORNERS.name: REFINE_CORNERS, **own}
+    settings = RigOptions if kind == CAMERAS else CalibrationOptions
+    found = {**settings.options(), COMPACT.name: COMPACT}
+    if kind != CAMERAS:
+        found[FLEET_PRIOR.name] = FLEET_PRIOR
+    if kind != IMAGES:
+        found[IMAGE_SIZE.name] = IMAGE_SIZE
+    if kind != POINTS:
+        found |= {**DetectionOptions.options(), REFINE_CORNERS.name: REFINE_CORNERS}
+        del found["jobs"]  # each worker has one thread
+    of_command = {
+        option.name: option for option in OPTIONS[COMMANDS[kind]]
+    }  # its defaults are those of the job
+    found = {name: of_command.get(name, option) for name, option in found.items()}
+    if kind == CAMERAS:
+        found[INTRINSICS] = found.pop(CAMERAS)
+    return found
 
 
 def read_jobs(source: str, common: Mapping[str, Any] | None = None) -> list[Job]:
@@ -145,15 +165,17 @@ def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source:
     given = {str(key).replace("-", "_"): value for key, value in entry.items()}
     name = _name(given.pop("name", None), where)
     where = f"{source}: job '{name}'"
-    kinds = [kind for kind in (POINTS, IMAGES) if kind in given]
+    kinds = [kind for kind in COMMANDS if kind in given]
     if len(kinds) != 1:
-        found = "both points and images" if kinds else "neither points nor images"
-        raise UsageError(f"{where} has {found}.", "One of the two is needed.")
+        found = " and ".join(kinds) or "neither points nor images nor cameras"
+        raise UsageError(f"{where} has {found}.", f"One of these is needed: {', '.join(COMMANDS)}.")
     kind = kinds[0]
-    sources = _sources(given.pop(kind), base, where)
+    value = given.pop(kind)
+    sources = _cameras(value, base, where) if kind == CAMERAS else _sources(value, base, where)
     group = str(given.pop("type", ""))
     known = options_of(kind)
-    options = {n: v for n, v in common.items() if n in known}
+    # a rig takes a model or a size for all its cameras in another form than a camera does
+    options = {n: known[n].convert(v) if kind == CAMERAS else v for n, v in common.items() if n in known}
     for key, value in given.items():
         if key not in known:
             raise UsageError(f"{where}: unknown option '{key}'.", suggestion(key, known) or _usual(kind))
@@ -161,11 +183,13 @@ def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source:
             options[key] = known[key].convert(value)
         except UsageError as error:
             raise UsageError(f"{where}: {key}: {error.message}", error.hint) from None
+    if INTRINSICS in options:
+        options[INTRINSICS] = {n: str(base / str(path)) for n, path in options[INTRINSICS].items()}
     return Job(name, kind, sources, options, group)
 
 
 def _usual(kind: str) -> str:
-    return f"Options of `camcal {'estimate' if kind == POINTS else 'checkerboard'}` are known."
+    return f"Options of `camcal {COMMANDS[kind]}` are known."
 
 
 def _name(name: Any, where: str) -> str:
@@ -195,6 +219,23 @@ def _sources(value: Any, base: Path, where: str) -> tuple[str, ...]:
     return tuple(p if is_remote(p) else str(base / p) for p in paths)
 
 
+def _cameras(value: Any, base: Path, where: str) -> tuple[str, ...]:
+    """The sources of a rig: one table, or `NAME=PATH` for the pictures of each camera."""
+    if isinstance(value, str):
+        return _sources(value, base, where)
+    if not isinstance(value, Mapping) or len(value) < 2:
+        raise UsageError(
+            f"{where}: cameras is neither a table nor the pictures of two cameras or more.",
+            "Try: cameras: {left: FOLDER, right: FOLDER}",
+        )
+    bad = next((n for n in map(str, value) if not CAMERA.fullmatch(f"{n}=x")), None)
+    if bad is not None:
+        raise UsageError(
+            f"{where}: {bad[:60]!r} cannot be the name of a camera.", "Use letters, digits, '_', '-' and '.'."
+        )
+    return tuple(f"{n}={path}" for n, paths in value.items() for path in _sources(paths, base, where))
+
+
 def _check_models(jobs: Any) -> None:
     """Refuse a model, or a held parameter, that does not exist, before any job is run."""
     from camcal.model import lenses
@@ -204,12 +245,16 @@ def _check_models(jobs: Any) -> None:
     defaults = CalibrationOptions.options()
     for job in jobs:
         model, skew, fix = (job.options.get(n, defaults[n].default) for n in ("model", "skew", "fix"))
-        key = (model, skew, repr(fix))
-        if model == "auto" or key in tried:
-            continue
-        tried.add(key)
-        try:
-            lens = lenses.make(model, skew)
-            apply_fixed(lens, lens.neutral, fix)
-        except UsageError as error:
-            raise UsageError(f"job '{job.name}': {error.message}", error.hint) from None
+        # what a rig holds is named with its cameras, which only the data have
+        rig = job.kind == CAMERAS
+        for name in model.values() if rig and isinstance(model, Mapping) else [model]:
+            fix = {} if rig else fix
+            key = (name, skew, repr(fix))
+            if name in ("auto", "select") or key in tried:
+                continue
+            tried.add(key)
+            try:
+                lens = lenses.make(name, skew)
+                apply_fixed(lens, lens.neutral, fix)
+            except UsageError as error:
+                raise UsageError(f"job '{job.name}': {error.message}", error.hint) from None

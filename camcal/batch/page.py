@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from camcal.batch.fleet import QUANTITIES, Control
+from camcal.batch.fleet import Control
 from camcal.batch.work import DONE, Row
 from camcal.report import html
 from camcal.report.charts.base import Chart, Layer, Line, Points
@@ -106,7 +106,7 @@ def _figure(control: Control, number: int) -> str:
 
 def control_chart(control: Control) -> Chart:
     """A control chart: each camera in the order of the jobs, the median, and the limits."""
-    title = QUANTITIES[control.quantity][1]
+    title = control.title
     count = len(control.values)
     place = np.arange(count, dtype=float)
     outliers = control.outliers

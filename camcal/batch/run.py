@@ -17,7 +17,7 @@ from typing import Any
 from camcal.batch.executors import Cluster, Local, open_pool
 from camcal.batch.jobs import Job
 from camcal.batch.storage import Storage
-from camcal.batch.work import DONE, FAILED, JOB, Row, distortion_px, run_jobs, summary_row
+from camcal.batch.work import DONE, FAILED, JOB, Row, run_jobs, summary_row
 from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
 from camcal.system.documents import parse_yaml
@@ -71,12 +71,10 @@ class State:
 
     def _from_report(self, name: str) -> Row | None:
         """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
-        from camcal.data.formats.camcal import camera_of_entry
-
         try:
             report = parse_yaml(self.storage.read(f"{name}.yaml") or "", f"{name}.yaml", aliases=0)
             digest = report["options"][JOB]["value"]
-            row = summary_row(report, distortion_px(camera_of_entry(report["camera"])))
+            row = summary_row(report)
         except (CamcalError, AttributeError, KeyError, TypeError, ValueError):
             return None
         return {"name": name, "type": "", "digest": digest, "seconds": None, **row}

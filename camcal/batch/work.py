@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from camcal.batch.jobs import IMAGES, Job, options_of
+from camcal.batch.jobs import CAMERAS, IMAGES, INTRINSICS, Job, options_of
 from camcal.batch.storage import Storage, local_copies
 from camcal.errors import CamcalError
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
 from camcal.settings.option import readable
+from camcal.settings.rig import RigOptions, split_camera
 
 if TYPE_CHECKING:
+    from camcal.data.observations import Observations
     from camcal.model.camera import Camera
-    from camcal.plan.solution import Solution
+    from camcal.plan.solution import RigSolution, Solution
 
 DONE, FAILED = "done", "failed"
 JOB = "job"  #: the entry among the options of a report that holds the digest of its job
@@ -42,7 +44,7 @@ def run_job(job: Job, storage: Storage) -> Row:
         from camcal.report.yaml import dump_yaml
 
         storage.write(f"{job.name}.yaml", dump_yaml(report))
-        row |= summary_row(report, distortion_px(solution.camera))
+        row |= summary_row(report)
         if job.options.get("fleet_prior"):
             row |= _for_prior(report, solution)
     except CamcalError as error:
@@ -57,45 +59,83 @@ def run_job(job: Job, storage: Storage) -> Row:
     return row
 
 
-def _report(job: Job) -> tuple[dict[str, Any], Solution]:
-    from camcal.report.document import compact_document, document
+def _report(job: Job) -> tuple[dict[str, Any], Any]:
+    """The report of a job, and its solution: of a camera or of a rig."""
+    from camcal.report import document, rig
 
     values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
-    options = {name: values[name] for name in CalibrationOptions.options()}
-    with local_copies(job.sources) as paths:
-        solution = _calibrate(job, paths, values, options)
+    solution = _rig(job, values) if job.kind == CAMERAS else _camera(job, values)
     described = {
         name: {"value": readable(value), "from": "job" if name in job.options else "default"}
         for name, value in values.items()
     }
     described[JOB] = {"value": job.digest, "from": "batch"}
     solution = replace(solution, options=described)
-    command = ["batch", job.name]
-    report = compact_document(solution, command) if values["compact"] else document(solution, command=command)
-    return report, solution
+    form = rig if job.kind == CAMERAS else document
+    make = form.compact_document if values["compact"] else form.document
+    return make(solution, command=["batch", job.name]), solution
 
 
-def _calibrate(job: Job, paths: list[str], values: dict[str, Any], options: dict[str, Any]) -> Solution:
+def _search(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: values[name] for name in DetectionOptions.options() if name != "jobs"} | {"jobs": 1}
+
+
+def _camera(job: Job, values: dict[str, Any]) -> Solution:
     """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
     from camcal.plan.calibrate import calibrate
 
-    if job.kind == IMAGES:
-        from camcal.detect.images import detect_images
+    options = {name: values[name] for name in CalibrationOptions.options()}
+    with local_copies(job.sources) as paths:
+        if job.kind == IMAGES:
+            from camcal.detect.images import detect_images
 
-        search = {name: values[name] for name in DetectionOptions.options() if name != "jobs"}
-        data = detect_images(paths, **search, jobs=1)
-    else:
-        from camcal.data.points import read_points
+            data = detect_images(paths, **_search(values))
+            options["refine_points"] = values["refine_corners"]
+        else:
+            from camcal.data.points import read_points
 
-        data = read_points(*paths, image_size=values["image_size"])
-    if is_report(options["board_shape"]):
-        from camcal.report.board import on_known_board
+            data = read_points(*paths, image_size=values["image_size"])
+        data = _on_board(data, options)
+        if is_report(options["board_shape"]):
+            options["board_shape"] = "flat"
+        return calibrate(data, **options)
 
-        data = on_known_board(data, options["board_shape"])
-        options["board_shape"] = "flat"
-    if job.kind == IMAGES:
-        options["refine_points"] = values["refine_corners"]
-    return calibrate(data, **options)
+
+def _rig(job: Job, values: dict[str, Any]) -> RigSolution:
+    """Read the data and calibrate as `camcal rig` does."""
+    from camcal.data.rig_table import RigViews, read_rig
+    from camcal.plan.rig import calibrate_rig
+
+    options = {name: values[name] for name in RigOptions.options() if name != "cameras"}
+    options["cameras"] = values[INTRINSICS]
+    pairs = [split_camera(source) for source in job.sources]
+    named = [pair for pair in pairs if pair is not None]
+    pictures = len(named) == len(pairs)
+    with local_copies([path for _, path in named] if pictures else job.sources) as paths:
+        if pictures:
+            from camcal.detect.rig_images import detect_rig
+
+            folders: dict[str, list[str]] = {}
+            for (name, _), path in zip(named, paths, strict=True):
+                folders.setdefault(name, []).append(path)
+            views = detect_rig(folders, **_search(values))
+        else:
+            views = RigViews.of(read_rig(paths[0], values["image_size"]))
+        options["board_shape"] = options["board_shape"] or ("auto" if pictures else "flat")
+        parts = {name: _on_board(part, options) for name, part in views.parts.items()}
+        if is_report(options["board_shape"]):
+            options["board_shape"] = "flat"
+        refine_points = values["refine_corners"] if pictures else False
+        return calibrate_rig(replace(views, parts=parts), refine_points=refine_points, **options)
+
+
+def _on_board(data: Observations, options: dict[str, Any]) -> Observations:
+    """The data on the board of a report, where `board_shape` names one."""
+    if not is_report(options["board_shape"]):
+        return data
+    from camcal.report.board import on_known_board
+
+    return on_known_board(data, options["board_shape"])
 
 
 def distortion_px(camera: Camera) -> float:
@@ -115,9 +155,10 @@ def distortion_px(camera: Camera) -> float:
     return float(radius.mean()) if np.isfinite(radius).all() else float("nan")
 
 
-def summary_row(report: dict[str, Any], distortion: float = float("nan")) -> Row:
+def summary_row(report: dict[str, Any]) -> Row:
     """What the summary says of a finished job, from its report."""
-    camera, fit = report["camera"], report["fit"]
+    fit, rig = report["fit"], report.get("rig")
+    cameras = report["cameras"] if rig else {"": report["camera"]}
     row: Row = {
         "status": DONE,
         "reason": " ".join(report["failures"]),
@@ -125,15 +166,29 @@ def summary_row(report: dict[str, Any], distortion: float = float("nan")) -> Row
         "verdict": report["verdict"],
         "grade": report.get("grade") or _grade(report),
         "warnings": ",".join(w["code"] for w in report["warnings"]),
-        "model": camera["model"],
-        "image_size": "x".join(map(str, camera["image_size"] or ())),
+        "model": "+".join(dict.fromkeys(c["model"] for c in cameras.values())),
+        "image_size": "+".join(
+            dict.fromkeys("x".join(map(str, c["image_size"] or ())) for c in cameras.values())
+        ),
         "views": report["inputs"]["views"] if "views" not in report else _used(report),
         "points": fit["points_used"],
         "holdout": (report["holdout"] or {}).get("rms_point"),
-        "distortion": distortion if np.isfinite(distortion) else None,
     }
+    if not rig:
+        return row | _of_camera(report["camera"])
+    # a rig has no camera of its own: those it has, and their distances, are compared with those of other rigs
+    row["parts"] = {name: _of_camera(camera) for name, camera in cameras.items()}
+    row["baselines"] = rig["baselines"]
+    return row
+
+
+def _of_camera(camera: dict[str, Any]) -> Row:
+    from camcal.data.formats.camcal import camera_of_entry
+
     values = {name: entry["value"] for name, entry in camera["parameters"].items()}
     sigmas = {name: entry["sigma"] or 0.0 for name, entry in camera["parameters"].items()}
+    bent = distortion_px(camera_of_entry(camera))
+    row: Row = {"distortion": bent if np.isfinite(bent) else None}
     row["focal"] = 0.5 * (values["fx"] + values["fy"])
     # fx and fy are strongly correlated: the sigma of their mean is taken as the mean of their sigmas
     row["sigma_focal"] = 0.5 * (sigmas["fx"] + sigmas["fy"])

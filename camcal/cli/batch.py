@@ -24,10 +24,10 @@ LINES = 10
 @verbosity_options
 @click.pass_context
 def command(ctx: click.Context, source: str, output: str, **options: Any) -> int:
-    """Calibrate many cameras: one report each, a summary of all, control charts of each type.
+    """Calibrate many cameras or rigs: one report each, a summary of all, control charts of each type.
 
-    FOLDER has a sub-folder of pictures, or a table of points, per camera; JOBS.yaml lists jobs with options of
-    their own. Options given here hold for every job that does not have its own. A job that fails stops no
+    FOLDER has a sub-folder of pictures, or a table of points, per camera; JOBS.yaml lists jobs, of rigs too, with
+    options of their own. Options given here hold for every job that does not have its own. A job that fails stops no
     other. The exit code is 1 where a job failed or one of its gates fell.
     """
     from camcal.batch.ci import checks, markdown

@@ -56,6 +56,23 @@ def document(
     )
 
 
+def compact_document(solution: RigSolution, command: Sequence[str] = ()) -> dict[str, Any]:
+    """The rig, its error figures and the verdict alone: a file of cameras, not a report that can be looked into."""
+    whole = document(solution, command=command)
+    left_out = (
+        "stages",
+        "views",
+        "data",
+        "selection",
+        "crosscheck",
+        "uncertainty",
+        "bias",
+        "coverage",
+        "grade",
+    )
+    return {key: value for key, value in whole.items() if key not in left_out}
+
+
 def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
     sigmas, found, row = accuracy.sigmas, {}, 0
     for name, camera in solution.rig.cameras.items():

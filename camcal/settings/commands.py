@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from camcal.settings.batch import BATCH, COMPACT, FLEET_PRIOR, WATCH
@@ -76,14 +76,25 @@ _NEXT = (
     CONFIG,
 )
 
-#: of pictures of a printed target, whose measured shape is nearer to the truth than the printed plan
-_OF_PICTURES = tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in CALIBRATION)
+
+def _of_pictures(options: Iterable[Option]) -> tuple[Option, ...]:
+    """The options where the data are pictures of a printed target, whose shape is estimated where they show it."""
+    return tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in options)
+
+
+def _either(options: Iterable[Option]) -> tuple[Option, ...]:
+    """The options where the data may be pictures or tables, which only the run knows."""
+    said = "auto for pictures, flat for tables by default."
+    return tuple(
+        replace(o, help=f"{o.help} {said}", default=None) if o.name == "board_shape" else o for o in options
+    )
+
 
 _IMAGES = (
     *BOARD,
     REFINE_CORNERS,
     Option("save_corners", OUT, "Write the final corners too, as the table that `camcal detect` makes."),
-    *_OF_PICTURES,
+    *_of_pictures(CALIBRATION),
     *RESULT,
 )
 
@@ -110,12 +121,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *BOARD,
         REFINE_CORNERS,
         replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
-        *(
-            replace(o, help=f"{o.help} auto for pictures, flat for tables by default.", default=None)
-            if o.name == "board_shape"
-            else o
-            for o in RigOptions.command_line("start")
-        ),
+        *_either(RigOptions.command_line("start")),
         *RESULT,
     ),
     "checkerboard": _IMAGES,
@@ -127,11 +133,18 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *CI,
         *BOARD,
         IMAGE_SIZE,
-        *CalibrationOptions.command_line(),
+        *_either(CalibrationOptions.command_line()),
         FORCE,
         CONFIG,
     ),
-    "watch": (*WATCH, *BOARD, REFINE_CORNERS, *CalibrationOptions.command_line(), FORCE, CONFIG),
+    "watch": (
+        *WATCH,
+        *BOARD,
+        REFINE_CORNERS,
+        *_of_pictures(CalibrationOptions.command_line()),
+        FORCE,
+        CONFIG,
+    ),
     "detect": (
         replace(OUTPUT, help="The table (CSV: file, id, X, Y, Z, u, v, sigma; .npz; .vnl).", required=True),
         *BOARD,

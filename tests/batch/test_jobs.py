@@ -74,7 +74,7 @@ GOOD = {"name": "good", "points": "p.csv"}
         ({"name": "x", "images": "p", "jobs": 4}, "unknown option 'jobs'"),
         ({"name": "x", "points": "p", "max_rms": -1}, "max_rms: -1 is not"),
         ({"name": "x"}, "neither points nor images"),
-        ({"name": "x", "points": "p", "images": "q"}, "both points and images"),
+        ({"name": "x", "points": "p", "images": "q"}, "has points and images"),
         ({"name": "x", "points": []}, "not a path"),
         ({"name": "x", "points": [1]}, "not a path"),
         ({"points": "p"}, "job 2 has no name"),
@@ -124,3 +124,57 @@ def test_nothing_to_do(tmp_path):
         read_jobs(str(tmp_path))
     with pytest.raises(DataError, match="no file or folder"):
         read_jobs(str(Path(tmp_path) / "absent"))
+
+
+def test_jobs_of_rigs(tmp_path):
+    pictures, table = listed(
+        tmp_path,
+        {
+            "name": "a",
+            "cameras": {"left": "l", "right": ["r1", "/abs/r2"]},
+            "model": {"left": "kb4"},
+            "hold": "left",
+        },
+        {
+            "name": "b",
+            "cameras": "rig.csv",
+            "intrinsics": {"left": "l.yaml"},
+            "image_size": {"left": "64x48"},
+        },
+        model="opencv4",
+        image_size=(640, 480),
+        fleet_prior=True,
+    )
+    assert pictures.kind == table.kind == "cameras"
+    assert pictures.sources == (f"left={tmp_path}/l", f"right={tmp_path}/r1", "right=/abs/r2")
+    assert pictures.options == {"model": {"left": "kb4"}, "hold": ("left",), "image_size": {"": (640, 480)}}
+    assert table.sources == (f"{tmp_path}/rig.csv",)
+    assert table.options["model"] == {"": "opencv4"} and table.options["image_size"] == {"left": (64, 48)}
+    assert table.options["intrinsics"] == {"left": f"{tmp_path}/l.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"cameras": {"left": "l"}}, "two cameras or more"),
+        ({"cameras": {"a b": "l", "c": "r"}}, "name of a camera"),
+        ({"cameras": {"left": "l", "right": 3}}, "not a path"),
+        ({"cameras": "rig.csv", "model": {"left": "pinhol"}}, "pinhol"),
+        ({"cameras": "rig.csv", "fleet-prior": True}, "fleet_prior"),
+        ({"cameras": "rig.csv", "points": "p.csv"}, "points and cameras"),
+    ],
+)
+def test_jobs_of_rigs_that_are_refused(tmp_path, entry, said):
+    with pytest.raises(UsageError, match=said):
+        listed(tmp_path, {"name": "a", **entry})
+
+
+def test_defaults_are_those_of_the_command_of_each_kind():
+    """A job of pictures lets the board bend, as `camcal checkerboard` does."""
+    from camcal.batch.jobs import COMMANDS, options_of
+    from camcal.settings.commands import OPTIONS
+
+    for kind, command in COMMANDS.items():
+        of_command = {o.name: o.default for o in OPTIONS[command] if o.name != "cameras"}
+        differ = {n for n, o in options_of(kind).items() if n in of_command and o.default != of_command[n]}
+        assert not differ, kind

@@ -216,3 +216,41 @@ def test_compact_reports_hold_the_same_camera(tmp_path):
         path.unlink()
     again = run(jobs, str(tmp_path / "small"), resume=True, on_row=lambda *_: pytest.fail("done again"))
     assert again[0]["focal"] == small[0]["focal"] and again[0]["views"] == 6
+
+
+def test_rigs(tmp_path):
+    """Rigs are calibrated as by `camcal rig`, and compared by each camera and the distance."""
+    from camcal import calibrate_rig, load
+    from camcal.batch.fleet import controls, with_fleet
+    from camcal.data.rig_table import read_rig
+    from tests.hardening.inputs import _rig
+
+    _rig(tmp_path)
+    same = {
+        "cameras": "rig.csv",
+        "image_size": "640x480",
+        "model": "pinhole",
+        "checks": False,
+        "crosscheck": False,
+    }
+    entries = [{"name": "whole", **same}, {"name": "small", "compact": True, **same}]
+    (tmp_path / "jobs.yaml").write_text(yaml.safe_dump({"jobs": entries}))
+    jobs = read_jobs(str(tmp_path / "jobs.yaml"))
+    out = tmp_path / "out"
+    rows = run(jobs, str(out))
+    assert [row["status"] for row in rows] == ["done", "done"], rows
+    alone = calibrate_rig(read_rig(tmp_path / "rig.csv", {"": (640, 480)}), model="pinhole", checks=False)
+    for name in ("whole", "small"):
+        rig = load(out / f"{name}.yaml")
+        rig = getattr(rig, "rig", rig)
+        assert rig.baseline("left", "right") == pytest.approx(alone.rig.baseline("left", "right"), abs=1e-9)
+    assert (out / "small.yaml").stat().st_size < 0.4 * (out / "whole.yaml").stat().st_size
+    assert [r["name"] for r in run(jobs, str(out), resume=True)] == ["whole", "small"]  # none is done again
+    # nine like it, and one whose right camera is turned away in focal length and in its place
+    fleet = [{**rows[0], "name": f"r{i}"} for i in range(10)]
+    parts, focal = fleet[9]["parts"], fleet[9]["parts"]["right"]["focal"]
+    fleet[9] |= {"parts": {**parts, "right": {**parts["right"], "focal": focal + 500}}}
+    fleet[9]["baselines"] = {"left-right": {"value": 2.0, "sigma": 0.01}}
+    found = {row["name"]: row["outlier"] for row in with_fleet(fleet, controls(fleet)) if row["outlier"]}
+    assert list(found) == ["r9"] and "right focal" in found["r9"] and "left-right" in found["r9"]
+    assert "left focal" not in found["r9"]

@@ -19,6 +19,12 @@ ROOM = 4 << 30
 def made(tmp_path_factory):
     """A folder with the inputs."""
     folder = tmp_path_factory.mktemp("inputs")
+    fill(folder)
+    return folder
+
+
+def fill(folder):
+    """Make all inputs in a folder."""
     before = os.getcwd()  # noqa: PTH109
     os.chdir(folder)
     try:
@@ -37,7 +43,6 @@ def made(tmp_path_factory):
         _seeds_of_formats(folder)
     finally:
         os.chdir(before)
-    return folder
 
 
 def _run(*args):
