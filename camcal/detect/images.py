@@ -15,6 +15,7 @@ from camcal.detect import cache as cache_files
 from camcal.detect import several, targets
 from camcal.detect.examine import Outcome
 from camcal.detect.exif import Taken
+from camcal.detect.film_motion import with_motion
 from camcal.detect.films import Range, Shown, left_out
 from camcal.detect.listing import list_pictures
 from camcal.detect.recognition.decide import Answer, answers, board_size, contradiction, unread, words
@@ -280,17 +281,16 @@ def _kept(run: Search, searched: list[Searched], count: int | None) -> list[Sear
             places.append(place)
     chosen = left_out(shown, count) if shown and count is not None else {}
     reasons = {places[i]: reason for i, reason in chosen.items()}
-    return [
-        replace(
-            each,
-            outcomes=[
-                replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
-                for i, o in enumerate(each.outcomes)
-            ]
-            + run.unreadable,
-        )
+    kept = [
+        [
+            replace(o, status="rejected", reason=reasons[i], detection=None) if i in reasons else o
+            for i, o in enumerate(each.outcomes)
+        ]
         for each in searched
     ]
+    if len(searched) == 1 and run.motion:
+        kept[0] = with_motion(kept[0], lambda files: run.examine_all(files, target), outcomes)
+    return [replace(each, outcomes=left + run.unreadable) for each, left in zip(searched, kept, strict=True)]
 
 
 def _correspondences(searched: list[Searched], detected: bool, run: Search) -> Observations:

@@ -12,7 +12,7 @@ from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.films import Range, candidates
 from camcal.detect.frames import is_film
 from camcal.detect.listing import view_ids
-from camcal.detect.sources import read_gray
+from camcal.detect.sources import is_frame, read_gray
 from camcal.detect.targets.base import Target
 from camcal.detect.workers import map_unordered
 
@@ -98,7 +98,7 @@ class Search:
     def _tasks(self, files: list[Path], target: Target | None) -> Iterator[Task]:
         """A task for each picture; frames are decoded here, one after the other."""
         for path in files:
-            gray = self.read(path) if path in self.motion else None
+            gray = self.read(path) if is_frame(path) else None
             yield Task(path, target, self.seconds, self.cache, gray)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:

@@ -105,6 +105,12 @@ def split(path: Path) -> tuple[Path, int | None]:
     return (file, int(found[2])) if known else (path, None)
 
 
+def is_frame(path: Path) -> bool:
+    """Whether a name is that of a frame of a film."""
+    file, number = split(path)
+    return number is not None and is_film(file)
+
+
 def archive_of(path: Path) -> Path | None:
     """The archive of which a name is an entry, or None."""
     return next((p for p in path.parents if p.suffix.lower() in ARCHIVES and p.is_file()), None)

@@ -168,7 +168,8 @@ class View(Section, kw_only=True):
             "figures on the picture, where there was one: `blur_px` (sigma of the edges), `blur_ratio` and "
             "`blur_direction_deg` (how much more, and along which direction, a moved picture is blurred), "
             "`contrast` and `noise` (grey levels of 255), `saturated` and `black` (shares of the pixels around "
-            "the board), `square_px`, `coverage` (share of the picture), `warnings` in words"
+            "the board), `square_px`, `coverage` (share of the picture), `warnings` in words, `flow` (of frames of a "
+            "film: how the target moves, eight numbers in px a frame, `camcal/geometry/plane_flow.py`)"
         ),
     ] = UNSET
 

@@ -15,6 +15,7 @@ from camcal.assess.checks import (
     board,
     cause,
     coverage,
+    film,
     fit,
     folds,
     lens,
@@ -32,6 +33,7 @@ from camcal.solve.calibration import Calibration
 CHECKS = (
     fit.not_converged,
     cause.cause,
+    film.rolling_shutter,
     views.single_view,
     views.few_views,
     views.fronto_parallel,

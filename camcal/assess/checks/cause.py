@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from camcal.assess.causes.words import warning_of
-from camcal.assess.checks import noise
+from camcal.assess.checks import film, noise
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
@@ -20,6 +20,10 @@ def cause(facts: Facts) -> Iterator[CalibrationWarning]:
     """Zoom, resized pictures, several cameras, a rolling shutter, a stabiliser: see `camcal.assess.causes`."""
     said = warning_of(facts.found) if facts.found is not None else None
     if said is None or facts.found is None:
+        return
+    if (
+        said.code == "rolling-shutter" and film.sure(facts) is not None
+    ):  # known motion says it with one number
         return
     heavy = any(w.code == "heavy-tailed-residuals" for w in noise.tails(facts))
     unsure = heavy and facts.found.sigma > SMALL_FALL * facts.found.before

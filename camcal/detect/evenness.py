@@ -1,0 +1,41 @@
+"""How evenly the points of a grid are placed: as a plane's picture, or as chance puts them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.geometry import homography
+
+Array = np.ndarray
+
+BLOCK = 3  #: points to each side of a block
+LEAST_POINTS = 6  #: of the nine of a block; a homography takes four
+
+
+def unevenness(uv: Array) -> float:
+    """How far blocks of 3x3 points are from a homography's picture of a square grid.
+
+    Parameters
+    ----------
+    uv : (rows, columns, 2) array
+        px; NaN where a point is missing.
+
+    Returns
+    -------
+    float
+        Median over the blocks of the standard deviation of their points, as a share of the median step; 0 where
+        no block has enough points.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(uv, (BLOCK, BLOCK), axis=(0, 1))
+    blocks = np.moveaxis(windows, 2, -1).reshape(-1, BLOCK * BLOCK, 2)
+    known = np.isfinite(blocks[..., 0])
+    enough = known.sum(1) >= LEAST_POINTS
+    if not enough.any():
+        return 0.0
+    blocks, known = blocks[enough], known[enough]
+    square = np.stack(np.meshgrid(*[np.arange(float(BLOCK))] * 2), -1).reshape(1, -1, 2)
+    plane = np.broadcast_to(square, blocks.shape)
+    cost = homography.solve(plane, np.where(known[..., None], blocks, 0.0), known.astype(float))[2]
+    steps = np.concatenate([np.linalg.norm(np.diff(uv, axis=a), axis=-1).ravel() for a in (0, 1)])
+    freedom = 2 * known.sum(1) - 8
+    return float(np.median(np.sqrt(cost / freedom)) / np.nanmedian(steps))

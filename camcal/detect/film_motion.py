@@ -1,0 +1,83 @@
+"""How the target moves in the kept frames of a film, from the frames beside them.
+
+A rolling shutter displaces a point by the time at which its row is read times its velocity, so that it can be told
+from a camera's other errors where the velocities are known (`assess/checks/film.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from camcal.detect.examine import Outcome
+from camcal.detect.sources import split
+from camcal.detect.targets.base import Detection
+from camcal.geometry.plane_flow import fit_flow
+
+Array = np.ndarray
+
+MOST_FRAMES = 40  #: whose motion is measured: one parameter is to be found, and each may cost a search more
+
+
+def with_motion(
+    outcomes: Sequence[Outcome], search: Callable[[list[Path]], list[Outcome]], searched: Sequence[Outcome]
+) -> list[Outcome]:
+    """The outcomes, those of frames with `flow` in their quality: px a frame, see `geometry/plane_flow.py`.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        In the order of the film.
+    search : callable
+        Gives the outcomes of further frames.
+    searched : sequence of Outcome
+        All frames that were searched, also those that were not kept.
+    """
+    kept = [i for i, o in enumerate(outcomes) if o.detection is not None and _number(o.path) is not None]
+    chosen = kept[:: max(1, -(-len(kept) // MOST_FRAMES))]
+    known = {o.path: o for o in searched}
+    missing = [beside(outcomes[i].path, 1) for i in chosen if not _neighbours(outcomes[i], known)]
+    known |= {o.path: o for o in search(missing)} if missing else {}
+    result = list(outcomes)
+    for i in chosen:
+        flow = _flow(outcomes[i], _neighbours(outcomes[i], known))
+        if flow is not None:
+            result[i] = replace(outcomes[i], quality=outcomes[i].quality | {"flow": flow})
+    return result
+
+
+def _number(path: Path) -> int | None:
+    return split(path)[1]
+
+
+def beside(path: Path, step: int) -> Path:
+    """The name of the frame that many after this one."""
+    film, number = split(path)
+    return film.with_name(f"{film.name}#{(number or 0) + step}")
+
+
+def _neighbours(outcome: Outcome, known: Mapping[Path, Outcome]) -> dict[int, Detection]:
+    """What was found in the frames before (-1) and after it (1), where they show the target."""
+    number = _number(outcome.path) or 0
+    found = {step: known.get(beside(outcome.path, step)) for step in (-1, 1) if number + step >= 0}
+    return {
+        step: o.detection
+        for step, o in found.items()
+        if o is not None and o.detection is not None and o.size == outcome.size
+    }
+
+
+def _flow(outcome: Outcome, neighbours: Mapping[int, Detection]) -> list[float] | None:
+    """The mean of the motion from the frame before and to the frame after, or the one of them that is known."""
+    own, flows = outcome.detection, []
+    if own is None or outcome.size is None:
+        return None
+    for step, other in neighbours.items():
+        _, a, b = np.intersect1d(own.point_ids, other.point_ids, return_indices=True)
+        flow = fit_flow(own.uv[a], step * (other.uv[b] - own.uv[a]), outcome.size)
+        if flow is not None:
+            flows.append(flow)
+    return [round(float(v), 4) for v in np.mean(flows, 0)] if flows else None
