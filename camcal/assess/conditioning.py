@@ -93,28 +93,31 @@ def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
 
 def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
     """The worst of the views; of 9 singular values the last belongs to the solution."""
-    form = data.shapes
-    both = [0.0, 0.0]
-    for view, origin, axes in zip(data.views, form.origins, form.axes, strict=True):
-        raw = view.xyz @ axes[:, :2]
-        local = (view.xyz - origin) @ axes[:, :2]
-        both[0] = max(both[0], _ratio(homography_equations(raw, view.uv), 7))
-        scaled = [_normalised(a) for a in (local, view.uv)]
-        both[1] = max(both[1], _ratio(homography_equations(*scaled), 7))
-    return _pair(both[0], both[1], normalise)
+    form, lengths = data.shapes, np.array([len(v) for v in data.views])
+    both = np.zeros(2)
+    for length in np.unique(lengths):  # views of one length at once
+        some = np.flatnonzero(lengths == length)
+        xyz, uv = (np.stack([getattr(data.views[i], name) for i in some]) for name in ("xyz", "uv"))
+        axes = form.axes[some, :, :2]
+        raw, local = xyz @ axes, (xyz - form.origins[some][:, None]) @ axes
+        for i, (points, pixels) in enumerate(((raw, uv), (_normalised(local), _normalised(uv)))):
+            both[i] = max(both[i], _ratios(homography_equations(points, pixels), 7).max())
+    return _pair(float(both[0]), float(both[1]), normalise)
 
 
 def homography_equations(xy: Array, uv: Array) -> Array:
-    """The matrix (2 N, 9) of h1·x - u h3·x = 0, h2·x - v h3·x = 0 for points xy and uv (N, 2)."""
+    """The matrix (..., 2 N, 9) of h1·x - u h3·x = 0, h2·x - v h3·x = 0 for points xy and uv (..., N, 2)."""
     x = projective.homogeneous(xy)
-    a = np.zeros((len(x), 2, 3, 3))
-    a[:, 0, 0] = a[:, 1, 1] = x
-    a[:, :, 2] = -uv[:, :, None] * x[:, None, :]
-    return a.reshape(-1, 9)
+    a = np.zeros((*x.shape[:-1], 2, 3, 3))
+    a[..., 0, 0, :] = a[..., 1, 1, :] = x
+    a[..., :, 2, :] = -uv[..., :, None] * x[..., None, :]
+    return a.reshape(*x.shape[:-2], -1, 9)
 
 
 def _normalised(points: Array) -> Array:
-    return projective.dehomogenise(projective.homogeneous(points) @ projective.normalisation(points).T)
+    """Points (..., N, 2) in normalised coordinates."""
+    moved = projective.homogeneous(points) @ np.swapaxes(projective.normalisation(points), -1, -2)
+    return projective.dehomogenise(moved)
 
 
 def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, float]:
@@ -135,7 +138,13 @@ def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, fl
 
 def _ratio(a: Array, last: int) -> float:
     """The largest singular value over the one of index `last`; inf where that is 0 or does not exist."""
+    return float(_ratios(a, last))
+
+
+def _ratios(a: Array, last: int) -> Array:
+    """`_ratio` of matrices (..., M, N)."""
     singular = np.linalg.svd(a, compute_uv=False)
-    return (
-        float(singular[0] / singular[last]) if len(singular) > last and singular[last] > 0 else float("inf")
-    )
+    if singular.shape[-1] <= last:
+        return np.full(a.shape[:-2], np.inf)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(singular[..., last] > 0, singular[..., 0] / singular[..., last], np.inf))

@@ -16,10 +16,11 @@ def hull(points: Array) -> Array:
 
     Andrew, Another efficient algorithm for convex hulls in two dimensions, 1979.
     """
-    points = np.unique(points[np.isfinite(points).all(1)], axis=0)  # sorted by x, then y
+    points = points[np.isfinite(points).all(1)]
     if len(points) < 3:
         return np.zeros((0, 2))
     points = points[_outer(points)]
+    points = points[np.lexsort(points.T[::-1])]  # by x, then y
     lower = _chain(points.tolist())
     upper = _chain(points[::-1].tolist())
     corners = np.array(lower[:-1] + upper[:-1])

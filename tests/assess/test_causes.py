@@ -223,3 +223,18 @@ def test_parts_that_explain_little_are_no_cause(cases):
     assert found.trial is not None and found.trial.how != "each" and found.cause is not None
     for share, named in ((0.79, False), (0.81, True)):
         assert (replace(found, share=share).cause is not None) == named
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_candidates_at_once_gain_what_each_gains(cases, kind):
+    """The search looks at all places of a split, and at all views, by one call."""
+    base = fitted(cases.seen(cases.camera(), np.random.default_rng(0), 12))
+    warp = all_fields(base)
+    linear, columns = Linear.of(base, warp), KINDS[kind](warp)
+    views = len(base.poses)
+    parts = np.arange(views) >= np.arange(1, views)[:, None]
+    each = [linear.gain(shared(p.astype(float)[:, None], columns)) for p in parts]
+    np.testing.assert_allclose(linear.gains_of_parts(columns, parts), each, rtol=1e-9)
+    sets = np.array([[0, 3, i] for i in range(4, views)])
+    each = [linear.gain(shared(np.eye(views)[:, s], columns)) for s in sets]
+    np.testing.assert_allclose(linear.gains_of_views(columns, sets), each, rtol=1e-9)

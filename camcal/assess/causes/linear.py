@@ -12,6 +12,7 @@ of the cost, exactly where the problem is linear.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from camcal.solve.calibration import Calibration
 from camcal.solve.groups import Group
 from camcal.solve.warp import FIELDS, Warp, WarpedProblem
 
-#: of the largest eigenvalue of (1), scaled: what the data do not determine gains nothing
+#: an eigenvalue of (1), its diagonal scaled to 1: what the data do not determine gains nothing
 _NULL = 1e-10
 
 
@@ -74,26 +75,79 @@ class Linear:
         reduced = found[:, rest[:, None], rest] - (across / scale[:, :, None]).transpose(0, 2, 1) @ solved
         return cls(reduced, f, 0.5 * float(found[:, -1, -1].sum()))
 
+    @cached_property
+    def _known(self) -> tuple[Array, float]:
+        """W with W Wᵀ the inverse of the camera's own equations, and what these alone gain."""
+        f = self.camera
+        values, vectors, scale = _scaled(self.reduced[:, :f, :f].sum(0))
+        half = vectors * np.where(values > 0, 1 / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
+        half = half / scale[:, None]
+        along = half.T @ self.reduced[:, :f, -1].sum(0)
+        return half, 0.5 * float(along @ along)
+
     def gain(self, design: Array) -> float:
         """(1) of a design D (V, K, B)."""
-        f, count = self.camera, design.shape[2]
-        r, back = self.reduced, design.transpose(0, 2, 1)
-        a, b = np.zeros((f + count, f + count)), np.zeros(f + count)
-        a[:f, :f], b[:f] = r[:, :f, :f].sum(0), r[:, :f, -1].sum(0)
-        a[:f, f:] = np.einsum("vfk,vkb->fb", r[:, :f, f:-1], design)
-        a[f:, :f] = a[:f, f:].T
-        a[f:, f:] = (back @ r[:, f:-1, f:-1] @ design).sum(0)
-        b[f:] = (back @ r[:, f:-1, -1:]).sum(0)[:, 0]
-        scale = np.sqrt(np.maximum(np.diag(a), 1e-300))
-        values, vectors = np.linalg.eigh(a / np.outer(scale, scale))
-        good = values > _NULL * values[-1]
-        along = vectors[:, good].T @ (b / scale)
-        return 0.5 * float((along**2 / values[good]).sum())
+        f, r, back = self.camera, self.reduced, design.transpose(0, 2, 1)
+        own = (back @ r[:, f:-1, f:-1] @ design).sum(0)
+        across = np.einsum("vfk,vkb->fb", r[:, :f, f:-1], design)
+        return float(self._gains(own[None], across[None], (back @ r[:, f:-1, -1:]).sum(0).T)[0])
+
+    def gains_of_parts(self, columns: Array, parts: Array) -> Array:
+        """(1) for each of several parts of the views (P, V) that share numbers for columns (K, M)."""
+        own, across, pull = self._of_each(columns)
+        weights = parts.astype(float)
+
+        def summed(each: Array) -> Array:
+            return (weights @ each.reshape(len(each), -1)).reshape(-1, *each.shape[1:])
+
+        return self._gains(summed(own), summed(across), summed(pull))
+
+    def gains_of_views(self, columns: Array, sets: Array) -> Array:
+        """(1) for each of several sets (P, T) of views, each view with numbers of its own for columns (K, M)."""
+        own, across, pull = self._of_each(columns)
+        count, size, m = *sets.shape, columns.shape[1]
+        each = np.zeros((count, size, m, size, m))
+        for i in range(size):
+            each[:, i, :, i] = own[sets[:, i]]
+        side = across[sets].transpose(0, 2, 1, 3).reshape(count, self.camera, -1)
+        return self._gains(each.reshape(count, size * m, -1), side, pull[sets].reshape(count, -1))
+
+    def _of_each(self, columns: Array) -> tuple[Array, Array, Array]:
+        """Each view's equations for numbers of columns (K, M): (V, M, M), with the camera (V, F, M), pull (V, M)."""
+        f, r = self.camera, self.reduced
+        return columns.T @ r[:, f:-1, f:-1] @ columns, r[:, :f, f:-1] @ columns, r[:, f:-1, -1] @ columns
+
+    def _gains(self, own: Array, across: Array, pull: Array) -> Array:
+        """(1) of several candidates: own (P, B, B), with the camera (P, F, B), pull (P, B); the camera eliminated."""
+        half, alone = self._known
+        side = half.T @ across
+        reduced = own - side.transpose(0, 2, 1) @ side
+        left = (
+            pull
+            - (side.transpose(0, 2, 1) @ (half.T @ self.reduced[:, : self.camera, -1].sum(0))[:, None])[
+                ..., 0
+            ]
+        )
+        values, vectors, scale = _scaled(reduced, own)
+        along = (vectors.transpose(0, 2, 1) @ (left / scale)[..., None])[..., 0]
+        squares = np.where(values > 0, along**2 / np.where(values > 0, values, 1.0), 0.0)
+        return np.asarray(alone + 0.5 * squares.sum(-1))
 
     def information(self, column: Array) -> Array:
         """How well each view (V,) determines one number along `column` (K,), the camera known."""
         f = self.camera
         return np.einsum("k,vkl,l->v", column, self.reduced[:, f:-1, f:-1], column)
+
+
+def _scaled(matrices: Array, like: Array | None = None) -> tuple[Array, Array, Array]:
+    """Eigenvalues (..., n), 0 where they are as good as that, vectors, and the scale that makes the diagonal 1.
+
+    The diagonal is that of `like`, where given.
+    """
+    diagonal = np.einsum("...ii->...i", matrices if like is None else like)
+    scale = np.sqrt(np.maximum(diagonal, 1e-300))
+    values, vectors = np.linalg.eigh(matrices / (scale[..., :, None] * scale[..., None, :]))
+    return np.where(values > _NULL, values, 0.0), vectors, scale
 
 
 def all_fields(base: Calibration) -> Warp:

@@ -101,11 +101,10 @@ class Search:
         """(1) of the solution as it is."""
         return self.bic(self.base.fit.cost if self.linear is None else self.linear.cost, 0, 0.0)
 
-    def promised(self, design: Array, choices: float) -> float:
-        """(1) as one step promises it."""
+    def promised(self, gain: float, numbers: int, choices: float) -> float:
+        """(1) as one step promises it, that gains so much of the cost."""
         assert self.linear is not None
-        cost = self.linear.cost - self.linear.gain(design)
-        return self.bic(max(cost, 1e-6 * self.linear.cost), design.shape[2], choices)
+        return self.bic(max(self.linear.cost - gain, 1e-6 * self.linear.cost), numbers, choices)
 
     def fit(self, kind: str, how: str, design: Array, parts: Array, choices: float) -> Trial | None:
         """A candidate fitted; None where it has as many unknowns as there are coordinates, or diverges."""
@@ -138,23 +137,29 @@ class Search:
     # ------------------------------------------------------------------ candidates
     def splits(self) -> Iterator[Trial]:
         """From some view on: the best place of each kind, where one step promises something."""
-        places = range(LEAST_PART, self.count - LEAST_PART + 1)
+        places = np.arange(LEAST_PART, self.count - LEAST_PART + 1)
         if len(places) < 2:
             return
+        assert self.linear is not None
+        after, choices = np.arange(self.count) >= places[:, None], log(len(places))
         for kind in OF_PARTS:
-            designs = [self._parts(kind, np.arange(self.count) >= k) for k in places]
-            promises = [self.promised(d, log(len(places))) for d in designs]
-            best = int(np.argmin(promises))
-            if promises[best] < self.none - EVIDENCE:
-                after = np.arange(self.count) >= places[best]
-                yield from self._some(self.fit(kind, "split", designs[best], after, log(len(places))))
+            columns = self.columns[kind]
+            gains = self.linear.gains_of_parts(columns, after)
+            best = int(np.argmax(gains))
+            if self.promised(gains[best], columns.shape[1], choices) < self.none - EVIDENCE:
+                design = self._parts(kind, after[best])
+                yield from self._some(self.fit(kind, "split", design, after[best], choices))
 
     def each(self) -> Iterator[Trial]:
         """A number for each view."""
         none = np.zeros(self.count, bool)
+        assert self.linear is not None
         for kind in OF_EACH:
             design = shared(contrasts(self.count), self.columns[kind])
-            if self.freedom > 2 * design.shape[2] and self.promised(design, 0.0) < self.none - EVIDENCE:
+            numbers = design.shape[2]
+            if self.freedom <= 2 * numbers:
+                continue
+            if self.promised(self.linear.gain(design), numbers, 0.0) < self.none - EVIDENCE:
                 yield from self._some(self.fit(kind, "each", design, none, 0.0))
 
     def groups(self, each: Trial) -> Iterator[Trial]:
@@ -176,21 +181,28 @@ class Search:
 
     def _swapped(self, kind: str, parts: Array) -> Array:
         """Two groups after views changed sides, one after the other, as long as one step promises more."""
-        best, promise = parts, self._of_groups(kind, parts)
+        best, promise = parts, self._of_groups(kind, parts[None])[0]
         for _ in range(self.count if self.count <= MOST_SWAPPED else 0):
-            others = [best ^ (np.arange(self.count) == i) for i in range(self.count)]
-            promises = [
-                self._of_groups(kind, o) if LEAST_PART <= o.sum() <= self.count - LEAST_PART else np.inf
-                for o in others
-            ]
+            others = best ^ np.eye(self.count, dtype=bool)
+            promises = self._of_groups(kind, others)
             place = int(np.argmin(promises))
             if not promises[place] < promise:
                 break
             best, promise = others[place], promises[place]
         return best
 
-    def _of_groups(self, kind: str, parts: Array) -> float:
-        return self.promised(self._parts(kind, parts), log(comb(self.count, int(parts.sum()))))
+    def _of_groups(self, kind: str, parts: Array) -> list[float]:
+        """What is promised of each of several groups (P, V); infinite where one is too small."""
+        assert self.linear is not None
+        columns = self.columns[kind]
+        return [
+            self.promised(gain, columns.shape[1], log(comb(self.count, size)))
+            if LEAST_PART <= size <= self.count - LEAST_PART
+            else np.inf
+            for gain, size in zip(
+                self.linear.gains_of_parts(columns, parts), parts.sum(1).tolist(), strict=True
+            )
+        ]
 
     def outlying(self) -> Iterator[Trial]:
         """Views that do not belong: one after the other, up to a fifth of them, as many as one step finds best."""
@@ -200,9 +212,10 @@ class Search:
         best, wanted = np.inf, 0
         for _ in range(max(1, self.count // 5)):
             rest = [i for i in range(self.count) if i not in chosen]
-            gains = [self.linear.gain(shared(eye[:, [*chosen, i]], columns)) for i in rest]
+            gains = self.linear.gains_of_views(columns, np.array([[*chosen, i] for i in rest]))
             chosen.append(rest[int(np.argmax(gains))])
-            promise = self.promised(shared(eye[:, chosen], columns), _log_choices(self.count, len(chosen)))
+            numbers = len(chosen) * columns.shape[1]
+            promise = self.promised(max(gains), numbers, _log_choices(self.count, len(chosen)))
             if promise < best:
                 best, wanted = promise, len(chosen)
         chosen = chosen[:wanted]
@@ -248,8 +261,8 @@ class Search:
         each = list(self.each())
         found = [*self.splits(), *each, *(t for e in each for t in self.groups(e))]
         found += self.boards(("print",) if not found else ("print", "free"))
-        if found:
-            found += self.outlying()
+        if any(t.bic < self.none - EVIDENCE for t in found):
+            found += self.outlying()  # else nothing needs another explanation
         return sorted(found, key=lambda t: t.bic)
 
 
