@@ -21,6 +21,8 @@ from camcal.settings.option import Settings
 
 if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
+    from camcal.model.camera import Camera
+    from camcal.model.rig import Rig
     from camcal.plan.solution import Solution
 
 TABLES = (
@@ -223,8 +225,8 @@ def deliver_solution(
 
     `sections` are further entries of the report, such as `selection`: how the model was chosen.
     """
-    from camcal.report.document import document, save
-    from camcal.report.table import summary, tables
+    from camcal.report.document import document
+    from camcal.report.table import tables
 
     # the gates of the verdict stand among the options
     solution = replace(solution, options=resolved_options(ctx))
@@ -233,6 +235,23 @@ def deliver_solution(
         from camcal.report.plain import plain
 
         report |= plain(sections)
+    code = delivered(report, options, solution.camera, command_line(ctx), tables)
+    if options.get("trace") is not None:
+        write_trace(solution, options["trace"], options["force"])
+    return code
+
+
+def delivered(
+    report: dict[str, Any],
+    options: Mapping[str, Any],
+    subject: Camera | Rig,
+    command: list[str],
+    tables: Callable[[dict[str, Any]], Any],
+) -> int:
+    """Write a report and its cameras, show it on stdout, sum it up on stderr; return the exit code."""
+    from camcal.report.document import save
+    from camcal.report.table import summary
+
     if options.get("reproducible"):
         from camcal.report.reproducible import without_times
 
@@ -240,9 +259,7 @@ def deliver_solution(
     output = options["output"] if camera_files.is_report(options["output"], options) else None
     if output is not None:
         save(report, output, options["force"])
-    camera_files.save(solution.camera, options, command_line(ctx))
-    if options.get("trace") is not None:
-        write_trace(solution, options["trace"], options["force"])
+    camera_files.save(subject, options, command)
     emit(report, options["format"], lambda: tables(report))
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))

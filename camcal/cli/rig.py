@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from camcal.cli.options import options, resolved_options
-from camcal.cli.verbosity import note, verbosity, verbosity_options
+from camcal.cli.verbosity import note, verbosity_options
 from camcal.settings.kinds import is_report
 
 if TYPE_CHECKING:
@@ -96,26 +96,10 @@ def _tell(event: str, details: Mapping[str, Any]) -> None:
 
 def deliver_rig(ctx: click.Context, solution: RigSolution, options: dict[str, Any]) -> int:
     """Write the report and the rig, show them, sum them up; return the exit code."""
-    from camcal.cli import camera_files
-    from camcal.cli.job import GATE_FELL, command_line
-    from camcal.cli.output import console, emit
-    from camcal.report.document import save
-    from camcal.report.reproducible import without_times
+    from camcal.cli.job import command_line, delivered
     from camcal.report.rig import document
     from camcal.report.rig_table import tables
-    from camcal.report.table import summary
 
     solution = replace(solution, options=resolved_options(ctx))
-    report = document(solution, command=command_line(ctx))
-    if options.get("reproducible"):
-        report = without_times(report)
-    output = options["output"] if camera_files.is_report(options["output"], options) else None
-    if output is not None:
-        save(report, output, options["force"])
-    camera_files.save(solution.rig, options, command_line(ctx))
-    emit(report, options["format"], lambda: tables(report))
-    if verbosity() >= 0:
-        console(stderr=True).print(summary(report))
-    if output is not None:
-        note(f"Report written to {output}.")
-    return GATE_FELL if report["verdict"] == "fail" else 0
+    command = command_line(ctx)
+    return delivered(document(solution, command=command), options, solution.rig, command, tables)
