@@ -22,7 +22,7 @@ from camcal.data.observations import Observations
 from camcal.data.rig_table import of_camera
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.model.pose import Pose
+from camcal.model.pose import Pose, Poses
 from camcal.model.rig import Rig
 
 SIZE, NOISE = (640, 480), 0.2
@@ -30,8 +30,8 @@ SIZE, NOISE = (640, 480), 0.2
 
 def simulated(
     cameras: int, instants: int, columns: int = 9, rows: int = 6, seed: int = 0
-) -> tuple[Observations, Rig]:
-    """Cameras on an arc, all of which see a board of 30 mm squares at every instant, and the true rig."""
+) -> tuple[Observations, Rig, Poses]:
+    """Cameras on an arc, all of which see a board of 30 mm squares at every instant; the true rig and boards."""
     rng = np.random.default_rng(seed)
     lens = lenses.make("opencv5")
     values = {"fx": 600.0, "fy": 600.0, "cx": 319.5, "cy": 239.5, "k1": -0.2}
@@ -45,11 +45,12 @@ def simulated(
     rig = Rig.in_frame_of(names[0], dict.fromkeys(names, camera), places)
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
     board = np.c_[x.ravel(), y.ravel(), np.zeros(x.size)] * 30.0
-    uv = np.empty((cameras, instants, len(board), 2))
+    uv, boards = np.empty((cameras, instants, len(board), 2)), []
     for v in range(instants):
         turn = Pose.from_vector(rng.uniform(-0.4, 0.4, 3), np.zeros(3)).rotation
         middle = np.array([rng.uniform(-60, 60), rng.uniform(-50, 50), rng.uniform(850, 1050)])
         place = Pose(turn, middle - turn @ board.mean(0))
+        boards.append(place)
         for i, seen in enumerate(rig.project(place.apply(board)).values()):
             uv[i, v] = seen
     uv += rng.normal(0, NOISE, uv.shape)
@@ -63,7 +64,7 @@ def simulated(
         cameras=tuple(names),
         image_sizes=(SIZE,) * cameras,
     )
-    return data, rig
+    return data, rig, Poses.stack(boards)
 
 
 def fastest(work: Callable[[], object], repeat: int) -> float:
@@ -87,7 +88,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=3)
     asked = parser.parse_args()
     columns, rows = map(int, asked.points.split("x"))
-    data, _ = simulated(asked.cameras, asked.instants, columns, rows)
+    data, _, _ = simulated(asked.cameras, asked.instants, columns, rows)
     parts = [of_camera(data, name) for name in data.cameras]
     options = {"model": "opencv5", "robust": "auto", "checks": False}
     alone = fastest(lambda: [camcal.calibrate(p, **options) for p in parts], asked.repeat)

@@ -22,7 +22,9 @@ from camcal.assess.covariance import Covariance, covariance, eliminate_poses, re
 from camcal.assess.rig import baseline_sigma
 from camcal.data.observations import View
 from camcal.errors import DataError, EstimationError
+from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
+from camcal.solve.board import PLACED, common_points
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.rig_cameras import within
@@ -31,6 +33,8 @@ Array = np.ndarray
 
 #: candidate instants before each camera; the best of 60 is within a few per cent of the best of 400
 CANDIDATES = 60
+#: rad; a rig among boards is turned by up to so much from where it was: beyond, cameras lose them
+TURN = 0.5
 #: points of the board that a camera has to see for a pose of its own: below, a detector finds no board
 LEAST_POINTS = 8
 
@@ -116,16 +120,20 @@ def _relative(solution: RigCalibration, accuracy: Covariance, information: Array
 def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, tuple[str, ...]]]:
     """What instants add (F, F), their boards and the cameras that see them; those that one camera sees add nothing."""
     rng, made = np.random.default_rng(seed), []
+    several = solution.board is not None and solution.board.kind == PLACED
     for name in solution.rig.cameras:
         alone = within(solution, name)
         if alone.camera.image_size is None:
             raise DataError(
                 "the report does not say how large the pictures are.", "Calibrate with --image-size."
             )
-        points = target_points(alone)
+        points = _all_points(solution) if several else target_points(alone)
         planar = bool(np.ptp(points[:, 2]) == 0)
         back = solution.rig.cam_from_rig[name].inverse()
-        for pose in Poses.of(back @ Candidates(alone, planar).spread(CANDIDATES, rng)):
+        tried = (
+            _turned(solution, rng) if several else back @ Candidates(alone, planar).spread(CANDIDATES, rng)
+        )
+        for pose in Poses.of(tried):
             added = _added(solution, pose, points)
             if added is not None:
                 made.append((added[0], pose, added[1]))
@@ -135,6 +143,23 @@ def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, 
             "The pictures of the cameras hardly overlap: use a larger board, or turn the cameras to each other.",
         )
     return made
+
+
+def _all_points(solution: RigCalibration) -> Array:
+    """The points (N, 3) of all boards."""
+    common = common_points(solution.observations.kept().views)
+    assert common is not None  # or the boards could not have been placed
+    return common[0]
+
+
+def _turned(solution: RigCalibration, rng: np.random.Generator) -> Poses:
+    """Poses of boards that stand fast to each other: those of instants with the rig turned, as it may be turned there.
+
+    Boards on all sides of a rig fit before no camera as a whole, so that poses before one camera say nothing.
+    """
+    some = solution.poses[rng.integers(len(solution.poses), size=CANDIDATES)]
+    turns = rotations.exp(rng.uniform(-TURN, TURN, (CANDIDATES, 3)))
+    return Poses.of(Poses(turns, np.zeros((CANDIDATES, 3))) @ some)
 
 
 def _added(solution: RigCalibration, pose: Pose, points: Array) -> tuple[Array, tuple[str, ...]] | None:

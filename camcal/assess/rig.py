@@ -16,7 +16,9 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.assess.covariance import Covariance
+from camcal.data.boards import movable, parts, pose_of
 from camcal.geometry import rotations
+from camcal.solve.board import PLACED
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray
@@ -58,6 +60,27 @@ def pose_rows(solution: RigCalibration, name: str) -> Array:
     return rows
 
 
+def board_sigmas(solution: RigCalibration, accuracy: Covariance) -> Array:
+    """Standard deviations (K, 6) of the poses group_from_board of the boards that are placed: rotation, translation.
+
+    The variables turn a board about the mean c of its points (`camcal.solve.board`): δt = τ + ω x (t - c).
+    """
+    board, data = solution.board, solution.observations
+    if board is None or board.kind != PLACED or data.target is None:
+        return np.zeros((0, 6))
+    found, part, kept = [], parts(data), data.used
+    assert part is not None
+    begin = solution.free.shape[1] - board.size
+    for k, index in enumerate(movable(data.target)):
+        rows = np.zeros((6, solution.free.shape[1]))
+        rows[:, begin + 6 * k : begin + 6 * k + 6] = np.eye(6)
+        points = np.unique(data.xyz[(part == k) & kept], axis=0)
+        arm = pose_of(data.target["board_poses"][index]).translation - points.mean(0)
+        rows[3:, begin + 6 * k : begin + 6 * k + 3] = -rotations.skew(arm)
+        found.append(_sigmas(rows, accuracy))
+    return np.array(found).reshape(-1, 6)
+
+
 def _centre_rows(solution: RigCalibration, name: str) -> Array:
     """(1) as d centre / d variables (3, F)."""
     pose, rows = solution.rig.cam_from_rig[name], pose_rows(solution, name)
@@ -67,7 +90,7 @@ def _centre_rows(solution: RigCalibration, name: str) -> Array:
 def _scale_row(solution: RigCalibration) -> Array:
     """(2) as a row (F,)."""
     row, board = np.zeros(solution.free.shape[1]), solution.board
-    if board is not None:
+    if board is not None and board.kind != PLACED:  # the sizes of boards that are placed are given
         ideal = board.ideal - board.ideal.mean(0)
         moved = np.einsum("mi,mib->b", ideal, board.directions().reshape(len(ideal), 3, -1))
         row[len(row) - board.size :] = -moved / np.square(ideal).sum()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from camcal.data.boards import by_board, names_of, picture_name, view_name
 from camcal.data.labelled import Labelled, read_labelled
 from camcal.data.observations import NO_ID, Observations
 from camcal.errors import DataError
@@ -27,11 +29,14 @@ class RigViews:
     instants : mapping of camera -> mapping of view id -> instant
     order : tuple of str
         The instants, in their order.
+    boards : mapping of camera -> mapping of view id -> board
+        Which of several boards a view shows, counted from 0; empty where there is one.
     """
 
     parts: Mapping[str, Observations]
     instants: Mapping[str, Mapping[str, str]]
     order: tuple[str, ...]
+    boards: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, data: Observations | Mapping[str, Observations] | RigViews, least: int = 2) -> RigViews:
@@ -56,13 +61,50 @@ class RigViews:
             raise DataError(
                 "a rig has two or more cameras; there is one.", "Use camcal.calibrate for one camera."
             )
-        same = {name: {v: v for v in part.view_ids} for name, part in parts.items()}
-        return cls(parts, same, order)
+        split = {name: by_board(part) for name, part in parts.items()}
+        return cls(
+            {name: data for name, (data, _, _) in split.items()},
+            {name: instants for name, (_, instants, _) in split.items()},
+            order,
+            {name: boards for name, (_, _, boards) in split.items() if boards},
+        )
 
     def ordered(self, first: str) -> RigViews:
         """The same with another camera first."""
         names = [first, *(n for n in self.parts if n != first)]
         return replace(self, parts={n: self.parts[n] for n in names})
+
+    def apart(self, groups: Sequence[int]) -> RigViews:
+        """The same with an instant of its own for each group of boards that stand fast to each other.
+
+        Parameters
+        ----------
+        groups : sequence of int
+            The group of each board.
+        """
+        if len(set(groups)) < 2:
+            return self
+        names = names_of(next(iter(self.parts.values())).target)
+        called = {g: names[groups.index(g)] for g in groups}  # by the first of its boards
+        instants = {
+            name: {v: view_name(i, called[groups[self.boards[name][v]]]) for v, i in own.items()}
+            for name, own in self.instants.items()
+        }
+        order = tuple(view_name(i, called[g]) for i in self.order for g in dict.fromkeys(groups))
+        return replace(self, instants=instants, order=order)
+
+    def shifted(self, lags: Mapping[str, int]) -> RigViews:
+        """The same after cameras that lag are put in step: the k-th instant back takes the views of a camera k late."""
+        place = {instant: i for i, instant in enumerate(self.order)}
+        moved: dict[str, dict[str, int]] = {
+            name: {v: place[i] - lags.get(name, 0) for v, i in own.items()}
+            for name, own in self.instants.items()
+        }
+        used = [i for own in moved.values() for i in own.values()]
+        # what lies before the first instant or after the last one gets a number of its own
+        called = {i: self.order[i] if 0 <= i < len(self.order) else f"{i:+d}" for i in used}
+        instants = {name: {v: called[i] for v, i in own.items()} for name, own in moved.items()}
+        return replace(self, instants=instants, order=tuple(called[i] for i in sorted(called)))
 
 
 def read_rig(
@@ -76,7 +118,8 @@ def read_rig(
     ----------
     path : path
         A table with a first row that names its columns: camera, view, X, Y, Z, u, v and, where there are any, sigma
-        and id (or point). The same view is the same instant for all cameras.
+        and id (or point), and board. The same view is the same instant for all cameras; X, Y, Z are in the frame of
+        the row's board.
     image_sizes : (width, height), or mapping of camera -> (width, height), optional
         In a mapping, that of "" is for all others.
     least : int
@@ -87,7 +130,7 @@ def read_rig(
     DataError
         Where the file cannot be read, a camera has a point of a view twice, or there is one camera only.
     """
-    found = read_labelled(path, ("camera", "view"), (*"XYZ", "u", "v"), ("sigma", "point"))
+    found = read_labelled(path, ("camera", "view"), (*"XYZ", "u", "v"), ("sigma", "point", "board"))
     names = found.names["camera"]
     if len(names) < least:
         raise DataError(
@@ -97,6 +140,7 @@ def read_rig(
     order = np.lexsort((found.labels["view"], found.labels["camera"]))
     sizes = image_sizes if isinstance(image_sizes, Mapping) else dict.fromkeys(names, image_sizes)
     sigma = found.values.get("sigma")
+    ids, target = _identified(found)
     made = Observations(
         xyz=np.stack([found.values[c] for c in "XYZ"], 1)[order],
         uv=found.uv[order],
@@ -104,13 +148,33 @@ def read_rig(
         view_ids=found.names["view"],
         camera=found.labels["camera"][order],
         cameras=names,
-        point=None if "point" not in found.names else _point_ids(found)[order],
+        point=None if ids is None else ids[order],
         sigma=None if sigma is None else sigma[order],
         image_sizes=tuple(sizes.get(n, sizes.get("")) for n in names),
+        target=target,
         files=({"path": str(path), "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()},),
     )
     _check_once(made, found, order)
     return made
+
+
+def _identified(found: Labelled) -> tuple[Array | None, dict[str, Any] | None]:
+    """The numbers of the points (N,), and the target's entries on its boards; None of what the table does not have.
+
+    Points of several boards are counted: those of a board follow one another.
+    """
+    names = found.names.get("board", ())
+    if len(names) < 2:
+        return (_point_ids(found) if "point" in found.names else None), None
+    board = found.labels["board"]
+    own = (
+        _point_ids(found)[:, None]
+        if "point" in found.names
+        else np.stack([found.values[c] for c in "XYZ"], 1)
+    )
+    keys, ids = np.unique(np.c_[board, own], axis=0, return_inverse=True)
+    first = np.searchsorted(keys[:, 0], np.arange(len(names)))
+    return ids.reshape(-1), {"boards": list(names), "first_ids": first.tolist()}
 
 
 def _point_ids(found: Labelled) -> Array:
@@ -186,12 +250,6 @@ def joined(
         return stack([np.full(n, default) if v is None else v for v, n in zip(values, counts, strict=True)])
 
     given = list(parts.values())
-    pictures = {
-        (name, instants[name][v]): v
-        for name, part in parts.items()
-        for v in part.view_ids
-        if v != instants[name][v]
-    }
     return Observations(
         xyz=stack([p.xyz for p in given]),
         uv=stack([p.uv for p in given]),
@@ -209,8 +267,20 @@ def joined(
         skipped=tuple(replace(s, camera=name) for name, p in parts.items() for s in p.skipped),
         files=_files(given),
         picture_quality={k: v for p in given for k, v in p.picture_quality.items()},
-        pictures=pictures,
+        pictures=_pictures(parts, instants),
     )
+
+
+def _pictures(
+    parts: Mapping[str, Observations], instants: Mapping[str, Mapping[str, str]]
+) -> dict[tuple[str, str], str]:
+    """What each picture is called, by camera and instant, where that is not the name of its instant."""
+    found: dict[tuple[str, str], str] = {}
+    for name, part in parts.items():
+        for view in part.view_ids:
+            key = name, instants[name][view]
+            found[key] = picture_name(view) if key in found else view  # with two boards that were views
+    return {key: view for key, view in found.items() if view != key[1]}
 
 
 def _files(parts: Sequence[Observations]) -> tuple[Mapping[str, str], ...]:

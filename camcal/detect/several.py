@@ -73,4 +73,7 @@ def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View
 def described(searched: Sequence[Searched]) -> dict[str, Any]:
     """What the report says under `target`; `boards` has the specs where there are several."""
     said = searched[0].target.describe()
-    return said if len(searched) == 1 else said | {"boards": [s.target.spec for s in searched]}
+    if len(searched) == 1:
+        return said
+    first = np.cumsum([0, *(len(s.target.points) for s in searched[:-1])])
+    return said | {"boards": [s.target.spec for s in searched], "first_ids": first.tolist()}

@@ -11,13 +11,14 @@ from camcal.errors import DataError
 from camcal.model.pose import Poses
 from camcal.model.rig import Rig
 from camcal.plan.known_camera import evaluate
+from camcal.plan.rig_boards import arranged
 from camcal.plan.rig_cameras import naming, pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
 from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.losses import LOSSES
-from camcal.solve.refine import How, refine
+from camcal.solve.refine import How, board_kind, refine
 from camcal.solve.rig_start import corners_of, placed, symmetries
 
 
@@ -54,10 +55,11 @@ def evaluate_rig(
         raise DataError(f"the rig has no camera '{unknown[0]}'.", f"It has: {', '.join(rig.cameras)}.")
     some = _part(rig, list(views.parts))
     views = views.ordered(some.reference)
-    fits = {}
+    alone = {}
     for name, part in views.parts.items():
         with naming(name):
-            fits[name] = evaluate(some.cameras[name], usable(part), method, seed)
+            alone[name] = evaluate(some.cameras[name], usable(part), method, seed)
+    fits, views, _ = arranged(alone, views, "auto", some.cam_from_rig)
     together = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
     if method in ("none", "auto"):
         together = replace(together, weight=None)
@@ -65,7 +67,7 @@ def evaluate_rig(
     places = Poses.stack([some.cam_from_rig[n] for n in views.parts])
     together, poses, _ = placed(pictures, places, together, symmetries(together), corners_of(together))
     fix = {f"{n}.{p}": None for n, c in some.cameras.items() for p in c.lens.names}
-    how = How(fix, hold_rig=True)
+    how = How(fix, hold_rig=True, board=board_kind(together))
     fit = _judged(refine(some, poses, together, how), how, method)
     return RigSolution(**{f.name: getattr(fit, f.name) for f in fields(RigCalibration)})
 

@@ -24,6 +24,7 @@ from camcal.plan.boards import SHAPES, with_shape
 from camcal.plan.options import Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
+from camcal.plan.rig_boards import Layout, arranged
 from camcal.plan.rig_cameras import Alone, alone, check_options, pictures_of
 from camcal.plan.solution import RigSolution
 from camcal.settings.calibration import CalibrationOptions
@@ -31,7 +32,7 @@ from camcal.settings.rig import RigOptions
 from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration, Stage
 from camcal.solve.losses import LOSSES
-from camcal.solve.refine import How, refine, residuals
+from camcal.solve.refine import How, board_kind, refine, residuals
 from camcal.solve.rig_lags import lags
 from camcal.solve.rig_start import Links, corners_of, links, placed, spanning_tree, symmetries
 
@@ -78,13 +79,15 @@ def calibrate_rig(
     names = tuple(views.parts)
     check_options(asked, names)
     reference = asked.reference or names[0]
-    views = views.ordered(reference)
+    views = views.ordered(reference).shifted(asked.lag)
     cameras = {}
     for name, part in views.parts.items():
         cameras[name] = alone(name, part, asked, refine_points)
         fit = cameras[name].fit
         tell("camera", {"name": name, "rms_point": fit.rms_point, "model": fit.camera.lens.name})
-    progress = _followed(_begun(cameras, views, asked))
+    fits, views, placed = arranged({n: a.fit for n, a in cameras.items()}, views, asked.boards)
+    cameras = {n: replace(a, fit=fits[n]) for n, a in cameras.items()}
+    progress = _followed(_begun(cameras, views, asked, placed))
     solution = _solution(progress, cameras, asked)
     tell("refined", {"rms_point": solution.rms_point, "rejected": int((~solution.used).sum())})
     solution = replace(solution, options=asked.described(options))
@@ -100,7 +103,9 @@ def calibrate_rig(
 
 
 # ------------------------------------------------------------------------------------------------------ the plan
-def _begun(cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions) -> Progress:
+def _begun(
+    cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions, placed: Layout | None
+) -> Progress:
     """The progress before the cameras are put together."""
     parts = {n: a.fit.observations for n, a in cameras.items()}
     data = joined(parts, views.instants, views.order)
@@ -111,9 +116,10 @@ def _begun(cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions) -> 
         f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
     }
     options = Options(**shared)
-    how = How(fix, options.optimizer, options.stopping, options.normalise)
+    how = How(fix, options.optimizer, options.stopping, options.normalise, board_kind(data))
     first = next(iter(cameras.values())).fit.camera.lens
     notes = {"cameras": cameras, "pictures": pictures_of({n: a.fit for n, a in cameras.items()}, views, data)}
+    notes["boards"] = () if placed is None else placed.found
     return Progress(options, first, how, data, data, notes=notes)
 
 
@@ -139,6 +145,8 @@ def _link(progress: Progress) -> Change:
     rig = Rig(cameras, dict(zip(cameras, relative, strict=True)), data.cameras[0])
     off = residuals(rig, poses, data)[data.used]
     info = {"tree": [f"{data.cameras[a]}-{data.cameras[b]}" for a, b in tree], "turned_pictures": turned}
+    if progress.notes["boards"]:
+        info["boards"] = list(progress.notes["boards"])
     rms = float(np.sqrt(np.square(off).sum(1).mean()))
     stage = Stage("spanning-tree", rms, None, time.perf_counter() - begin, info=info)
     late = lags(pictures, known, tree, turns, corners)

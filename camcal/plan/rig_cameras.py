@@ -17,7 +17,7 @@ from camcal.data.rig_table import RigViews
 from camcal.errors import CamcalError, UsageError
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.model.pose import Poses
+from camcal.model.pose import Pose, Poses
 from camcal.plan.known_camera import evaluate
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
@@ -136,11 +136,15 @@ def _known(
 
 def pictures_of(fits: Mapping[str, Calibration], views: RigViews, data: Observations) -> Pictures:
     """The pose of the board before each picture of a rig's observations, as its camera alone has it."""
-    found = {}
+    found: dict[tuple[str, str], tuple[Pose, float]] = {}
     for name, fit in fits.items():
         variances = board_variance(fit)
         for i, view in enumerate(fit.observations.view_ids):
-            found[name, views.instants[name][view]] = fit.poses[i], float(variances[i])
+            key = name, views.instants[name][view]
+            if (
+                key not in found or variances[i] < found[key][1]
+            ):  # of two boards that stand fast to each other
+                found[key] = fit.poses[i], float(variances[i])
     blocks = data.blocks
     keys = [(data.cameras[c], data.view_ids[v]) for c, v in zip(blocks.camera, blocks.view, strict=True)]
     poses = Poses.stack([found[k][0] for k in keys])
@@ -170,6 +174,7 @@ def check_options(asked: RigOptions, names: tuple[str, ...]) -> None:
     check_names(qualified, names, "--fix")
     check_names(asked.cameras, names, "--cameras")
     check_names(asked.hold, names, "--hold")
+    check_names(asked.lag, names, "--lag")
     check_names((asked.reference or "",), names, "--reference")
 
 

@@ -31,7 +31,7 @@ from camcal.schema.views import Shape, Target, View
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.problem import Problem, Seen
-from camcal.solve.refine import cameras_of, on_board, residuals, rig_poses
+from camcal.solve.refine import cameras_of, on_board, residuals, rig_poses, placed_boards
 
 Array = np.ndarray
 
@@ -96,7 +96,7 @@ def judged(
     poses : Poses
     data : Observations
     """
-    board = board_of(report.target, data)
+    board = placed_boards(data) or board_of(report.target, data)
     normal = normal_at(subject, frees, poses, data, board)
     return {
         "poses": poses,

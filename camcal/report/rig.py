@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.covariance import Covariance, covariance
-from camcal.assess.rig import baseline_sigma, relative_sigmas
+from camcal.assess.rig import baseline_sigma, board_sigmas, relative_sigmas
+from camcal.data.boards import movable, names_of
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.plan.solution import RigSolution
@@ -99,7 +100,24 @@ def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
     for a, b in combinations(names, 2):
         known = None if held else baseline_sigma(solution, accuracy, a, b)
         baselines[f"{a}-{b}"] = {"value": rig.baseline(a, b), "sigma": known}
-    return {"reference": rig.reference, "cam_from_rig": poses, "baselines": baselines}
+    boards = _boards(solution, accuracy)
+    return {"reference": rig.reference, "cam_from_rig": poses, "baselines": baselines} | (
+        {"boards": boards} if boards else {}
+    )
+
+
+def _boards(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
+    """The poses of the boards that were placed along with the cameras."""
+    target = solution.observations.target or {}
+    names, groups, found = names_of(target), target.get("board_groups"), {}
+    for index, sigma in zip(movable(target), board_sigmas(solution, accuracy), strict=False):
+        found[names[index]] = {
+            "reference": names[groups.index(groups[index])],
+            **target["board_poses"][index],
+            "sigma_rotation_deg": np.degrees(sigma[:3]),
+            "sigma_translation": sigma[3:],
+        }
+    return found
 
 
 def _views(solution: RigSolution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:

@@ -52,7 +52,20 @@ def _places(rig: Mapping[str, Any]) -> RenderableType:
     distances = table("distances", "pair", "value", "sigma")
     for pair, found in (rig.get("baselines") or {}).items():
         distances.add_row(escape(pair), *with_sigma(found["value"], found["sigma"]))
-    return Group(made, Text(""), distances)
+    parts: list[RenderableType] = [made, Text(""), distances]
+    if rig.get("boards"):
+        parts += [Text(""), _boards(rig["boards"])]
+    return Group(*parts)
+
+
+def _boards(boards: Mapping[str, Any]) -> RenderableType:
+    made = table("boards", "board", "before", "x", "y", "z", "turned, deg", "sigma", "sigma, deg")
+    for name, pose in boards.items():
+        cells = [f"{v:.6g}" for v in pose["translation"]]
+        angle = float(np.degrees(np.linalg.norm(pose["rotation_vector"])))
+        sigmas = [_length(pose[k]) for k in ("sigma_translation", "sigma_rotation_deg")]
+        made.add_row(escape(name), escape(pose["reference"]), *cells, f"{angle:.5g}", *sigmas)
+    return made
 
 
 def _length(sigma: Sequence[float] | None) -> str:

@@ -77,6 +77,12 @@ class Baseline(Section):
     sigma: Annotated[Sigma, key("one standard deviation")] = None
 
 
+class RigBoard(RigPose, kw_only=True):
+    """Where one of several boards stands: x_reference = R x_board + t."""
+
+    reference: Annotated[str, key("the board whose frame is that of the boards")]
+
+
 class Rig(Section, kw_only=True):
     """The places of several cameras relative to one of them."""
 
@@ -86,3 +92,7 @@ class Rig(Section, kw_only=True):
         RigPose | UnsetType, key("where the file says it: the pose of the rig in the frame of the world")
     ] = UNSET
     baselines: Annotated[dict[str, Baseline] | UnsetType, key("distances, by `left-right`")] = UNSET
+    boards: Annotated[
+        dict[str, RigBoard] | UnsetType,
+        key("where several boards stand to each other, by their names, those that hold a frame left out"),
+    ] = UNSET

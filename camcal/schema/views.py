@@ -95,6 +95,19 @@ class Target(Section):
         list[str] | UnsetType,
         key("specs of the boards where pictures show several; the other keys are of the first"),
     ] = UNSET
+    first_ids: Annotated[
+        list[Count] | UnsetType, key("of several boards: the smallest number of a point of each")
+    ] = UNSET
+    board_groups: Annotated[
+        list[Count] | UnsetType,
+        key("of a rig: which of several boards stand fast to each other, by the number of their group"),
+    ] = UNSET
+    board_poses: Annotated[
+        list[dict[str, Vector]] | UnsetType,
+        key(
+            "the pose of each in the frame of the first of its group; the points of `data` are in that frame"
+        ),
+    ] = UNSET
     shape: Annotated[Shape | UnsetType, key("where the board's shape was estimated or given")] = UNSET
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from camcal.errors import UsageError
 from camcal.settings.calibration import CalibrationOptions
-from camcal.settings.kinds import Assignments, Kind, Name, Text, refuse
+from camcal.settings.kinds import Assignments, Kind, Name, Text, Words, refuse
 from camcal.settings.option import setting
 from camcal.settings.sizes import ImageSize
 
@@ -74,6 +74,24 @@ class Named(Kind):
         return found
 
 
+class Frames(Named):
+    """`NAME=K,...` with whole numbers, or a mapping."""
+
+    metavar = "NAME=K,..."
+
+    def convert(self, value: Any) -> dict[str, Any]:
+        """Return a dict of name -> number of frames."""
+        found = {}
+        for name, frames in super().convert(value).items():
+            try:
+                found[name] = int(str(frames))
+            except ValueError as error:
+                raise refuse(
+                    f"{name}={frames}", "NAME=K, a whole number of frames", "Try: right=1"
+                ) from error
+        return found
+
+
 class Names(Kind):
     """Names, separated by commas."""
 
@@ -116,6 +134,17 @@ class RigOptions(CalibrationOptions):
     hold: tuple[str, ...] = setting(Names(), "Hold the intrinsics of these cameras.", ())
     reference: str | None = setting(
         Text(), "The camera whose frame is that of the rig; the first by default.", metavar="NAME"
+    )
+    boards: str = setting(
+        Words(("auto", "fixed", "moving")),
+        "Several boards: whether they stand fast to each other; auto = where the pictures say so.",
+        "auto",
+    )
+    lag: Mapping[str, int] = setting(
+        Frames(),
+        "Put cameras in step that are K frames late: the picture of number n is of the instant n - K.",
+        {},
+        repeated=True,
     )
 
 

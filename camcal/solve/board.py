@@ -19,7 +19,7 @@ from camcal.data.observations import View
 from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
-from camcal.model.pose import Array, Poses
+from camcal.model.pose import Array, Pose, Poses
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen
@@ -43,12 +43,15 @@ class Board:
         A key of `KINDS`.
     basis : (3 M, B) array, or (B,) int array
         d X / d θ in the order x, y, z of the first point, of the second, ...; integers select coordinates.
+    part : (M,) int array or None
+        Of kind `placed`: which part each point is of, -1 of those that stay.
     """
 
     points: Array
     ids: tuple[Array, ...]
     kind: str
     basis: Array
+    part: Array | None = None
 
     @property
     def size(self) -> int:
@@ -158,6 +161,33 @@ def _free(points: Array, counts: Array) -> Array:
     return np.flatnonzero(~held.reshape(-1))
 
 
+#: the kind of shape of several boards that stand fast to each other: rigid, each with a pose of its own
+PLACED = "placed"
+
+
+def _placed(points: Array, part: Array) -> Array:
+    """(3 M, 6 K): each of K parts turned about the mean of its points by a small vector, and shifted; part -1 stays."""
+    count = int(part.max(initial=-1)) + 1
+    basis = np.zeros((len(points), 3, 6 * count))
+    for k in range(count):
+        own = np.flatnonzero(part == k)
+        if len(own):
+            basis[own, :, 6 * k : 6 * k + 3] = -rotations.skew(points[own] - points[own].mean(0))
+            basis[own, :, 6 * k + 3 : 6 * k + 6] = np.eye(3)
+    return basis.reshape(-1, 6 * count)
+
+
+def motions_of(shape: Array, points: Array, part: Array) -> list[Pose]:
+    """How each part moves by the variables (6 K,) of `_placed`, exactly rigid: points (M, 3) of the parts (M,)."""
+    found = []
+    for k, (turn, shift) in enumerate(shape.reshape(-1, 2, 3)):
+        own = points[part == k]
+        centre = own.mean(0) if len(own) else np.zeros(3)
+        rotation = rotations.exp(turn)
+        found.append(Pose(rotation, centre + shift - rotation @ centre))
+    return found
+
+
 #: kind -> function (points (M, 3), views that see each (M,)) -> basis of `Board`
 KINDS: dict[str, Callable[[Array, Array], Array]] = {"bowl": _bowl, "print": _print, "free": _free}
 
@@ -168,15 +198,23 @@ def check_kind(kind: str) -> None:
         raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
 
 
-def make_board(views: Sequence[View], kind: str) -> Board:
+def make_board(views: Sequence[View], kind: str, part: Array | None = None) -> Board:
     """The board of the views with a shape of the given kind.
+
+    Parameters
+    ----------
+    views : sequence of View
+    kind : str
+    part : (N,) int array, optional
+        Of kind `placed`: which part each row of all views is of, -1 of those that stay.
 
     Raises
     ------
     UsageError
         Where the views do not share a target, or for an unknown kind.
     """
-    check_kind(kind)
+    if kind != PLACED:
+        check_kind(kind)
     common = common_points(views)
     if common is None:
         raise UsageError(
@@ -184,6 +222,11 @@ def make_board(views: Sequence[View], kind: str) -> Board:
             "Try: --board-shape flat",
         )
     points, ids = common
+    if kind == PLACED:
+        assert part is not None
+        of_point = np.full(len(points), -1)
+        of_point[np.concatenate(ids)] = part
+        return Board(points, ids, kind, _placed(points, of_point), of_point)
     counts = np.bincount(np.concatenate(ids), minlength=len(points))
     return Board(points, ids, kind, KINDS[kind](points, counts))
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 
+from camcal.data.boards import moved, parts
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.geometry.neighbours import Neighbours
@@ -16,7 +17,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.model.rig import Rig
 from camcal.solve import optimizers
-from camcal.solve.board import BoardProblem, make_board, settle
+from camcal.solve.board import PLACED, BoardProblem, make_board, motions_of, settle
 from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard
 from camcal.solve.optimizers.base import OnStep, Options, Result
 from camcal.solve.parameters import apply_fixed, free_matrix
@@ -24,6 +25,10 @@ from camcal.solve.problem import Problem, Seen
 
 #: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
 _SAME_POINT = 1e-6
+#: rad; boards that turned by less in the last round are where they are: what linearising leaves is its square
+SMALL_TURN = 1e-6
+#: rounds with boards that are placed: the turns of a round are the square of those before, so that three do from .1 rad
+ROUNDS = 8
 #: points that are projected in one go: a lens model has some 20 numbers a point in use, which then stay in a cache of
 #: a few MB
 POINTS_AT_A_TIME = 16_000
@@ -118,8 +123,12 @@ def refine(
     params = np.concatenate([c.params for c in cameras])
     state = problem.state(params, poses, rig_poses(start))
     result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
+    if how.board == PLACED:
+        problem, result, observations = _placed(problem, result, observations, cameras, frees, how)
     final, board, scale = problem.poses(result.state), None, 1.0
-    if isinstance(problem, BoardProblem):
+    if isinstance(problem, BoardProblem) and how.board == PLACED:
+        board = placed_boards(observations)
+    elif isinstance(problem, BoardProblem):
         shape = problem.board
         points, final, scale = settle(shape.points + shape.expand(result.state.shape), shape.points, final)
         observations = on_board(observations, shape.points, points)
@@ -139,6 +148,37 @@ def refine(
         return RigCalibration(rig=found, start=start, **common)
     assert isinstance(start, Camera)
     return Calibration(camera=found, start=start, **common)
+
+
+def _placed(
+    problem: Problem,
+    result: Result,
+    observations: Observations,
+    cameras: Sequence[Camera],
+    frees: Sequence[Array],
+    how: How,
+) -> tuple[Problem, Result, Observations]:
+    """The fit of boards that are rigid, from one in which their turns were small: boards moved, and fitted again.
+
+    The turns of a round are of second order in those of the one before.
+    """
+    for _ in range(ROUNDS):
+        assert isinstance(problem, BoardProblem) and problem.board.part is not None
+        shape = problem.board
+        observations = moved(observations, motions_of(result.state.shape, shape.points, problem.board.part))
+        poses, params = problem.poses(result.state), result.state.params
+        problem = make_problem(cameras, observations, frees, how)
+        state = problem.state(params, poses, result.state.rig)
+        begin = result
+        result = optimizers.make(how.optimizer)(problem, state, how.stopping, None)
+        result = replace(
+            result,
+            iterations=begin.iterations + result.iterations,
+            evaluations=begin.evaluations + result.evaluations,
+        )
+        if np.abs(result.state.shape.reshape(-1, 6)[:, :3]).max(initial=0.0) < SMALL_TURN:
+            break
+    return problem, result, observations
 
 
 E = TypeVar("E", bound=Estimate)
@@ -225,8 +265,23 @@ def make_problem(
     lenses, seen = [c.lens for c in cameras], Seen(kept.blocks.camera, kept.blocks.view)
     if how.board == "flat":
         return Problem(lenses, kept.views, frees, weights, how.normalise, seen, how.hold_rig)
-    board = make_board(kept.views, how.board)
+    board = make_board(kept.views, how.board, parts(kept))
     return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen, how.hold_rig)
+
+
+def board_kind(observations: Observations) -> str:
+    """The kind of shape that observations of one board as designed, or of several boards, are fitted with."""
+    return "flat" if parts(observations) is None else PLACED
+
+
+def placed_boards(observations: Observations) -> ShapedBoard | None:
+    """The boards of observations that were placed along with the cameras, as they stand; None where none was."""
+    kept = observations.kept()
+    part = parts(kept)
+    if part is None:
+        return None
+    board = make_board(kept.views, PLACED, part)
+    return ShapedBoard(PLACED, board.points, board.points, board.size, board.basis)
 
 
 def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:

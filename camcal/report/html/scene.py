@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.checks.facts import Facts
+from camcal.data.boards import board_of_ids, labels, names_of, pose_of, view_name
+from camcal.data.observations import View
 from camcal.model.pose import Pose
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
@@ -49,10 +51,30 @@ def shapes(solution: Solution) -> list[Shape]:
     made = []
     for i in chosen:
         view, pose = facts.views[i], solution.poses[int(i)]
-        for outline in _outlines(view.xyz, pose, bool(facts.shapes.planar[i]), facts.shapes.axes[i]):
-            made.append(Shape(outline, "board", view.id))
+        several = _boards(solution, view)
+        for title, xyz, axes in several:
+            made += [Shape(outline, "board", title) for outline in _outlines(xyz, pose, True, axes)]
+        if not several:
+            outlines = _outlines(view.xyz, pose, bool(facts.shapes.planar[i]), facts.shapes.axes[i])
+            made += [Shape(outline, "board", view.id) for outline in outlines]
     far = [float(np.linalg.norm(s.points.mean(0))) for s in made]
     return [*_camera(facts, CAMERA * float(np.median(far or [1.0]))), *made]
+
+
+def _boards(solution: Solution, view: View) -> list[tuple[str, Array, Array]]:
+    """The boards of a rig's view that stand fast to each other: title, points (N, 3), axes; empty of one board."""
+    target = solution.observations.target or {}
+    if "board_poses" not in target or view.point_ids is None:
+        return []
+    which, names = board_of_ids(target, view.point_ids), names_of(target)
+    return [
+        (
+            view_name(view.id, names[k]),
+            view.xyz[which == k],
+            pose_of(target["board_poses"][k]).rotation,
+        )
+        for k in np.unique(which)
+    ]
 
 
 def _outlines(xyz: Array, pose: Pose, planar: bool, axes: Array) -> list[Array]:
@@ -120,14 +142,24 @@ def rig_drawing(solution: RigSolution) -> dict[str, Any]:
     cameras = []
     for name in solution.rig.cameras:
         back = solution.rig.cam_from_rig[name].inverse()
+        seen: dict[str, list[Shape]] = {}
         for shape in shapes(solution_within(solution, name)):
             moved = Shape(back.apply(shape.points), shape.kind, shape.title)
             if shape.kind == "board":
-                made.setdefault(shape.title, [moved])  # as the first camera that saw it
+                seen.setdefault(shape.title, []).append(moved)
             else:
                 cameras.append(Shape(moved.points, shape.kind, name))
+        made = seen | made  # a board as the first camera that saw it
     boards = [s for own in made.values() for s in own]
-    return drawing_of([*cameras, *boards], len(solution.poses))
+    return drawing_of([*cameras, *boards], _shown(solution))
+
+
+def _shown(solution: RigSolution) -> int:
+    """How many boards all pictures together show: one at each instant, or as many as stand there."""
+    data = solution.observations
+    which = labels(data)
+    several = which is not None and "board_poses" in (data.target or {})
+    return len(np.unique(np.c_[data.view, which], axis=0)) if several else len(solution.poses)
 
 
 def drawing_of(made: list[Shape], count: int) -> dict[str, Any]:

@@ -1,0 +1,294 @@
+"""Where several boards stand to each other that stand fast while the rig, or they together, move.
+
+Every picture is P = (camera in its group) · R_t · (board in its group), with R_t the pose of the rig at its instant.
+Cameras whose relative poses are known are a group, boards likewise; at first each is one by itself. Until nothing
+changes,
+
+1. two groups of cameras that see one group of boards at the same instants are put together,
+2. two groups of boards that one group of cameras sees at the same instants are put together,
+3. where two groups of cameras see two groups of boards each, at the same instants but never the same ones, both
+   relative poses together follow from G Z = X C, the equation of robot-world and hand-eye calibration, whose closed
+   form (Shah 2013) takes one pair of groups for the robot and the other for its camera.
+
+The boards of a group have one frame from then on, so that the rest of the calibration sees one target of several parts.
+Which instants agree is decided as for cameras (`camcal.solve.rig_start.link`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from camcal.data.boards import entry, labels, names_of
+from camcal.data.rig_table import RigViews
+from camcal.errors import CamcalError
+from camcal.model.pose import Pose, Poses
+from camcal.plan.rig_cameras import board_variance
+from camcal.routes.hand_eye import motions, shah
+from camcal.routes.hand_eye.closed_forms import length_unit, scaled
+from camcal.routes.hand_eye.equation import residuals
+from camcal.routes.hand_eye.views import Views
+from camcal.solve.calibration import Calibration
+from camcal.solve.rig_start import Link, link
+
+Array = np.ndarray
+
+#: boards stand fast where the instants agree on the place of one before the other to this part of their distance: a
+#: board in a hand moves by more from picture to picture, cameras calibrated alone leave less
+FAST = 0.05
+#: what `--boards` takes
+BOARDS = ("auto", "fixed", "moving")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which boards stand fast to each other, and where.
+
+    Attributes
+    ----------
+    groups : tuple of int
+        The group of each board.
+    poses : tuple of Pose
+        group_from_board; the identity of the first board of a group.
+    found : tuple of str
+        How groups were put together, for the report.
+    """
+
+    groups: tuple[int, ...]
+    poses: tuple[Pose, ...]
+    found: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Sights:
+    """Every view of a board: which camera and board, when, cam_from_board, and the variance of the board's place."""
+
+    camera: Array
+    board: Array
+    instant: Array
+    poses: Poses
+    variance: Array
+
+
+class _Groups:
+    """Cameras, or boards, whose poses to each other are known: the group and the pose group_from_member of each."""
+
+    def __init__(self, count: int):
+        self.of = np.arange(count)
+        self.poses = [Pose.identity() for _ in range(count)]
+
+    def join(self, one: int, other: int, one_from_other: Pose) -> None:
+        """Take the members of another group into one."""
+        for member in np.flatnonzero(self.of == other):
+            self.poses[member] = one_from_other @ self.poses[member]
+        self.of[self.of == other] = one
+
+
+def layout(
+    fits: Mapping[str, Calibration], views: RigViews, asked: str, rig: Mapping[str, Pose] | None = None
+) -> Layout:
+    """Which boards stand fast, and where, from each camera alone.
+
+    Parameters
+    ----------
+    fits : mapping of camera -> Calibration
+    views : RigViews
+        With boards.
+    asked : str
+        Of `BOARDS`. With `fixed` every pair of boards is believed to stand fast, with `moving` none; with `auto` those
+        whose relative pose is the same at all instants, and those without which cameras are not connected.
+    rig : mapping of camera -> Pose, optional
+        cam_from_rig of cameras that are known.
+    """
+    names = names_of(next(iter(views.parts.values())).target)
+    boards = _Groups(len(names))
+    if asked == "moving":
+        return Layout(tuple(range(len(names))), tuple(boards.poses))
+    sights, corners = _sights(fits, views), _corners(fits)
+    cameras = _Groups(len(fits))
+    for index, name in enumerate(fits if rig is not None else ()):
+        cameras.of[index], cameras.poses[index] = 0, rig[name].inverse()
+    believed = np.inf if asked == "fixed" else FAST
+    found: list[str] = []
+    rounds: tuple[Callable[[], str], ...] = (
+        lambda: _by_cameras(sights, cameras, boards, corners, list(fits)),
+        lambda: _by_boards(sights, cameras, boards, corners, names, believed),
+        lambda: _by_both(sights, cameras, boards, list(fits), names, corners),
+    )
+    while said := next((s for step in rounds if (s := step())), ""):
+        found.append(said)
+    return Layout(*_from_first(boards), tuple(found))
+
+
+def _from_first(boards: _Groups) -> tuple[tuple[int, ...], tuple[Pose, ...]]:
+    """The groups numbered from 0, each in the frame of its first board."""
+    order = list(dict.fromkeys(boards.of.tolist()))
+    first = {g: boards.poses[int(np.flatnonzero(boards.of == g)[0])].inverse() for g in order}
+    poses = tuple(first[g] @ p for g, p in zip(boards.of.tolist(), boards.poses, strict=True))
+    return tuple(order.index(g) for g in boards.of.tolist()), poses
+
+
+def _sights(fits: Mapping[str, Calibration], views: RigViews) -> _Sights:
+    place = {instant: i for i, instant in enumerate(views.order)}
+    rows, poses, variance = [], [], []
+    for index, (name, fit) in enumerate(fits.items()):
+        own = board_variance(fit)
+        for i, view in enumerate(fit.observations.view_ids):
+            rows.append((index, views.boards[name][view], place[views.instants[name][view]]))
+            poses.append(fit.poses[i])
+            variance.append(float(own[i]))
+    camera, board, instant = np.array(rows).T
+    return _Sights(camera, board, instant, Poses.stack(poses), np.array(variance))
+
+
+def _corners(fits: Mapping[str, Calibration]) -> Array:
+    """Four points (4, 3) that span the boards."""
+    xyz = np.concatenate([f.observations.xyz for f in fits.values()])
+    low, high = xyz.min(0), xyz.max(0)
+    return np.array([[x, y, (low[2] + high[2]) / 2] for x in (low[0], high[0]) for y in (low[1], high[1])])
+
+
+def _seen(
+    sights: _Sights, cameras: _Groups, boards: _Groups, group: int, board: int
+) -> tuple[Array, Poses, Array]:
+    """When a group of cameras saw a group of boards (T,), its pose then, and the variance: of the best picture each."""
+    rows = np.flatnonzero((cameras.of[sights.camera] == group) & (boards.of[sights.board] == board))
+    rows = rows[np.lexsort((sights.variance[rows], sights.instant[rows]))]
+    instants, first = np.unique(sights.instant[rows], return_index=True)
+    rows = rows[first]
+    placed = [
+        cameras.poses[sights.camera[i]] @ sights.poses[i] @ boards.poses[sights.board[i]].inverse()
+        for i in rows
+    ]
+    return instants, Poses.stack(placed), sights.variance[rows]
+
+
+def _link(a: tuple[Array, Poses, Array], b: tuple[Array, Poses, Array], corners: Array) -> Link | None:
+    """What the instants of both say of a_from_b, for poses a_from_x and b_from_x; None without any."""
+    _, i, j = np.intersect1d(a[0], b[0], return_indices=True)
+    if not len(i):
+        return None
+    return link(a[1][i], b[1][j], a[2][i] + b[2][j], [Pose.identity()], corners)
+
+
+def _by_cameras(
+    sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str]
+) -> str:
+    """Put the two groups of cameras together that know most about each other; what was done, "" where nothing."""
+    best: tuple[Link, int, int] | None = None
+    for g, h in combinations(np.unique(cameras.of).tolist(), 2):
+        for k in np.unique(boards.of):
+            found = _link(*(_seen(sights, cameras, boards, c, k) for c in (g, h)), corners)
+            if found is not None and (best is None or found.information > best[0].information):
+                best = found, g, h
+    if best is None:
+        return ""
+    found, g, h = best
+    said = f"{names[g]} and {names[h]} see one board at {found.shared} instants"
+    cameras.join(g, h, found.pose)
+    return said
+
+
+def _by_boards(
+    sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str], believed: float
+) -> str:
+    """Put the two groups of boards together that one group of cameras knows best, where they stand fast."""
+    best: tuple[Link, int, int] | None = None
+    for k, m in combinations(np.unique(boards.of).tolist(), 2):
+        for g in np.unique(cameras.of):
+            one, other = (_seen(sights, cameras, boards, g, b) for b in (k, m))
+            if not len(one[0]) or not len(other[0]):
+                continue
+            middle = other[1].apply(corners.mean(0)).mean(0)  # where the corners of the other board are
+            back = [(t, p.inverse(), v) for t, p, v in (one, other)]
+            found = _link(back[0], back[1], corners - corners.mean(0) + middle)
+            if (
+                found is not None
+                and found.scatter <= believed
+                and (best is None or found.information > best[0].information)
+            ):
+                best = found, k, m
+    if best is None:
+        return ""
+    found, k, m = best
+    said = f"boards {names[k]} and {names[m]} are seen together at {found.shared} instants"
+    boards.join(k, m, found.pose)
+    return said
+
+
+def _by_both(
+    sights: _Sights,
+    cameras: _Groups,
+    boards: _Groups,
+    names: Sequence[str],
+    boards_called: Sequence[str],
+    corners: Array,
+) -> str:
+    """Put two groups of cameras and two of boards together that are seen pair by pair at the same instants."""
+    size = float(np.linalg.norm(corners - corners.mean(0), axis=1).max())
+    groups, plates = np.unique(cameras.of).tolist(), np.unique(boards.of).tolist()
+    tried = []
+    for g, h in combinations(groups, 2):
+        for k, m in ((k, m) for k in plates for m in plates if k != m):
+            one, other = _seen(sights, cameras, boards, g, k), _seen(sights, cameras, boards, h, m)
+            shared, i, j = np.intersect1d(one[0], other[0], return_indices=True)
+            if len(shared) >= motions.LEAST_VIEWS:
+                tried.append((len(shared), g, h, k, m, one[1][i], other[1][j], other[2][j]))
+    for count, g, h, k, m, first, second, variance in sorted(tried, key=lambda t: -t[0]):
+        found = _both(first, second, variance / size**2)
+        if found is not None:
+            cameras.join(g, h, found[0])
+            boards.join(k, m, found[1])
+            return (
+                f"{names[g]} sees board {boards_called[k]} while {names[h]} sees board {boards_called[m]} "
+                f"at {count} instants"
+            )
+    return ""
+
+
+def _both(robot: Poses, camera: Poses, turn_variance: Array) -> tuple[Pose, Pose] | None:
+    """X = g_from_h and Z = k_from_m of G Z = X C; None where the motions do not determine them, or do not agree."""
+    covariance = turn_variance[:, None, None] * np.eye(3)
+    try:
+        motions.require_two_axes(motions.measure(camera, covariance))
+        views = Views(robot, camera)
+        unit = length_unit(views)
+        x, z = (Pose(p.rotation, unit * p.translation) for p in shah.solve(scaled(views, 1 / unit)))
+    except (CamcalError, np.linalg.LinAlgError):
+        return None
+    off = residuals("to-hand", x, z, camera, robot)
+    far = np.linalg.norm(robot.translation, axis=1)
+    if not np.median(np.linalg.norm(off[:, 3:], axis=1) / far) <= FAST:
+        return None
+    return x, z
+
+
+# ---------------------------------------------------------------------------------------------- boards as one target
+def arranged(
+    fits: Mapping[str, Calibration], views: RigViews, asked: str, rig: Mapping[str, Pose] | None = None
+) -> tuple[Mapping[str, Calibration], RigViews, Layout | None]:
+    """The cameras' fits and views with the boards of a group as one target; as they are where there is one board.
+
+    The arguments are those of `layout`.
+    """
+    if not views.boards:
+        return fits, views, None
+    found = layout(fits, views, asked, rig)
+    return {n: _placed(f, views.boards[n], found) for n, f in fits.items()}, views.apart(found.groups), found
+
+
+def _placed(fit: Calibration, boards: Mapping[str, int], found: Layout) -> Calibration:
+    """A camera's fit in the frames of the groups."""
+    data = fit.observations
+    target: dict[str, Any] = {**(data.target or {}), "board_groups": list(found.groups)}
+    target["board_poses"] = [entry(p) for p in found.poses]
+    xyz, which = data.xyz.copy(), labels(data)
+    assert which is not None
+    for board, pose in enumerate(found.poses):
+        xyz[which == board] = pose.apply(xyz[which == board])
+    back = Poses.stack([found.poses[boards[v]].inverse() for v in data.view_ids])
+    return replace(fit, observations=replace(data, xyz=xyz, target=target), poses=Poses.of(fit.poses @ back))
