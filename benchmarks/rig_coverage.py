@@ -13,8 +13,9 @@ Simulated rigs, noise of .2 px, of `RIGS`:
 Printed are, over all runs and cameras: the share of the intervals (1.96 sigma) of each component of the relative poses
 and of each distance that hold the truth, the mean error in standard errors of that mean (bias, the largest of all
 components; of 6 a camera the largest is 2.6, of 66 3.4 in one study of twenty), and the root mean square error of the
-distance between the first two cameras. The search begins at the truth, which takes a tenth of the time; with --whole each
-run is a `calibrate_rig`, as `late` always is: it is judged after `--lag`, and printed is in how many runs the lag was named.
+distance between the first two cameras. The search begins at the truth, which takes less time and ends at the same
+figures; with --whole each run is a `calibrate_rig`, as `late` always is: it is judged after `--lag`, and printed is in
+how many runs the lag was named.
 
 With --others N the same distances of the first N runs by cv2.stereoCalibrate, cv2.calibrateMultiview (5.0), mrcal
 (`--mrcal PYTHON`) and aniposelib (`--anipose PYTHON`), where they are installed.
@@ -114,7 +115,11 @@ def among_boards(rig: Rig, boards: list[Pose], instants: int, turn: float, seed:
         view_ids=tuple(map(str, range(instants))),
         cameras=tuple(rig.cameras),
         image_sizes=(SIZE,) * len(rig.cameras),
-        target={"places": boards, "boards": [f"b{k}" for k in range(len(boards))], "first_ids": [own * k for k in range(len(boards))]},
+        target={
+            "places": boards,
+            "boards": [f"b{k}" for k in range(len(boards))],
+            "first_ids": [own * k for k in range(len(boards))],
+        },
     )
     return data, rig, Poses.stack([m @ boards[0] for m in moves])
 
@@ -123,10 +128,14 @@ def _around(count: int) -> tuple[Rig, list[Pose]]:
     """Cameras that look in so many directions, and a board before each of them."""
     angles = [2 * np.pi * k / count for k in range(count)]
     names = [f"c{k}" for k in range(count)]
-    ahead = {n: Pose.from_vector(np.array([0.0, -a, 0.0]), np.array([0.0, 0.0, -50.0])) for n, a in zip(names, angles)}
+    ahead = {
+        n: Pose.from_vector(np.array([0.0, -a, 0.0]), np.array([0.0, 0.0, -50.0]))
+        for n, a in zip(names, angles, strict=True)
+    }
     rng = np.random.default_rng(1)
     places = [
-        ahead[n].inverse() @ Pose.from_vector(rng.uniform(-0.2, 0.2, 3), np.array([0.0, 0.0, 900.0])) for n in names
+        ahead[n].inverse() @ Pose.from_vector(rng.uniform(-0.2, 0.2, 3), np.array([0.0, 0.0, 900.0]))
+        for n in names
     ]
     return Rig.in_frame_of(names[0], dict.fromkeys(names, camera()), ahead), places
 
@@ -212,7 +221,9 @@ def lag_named(data: Observations) -> bool:
 def at_truth(data: Observations, rig: Rig, poses: Poses) -> RigCalibration:
     """The joint estimate from the truth; several boards where they stand."""
     first, lens = placed_truth(data), lenses.make(MODEL)
-    cameras = {n: Camera(lens, lens.from_values({"k1": 0.0} | _core(c)), SIZE) for n, c in rig.cameras.items()}
+    cameras = {
+        n: Camera(lens, lens.from_values({"k1": 0.0} | _core(c)), SIZE) for n, c in rig.cameras.items()
+    }
     start = Rig(cameras, rig.cam_from_rig, rig.reference)
     seen = np.unique(first.view)
     return refine(start, Poses.of(poses[seen]), first.of_views(seen), How(board=board_kind(first)))
@@ -355,7 +366,9 @@ def by_worker(worker: str) -> Callable[[Observations, RigCalibration, str | None
                 rig=[np.r_[p.rotation_vector, p.translation] for p in solution.start.cam_from_rig.values()],
                 boards=[np.r_[p.rotation_vector, p.translation] for p in solution.poses],
             )  # fmt: skip
-            made = subprocess.run([str(python), str(HERE / worker), given, found], capture_output=True, check=False)
+            made = subprocess.run(
+                [str(python), str(HERE / worker), given, found], capture_output=True, check=False
+            )
             if made.returncode:
                 print(made.stderr.decode()[-300:], file=sys.stderr)
                 return float("nan")

@@ -56,7 +56,7 @@ def out_of_step(lags: Mapping[str, int]) -> CalibrationWarning:
         "cameras-out-of-step",
         f"the cameras are not in step: {', '.join(said)}. The board stands where the others see it only after "
         "shifting these views.",
-        "Number the views of that camera anew, or trigger the cameras together.",
+        f"Put them in step: --lag {','.join(f'{n}={k}' for n, k in lags.items())}; or trigger the cameras together.",
         "wrong",
     )
 

@@ -130,5 +130,7 @@ def by_board(data: Observations) -> tuple[Observations, dict[str, str], dict[str
 def _in_views(data: Observations, order: Array, view: Array, ids: Sequence[str]) -> Observations:
     """The rows in another order, with other views."""
     columns = ("xyz", "uv", "camera", "used", "reason", "point", "sigma", "set_aside", "weight")
-    moved = {c: None if getattr(data, c) is None else getattr(data, c)[order] for c in columns}
+    moved: dict[str, Any] = {
+        c: None if getattr(data, c) is None else getattr(data, c)[order] for c in columns
+    }
     return replace(data, view=view, view_ids=tuple(ids), **moved)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from camcal.data.boards import by_board
 from camcal.data.observations import Observations
 from camcal.data.rig_table import RigViews
 from camcal.detect.images import detect_images
@@ -55,13 +56,20 @@ def detect_rig(
             parts[name] = detect_images(paths, **options, on_event=listen)
         except CamcalError as error:
             raise type(error)(f"camera '{name}': {error.message}", error.hint) from error
-    instants = match({name: _searched(listed[name], part) for name, part in parts.items()})
-    return RigViews(parts, instants, _order(instants))
+    split = {name: by_board(part) for name, part in parts.items()}
+    shown = {name: list(dict.fromkeys(pictures.values())) for name, (_, pictures, _) in split.items()}
+    found = match({name: _searched(listed[name], shown[name], part) for name, part in parts.items()})
+    instants = {
+        name: {**found[name], **{v: found[name][p] for v, p in pictures.items()}}
+        for name, (_, pictures, _) in split.items()
+    }
+    boards = {name: own for name, (_, _, own) in split.items() if own}
+    return RigViews({n: data for n, (data, _, _) in split.items()}, instants, _order(found), boards)
 
 
-def _searched(listed: Sequence[str], part: Observations) -> list[str]:
+def _searched(listed: Sequence[str], shown: Sequence[str], part: Observations) -> list[str]:
     """What was searched, in the order of the list; frames of films, which it does not hold, by their numbers."""
-    found = [*part.view_ids, *(s.id for s in part.skipped)]
+    found = [*shown, *(s.id for s in part.skipped)]
     if set(found) <= set(listed):
         return [n for n in listed if n in set(found)]
     return sorted(found, key=lambda n: ([int(k) for k in NUMBER.findall(n)], n))

@@ -110,8 +110,9 @@ def layout(
         return Layout(tuple(range(len(names))), tuple(boards.poses))
     sights, corners = _sights(fits, views), _corners(fits)
     cameras = _Groups(len(fits))
-    for index, name in enumerate(fits if rig is not None else ()):
-        cameras.of[index], cameras.poses[index] = 0, rig[name].inverse()
+    if rig is not None:
+        cameras.of[:] = 0
+        cameras.poses = [rig[name].inverse() for name in fits]
     believed = np.inf if asked == "fixed" else FAST
     found: list[str] = []
     rounds: tuple[Callable[[], str], ...] = (
@@ -182,7 +183,8 @@ def _by_cameras(
     best: tuple[Link, int, int] | None = None
     for g, h in combinations(np.unique(cameras.of).tolist(), 2):
         for k in np.unique(boards.of):
-            found = _link(*(_seen(sights, cameras, boards, c, k) for c in (g, h)), corners)
+            one, other = (_seen(sights, cameras, boards, c, k) for c in (g, h))
+            found = _link(one, other, corners)
             if found is not None and (best is None or found.information > best[0].information):
                 best = found, g, h
     if best is None:
@@ -204,7 +206,7 @@ def _by_boards(
             if not len(one[0]) or not len(other[0]):
                 continue
             middle = other[1].apply(corners.mean(0)).mean(0)  # where the corners of the other board are
-            back = [(t, p.inverse(), v) for t, p, v in (one, other)]
+            back = [(t, Poses.of(p.inverse()), v) for t, p, v in (one, other)]
             found = _link(back[0], back[1], corners - corners.mean(0) + middle)
             if (
                 found is not None

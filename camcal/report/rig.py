@@ -109,7 +109,7 @@ def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
 def _boards(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
     """The poses of the boards that were placed along with the cameras."""
     target = solution.observations.target or {}
-    names, groups, found = names_of(target), target.get("board_groups"), {}
+    names, groups, found = names_of(target), target.get("board_groups") or (), {}
     for index, sigma in zip(movable(target), board_sigmas(solution, accuracy), strict=False):
         found[names[index]] = {
             "reference": names[groups.index(groups[index])],

@@ -23,6 +23,35 @@ def test_a_table_reads_back(table):
     assert found.files[0]["path"] == str(path)
 
 
+def test_a_lag_moves_the_views_of_its_camera():
+    data, _ = observed(truth("ab"), instants=4)
+    views = RigViews.of(data).shifted({"b": 1})
+    assert views.instants["a"] == {v: v for v in "0123"}
+    assert views.instants["b"] == {"0": "-1", "1": "0", "2": "1", "3": "2"}
+    assert views.order == ("-1", "0", "1", "2", "3")
+    late = RigViews.of(data).shifted({"b": -1})
+    assert late.instants["b"]["3"] == "+4" and late.order == ("0", "1", "2", "3", "+4")
+    assert RigViews.of(data).shifted({}).instants == RigViews.of(data).instants
+
+
+def test_a_column_board_makes_views_of_each_board(tmp_path):
+    rows = ["camera,view,board,X,Y,Z,u,v"]
+    rows += [f"a,1,{b},{x},0,0,{x + 1},2" for b in ("p", "q") for x in (0, 30)]
+    rows += ["b,1,q,0,0,0,1,1", "b,2,q,30,0,0,1,1"]
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(rows) + "\n")
+    found = read_rig(path)
+    assert found.target == {"boards": ["p", "q"], "first_ids": [0, 2]}
+    views = RigViews.of(found)
+    assert views.boards == {"a": {"1 board p": 0, "1 board q": 1}, "b": {"1": 1, "2": 1}}
+    assert views.instants["a"] == {"1 board p": "1", "1 board q": "1"} and views.order == ("1", "2")
+    apart = views.apart((0, 1))
+    assert apart.order == ("1 board p", "1 board q", "2 board p", "2 board q")
+    assert apart.instants["b"] == {"1": "1 board q", "2": "2 board q"}
+    whole = joined(views.parts, views.instants, views.order)
+    assert [len(v) for v in whole.views] == [4, 1, 1] and not whole.pictures
+
+
 def test_taken_apart_and_put_together(table):
     _, data = table
     views = RigViews.of(data)

@@ -38,8 +38,8 @@ def test_frames_of_films_and_pictures_that_were_not_searched():
 
     part = Observations.from_views([([[0, 0, 0]], [[1, 1]])])
     part = replace(part, view_ids=("b.png",), skipped=(SkippedView("a.png", "not_found", "no board"),))
-    assert _searched(["a.png", "b.png"], part) == ["a.png", "b.png"]
+    assert _searched(["a.png", "b.png"], part.view_ids, part) == ["a.png", "b.png"]
     frames = replace(part, view_ids=("f.mp4#10",), skipped=(SkippedView("f.mp4#9", "not_found", "no board"),))
-    assert _searched(["f.mp4"], frames) == ["f.mp4#9", "f.mp4#10"]
+    assert _searched(["f.mp4"], frames.view_ids, frames) == ["f.mp4#9", "f.mp4#10"]
     found = match({"l": ["f.mp4#9", "f.mp4#10"], "r": ["g.mp4#10", "g.mp4#12"]})
     assert found["l"]["f.mp4#10"] == found["r"]["g.mp4#10"] == "10"

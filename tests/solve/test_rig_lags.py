@@ -45,4 +45,8 @@ def test_it_is_a_warning_that_names_camera_and_frames():
     solution = calibrate_rig(late, model=LENS, robust="none")
     (said,) = [w for w in solution.warnings if w.code == "cameras-out-of-step"]
     assert said.severity == "wrong" and "c by 1 frame late" in said.message
-    assert solution.verdict == "fail"
+    assert solution.verdict == "fail" and "--lag c=1" in said.hint
+    good = calibrate_rig(late, model=LENS, robust="none", lag={"c": 1})
+    assert good.rms_point < 0.3 and not any(w.code == "cameras-out-of-step" for w in good.warnings)
+    whole = calibrate_rig(data, model=LENS, robust="none")
+    assert good.rig.baseline("a", "c") == pytest.approx(whole.rig.baseline("a", "c"), abs=1e-6)

@@ -1,0 +1,146 @@
+"""Rigs before several boards: which stand fast to each other, and cameras that never see the same one."""
+
+import numpy as np
+import pytest
+
+import camcal
+from camcal.assess.covariance import covariance
+from camcal.assess.rig import board_sigmas, relative_sigmas
+from camcal.data.boards import pose_of
+from camcal.data.observations import Observations
+from camcal.errors import EstimationError
+from camcal.geometry import rotations
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.rig import Rig
+from camcal.report.rig import document
+from camcal.report.rig_loading import from_document
+from camcal.report.yaml import read_document, save
+from tests.rigs import SIZE, board, pose
+
+LENS = "brown:radial=1,decentering=0"
+POINTS = board() - board().mean(0)
+#: world_from_board: one ahead of camera a, one beside it, one behind
+BOARDS = {
+    "front": pose((0.1, 0.05, 0), (0, 0, 900)),
+    "side": pose((0.05, 0.2, 0.02), (320, 0, 880)),
+    "back": pose((0, np.pi + 0.1, 0.1), (20, 10, -900)),
+}
+
+
+def rig_of(turned=np.pi * 0.9):
+    """Two cameras; b is turned against a about the vertical."""
+    lens = lenses.make(LENS)
+    values = {"fx": 600.0, "fy": 600.0, "cx": 319.5, "cy": 239.5, "k1": -0.1}
+    one = Camera(lens, lens.from_values(values), SIZE)
+    return Rig({"a": one, "b": one}, {"b": pose((0, turned, 0.05), (30, 5, 80))}, "a")
+
+
+def seen(rig, names, instants=14, noise=0.2, seed=0, turn=0.3, moves=()):
+    """What the rig sees of the boards as it is turned and moved among them; boards in `moves` do not stand still."""
+    rng = np.random.default_rng(seed)
+    columns = {"xyz": [], "uv": [], "view": [], "camera": [], "point": []}
+    for view in range(instants):
+        where = pose(rng.uniform(-turn, turn, 3), rng.uniform(-80, 80, 3))
+        placed = {n: BOARDS[n] for n in names}
+        placed |= {n: pose(rng.uniform(-0.3, 0.3, 3), rng.uniform(-60, 60, 3)) @ BOARDS[n] for n in moves}
+        for index, (name, own) in enumerate(rig.cameras.items()):
+            for number, place in enumerate(placed.values()):
+                xyz = (rig.cam_from_rig[name] @ where @ place).apply(POINTS)
+                uv = np.full((54, 2), np.nan) if xyz[:, 2].min() < 100 else own.project(xyz)
+                with np.errstate(invalid="ignore"):
+                    inside = np.flatnonzero(((uv > 0) & (uv < np.array(SIZE) - 1)).all(1))
+                if len(inside) < 12:
+                    continue
+                columns["xyz"].append(POINTS[inside])
+                columns["uv"].append((uv + rng.normal(0, noise, uv.shape))[inside])
+                columns["view"].append(np.full(len(inside), view))
+                columns["camera"].append(np.full(len(inside), index))
+                columns["point"].append(inside + 54 * number)
+    return Observations(
+        **{k: np.concatenate(v) for k, v in columns.items()},
+        view_ids=tuple(map(str, range(instants))),
+        cameras=("a", "b"),
+        image_sizes=(SIZE, SIZE),
+        target={"boards": list(names), "first_ids": [54 * k for k in range(len(names))]},
+    )
+
+
+def calibrated(data, **options):
+    return camcal.calibrate_rig(
+        data, model=LENS, **{"robust": "none", "checks": False, "crosscheck": False, **options}
+    )
+
+
+def off(found, true):
+    return np.r_[rotations.log(found.rotation @ true.rotation.T), found.translation - true.translation]
+
+
+def test_cameras_that_see_different_boards():
+    rig = rig_of()
+    data = seen(rig, ("front", "back"))
+    assert not set(data.point[data.camera == 0] // 54) & set(data.point[data.camera == 1] // 54)
+    solution = calibrated(data)
+    accuracy = covariance(solution)
+    z = off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"]) / relative_sigmas(solution, accuracy, "b")
+    assert np.abs(z).max() < 4, z
+    found = pose_of(solution.observations.target["board_poses"][1])
+    true = BOARDS["front"].inverse() @ BOARDS["back"]
+    z = off(found, true) / board_sigmas(solution, accuracy)[0]
+    assert np.abs(z).max() < 4, z
+    said = next(s for s in solution.stages if s.name == "spanning-tree").info["boards"]
+    assert said == ["a sees board front while b sees board back at 13 instants"]  # b misses it once
+
+
+def test_exact_data_give_the_exact_rig():
+    rig = rig_of()
+    solution = calibrated(seen(rig, ("front", "back"), noise=0.0))
+    assert solution.rms_point < 1e-6
+    assert np.abs(off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"])).max() < 1e-4  # mm and rad
+
+
+def test_the_report_reads_back(tmp_path):
+    solution = calibrated(seen(rig_of(), ("front", "back"), instants=10))
+    path = tmp_path / "rig.yaml"
+    save(document(solution), path)
+    again = from_document(read_document(path))
+    one, other = covariance(solution), covariance(again)
+    np.testing.assert_allclose(
+        relative_sigmas(again, other, "b"), relative_sigmas(solution, one, "b"), rtol=1e-4
+    )
+    assert document(again)["rig"]["boards"].keys() == {"back"}
+
+
+def test_boards_in_one_picture_stand_fast_where_the_pictures_say_so():
+    rig = rig_of(0.1)  # both look ahead
+    fast = calibrated(seen(rig, ("front", "side"), turn=0.15))
+    assert fast.observations.target["board_groups"] == [0, 0]
+    loose = calibrated(seen(rig, ("front", "side"), turn=0.15, moves=("side",)))
+    assert loose.observations.target["board_groups"] == [0, 1] and loose.board is None
+    assert {v.partition(" board ")[2] for v in loose.observations.view_ids} == {"front", "side"}
+    for solution in (fast, loose):
+        z = off(solution.rig.cam_from_rig["b"], rig.cam_from_rig["b"])
+        assert np.abs(z / relative_sigmas(solution, covariance(solution), "b")).max() < 4
+    forced = calibrated(seen(rig, ("front", "side"), turn=0.15, moves=("side",)), boards="fixed")
+    assert forced.rms_point > 10 * loose.rms_point  # what moves does not fit as one
+
+
+def test_fixed_boards_say_more_than_moving_ones():
+    data = seen(rig_of(0.1), ("front", "side"), turn=0.15)
+    fixed, moving = (calibrated(data, boards=b) for b in ("fixed", "moving"))
+    sigma = [np.linalg.norm(relative_sigmas(s, covariance(s), "b")[3:]) for s in (fixed, moving)]
+    assert sigma[0] < sigma[1]
+
+
+def test_no_overlap_and_boards_that_move_are_not_connected():
+    with pytest.raises(EstimationError, match="not connected"):
+        calibrated(seen(rig_of(), ("front", "back")), boards="moving")
+    with pytest.raises(EstimationError, match="not connected"):
+        calibrated(seen(rig_of(), ("front", "back"), moves=("back",)))
+
+
+def test_turns_about_one_axis_leave_them_unconnected():
+    rig = rig_of()
+    data = seen(rig, ("front", "back"), noise=0.01, turn=0.0)  # only moved, never turned
+    with pytest.raises(EstimationError, match="not connected"):
+        calibrated(data)
