@@ -31,7 +31,7 @@ from camcal.schema.views import Shape, Target, View
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.problem import Problem, Seen
-from camcal.solve.refine import cameras_of, on_board, residuals, rig_poses, placed_boards
+from camcal.solve.refine import cameras_of, on_board, placed_boards, residuals, rig_poses
 
 Array = np.ndarray
 
