@@ -6,6 +6,7 @@ one line here.
 
 CLOSED_FORMS = {
     "central": "camcal.start.central:estimate",
+    "claus": "camcal.start.claus:estimate",
     "dlt": "camcal.start.dlt:estimate",
     "fitzgibbon": "camcal.start.fitzgibbon:estimate",
     "mdlt": "camcal.start.mdlt:estimate",
@@ -15,6 +16,7 @@ CLOSED_FORMS = {
 
 SUMMARIES = {
     "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
+    "claus": "views of planes: rays as a rational function of the pixel, from lifted homographies",
     "dlt": "one view of a 3D rig: the homogeneous direct linear transformation, normalised",
     "fitzgibbon": "planes or points in space: homography and division model in one eigenvalue problem",
     "mdlt": "one view of a 3D rig: the DLT of Hatze, whose pixel axes are orthogonal",

@@ -6,14 +6,15 @@ and 3. With image points p = (u, v, 1 + λ ρ²) about the image's centre, ρ th
 
     p x H X = 0,    (D1 + λ D2) h = 0                                                                    (1)
 
-which D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Every real λ of every view is a candidate; the one that most views
-agree on is refined over all of them. The points without distortion then go to the closed form of a pinhole camera.
+which D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Points that agree are found first, in each view, from samples of five
+(six in space; `five_points`). Every real λ of every view is a candidate; the one that most views agree on is refined over
+all of them. The points without distortion then go to the closed form of a pinhole camera.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,26 +27,16 @@ from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.start import assumptions, dlt, shape, zhang
 from camcal.start.base import ClosedForm
+from camcal.start.five_points import STRONGEST, Equations, agreeing
 
 Array = np.ndarray
 
-#: |λ| in half diagonals of the image: at -8 a ray at right angles to the axis is at a third of the half diagonal,
-#: the smallest picture circle of a fisheye; pincushion of real lenses stays far below
-STRONGEST = 8.0
 #: views that give candidates
 CANDIDATE_VIEWS = 12
 #: rounds of λ and the h of all views in turn; the change of λ that ends them
 ROUNDS, SETTLED = 60, 1e-13
 #: of 1 + λ ρ²: rays nearer to a right angle to the axis are no input for a pinhole camera (84 degrees at f = ρ)
 FLATTEST = 0.1
-
-
-@dataclass(frozen=True)
-class _View:
-    """D1 and D2 of a view, rows weighted; `depth` (N, m) gives h3 · X, by which errors become distances."""
-
-    d1: Array
-    d2: Array
 
 
 def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:
@@ -62,19 +53,22 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     unit, where = assumptions.unit_coordinates(correspondences)
     scale, centre = 1 / unit[0, 0], -unit[:2, 2] / unit[0, 0]
     views = [_prepared(v, form, i, centre, scale) for i, v in enumerate(correspondences.views)]
+    agree = [agreeing(v) for v in views]
+    views = [v.take(a) for v, a in zip(views, agree, strict=True)]
     value = _refined(views, _candidate(views))
-    flat = _undistorted(correspondences, centre, scale, value)
+    flat = _undistorted(correspondences, agree, centre, scale, value)
     found = (zhang if form.planar.all() else dlt).estimate(flat, skew, normalise)
     camera = _division(found.matrix, centre, value / scale**2, correspondences.image_size)
     info: dict[str, Any] = {
         **found.info,
         "assumptions": [*found.info["assumptions"], f"the distortion centre at {where}"],
         "division": float(camera.params[4]),
+        "points_left_out": int(sum((~a).sum() for a in agree)),
     }
     return replace(found, name="fitzgibbon", info=info, camera=camera)
 
 
-def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: float) -> _View:
+def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: float) -> Equations:
     local = (view.xyz - form.origins[index]) @ form.axes[index]
     points = local[:, :2] if form.planar[index] else local
     x = projective.homogeneous(points / np.sqrt((points**2).sum(1).mean()))
@@ -86,40 +80,42 @@ def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: 
     def rows(p: Array, q: Array, w: Array) -> Array:
         """The three rows of (p, q, w) x H X, as (3N, 3m)."""
         cross = np.array([[zero, -w, q], [w, zero, -p], [-q, p, zero]])  # (3, 3, N)
-        return np.einsum("ijn,nk->nijk", cross * weight, x).reshape(3 * len(u), -1)
+        return np.einsum("ijn,nk->nijk", cross * weight, x).reshape(len(u), 3, -1)
 
-    return _View(rows(u, v, one), rows(zero, zero, r2))
+    return Equations(x, np.stack([u, v], 1), rows(u, v, one), rows(zero, zero, r2))
 
 
-def _candidate(views: Sequence[_View]) -> float:
+def _candidate(views: Sequence[Equations]) -> float:
     """The λ of any view that leaves the least median error over all views."""
     some = views[:: max(1, -(-len(views) // CANDIDATE_VIEWS))]
     found = [0.0]
     for view in some:
-        values = eig(view.d1.T @ view.d1, -(view.d1.T @ view.d2), right=False)
+        d1, d2 = view.flat
+        values = eig(d1.T @ d1, -(d1.T @ d2), right=False)
         real = np.isfinite(values) & (np.abs(values.imag) < 1e-6 * (1 + np.abs(values.real)))
         found += [float(v) for v in values[real].real if abs(v) <= STRONGEST]
     errors = [np.median([_error(v, value)[0] for v in some]) for value in found]
     return found[int(np.argmin(errors))]
 
 
-def _error(view: _View, value: float) -> tuple[float, Array]:
+def _error(view: Equations, value: float) -> tuple[float, Array]:
     """The least |(D1 + λ D2) h|² over |h| = 1, divided by what h gives alone, and h."""
-    a = view.d1 + value * view.d2
+    d1, d2 = view.flat
+    a = d1 + value * d2
     values, vectors = np.linalg.eigh(a.T @ a)
     h = vectors[:, 0]
     size = float(np.square(h.reshape(3, -1)[2]).sum())  # of the depths: points have unit spread
     return float(max(values[0], 0.0)) / max(size, 1e-300) / len(a), h
 
 
-def _refined(views: Sequence[_View], value: float) -> float:
+def _refined(views: Sequence[Equations], value: float) -> float:
     """λ of the least sum over all views, by λ and the h of the views in turn."""
     for _ in range(ROUNDS):
         upper = lower = 0.0
         for view in views:
             h = _error(view, value)[1]
             size = np.square(h.reshape(3, -1)[2]).sum()
-            a, b = view.d1 @ h, view.d2 @ h
+            a, b = (d @ h for d in view.flat)
             upper -= (a @ b) / size
             lower += (b @ b) / size
         if not lower > 0:
@@ -130,10 +126,13 @@ def _refined(views: Sequence[_View], value: float) -> float:
     return value
 
 
-def _undistorted(data: Observations, centre: Array, scale: float, value: float) -> Observations:
-    """The points as a pinhole camera sees them, weighted by how far the map magnifies their noise."""
+def _undistorted(
+    data: Observations, agree: Sequence[Array], centre: Array, scale: float, value: float
+) -> Observations:
+    """The points that agree as a pinhole camera sees them, weighted by how far the map magnifies their noise."""
     views = []
-    for view in data.views:
+    for whole, chosen in zip(data.views, agree, strict=True):
+        view = whole.take(chosen)
         q = (view.uv - centre) / scale
         w = 1 + value * (q**2).sum(1)
         keep = w > FLATTEST
