@@ -22,7 +22,18 @@ from tables import markdown, update
 
 from camcal.errors import CamcalError
 
-HEADER = ("route", "scene", "figure", "noise, px", "bound", "refused", "bias", "spread", "inside 95 %", "astray")
+HEADER = (
+    "route",
+    "scene",
+    "figure",
+    "noise, px",
+    "bound",
+    "refused",
+    "bias",
+    "spread",
+    "inside 95 %",
+    "astray",
+)
 
 
 def study(case, noise, runs):
@@ -38,7 +49,14 @@ def study(case, noise, runs):
         sigmas.append(np.nan if sigma is None else sigma)
     bound = case.bound * noise
     known = f"{bound:.3g}" if np.isfinite(bound) else "undetermined"
-    cells = [case.route, case.scene, f"{case.figure} {case.truth:g}", f"{noise:g}", known, f"{100 * refused / runs:.0f} %"]
+    cells = [
+        case.route,
+        case.scene,
+        f"{case.figure} {case.truth:g}",
+        f"{noise:g}",
+        known,
+        f"{100 * refused / runs:.0f} %",
+    ]
     if len(values) < 2:
         return [*cells, "", "", "", ""]
     off, sigma = np.array(values) - case.truth, np.array(sigmas)

@@ -129,7 +129,9 @@ def poses() -> list[Case]:
         pose_case("board of 54, seen squarely", board(), np.array([0.0, 0, 0.1]), 0.6),
         pose_case("4 corners, 30 degrees of tilt", square, np.array([0.52, 0, 0]), 0.6),
         pose_case("4 corners, 5 degrees: two poses fit", square, np.array([0.09, 0, 0]), 0.6),
-        pose_case("4 points in space, 0.2 % of the distance", 0.01 * cloud[:4], np.array([0.3, -0.4, 0.2]), 0.8),
+        pose_case(
+            "4 points in space, 0.2 % of the distance", 0.01 * cloud[:4], np.array([0.3, -0.4, 0.2]), 0.8
+        ),
     ]
 
 
@@ -194,7 +196,9 @@ def closed_form(
         rest = theta[1 + bool(k) :]
         centre = MIDDLE if centre_known else rest[:2]
         moves = rest[0 if centre_known else 2 :].reshape(-1, 6)
-        return np.concatenate([pinhole(apply(m, xyz), theta[0], centre, float(own[0])).ravel() for m in moves])
+        return np.concatenate(
+            [pinhole(apply(m, xyz), theta[0], centre, float(own[0])).ravel() for m in moves]
+        )
 
     parts = [[F], [k] if k else [], [] if centre_known else MIDDLE, motions.ravel()]
     truth = np.concatenate([np.asarray(p, float) for p in parts])
@@ -232,7 +236,14 @@ def closed_forms(name: str) -> list[Case]:
             for d in (45, 20, 10, 5)
         ],
         "fitzgibbon": [
-            ("division:1", f"8 boards, 25 degrees, division -{k}", board(12, 9), tilted(8, 25, 0.3), -k, False)
+            (
+                "division:1",
+                f"8 boards, 25 degrees, division -{k}",
+                board(12, 9),
+                tilted(8, 25, 0.3),
+                -k,
+                False,
+            )
             for k in (0.1, 0.4)
         ]
         + [("division:1", "8 boards, 2 degrees", board(12, 9), tilted(8, 2, 0.3), -0.1, False)],
@@ -242,9 +253,7 @@ def closed_forms(name: str) -> list[Case]:
     }
     table |= {"mdlt": table["dlt"], "central": table["dlt"]}
     return [
-        closed_form(name, model, *rest, refined)
-        for model, *rest in table[name]
-        for refined in (False, True)
+        closed_form(name, model, *rest, refined) for model, *rest in table[name] for refined in (False, True)
     ]
 
 
@@ -255,7 +264,10 @@ def line_case(name: str, angles: Array, k: float = -0.2, points: int = 30) -> Ca
     f, centre, parts = float(max(SIZE)), MIDDLE + [9.0, -6.0], []
     while len(parts) < len(angles):
         along = np.array([np.cos(angles[len(parts)]), np.sin(angles[len(parts)])])
-        ideal = rng.uniform(-0.35, 0.35) * np.array([-along[1], along[0]]) + np.linspace(-1, 1, 800)[:, None] * along
+        ideal = (
+            rng.uniform(-0.35, 0.35) * np.array([-along[1], along[0]])
+            + np.linspace(-1, 1, 800)[:, None] * along
+        )
         uv = pinhole(np.c_[ideal, np.ones(800)], f, centre, k)
         inside = np.flatnonzero(((uv > 5) & (uv < np.array(SIZE) - 6)).all(1))
         if len(inside) >= points:
@@ -304,7 +316,9 @@ def scene_case(name: str, turn: Array, families: tuple[int, ...], centre_known: 
     for axis in families:
         found = 0
         while found < 25:
-            ends = (rng.uniform(-3, 3, 3) + np.outer([0, 1], np.eye(3)[axis]) * rng.uniform(0.6, 1.5)) @ rotation.T
+            ends = (
+                rng.uniform(-3, 3, 3) + np.outer([0, 1], np.eye(3)[axis]) * rng.uniform(0.6, 1.5)
+            ) @ rotation.T
             ends = ends + [0, 0, 6]
             uv = pinhole(ends)
             inside = (uv > 4).all() and (uv < np.array(SIZE) - 5).all()
@@ -345,7 +359,9 @@ def scene_case(name: str, turn: Array, families: tuple[int, ...], centre_known: 
 def scene_cases() -> list[Case]:
     corner = rotations.log(rotations.exp(np.array([0, 0.75, 0])) @ rotations.exp(np.array([0.5, 0, 0.15])))
     level = [
-        scene_case(f"level, walls at {d} degrees, centre given", np.array([0, np.radians(d), 0]), (0, 1, 2), True)
+        scene_case(
+            f"level, walls at {d} degrees, centre given", np.array([0, np.radians(d), 0]), (0, 1, 2), True
+        )
         for d in (40, 15, 5, 1)
     ]
     return [
@@ -366,7 +382,10 @@ def selfcalib_case(name: str, motion: list[Pose], centre_known: bool = False) ->
         centre = MIDDLE if centre_known else theta[1:3]
         xyz = theta[head + 6 * count :].reshape(-1, 3)
         return np.concatenate(
-            [pinhole(apply(m, xyz), theta[0], centre).ravel() for m in theta[head : head + 6 * count].reshape(-1, 6)]
+            [
+                pinhole(apply(m, xyz), theta[0], centre).ravel()
+                for m in theta[head : head + 6 * count].reshape(-1, 6)
+            ]
         )
 
     truth = np.r_[F, [] if centre_known else MIDDLE, moves, world.ravel()]
@@ -389,8 +408,12 @@ def selfcalib_cases() -> list[Case]:
     targets, rolls = rng.uniform(-0.4, 0.4, (6, 3)), rng.uniform(-1.5, 1.5, 6)
     general = [looking(*each) for each in zip(around, targets, rolls, strict=True)]
     fixating = [looking(p, np.zeros(3)) for p in around[:2]]
-    straight = [looking(np.array([0.5 * i - 1.25, -4, 0]), np.array([0.5 * i - 1.25, 0, 0])) for i in range(6)]
-    still = [looking(np.array([0, -4.0, 0]), np.array([0.2 * i - 0.5, 0, 0.1 * i]), 0.2 * i) for i in range(6)]
+    straight = [
+        looking(np.array([0.5 * i - 1.25, -4, 0]), np.array([0.5 * i - 1.25, 0, 0])) for i in range(6)
+    ]
+    still = [
+        looking(np.array([0, -4.0, 0]), np.array([0.2 * i - 0.5, 0, 0.1 * i]), 0.2 * i) for i in range(6)
+    ]
     return [
         selfcalib_case("6 views around, rolled", general),
         selfcalib_case("3 views", general[:3]),

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
-from camcal.routes.normal import Fitted, Normal, minimise
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class _Problem:
         place[self.points] = np.arange(len(self.points))
         self.point = place[tracks.point]
 
-    def linearise(self, bundle: Bundle) -> Normal | None:
+    def linearise(self, bundle: Bundle) -> BlockNormal | None:
         tracks = self.tracks
         turned = np.einsum("nij,nj->ni", bundle.rotations[tracks.view], bundle.points[tracks.point])
         cam = turned + bundle.translations[tracks.view]
@@ -123,7 +123,9 @@ class _Problem:
             by_pose, by_point, by_camera = (j * root[:, None, None] for j in (by_pose, by_point, by_camera))
         return self._normal(cost, r, by_pose, by_camera, by_point)
 
-    def _normal(self, cost: float, r: Array, by_pose: Array, by_camera: Array, by_point: Array) -> Normal:
+    def _normal(
+        self, cost: float, r: Array, by_pose: Array, by_camera: Array, by_point: Array
+    ) -> BlockNormal:
         v, p, c = len(self.views), len(self.points), self.free.shape[1]
         size = 6 * v + c
 
@@ -150,7 +152,7 @@ class _Problem:
         np.add.at(by_view, (self.point, self.view), product(by_pose, by_point))
         coupling[:, : 6 * v] = by_view.reshape(p, 6 * v, 3)
         coupling[:, 6 * v :] = sums(self.point, product(by_camera, by_point), p)
-        return Normal(
+        return BlockNormal(
             cost,
             shared,
             gradient,

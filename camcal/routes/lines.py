@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
-from camcal.routes.normal import Fitted, Normal, minimise
 from camcal.solve.parameters import apply_fixed, free_matrix
 
 LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
@@ -226,7 +226,7 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
     root = np.sqrt(weight)
     per_unit, distance = root * near.weight, root * near.distance
 
-    def linearise(s: _State) -> Normal | None:
+    def linearise(s: _State) -> BlockNormal | None:
         now = line_rays(Camera(lens, s.params), near.uv)
         if now is None:
             return None
@@ -236,7 +236,7 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
         shared = per_unit[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
         tangent = tangents(s.normals)[lines.line]
         own = per_unit[:, None] * np.einsum("nik,ni->nk", tangent, d)
-        return Normal.of_groups(residual, shared, own, lines.line, len(lines))
+        return BlockNormal.of_groups(residual, shared, own, lines.line, len(lines))
 
     def moved(s: _State, step: Array, own: Array) -> _State:
         normals = s.normals + np.einsum("lik,lk->li", tangents(s.normals), own)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.routes.normal import Fitted, Normal, minimise
 
 
 def refine_pose(camera: Camera, xyz: Array, uv: Array, roots: Array, start: Pose) -> Fitted[Pose] | None:
@@ -23,9 +23,9 @@ def refine_pose(camera: Camera, xyz: Array, uv: Array, roots: Array, start: Pose
         1 / sigma of each point.
     """
 
-    def linearise(pose: Pose) -> Normal | None:
+    def linearise(pose: Pose) -> BlockNormal | None:
         made = weighted_jacobian(camera, xyz, uv, roots, pose)
-        return None if made is None else Normal.dense(*made)
+        return None if made is None else BlockNormal.dense(*made)
 
     return minimise(linearise, lambda pose, step, _: moved(pose, step), start)
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 from camcal.routes.lines import Lines, Nearest, line_rays, nearest_points, slopes, tangents
-from camcal.routes.normal import Fitted, Normal, minimise
 from camcal.routes.scene_start import misses
 from camcal.solve.parameters import free_matrix
 
@@ -219,7 +219,7 @@ def _round(
         return None
     near = Nearest(near.uv, near.weight * roots, near.distance * roots)
 
-    def linearise(s: _State) -> Normal | None:
+    def linearise(s: _State) -> BlockNormal | None:
         now = line_rays(Camera(lens, s.params), near.uv)
         return None if now is None else _normal(now, s, axes, lines, free, near)
 
@@ -233,7 +233,7 @@ def _round(
 
 def _normal(
     at: tuple[Array, Array, Array], s: _State, axes: Array, lines: Lines, free: Array, near: Nearest
-) -> Normal:
+) -> BlockNormal:
     d, _, by_params = at
     n, turned = _normals(s, axes)
     n, turned = n[lines.line], turned[lines.line]
@@ -241,7 +241,7 @@ def _normal(
     shared = np.concatenate([by_lens, np.cross(n, d)], 1) * near.weight[:, None]
     own = ((turned * d).sum(1) * near.weight)[:, None]
     residual = (n * d).sum(1) * near.weight + near.distance
-    return Normal.of_groups(residual, shared, own, lines.line, len(lines))
+    return BlockNormal.of_groups(residual, shared, own, lines.line, len(lines))
 
 
 def _scene(
@@ -279,7 +279,7 @@ def _scene(
 
 
 def _clustered(
-    normal: Normal,
+    normal: BlockNormal,
     at: tuple[Array, Array, Array],
     s: _State,
     axes: Array,

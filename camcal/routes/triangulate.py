@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camcal.errors import DataError
+from camcal.least_squares.blocks import BlockNormal, minimise
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
-from camcal.routes.normal import Normal, minimise
 from camcal.routes.placed import PlacedCamera
 
 #: Rays are parallel where the least singular value of their normal matrix is below this part of the largest: the
@@ -175,13 +175,13 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
     group = np.repeat(place[images.point[rows]], 2)
     weight = np.repeat(roots[rows], 2)
 
-    def linearise(xyz: Array) -> Normal | None:
+    def linearise(xyz: Array) -> BlockNormal | None:
         residual, jacobian = equations(xyz)
         residual, jacobian = residual[rows].ravel(), jacobian[rows].reshape(-1, 3)
         if not np.isfinite(residual).all():
             return None
         shared = np.zeros((len(residual), 0))
-        return Normal.of_groups(residual * weight, shared, jacobian * weight[:, None], group, len(own))
+        return BlockNormal.of_groups(residual * weight, shared, jacobian * weight[:, None], group, len(own))
 
     def moved(xyz: Array, _: Array, steps: Array) -> Array:
         out = xyz.copy()

@@ -17,9 +17,9 @@ import numpy as np
 
 from camcal.geometry import rotations as so3
 from camcal.least_squares import Options, Trial, minimise
+from camcal.least_squares.blocks import BlockNormal
 from camcal.model.pose import Array, Pose, Poses
 from camcal.routes.hand_eye import equation
-from camcal.routes.normal import Normal
 from camcal.solve.problem import Problem, State
 
 
@@ -141,7 +141,7 @@ class Joint:
 @dataclass(frozen=True)
 class _Equations:
     cost: Array
-    normal: Normal
+    normal: BlockNormal
 
     @classmethod
     def of(cls, linear: Linear, noise: Noise) -> _Equations:
@@ -151,7 +151,7 @@ class _Equations:
         cost = 0.5 * (np.square(residual).sum() + image[:, 6, 6].sum())
         at = np.swapaxes(a, 1, 2)
         jt = np.swapaxes(j, 1, 2)
-        normal = Normal(
+        normal = BlockNormal(
             float(cost),
             (at @ a).sum(0),
             np.einsum("vkf,vk->f", a, residual),

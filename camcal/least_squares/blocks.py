@@ -9,21 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+
+from camcal.least_squares import loop
+from camcal.least_squares.problem import Options, Trial
 
 Array = np.ndarray
 State = TypeVar("State")
 
 #: converged where a step promises less than this part of the cost: 7 digits of the root mean square and more
 PROMISED = 1e-12
-#: the damping beyond which a step is too short to change anything in float64
-MOST_DAMPING = 1e14
+#: a cost that rounding makes: residuals are px, or standard deviations, and 1e-9 of either means nothing
+ROUNDING = 1e-18
 
 
 @dataclass(frozen=True)
-class Normal:
+class BlockNormal:
     """JᵀJ and Jᵀr, by blocks, of the cost ½ Σ r²."""
 
     cost: float
@@ -34,14 +37,14 @@ class Normal:
     block_gradients: Array  #: (B, K)
 
     @classmethod
-    def dense(cls, residual: Array, jacobian: Array) -> Normal:
+    def dense(cls, residual: Array, jacobian: Array) -> BlockNormal:
         """Of residuals (M,) and their Jacobian (M, F), without blocks."""
         f = jacobian.shape[1]
         empty = np.zeros((0, f, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0))
         return cls(0.5 * residual @ residual, jacobian.T @ jacobian, jacobian.T @ residual, *empty)
 
     @classmethod
-    def of_groups(cls, residual: Array, shared: Array, own: Array, group: Array, groups: int) -> Normal:
+    def of_groups(cls, residual: Array, shared: Array, own: Array, group: Array, groups: int) -> BlockNormal:
         """Of residuals (M,), Jacobians by the shared (M, F) and by the own (M, K) parameters of their group.
 
         `group` (M,) says which block each residual belongs to; residuals of a group stand together.
@@ -119,51 +122,63 @@ class Fitted(Generic[State]):
     """Where a minimisation ended, with the normal equations there."""
 
     state: State
-    normal: Normal
+    normal: BlockNormal
     iterations: int
     converged: bool
 
 
+class _Equations(NamedTuple):
+    cost: Array  #: (1,)
+    normal: BlockNormal | None
+
+
+class _One(Generic[State]):
+    """A problem with one member, of any kind of state."""
+
+    count = 1
+    rounding: Any = ROUNDING
+
+    def __init__(
+        self,
+        linearised: Callable[[State], BlockNormal | None],
+        moved: Callable[[State, Array, Array], State],
+    ):
+        self.linearised, self.moved = linearised, moved
+
+    def linearise(self, state: State, members: Array) -> _Equations:
+        normal = self.linearised(state)
+        known = normal is not None and np.isfinite(normal.cost)
+        return _Equations(np.array([normal.cost if normal is not None and known else np.inf]), normal)
+
+    def solve(self, state: State, equations: _Equations, damping: Array) -> tuple[Any, Array]:
+        step = None if equations.normal is None else equations.normal.step(float(damping[0]))
+        return (None, np.array([np.nan])) if step is None else (step[:2], np.array([step[2]]))
+
+    def retract(self, state: State, step: tuple[Array, Array]) -> State:
+        return self.moved(state, *step)
+
+    def tried(self, trial: Trial) -> None:
+        """Nothing is learnt."""
+
+
 def minimise(
-    linearise: Callable[[State], Normal | None],
+    linearise: Callable[[State], BlockNormal | None],
     moved: Callable[[State, Array, Array], State],
     state: State,
     iterations: int = 100,
 ) -> Fitted[State] | None:
-    """Levenberg-Marquardt; None where the start cannot be linearised.
+    """The minimum near a state, by `camcal.least_squares.minimise`; None where the start cannot be linearised.
 
     Parameters
     ----------
-    linearise : state -> Normal
+    linearise : state -> BlockNormal
         None where a state is outside the domain: the step there is then shortened.
     moved : (state, shared (F,), own (B, K)) -> state
     """
-    normal = linearise(state)
+    options = Options(tolerance=PROMISED, max_iterations=iterations)
+    found = loop.minimise(_One(linearise, moved), state, options)
+    normal = found.equations.normal
     if normal is None or not np.isfinite(normal.cost):
         return None
-    damping, converged, count = 1e-4, False, 0
-    for count in range(1, iterations + 1):  # noqa: B007
-        step = normal.step(damping)
-        if step is None:
-            damping = max(damping, 1e-9) * 10
-            if damping > MOST_DAMPING:
-                break
-            continue
-        shared, own, promised = step
-        if promised <= PROMISED * normal.cost + np.finfo(float).tiny:
-            converged = True
-            break
-        trial_state = moved(state, shared, own)
-        trial = linearise(trial_state)
-        if trial is not None and trial.cost < normal.cost:
-            gain = (normal.cost - trial.cost) / promised
-            state, normal = trial_state, trial
-            damping *= 0.03 if gain > 0.5 else 1.0
-        elif promised <= 1e-9 * normal.cost and damping <= 1e-3:  # what is promised is rounding
-            converged = True
-            break
-        else:
-            damping = max(damping, 1e-12) * 20
-            if damping > MOST_DAMPING:
-                break
-    return Fitted(state, normal, count, converged)
+    stats = found.stats
+    return Fitted(found.state, normal, int(stats.iterations[0]), bool(stats.converged[0]))
