@@ -1,10 +1,10 @@
 """Bias and spread of each route against the Cramér-Rao bound, and where it breaks.
 
-Made scenes (benchmarks/routes_cases.py) with Gaussian noise in the image coordinates. Of every scene and noise: how many
-runs are refused; the bias and the standard deviation of the figure, both in bounds (the bias of n runs is beyond
-2 / sqrt(n) by chance in one of twenty); and how often the 95 % interval of the route holds the truth. Spreads are
-1.4826 times the median absolute deviation, which one wrong minimum does not change; `astray` are runs that are off by
-more than ten bounds and their own intervals.
+Made scenes (benchmarks/routes_cases.py) with Gaussian noise in the image coordinates. Of every scene and noise:
+how many runs are refused; the bias and the standard deviation of the figure, both in bounds (the bias of n runs
+is beyond 2 / sqrt(n) by chance in one of twenty); and how often the 95 % interval of the route holds the truth.
+Spreads are 1.4826 times the median absolute deviation, which one wrong minimum does not change; `astray` are runs
+that are off by more than ten bounds and their own intervals.
 
 Usage: python benchmarks/routes.py [--runs 200] [--only pose,lines] [--noise 0.3,3] [--update docs/routes.md]
 """

@@ -22,6 +22,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "scene": ("camcal.cli.scene:command", "Find a camera from one picture of a room or a street."),
     "pose": ("camcal.cli.pose:command", "Find the pose of a known camera, with all solutions."),
+    "wand": (
+        "camcal.cli.wand:command",
+        "Calibrate several cameras from a bar of known length.",
+    ),
     "triangulate": (
         "camcal.cli.triangulate:command",
         "Find the position of points that several cameras see.",

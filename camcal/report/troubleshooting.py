@@ -219,6 +219,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
     "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
     "views-left-out": ("Views that share too few points.", "More tracks."),
     "points-twice": ("Two images of a point in one view.", "Give each point its own id."),
+    "instants-left-out": (
+        "Markers that fewer than two cameras see, or wrong tracks.",
+        "`wand.left_out` names the images; track the markers again there.",
+    ),
     "few-matches": ("Little texture, or pictures of different scenes.", "More texture, several pairs."),
     "vertical-disparity": (
         "The cameras have moved against each other, a poor calibration, pictures that were not taken at once.",
@@ -234,11 +238,11 @@ FOUND = {
     "lines-left-out": "`camcal lines`: lines that are not straight beside the others",
     "one-direction": "`camcal lines`: all lines have one direction",
     "undetermined": "`camcal lines`: parameters that lines leave undetermined",
-    "principal-point-assumed": "`camcal scene`, `camcal selfcalib`: the middle of the picture is taken for it",
-    "views-left-out": "`camcal selfcalib`: views that could not be added",
-    "points-twice": "`camcal selfcalib`: a point twice in one view",
-    "few-matches": "`camcal evaluate --natural`: fewer than 50 matches",
-    "vertical-disparity": "`camcal evaluate --natural`: points lie further from their rows than noise explains",
+    "principal-point-assumed": "`camcal scene`, `camcal selfcalib`, `camcal wand`: the middle of the picture is
+    taken for it", "views-left-out": "`camcal selfcalib`: views that could not be added", "points-twice": "`camcal
+    selfcalib`, `camcal wand`: a point twice in one view", "instants-left-out": "`camcal wand`: instants that take
+    no part", "few-matches": "`camcal evaluate --natural`: fewer than 50 matches", "vertical-disparity": "`camcal
+    evaluate --natural`: points lie further from their rows than noise explains",
 }
 
 HEAD = """\

@@ -1,7 +1,7 @@
 """Where a wand calibration begins: relative poses of pairs of cameras, scaled by the bar, chained over the rig.
 
-An unknown focal length is the one with which the bar is most nearly of one length in all instants: it is found where the
-optical axes meet, too, where fundamental matrices say nothing of it (`selfcalib`).
+An unknown focal length is the one with which the bar is most nearly of one length in all instants: it is found
+where the optical axes meet, too, where fundamental matrices say nothing of it (`selfcalib`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from camcal.model.pose import Array, Pose
 from camcal.routes import epipolar
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.straightness import undistorted
-from camcal.routes.triangulate import linear, sorted_images
+from camcal.routes.triangulate import linear, sorted_images, triangulate
 from camcal.routes.wand_fit import Sightings, Wand
 
 #: markers that two cameras share, at least: eight fix a fundamental matrix
@@ -171,14 +171,14 @@ def chained(made: Sequence[Placed], count: int, names: Sequence[str]) -> tuple[P
 
 
 def with_bars(cameras: Sequence[Camera], poses: Sequence[Pose], seen: Sightings, instants: int) -> Wand:
-    """The bars of all instants with two markers that two cameras see."""
+    """The bars of all instants with two markers that two cameras see, without images that disagree (three see them)."""
     key = seen.instant.astype(np.int64) * len(seen.places) + seen.marker
     names, point = np.unique(key, return_inverse=True)
     known = [PlacedCamera(str(i), c, p) for i, (c, p) in enumerate(zip(cameras, poses, strict=True))]
-    images, order = sorted_images(seen.camera, point, seen.uv)
-    del order
-    xyz, least = linear(known, images, np.ones(len(images), bool), len(names))
-    good = np.flatnonzero((least > np.sin(LEAST_ANGLE) ** 2 / 2) & np.isfinite(xyz).all(1))
+    images, _ = sorted_images(seen.camera, point, seen.uv)
+    found = triangulate(known, images, len(names))
+    xyz, across = found.xyz, linear(known, images, found.used, len(names))[1]
+    good = np.flatnonzero((across > np.sin(LEAST_ANGLE) ** 2 / 2) & np.isfinite(xyz).all(1))
     first = np.full(len(names), -1)
     first[point[::-1]] = np.arange(len(seen))[::-1]
     at, points, directions = _bars(seen, first[good], xyz[good], True)

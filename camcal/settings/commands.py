@@ -14,6 +14,7 @@ from camcal.settings.kinds import (
     POSITIVE,
     Assignments,
     Name,
+    Places,
     Real,
     Several,
     Text,
@@ -222,6 +223,30 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             help="auto leaves out points that do not agree with the rest; none uses all.",
             metavar="auto|none",
         ),
+        _OF["crosscheck"],
+        _OF["seed"],
+        *REPORT,
+    ),
+    "wand": (
+        Option(
+            "bar",
+            Places(),
+            "Length between two markers, or the place of each marker along the bar, markers in the order of their "
+            "names; in the unit that the result is to have.",
+            required=True,
+        ),
+        replace(
+            RigOptions.options()["cameras"],
+            help="Cameras that are known and held; camera files of any format.",
+        ),
+        replace(
+            _MODEL, default="pinhole", help="Camera model of the others; `camcal list models` names them."
+        ),
+        replace(
+            _OF["fix"],
+            help="Hold parameters of the others, at VALUE or where they start; fy = fx by default.",
+        ),
+        replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
         _OF["crosscheck"],
         _OF["seed"],
         *REPORT,

@@ -9,6 +9,7 @@ import math
 import operator
 import re
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -133,6 +134,21 @@ class Real(Kind):
 
 #: a number above 0
 POSITIVE = Real(0, above=True)
+
+
+class Places(Kind):
+    """Numbers that increase, or one above 0."""
+
+    metavar = "LENGTH|P1,P2,..."
+
+    def convert(self, value: Any) -> tuple[float, ...]:
+        """Return a tuple of floats."""
+        found = [real(p) for p in (parts_of(value) if isinstance(value, (str, list, tuple)) else [value])]
+        numbers = [n for n in found if n is not None and math.isfinite(n)]
+        rising = all(a < b for a, b in pairwise([0.0, *numbers] if len(numbers) == 1 else numbers))
+        if len(numbers) != len(found) or not numbers or not rising:
+            raise refuse(value, "a length above 0, or increasing places", "Try: 0.5 or 0,0.2,0.5")
+        return tuple(numbers)
 
 
 class Text(Kind):

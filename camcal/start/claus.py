@@ -1,7 +1,7 @@
 """Rays as a rational function of the pixel, linear in its coefficients: no lens model and no guess is needed.
 
-D. Claus, A. Fitzgibbon, A rational function lens distortion model for general cameras, CVPR (2005), sections 2 and 3. With
-the lifted pixel χ = (u², uv, v², u, v, 1), the ray of a pixel is
+D. Claus, A. Fitzgibbon, A rational function lens distortion model for general cameras, CVPR (2005), sections 2
+and 3. With the lifted pixel χ = (u², uv, v², u, v, 1), the ray of a pixel is
 
     d ~ A χ,  A (3, 6)                                                                                  (1)
 
@@ -9,13 +9,14 @@ which holds rays beyond 90 degrees. A plane of points X = (x, y, 1) seen by a vi
 
     X x B χ = 0                                                                                         (2)
 
-is linear in the 18 entries of B: nine points of one view fix them. The B of all views share the three rows of A, which are
-the dominant ones of all B stacked. A is known up to a homography by that; about the image's centre, where a symmetric
-lens has its axis, (1) is to be a pinhole camera to first order, which leaves the camera's matrix alone. The pixels
-that such a pinhole camera would see go to Zhang's closed form, from one or two views under its assumptions.
+is linear in the 18 entries of B: nine points of one view fix them. The B of all views share the three rows of A,
+which are the dominant ones of all B stacked. A is known up to a homography by that; about the image's centre,
+where a symmetric lens has its axis, (1) is to be a pinhole camera to first order, which leaves the camera's
+matrix alone. The pixels that such a pinhole camera would see go to Zhang's closed form, from one or two views
+under its assumptions.
 
-Without distortion A times any (a u + b v + c) gives the same rays: B is not unique. A weak prior holds the quadratic terms
-small (`PRIOR`), which a distortion that can be seen overrules.
+Without distortion A times any (a u + b v + c) gives the same rays: B is not unique. A weak prior holds the
+quadratic terms small (`PRIOR`), which a distortion that can be seen overrules.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ MODEL = "division:3"
 FLATTEST = 0.1
 #: rounds of weights: equations (2) are in units of the plane, and noise is in px
 WEIGHTINGS = 4
-#: quadratic coefficients of 1 cost so many times what the noise of all points does. On boards with 0.3 px of noise and no
-#: distortion 10 leaves five of ten runs of eight views without a camera and 100 none; 1000 takes 3 % off the focal length
-#: of two views through a division of -0.4, 100 takes 0.6 %
+#: quadratic coefficients of 1 cost so many times what the noise of all points does. On boards with 0.3 px of
+#: noise and no distortion 10 leaves five of ten runs of eight views without a camera and 100 none; 1000 takes 3 %
+#: off the focal length of two views through a division of -0.4, 100 takes 0.6 %
 PRIOR = 100.0
 #: of the equations, relative: below this noise the prior would be lost in rounding
 LEAST_NOISE = 1e-7

@@ -7,8 +7,8 @@ and 3. With image points p = (u, v, 1 + λ ρ²) about the image's centre, ρ th
     p x H X = 0,    (D1 + λ D2) h = 0                                                                    (1)
 
 which D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Points that agree are found first, in each view, from samples of five
-(six in space; `five_points`). Every real λ of every view is a candidate; the one that most views agree on is refined over
-all of them. The points without distortion then go to the closed form of a pinhole camera.
+(six in space; `five_points`). Every real λ of every view is a candidate; the one that most views agree on is
+refined over all of them. The points without distortion then go to the closed form of a pinhole camera.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Which points of a view agree on a homography and a division model: samples of five, then all that agree.
 
-A. Fitzgibbon (2001), section 3: five points of a plane give ten equations for the nine unknowns of H and λ (six points in
-space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h takes in the least squares
-sense. The sample of the least median of squares (Rousseeuw 1984) is then fitted anew to all points that agree with it
-(local optimisation: Chum, Matas & Kittler, Locally optimized RANSAC, 2003).
+A. Fitzgibbon (2001), section 3: five points of a plane give ten equations for the nine unknowns of H and λ (six
+points in space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h takes in
+the least squares sense. The sample of the least median of squares (Rousseeuw 1984) is then fitted anew to all
+points that agree with it (local optimisation: Chum, Matas & Kittler, Locally optimized RANSAC, 2003).
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ EXAMPLES: dict[str, list[str]] = {
     "evaluate": ["r.yaml", "p.csv", "-o", "OUT/e.yaml"],
     "lines": ["lines.csv", "-m", "division:1", *SIZE, "--no-crosscheck", "-o", "OUT/l.yaml"],
     "selfcalib": ["tracks.csv", *SIZE, "-m", "pinhole", "--no-crosscheck", "-o", "OUT/s.yaml"],
+    "wand": ["wand.csv", "--bar", "0.5", *SIZE, "--no-crosscheck", "-o", "OUT/w.yaml"],
     "scene": ["room.csv", *SIZE, "-o", "OUT/s.yaml"],
     "pose": ["r.yaml", "pose.csv", "--no-crosscheck", "-o", "OUT/p.yaml"],
     "triangulate": ["dlt.csv", "points2d.csv", "--no-crosscheck", "-o", "OUT/p.csv"],

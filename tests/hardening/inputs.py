@@ -101,6 +101,13 @@ def _tables(folder: Path) -> None:
         matrices.append(ideal.matrix @ np.c_[turn, shift])
         points2d += [[view + 1, i, *p] for i, p in enumerate(uv.tolist())]
     write_rows(folder / "tracks.csv", "view,point,u,v", tracks)
+    bars, ways = [], np.random.default_rng(1).normal(size=(40, 3))
+    for view, m in enumerate(matrices[:3]):
+        for instant, (end, way) in enumerate(zip(world, ways, strict=True)):
+            for marker, xyz in enumerate((end, end + 0.5 * way / np.linalg.norm(way))):
+                q = m @ np.r_[xyz, 1]
+                bars.append([view, instant, marker, *(q[:2] / q[2])])
+    write_rows(folder / "wand.csv", "camera,view,point,u,v", bars)
     write_rows(folder / "points2d.csv", "camera,point,u,v", [r for r in points2d if r[0] < 4])
     dlt = np.stack([(m / m[2, 3]).ravel()[:11] for m in matrices[:3]], 1)
     np.savetxt(folder / "dlt.csv", dlt, delimiter=",")

@@ -1,4 +1,5 @@
-"""Tsai's two stages and the joint closed forms of Fitzgibbon and of Claus & Fitzgibbon through lenses with distortion."""
+"""Tsai's two stages and the joint closed forms of Fitzgibbon and of Claus & Fitzgibbon through lenses with
+distortion."""
 
 import numpy as np
 import pytest

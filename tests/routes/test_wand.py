@@ -1,0 +1,210 @@
+"""Wand calibration: truth and intervals on made scenes, wrong tracks, files of DLTdv, what is refused."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from camcal.cli.group import camcal
+from camcal.errors import DataError, EstimationError
+from camcal.geometry import rotations
+from camcal.model import lenses
+from camcal.model.camera import Camera
+from camcal.model.pose import Pose
+from camcal.routes.wand import estimate
+from camcal.routes.wand_fit import Sightings
+
+SIZE = (1280, 1024)
+NAMES = ("a", "b", "c")
+LENS = lenses.make("opencv4")
+CAMERAS = [
+    Camera(LENS, np.array([f, f, 645.0, 500.0, k, 0.02, 0, 0]), SIZE)
+    for f, k in ((1100.0, -0.12), (1300.0, -0.05), (1200.0, -0.1))
+]
+
+
+def looking(position):
+    z = -np.array(position) / np.linalg.norm(position)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    rotation = np.array([x, np.cross(z, x), z])
+    return Pose(rotation, -rotation @ position)
+
+
+POSES = [looking(p) for p in ((3.2, -2.4, 1.1), (-2.9, -2.8, 1.6), (0.4, 3.6, 1.3))]
+
+
+def waved(count=60, seed=0, noise=0.3, places=(0.0, 0.6), cameras=CAMERAS, reach=0.8, turn=None):
+    """A bar moved through a volume; all cameras look at its middle."""
+    rng = np.random.default_rng(seed)
+    d = rng.normal(size=(count, 3)) if turn is None else np.tile(np.asarray(turn, float), (count, 1))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    middle = rng.uniform(-reach, reach, (count, 3))
+    rows = []
+    for t in range(count):
+        for c, (camera, pose) in enumerate(zip(cameras, POSES, strict=False)):
+            for m, p in enumerate(places):
+                uv = camera.project(pose.apply((middle[t] + (p - np.mean(places)) * d[t])[None]))[0]
+                if (uv > 0).all() and (uv < np.array(SIZE)).all():
+                    rows.append((c, t, m, *(uv + rng.normal(0, noise, 2))))
+    a = np.array(rows)
+    whole = a[:, :3].astype(int)
+    return Sightings(whole[:, 0], whole[:, 1], whole[:, 2], a[:, 3:], np.array(places))
+
+
+def unknown(model="opencv4"):
+    lens = lenses.make(model)
+    return Camera(lens, lens.pinhole(1280, 1280, 639.5, 511.5), SIZE)
+
+
+def off_by_sigma(found):
+    """(estimate - truth) / sigma of all places but the first, and of the free camera parameters."""
+    sigma = np.sqrt(np.diagonal(found.covariance))
+    begin = sum(f.shape[1] for f in found.frees)
+    made = []
+    for i in range(1, len(found.wand.poses)):
+        truth, ours = POSES[i] @ POSES[0].inverse(), found.wand.poses[i]
+        turn = rotations.log(ours.rotation @ truth.rotation.T)
+        made.append(np.r_[turn, ours.translation - truth.translation] / sigma[begin + 6 * (i - 1) :][:6])
+    for i, camera in enumerate(found.wand.cameras):
+        s = np.sqrt(np.diagonal(found.camera_covariance(i)))
+        if s.any() and camera.lens.name == "opencv4":
+            made.append((camera.params - CAMERAS[i].params) / np.where(s > 0, s, np.inf))
+    return np.concatenate(made)
+
+
+def test_known_cameras_are_placed_to_scale():
+    found = estimate(waved(noise=0), CAMERAS, [True] * 3, {}, NAMES)
+    for i in (1, 2):
+        truth = POSES[i] @ POSES[0].inverse()
+        np.testing.assert_allclose(found.wand.poses[i].translation, truth.translation, atol=1e-6)
+        np.testing.assert_allclose(found.wand.poses[i].rotation, truth.rotation, atol=1e-7)
+    assert found.converged
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_intervals_hold(known):
+    off = []
+    for seed in range(6):
+        cameras = CAMERAS if known else [unknown()] * 3
+        fix = {} if known else {"p1": 0.0, "p2": 0.0}
+        off.append(off_by_sigma(estimate(waved(80, seed), cameras, [known] * 3, fix, NAMES)))
+    off = np.concatenate(off)
+    off = off[off != 0]
+    # 72 or more figures: 95 % with three standard deviations of that share
+    assert np.mean(np.abs(off) <= 1.96) > 0.87
+    assert 0.75 < np.sqrt(np.mean(off**2)) < 1.25
+
+
+def test_the_focal_length_is_found_where_the_axes_meet():
+    """Two cameras that look at one point: fundamental matrices say nothing of f; a bar of one length does."""
+    found = estimate(waved(80, cameras=CAMERAS[:2]), [unknown("pinhole")] * 2, [False] * 2, {}, NAMES[:2])
+    for camera, truth in zip(found.wand.cameras, CAMERAS, strict=False):
+        assert abs(camera.params[0] / truth.params[0] - 1) < 0.05  # distortion is left out
+
+
+def test_three_markers_and_a_baseline_with_its_sigma():
+    found = estimate(waved(places=(0.0, 0.2, 0.6)), CAMERAS, [True] * 3, {}, NAMES)
+    length, sigma = found.baseline(0, 2)
+    truth = np.linalg.norm(POSES[0].centre - POSES[2].centre)
+    assert abs(length - truth) < 4 * sigma and sigma < 0.003
+
+
+def test_wrong_tracks_are_left_out():
+    seen = waved(80)
+    rng = np.random.default_rng(5)
+    wrong = rng.random(len(seen)) < 0.1
+    seen.uv[wrong] = rng.uniform(0, SIZE, (int(wrong.sum()), 2))
+    found = estimate(seen, CAMERAS, [True] * 3, {}, NAMES)
+    assert not found.used[wrong].any()
+    assert found.used.sum() > 0.6 * len(seen)
+    assert np.abs(off_by_sigma(found)).max() < 4.5
+
+
+def test_exchanged_ends_are_left_out():
+    seen = waved(60)
+    swapped = (seen.instant < 4) & (seen.camera == 1)
+    seen.marker[swapped] = 1 - seen.marker[swapped]
+    found = estimate(seen, CAMERAS, [True] * 3, {}, NAMES)
+    assert not found.used[swapped].any()
+    assert np.abs(off_by_sigma(found)).max() < 4.5
+
+
+def test_what_is_refused():
+    with pytest.raises(DataError, match="no two cameras see 16 markers"):
+        estimate(waved(5), CAMERAS, [True] * 3, {}, NAMES)
+    alone = waved(60)
+    alone.instant[alone.camera == 2] += 1000  # camera c sees other instants than a and b
+    with pytest.raises(EstimationError, match="camera c cannot be placed"):
+        estimate(alone, CAMERAS, [True] * 3, {}, NAMES)
+    # far away and hardly moved, the bar is always seen in one perspective
+    still = waved(40, reach=0.02, places=(0.0, 0.05), noise=1.0)
+    with pytest.raises((EstimationError, DataError)):
+        estimate(still, [unknown("pinhole")] * 3, [False] * 3, {}, NAMES)
+
+
+def written(folder, seen):
+    with open(folder / "wand.csv", "w", newline="") as handle:
+        writer = csv.writer(handle)
+        writer.writerow(["camera", "view", "point", "u", "v"])
+        for c, t, m, uv in zip(seen.camera, seen.instant, seen.marker, seen.uv, strict=True):
+            writer.writerow([NAMES[c], t, f"m{m}", *map(repr, uv.tolist())])
+    return folder / "wand.csv"
+
+
+def test_command_line(tmp_path):
+    run = CliRunner()
+    path = written(tmp_path, waved())
+    given = [str(path), "--bar", "0.6", "-m", "opencv4", "--image-size", "1280x1024"]
+    done = run.invoke(camcal, ["wand", *given, "-o", str(tmp_path / "rig.yaml"), "--format", "json"])
+    assert done.exit_code == 0, done.output
+    found = yaml.safe_load((tmp_path / "rig.yaml").read_text())
+    assert abs(found["wand"]["length"]["mean"] - 0.6) < 1e-3 and found["wand"]["length"]["given"] == 0.6
+    assert found["verdict"] == "pass" and found["crosscheck"][0]["status"] == "pass"
+    truth = np.linalg.norm(POSES[0].centre - POSES[1].centre)
+    entry = found["rig"]["baselines"]["a-b"]
+    assert abs(entry["value"] - truth) < 4 * entry["sigma"]
+    # the rig serves triangulation and becomes DLT coefficients
+    points = tmp_path / "points.csv"
+    points.write_text("camera,point,u,v\na,p,640,500\nb,p,640,500\nc,p,640,500\n")
+    done = run.invoke(camcal, ["triangulate", str(tmp_path / "rig.yaml"), str(points), "--format", "json"])
+    assert done.exit_code in (0, 1) and "points" in json.loads(done.stdout)
+
+
+def test_files_of_dltdv(tmp_path):
+    seen = waved(60, cameras=CAMERAS[:2])
+    table = np.full((60, 8), np.nan)
+    for c, t, m, uv in zip(seen.camera, seen.instant, seen.marker, seen.uv, strict=True):
+        table[t, 4 * m + 2 * c : 4 * m + 2 * c + 2] = uv
+    head = ",".join(f"pt{p}_cam{c}_{x}" for p in (1, 2) for c in (1, 2) for x in "XY")
+    np.savetxt(tmp_path / "xypts.csv", table, delimiter=",", header=head, comments="")
+    args = [
+        "wand",
+        str(tmp_path / "xypts.csv"),
+        "--bar",
+        "600",
+        "--image-size",
+        "1280x1024",
+        "--format",
+        "json",
+    ]
+    done = CliRunner().invoke(camcal, args)
+    assert done.exit_code == 0, done.output
+    truth = 1000 * np.linalg.norm(POSES[0].centre - POSES[1].centre)
+    assert abs(json.loads(done.stdout)["rig"]["baselines"]["1-2"]["value"] / truth - 1) < 0.05
+
+
+def test_bad_input_is_named(tmp_path):
+    path, run = written(tmp_path, waved()), CliRunner()
+    for args, words in (
+        (["--bar", "0.6"], "neither the camera 'a' nor the size"),
+        (["--bar", "0,0.2,0.6", "--image-size", "1280x1024"], "2 markers"),
+        (["--bar", "0.6,0.2", "--image-size", "1280x1024"], "increasing places"),
+        (["--bar", "0", "--image-size", "1280x1024"], "increasing places"),
+        (["--image-size", "1280x1024"], "--bar"),
+    ):
+        done = run.invoke(camcal, ["wand", str(path), *args])
+        assert done.exit_code != 0 and words in done.output + str(done.exception), args
