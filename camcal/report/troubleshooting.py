@@ -238,11 +238,12 @@ FOUND = {
     "lines-left-out": "`camcal lines`: lines that are not straight beside the others",
     "one-direction": "`camcal lines`: all lines have one direction",
     "undetermined": "`camcal lines`: parameters that lines leave undetermined",
-    "principal-point-assumed": "`camcal scene`, `camcal selfcalib`, `camcal wand`: the middle of the picture is
-    taken for it", "views-left-out": "`camcal selfcalib`: views that could not be added", "points-twice": "`camcal
-    selfcalib`, `camcal wand`: a point twice in one view", "instants-left-out": "`camcal wand`: instants that take
-    no part", "few-matches": "`camcal evaluate --natural`: fewer than 50 matches", "vertical-disparity": "`camcal
-    evaluate --natural`: points lie further from their rows than noise explains",
+    "principal-point-assumed": "`camcal scene`, `selfcalib`, `wand`: the middle of the picture is taken for it",
+    "views-left-out": "`camcal selfcalib`: views that could not be added",
+    "points-twice": "`camcal selfcalib`, `camcal wand`: a point twice in one view",
+    "instants-left-out": "`camcal wand`: instants that take no part",
+    "few-matches": "`camcal evaluate --natural`: fewer than 50 matches",
+    "vertical-disparity": "`camcal evaluate --natural`: points lie further from their rows than noise explains",
 }
 
 HEAD = """\

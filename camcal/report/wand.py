@@ -15,6 +15,7 @@ from camcal.data.labelled import Labelled, read_labelled
 from camcal.errors import DataError, UsageError
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, pose_entry, warning
@@ -167,7 +168,10 @@ def _rig(found: WandCalibration, names: Sequence[str]) -> dict[str, Any]:
     for a, b in combinations(range(len(names)), 2):
         length, spread = found.baseline(a, b)
         baselines[f"{names[a]}-{names[b]}"] = {"value": length, "sigma": spread}
-    return {"reference": names[0], "cam_from_rig": poses, "baselines": baselines}
+    # the middle of the volume for the origin: DLT coefficients need one that lies before every camera
+    middle = np.nanmean(found.wand.points, axis=0)
+    world = pose_entry(Pose(np.eye(3), middle))
+    return {"reference": names[0], "cam_from_rig": poses, "baselines": baselines, "rig_from_world": world}
 
 
 def _placed(found: WandCalibration) -> list[PlacedCamera]:

@@ -9,6 +9,7 @@ import yaml
 from click.testing import CliRunner
 
 from camcal.cli.group import camcal
+from camcal.data.dlt_table import read_dlt
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
@@ -171,7 +172,14 @@ def test_command_line(tmp_path):
     points = tmp_path / "points.csv"
     points.write_text("camera,point,u,v\na,p,640,500\nb,p,640,500\nc,p,640,500\n")
     done = run.invoke(camcal, ["triangulate", str(tmp_path / "rig.yaml"), str(points), "--format", "json"])
-    assert done.exit_code in (0, 1) and "points" in json.loads(done.stdout)
+    assert done.exit_code in (0, 1)
+    (middle,) = json.loads(done.stdout)["points"]  # all cameras look there, where the bars are
+    assert np.linalg.norm(middle["xyz"]) < 0.2
+    given[given.index("opencv4")] = "pinhole"
+    assert run.invoke(camcal, ["wand", *given, "-o", str(tmp_path / "p.yaml")]).exit_code == 0
+    done = run.invoke(camcal, ["convert", str(tmp_path / "p.yaml"), str(tmp_path / "dlt.csv"), "--to", "dlt"])
+    assert done.exit_code == 0, done.output
+    assert read_dlt(tmp_path / "dlt.csv").shape == (3, 3, 4)
 
 
 def test_files_of_dltdv(tmp_path):
