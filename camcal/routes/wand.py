@@ -165,7 +165,7 @@ def _calibrated(
         return replace(found, assumed=_assumed(names, lenses, whole))
     if not loose:
         return freed
-    mixed = [l if n in loose else w for n, l, w in zip(names, lenses, whole, strict=True)]
+    mixed = [own if n in loose else w for n, own, w in zip(names, lenses, whole, strict=True)]
     return replace(_result(found.wand, start, seen, mixed, names), assumed=_assumed(names, mixed, whole))
 
 

@@ -148,7 +148,7 @@ def test_what_is_refused():
 
 
 def written(folder, seen):
-    with open(folder / "wand.csv", "w", newline="") as handle:
+    with (folder / "wand.csv").open("w", newline="") as handle:
         writer = csv.writer(handle)
         writer.writerow(["camera", "view", "point", "u", "v"])
         for c, t, m, uv in zip(seen.camera, seen.instant, seen.marker, seen.uv, strict=True):
