@@ -240,7 +240,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             help="Cameras that are known and held; camera files of any format.",
         ),
         replace(
-            _MODEL, default="pinhole", help="Camera model of the others; `camcal list models` names them."
+            ONE_MODEL, default="pinhole", help="Camera model of the others; `camcal list models` names them."
         ),
         replace(
             _OF["fix"],
