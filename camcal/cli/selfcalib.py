@@ -12,15 +12,16 @@ from camcal.cli.verbosity import note, verbosity_options
 
 
 @click.command("selfcalib")
-@click.argument("tracks", type=click.Path(path_type=Path), metavar="TRACKS")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="TRACKS|IMAGES...")
 @options("selfcalib")
 @verbosity_options
 @click.pass_context
-def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
+def command(ctx: click.Context, data: tuple[Path, ...], **options: Any) -> int:
     """Calibrate a camera from points that several views share, without knowing where they are.
 
-    TRACKS is a table view,point,u,v: the same camera in every view, the same name for the same point. Motions that
-    leave the focal length undetermined (critical motions) are refused.
+    TRACKS is a table view,point,u,v: the same camera in every view, the same name for the same point. Of IMAGES, two to
+    a hundred of one scene, the tracks are found (SIFT). Motions that leave the focal length undetermined (critical
+    motions) are refused.
     """
     from camcal.cli.job import GATE_FELL, command_line, output_is_free
     from camcal.cli.results import deliver
@@ -28,8 +29,11 @@ def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
     output_is_free(options)
     from camcal.report.selfcalib import report
 
-    given = {name: options[name] for name in ("model", "fix", "image_size", "seed", "crosscheck")}
-    found = report(tracks, **given, command=command_line(ctx))
+    given = {
+        name: options[name]
+        for name in ("model", "fix", "image_size", "seed", "crosscheck", "save_tracks", "force")
+    }
+    found = report(data, **given, command=command_line(ctx), said=note)
     for warning in found["warnings"]:
         note(f"{warning['message']} {warning['hint']}")
     deliver(found, options, "Report", lambda: _table(found))

@@ -7,6 +7,8 @@ stereo camera the median vertical disparity falls from 0.21 to 0.13 px by that, 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -31,22 +33,52 @@ RETURN = 0.2
 PLACED = 0.5
 
 
+@dataclass(frozen=True)
+class Points:
+    """SIFT's points of a picture: pixels (N, 2), descriptors (N, 128), sizes (N,) in px."""
+
+    uv: Array
+    descriptors: Array
+    sizes: Array
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def largest(self, count: int) -> Points:
+        """Only the largest points."""
+        rows = np.argsort(-self.sizes, kind="stable")[:count]
+        return Points(self.uv[rows], self.descriptors[rows], self.sizes[rows])
+
+
+def points_of(picture: Array) -> Points:
+    """The points of a grey picture (8 or 16 bits), (0, 0) the centre of the top-left pixel."""
+    sift = cv2.SIFT_create(nfeatures=MOST)  # type: ignore[attr-defined]
+    found, descriptors = sift.detectAndCompute(_bytes(picture), None)
+    if descriptors is None:
+        return Points(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
+    return Points(
+        np.array([p.pt for p in found], float), descriptors, np.array([p.size for p in found], float)
+    )
+
+
+def matched(first: Points, second: Points) -> Array:
+    """Pairs (N, 2) of points that are nearest to each other both ways; a place with two orientations is one point."""
+    if min(len(first), len(second)) < 2:
+        return np.zeros((0, 2), int)
+    there, back = (_nearest(a.descriptors, b.descriptors) for a, b in ((first, second), (second, first)))
+    own = np.array([(i, j) for i, j in there.items() if back.get(j) == i], int).reshape(-1, 2)
+    places = np.c_[first.uv[own[:, 0]], second.uv[own[:, 1]]]
+    return own[np.unique(places, axis=0, return_index=True)[1]]
+
+
 def matches(first: Array, second: Array) -> tuple[Array, Array]:
     """Pixels (N, 2) of both grey pictures (8 or 16 bits) that look alike, (0, 0) the centre of the top-left pixel."""
     first, second = _bytes(first), _bytes(second)
-    sift = cv2.SIFT_create(nfeatures=MOST)  # type: ignore[attr-defined]
-    (a, d1), (b, d2) = (sift.detectAndCompute(p, None) for p in (first, second))
-    empty = np.zeros((0, 2))
-    if d1 is None or d2 is None or min(len(d1), len(d2)) < 2:
-        return empty, empty
-    there, back = _nearest(d1, d2), _nearest(d2, d1)
-    own = [(i, j) for i, j in there.items() if back.get(j) == i]
-    if not own:
-        return empty, empty
-    uv1, uv2 = (np.array([p.pt for p in points], float) for points in (a, b))
-    # a place with two orientations is one point
-    pairs = np.unique(np.c_[uv1[[i for i, _ in own]], uv2[[j for _, j in own]]], axis=0)
-    return _placed(first, second, pairs[:, :2], pairs[:, 2:])
+    a, b = points_of(first), points_of(second)
+    own = matched(a, b)
+    if not len(own):
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return _placed(first, second, a.uv[own[:, 0]], b.uv[own[:, 1]])
 
 
 def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Array]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from camcal.data.labelled import Labelled, read_labelled
+from camcal.data.writing import atomic_write
 from camcal.errors import DataError, UsageError
 from camcal.model import lenses
 from camcal.model.pose import Pose
@@ -16,26 +17,39 @@ from camcal.peers import two_views
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, pose_entry, warning
 from camcal.routes.bundle import Tracks
+from camcal.routes.picture_tracks import of_pictures
+from camcal.routes.read_lines import TABLES
 from camcal.routes.selfcalib import SelfCalibration, estimate
-from camcal.system.text import listed
+from camcal.system.text import cell, listed
 
 
 def report(
-    path: Path,
+    paths: Sequence[Path],
     model: str,
     fix: Mapping[str, float | None],
     image_size: tuple[int, int] | None,
     seed: int,
     crosscheck: bool,
     command: Sequence[str],
+    save_tracks: Path | None = None,
+    force: bool = False,
+    said: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Calibrate from a table of tracks."""
-    if image_size is None:
-        raise UsageError("the size of the pictures is not given.", "Give --image-size WxH.")
-    table = read_labelled(path, ("view", "point"))
-    tracks, twice = _tracks(table)
-    views, points = table.names["view"], table.names["point"]
-    found = estimate(tracks, len(views), len(points), lenses.make(model), image_size, fix, seed)
+    """Calibrate from a table of tracks, or from pictures."""
+    if len(paths) == 1 and Path(paths[0]).suffix.lower() in TABLES:
+        if image_size is None:
+            raise UsageError("the size of the pictures is not given.", "Give --image-size WxH.")
+        table = read_labelled(paths[0], ("view", "point"))
+        tracks, twice = _tracks(table)
+        views, count = list(table.names["view"]), len(table.names["point"])
+    else:
+        tracks, views, count, size = of_pictures(paths, seed, said)
+        if image_size not in (None, size):
+            raise DataError(f"the pictures are {size[0]}x{size[1]} px.", "Leave out --image-size.")
+        twice, image_size = 0, size
+    if save_tracks is not None:
+        atomic_write(save_tracks, _csv(tracks, views), force)
+    found = estimate(tracks, len(views), count, lenses.make(model), image_size, fix, seed)
     camera = found.bundle.camera
     sigmas = dict(zip(camera.lens.names, np.sqrt(np.diagonal(found.covariance)).tolist(), strict=True))
     entry = camera_entry(camera, sigmas, found.start.values, found.fixed)
@@ -59,6 +73,12 @@ def report(
     }
     checks = _checks(found, tracks) if crosscheck else []
     return document(command, entry, sections, checks, _warnings(found, views, twice))
+
+
+def _csv(tracks: Tracks, views: Sequence[str]) -> str:
+    """The table that the command reads."""
+    rows = zip(tracks.view.tolist(), tracks.point.tolist(), tracks.uv.tolist(), strict=True)
+    return "view,point,u,v\n" + "".join(f"{cell(views[v])},{p},{u:.3f},{w:.3f}\n" for v, p, (u, w) in rows)
 
 
 def _tracks(table: Labelled) -> tuple[Tracks, int]:

@@ -203,6 +203,9 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             _OF["fix"], help="Hold parameters, at VALUE or where they start; fy = fx unless fy is given."
         ),
         IMAGE_SIZE,
+        Option(
+            "save_tracks", OUT, "Write the tracks that were found in pictures, as a table view,point,u,v."
+        ),
         _OF["crosscheck"],
         _OF["seed"],
         *REPORT,

@@ -1,0 +1,147 @@
+"""Tracks of scene points over pictures: SIFT's points matched between pairs of pictures, joined to tracks.
+
+Pairs of pictures that are matched in full are chosen by a vote of each picture's largest points, and neighbours
+in order. Matches that do not agree with the fundamental matrix of their pair are left out; the rest are joined
+(union-find), and a track with two points in one picture, some of whose matches are wrong, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.matches import Points, matched, points_of
+from camcal.errors import DataError
+from camcal.model.pose import Array
+from camcal.routes import epipolar
+from camcal.routes.bundle import Tracks
+from camcal.routes.read_lines import read_gray
+
+#: more make the matching of pairs too slow: 100 take some minutes
+MOST_PICTURES = 100
+#: pictures up to which all pairs are matched
+ALL_PAIRS = 12
+#: ... above it, for each picture: the next ones in order, and those that the vote says are most alike
+NEIGHBOURS, ALIKE = 3, 5
+#: points that vote, the largest of a picture: they are seen from far and near
+VOTERS = 300
+#: matches of a pair that agree: fewer may do so by chance
+LEAST_MATCHES = 20
+#: points of a picture that become tracks, those in the most pictures: the adjustment takes the time of their square
+#: of views, and 300 points spread over a picture fix its pose to a part of a pixel
+MOST_TRACKS = 300
+
+
+def of_pictures(
+    paths: Sequence[Path], seed: int = 0, said: Callable[[str], None] | None = None
+) -> tuple[Tracks, list[str], int, tuple[int, int]]:
+    """Tracks, names of the pictures, number of tracks, and the pictures' size.
+
+    Raises
+    ------
+    DataError
+        Fewer than two pictures or more than a hundred, different sizes, or no two that show the same scene.
+    """
+    files = list_pictures(paths)
+    if not 2 <= len(files) <= MOST_PICTURES:
+        raise DataError(
+            f"{len(files)} pictures are given; 2 to {MOST_PICTURES} are needed.",
+            "Give pictures of one scene from different places.",
+        )
+    found, size = _points(files)
+    tell = said or (lambda _: None)
+    pairs = _pairs(found)
+    tell(f"{len(files)} pictures, {len(pairs)} pairs to match.")
+    joined = _Joined(len(p) for p in found)
+    agreed = 0
+    for first, second in pairs:
+        own = matched(found[first], found[second])
+        if len(own) < LEAST_MATCHES:
+            continue
+        uv = found[first].uv[own[:, 0]], found[second].uv[own[:, 1]]
+        made = epipolar.fundamental(*uv, seed)
+        if made is None or made[1].sum() < LEAST_MATCHES:
+            continue
+        agreed += 1
+        joined.join(first, second, own[made[1]])
+    if not agreed:
+        raise DataError(
+            f"no two of {len(files)} pictures share {LEAST_MATCHES} points.",
+            "Give pictures of one scene with texture, each overlapping others by half or more.",
+        )
+    tracks, count = _tracks(joined, found)
+    tell(f"{agreed} pairs agree; {count} points in {len(tracks)} images.")
+    return tracks, list(view_ids(files)), count, size
+
+
+def _points(files: Sequence[Path]) -> tuple[list[Points], tuple[int, int]]:
+    found, size = [], None
+    for path in files:
+        gray = read_gray(path)
+        own = (gray.shape[1], gray.shape[0])
+        if size is not None and own != size:
+            raise DataError(
+                f"'{path}' is {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
+                "One camera has one image size.",
+            )
+        size = own
+        found.append(points_of(gray))
+    assert size is not None
+    return found, size
+
+
+def _pairs(found: Sequence[Points]) -> list[tuple[int, int]]:
+    """The pairs of pictures that are matched."""
+    count = len(found)
+    if count <= ALL_PAIRS:
+        return list(combinations(range(count), 2))
+    few = [p.largest(VOTERS) for p in found]
+    votes = np.zeros((count, count))
+    for a, b in combinations(range(count), 2):
+        votes[a, b] = votes[b, a] = len(matched(few[a], few[b]))
+    chosen = {(a, b) for a in range(count) for b in range(a + 1, min(a + 1 + NEIGHBOURS, count))}
+    for a in range(count):
+        alike = np.argsort(-votes[a], kind="stable")[:ALIKE].tolist()
+        chosen |= {(min(a, b), max(a, b)) for b in alike if b != a and votes[a, b] > 0}
+    return sorted(chosen)
+
+
+class _Joined:
+    """Disjoint sets of the points of all pictures (union-find with path halving)."""
+
+    def __init__(self, counts):  # type: ignore[no-untyped-def]
+        self.begins = np.cumsum([0, *counts])
+        self.parent = np.arange(self.begins[-1])
+
+    def root(self, i: int) -> int:
+        while self.parent[i] != i:
+            self.parent[i] = self.parent[self.parent[i]]
+            i = int(self.parent[i])
+        return i
+
+    def join(self, first: int, second: int, pairs: Array) -> None:
+        for a, b in pairs.tolist():
+            i, j = self.root(int(self.begins[first]) + a), self.root(int(self.begins[second]) + b)
+            self.parent[max(i, j)] = min(i, j)
+
+
+def _tracks(joined: _Joined, found: Sequence[Points]) -> tuple[Tracks, int]:
+    """The tracks of two images or more, without contradictions, the longest of each picture."""
+    root = np.array([joined.root(i) for i in range(len(joined.parent))])
+    view = np.repeat(np.arange(len(found)), np.diff(joined.begins))
+    uv = np.concatenate([p.uv for p in found])
+    length = np.bincount(root, minlength=len(root))
+    # a set that holds two points of a picture has fewer distinct (set, picture) than points
+    distinct = np.bincount(np.unique(np.stack([root, view]), axis=1)[0], minlength=len(root))
+    good = (length >= 2) & (distinct == length)
+    chosen = np.zeros(len(root), bool)
+    for v in range(len(found)):
+        own = np.unique(root[(view == v) & good[root]])
+        chosen[own[np.argsort(-length[own], kind="stable")[:MOST_TRACKS]]] = True
+    rows = np.flatnonzero(chosen[root])
+    _, point = np.unique(root[rows], return_inverse=True)
+    return Tracks(view[rows], point, uv[rows]), int(point.max(initial=-1)) + 1
