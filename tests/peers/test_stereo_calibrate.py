@@ -2,12 +2,18 @@
 
 from dataclasses import replace
 
+import cv2
 import pytest
 
 from camcal import calibrate_rig
 from camcal.peers.stereo_calibrate import crosscheck
 from camcal.solve.refine import How
 from tests.rigs import LENS, observed, truth
+
+
+#: cv2.stereoCalibrate of 4.12 and 4.14 stops on the way: on these data it is .0019, .00024, .00009 and .00009 px above
+#: the minimum after 30, 100, 500 and 3000 iterations, whatever the threshold; 4.10 and 5.0 are there after 30, to 1e-10
+CREEPS = (4, 12) <= tuple(map(int, cv2.__version__.split(".")[:2])) < (5, 0)
 
 
 def solved(names="ab", **more):
@@ -19,8 +25,11 @@ def solved(names="ab", **more):
 def test_cv2_finds_the_same_pair():
     (entry,) = solved().crosscheck
     assert entry["against"] == "cv2.stereoCalibrate" and entry["status"] == "pass", entry
-    assert abs(entry["difference"]["rms_point"]) < 1e-5
-    assert entry["difference"]["sigmas"] < 0.05
+    above = -entry["difference"]["rms_point"]
+    assert above > -1e-9  # cv2 is never lower: `LOWER` of camcal.peers.base
+    assert above < (2e-4 if CREEPS else 1e-8)  # points rounded to float32 move the minimum by less than 1e-10
+    assert entry["difference"]["sigmas"] < (2 if CREEPS else 0.05)
+    assert ("higher rms" in entry["why"]) == CREEPS
 
 
 def test_every_pair_of_three_cameras():
