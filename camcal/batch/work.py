@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,33 +32,58 @@ Row = dict[str, Any]
 
 
 def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
-    """Do some jobs, one after the other."""
+    """Do some jobs, one after the other; their rows, when all reports are on the disk.
+
+    A report is written while the next job is computed: a disk that is asked to keep a file (fsync) takes as long as a
+    quick calibration.
+    """
     storage = Storage(out)
-    return [run_job(job, storage) for job in jobs]
+    with ThreadPoolExecutor(1) as writer:
+        rows = []
+        for job in jobs:
+            row, report = _done(job)
+            rows.append(row)
+            if report is not None:
+                writer.submit(_keep, job, row, report, storage)
+    return rows
 
 
-def run_job(job: Job, storage: Storage) -> Row:
-    """Do one job: its report is written, and a row returned; an error is a row, too."""
+def _done(job: Job) -> tuple[Row, str | None]:
+    """The row of a job and the text of its report; None where it failed."""
     began = time.perf_counter()
     row: Row = {"name": job.name, "type": job.type, "digest": job.digest}
-    try:
+    text = None
+    with _failures_in(row, job):
         report, solution = _report(job)
         from camcal.report.yaml import dump_yaml
 
-        storage.write(f"{job.name}.yaml", dump_yaml(report))
         row |= summary_row(report)
         if job.options.get("fleet_prior"):
             row |= _for_prior(report, solution)
+        text = dump_yaml(report)
+    row["seconds"] = round(time.perf_counter() - began, 4)
+    return row, text
+
+
+def _keep(job: Job, row: Row, text: str, storage: Storage) -> None:
+    """Write the report of a job; where that is not possible, the job has failed."""
+    with _failures_in(row, job):
+        storage.write(f"{job.name}.yaml", text)
+
+
+@contextmanager
+def _failures_in(row: Row, job: Job) -> Iterator[None]:
+    """Note any error in the row of a job: it must not stop the others."""
+    try:
+        yield
     except CamcalError as error:
         row |= {"status": FAILED, "reason": f"{error.message} {error.hint or ''}".strip()}
     except MemoryError:
         row |= {"status": FAILED, "reason": "there is not enough memory for this job."}
     except OSError as error:
         row |= {"status": FAILED, "reason": f"{error.filename or job.name}: {error.strerror or error}."}
-    except Exception as error:  # noqa: BLE001 - a job that fails must not stop the others
+    except Exception as error:  # noqa: BLE001 - as above
         row |= {"status": FAILED, "reason": f"a bug of camcal: {type(error).__name__}: {error}"}
-    row["seconds"] = round(time.perf_counter() - began, 4)
-    return row
 
 
 def _report(job: Job) -> tuple[dict[str, Any], Any]:

@@ -254,3 +254,20 @@ def test_rigs(tmp_path):
     found = {row["name"]: row["outlier"] for row in with_fleet(fleet, controls(fleet)) if row["outlier"]}
     assert list(found) == ["r9"] and "right focal" in found["r9"] and "left-right" in found["r9"]
     assert "left focal" not in found["r9"]
+
+
+def test_a_report_that_cannot_be_written_fails_its_job_alone(tmp_path, monkeypatch):
+    from camcal.batch.storage import Storage
+
+    write = Storage.write
+
+    def full(self, name, text):
+        if name == "c1.yaml":
+            raise OSError(28, "No space left on device", name)
+        write(self, name, text)
+
+    monkeypatch.setattr(Storage, "write", full)
+    rows = run_jobs(jobs_of(tmp_path), str(tmp_path))
+    assert [row["status"] for row in rows] == ["done", "failed", "done"]
+    assert "No space left" in rows[1]["reason"]
+    assert sorted(p.name for p in tmp_path.glob("c?.yaml")) == ["c0.yaml", "c2.yaml"]
