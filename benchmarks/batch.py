@@ -316,8 +316,8 @@ The largest process had {memory:.0f} MB.
 
 The parent, measured with jobs that take no time: a file of 100,000 jobs is read and checked in {read:.1f} s; handing
 them out, taking their rows and keeping the state takes {run:.1f} s ({overhead:.0f} µs a job), control charts,
-summary.csv and summary.html ({html:.1f} MB) {summary:.1f} s of processor time. It has {memory_read:.0f} MB when the jobs are read
-and {parent_memory:.0f} MB at most. No more than two groups of jobs for each worker are in flight.
+summary.csv and summary.html ({html:.1f} MB) {summary:.1f} s of processor time. It has {memory_read:.0f} MB when
+the jobs are read and {parent_memory:.0f} MB at most. No more than two groups of jobs for each worker are in flight.
 
 On paper: at {job:.1f} ms a job (`checks: false`, `compact: true`), 100,000 jobs are {hours:.2f} processor hours,
 {work:.1f} s on 1,000 workers. Jobs travel in groups of up to {group} ({tasks:,.0f} tasks), which at about 1 ms a
