@@ -10,7 +10,6 @@ from camcal.peers.stereo_calibrate import crosscheck
 from camcal.solve.refine import How
 from tests.rigs import LENS, observed, truth
 
-
 #: cv2.stereoCalibrate of 4.12 and 4.14 stops on the way: on these data it is .0019, .00024, .00009 and .00009 px above
 #: the minimum after 30, 100, 500 and 3000 iterations, whatever the threshold; 4.10 and 5.0 are there after 30, to 1e-10
 CREEPS = (4, 12) <= tuple(map(int, cv2.__version__.split(".")[:2])) < (5, 0)
