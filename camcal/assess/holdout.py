@@ -9,7 +9,8 @@ blocks S_v and g_v of `design.py`,
     δ = -(Σ_train S_v)⁻¹ Σ_train g_v                                                                    (1)
 
 is the fit to the rest up to second order in δ. It is taken where the cost falls by what the step predicts; elsewhere,
-and for boards with a shape, the rest is fitted anew.
+and for boards with a shape, the rest is fitted anew. The same step moves the poses of the views held out, whose costs
+have their minimum there: what it leaves out is of fourth order in their residuals.
 """
 
 from __future__ import annotations
@@ -106,15 +107,20 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
     for fold in range(folds):
         test = np.arange(fold, count, folds)
         train = np.setdiff1d(np.arange(count), test)
-        fit: Estimate | None = None if design is None else _one_step(design, train)
-        if fit is None:
+        step = None if design is None else _one_step(design, train)
+        held = data.of_views(test).kept()
+        if design is not None and step is not None:
+            fit: Estimate = step.fit
+            unseen = residuals(subject_of(fit), step.poses(test), held)
+            if not np.isfinite(unseen).all():  # a pose at which a point cannot be seen
+                unseen = residuals_of(fit, held, calibration.poses[test])
+        else:
             try:
                 start = calibration.poses[train]
                 fit = refit(calibration, data.of_views(train), how, start)
             except CamcalError:
                 return None  # too few views are left to say anything
-        held = data.of_views(test).kept()
-        unseen = residuals_of(fit, held, calibration.poses[test])
+            unseen = residuals_of(fit, held, calibration.poses[test])
         for place, i in enumerate(test):
             found[int(i)] = unseen[held.view == place]
         fits.append(fit)
@@ -129,7 +135,28 @@ def residuals_of(fit: Estimate, held: Observations, poses: Poses) -> Array:
     return residuals(subject_of(fit), poses_before(fit, held, poses), held)
 
 
-def _one_step(design: Design, train: Array) -> Calibration | None:
+@dataclass(frozen=True)
+class _Step:
+    """What (1) gives: the fit to some views, and the poses of others before its camera."""
+
+    design: Design
+    step: Array
+    fit: Calibration
+
+    def poses(self, views: Array) -> Poses:
+        """Poses of views (T,), cam_from_board."""
+        return _moved(self.design, views, self.step)
+
+
+def _moved(design: Design, views: Array, step: Array) -> Poses:
+    """The poses of views (T,) that are best for the camera after a step (F,)."""
+    f = design.transform.shape[1]
+    pull = design.products[views, f : f + 6, -1]
+    turn = -np.einsum("vij,vj->vi", design.poses.inverse[views], pull) - design.poses.gain[views] @ step
+    return design.moved_poses(views, turn)
+
+
+def _one_step(design: Design, train: Array) -> _Step | None:
     """The fit to the views `train` (T,) by (1); None where the cost does not follow the prediction."""
     whole, f = design.calibration, design.transform.shape[1]
     information, pull = design.information[train].sum(0), design.pull[train].sum(0)
@@ -140,9 +167,7 @@ def _one_step(design: Design, train: Array) -> Calibration | None:
         step = -scale * np.linalg.solve(information * scale * scale[:, None], scale * pull)
     except np.linalg.LinAlgError:
         return None  # the rest does not determine the camera
-    products, gain = design.products[train], design.poses.gain[train]
-    turn = -np.einsum("vij,vj->vi", design.poses.inverse[train], products[:, f : f + 6, -1]) - gain @ step
-    poses = design.moved_poses(train, turn)
+    products, poses = design.products[train], _moved(design, train, step)
     camera = replace(whole.camera, params=whole.camera.params + design.transform @ step)
     data = whole.observations.of_views(train)
     off = residuals(camera, poses, data)
@@ -160,7 +185,7 @@ def _one_step(design: Design, train: Array) -> Calibration | None:
     blocks = design.normal
     normal = NormalBlocks(products[:, :f, :f].sum(0), blocks.coupling[train], blocks.poses[train])
     fit = replace(whole.fit, cost=cost)
-    return Calibration(
+    made = Calibration(
         camera=camera,
         poses=poses,
         observations=data,
@@ -170,6 +195,7 @@ def _one_step(design: Design, train: Array) -> Calibration | None:
         normal=normal,
         fit=fit,
     )
+    return _Step(design, step, made)
 
 
 # ------------------------------------------------------------------------------------------------- for the report

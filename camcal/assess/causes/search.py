@@ -27,9 +27,11 @@ from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.solve import optimizers
+from camcal.solve.board import BoardProblem, make_board
 from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
+from camcal.solve.schur import Reduced
 from camcal.solve.warp import Warp
 
 #: by how much (1) has to fall: odds of e^10, 22,000 to one
@@ -230,6 +232,8 @@ class Search:
             return
         for kind in kinds:
             try:
+                if not self._promised_board(kind) < self.none - EVIDENCE:
+                    continue
                 made = refine(
                     base.camera,
                     base.poses,
@@ -245,6 +249,23 @@ class Search:
             yield Trial(
                 "board", kind, made.camera, theta, none, made.fit.cost, numbers, bic, self.warp, made.board
             )
+
+    def _promised_board(self, kind: str) -> float:
+        """(1) of a board of a kind as one step promises it; infinite where the step cannot be made.
+
+        Raises
+        ------
+        UsageError
+            Where the views do not share a board.
+        """
+        base = self.base
+        data = base.observations.kept()
+        weights = None if data.precision is None else data.split(data.precision)
+        board, free = make_board(data.views, kind), base.free[:, base.free.any(0)]
+        problem = BoardProblem(base.camera.lens, data.views, free, board, weights)
+        blocks = problem.linearise(problem.state(base.camera.params, base.poses))
+        step = None if blocks is None else Reduced(blocks).step()
+        return np.inf if step is None else self.promised(step[1], board.size, 0.0)
 
     def _parts(self, kind: str, parts: Array) -> Array:
         return shared(parts.astype(float)[:, None], self.columns[kind])
