@@ -92,6 +92,29 @@ class SettingOption(click.Option):
         before, comma, last = incomplete.rpartition(",")
         return [CompletionItem(before + comma + n) for n in camera_names() if n.startswith(last)]
 
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Let a word of a switch that has some follow it: `--crosscheck full`."""
+        super().add_to_parser(parser, ctx)
+        words = self.setting.kind.words() if self.setting.is_switch else []
+        if not words:
+            return
+        # click has no flags with an optional word that leave other arguments alone
+        own = parser._long_opt[self.setting.long]
+        process = own.process
+
+        def with_word(value: Any, state: Any) -> None:
+            process(value, state)
+            if state.rargs and state.rargs[0] in words:
+                state.opts[own.dest] = state.rargs.pop(0)
+
+        own.process = with_word
+
+    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+        """Take a word of a switch as it is, from wherever it comes."""
+        if self.setting.is_switch and value in self.setting.kind.words():
+            return value
+        return super().type_cast_value(ctx, value)
+
     def process_value(self, ctx: click.Context, value: Any) -> Any:
         """Convert the value; name the environment variable where a bad value stands there."""
         try:

@@ -30,6 +30,13 @@ PROJECTION_PX = 1e-3
 SIGMAS = 0.05
 
 
+#: Enough for cv2 to stop by itself: 5.0 has 500 iterations as its default, 4.x only 30.
+MOST_ITERATIONS = 500
+#: ... and to see whether it stays where it begins: from a point that is no optimum the first step lowers the cost by
+#: most of what there is to gain.
+TO_STAY = 5
+
+
 @dataclass(frozen=True)
 class Task:
     """What cv2 is given: the inliers of a solution, whose free parameters it is to estimate."""
@@ -38,6 +45,7 @@ class Task:
     views: tuple[tuple[Array, Array], ...]  #: (xyz (N, 3) relative to `centroids`, uv (N, 2)) of each view
     centroids: Array  #: (V, 3)
     image_size: tuple[int, int]
+    iterations: int = MOST_ITERATIONS
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,16 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses.opencv import COEFFICIENTS
 from camcal.model.pose import Array, Poses
-from camcal.peers.base import NotComparableError, Result, Task, bounds
+from camcal.peers.base import MOST_ITERATIONS, NotComparableError, Result, Task, bounds
 from camcal.solve.calibration import Calibration
 
 NAME = "cv2.calibrateCamera"
 
-#: Enough for cv2 to stop by itself: 5.0 has 500 iterations as its default, 4.x only 30.
-CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 500, 1e-15)
+
+def criteria(iterations: int = MOST_ITERATIONS, gain: float = 1e-15) -> tuple[int, int, float]:
+    """When cv2 is to stop: after so many iterations, or where a step changes less than this part."""
+    return (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, iterations, gain)
+
 
 #: which flag holds which coefficients; cv2 cannot hold a part of a group
 _HOLD = (
@@ -68,7 +71,7 @@ def run(task: Task, guess: Camera | None) -> Result:
             matrix,
             distortion,
             flags=flags,
-            criteria=CRITERIA,
+            criteria=criteria(task.iterations),
         )
     k, bend, rvecs, tvecs = answer(returned)
     return Result(

@@ -15,7 +15,7 @@ import numpy as np
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.peers.base import NotComparableError, Result, Task
-from camcal.peers.calibrate_camera import CRITERIA, refusals, where
+from camcal.peers.calibrate_camera import criteria, refusals, where
 from camcal.peers.wide import held, poses_of, refuse_rigs, rms_of
 from camcal.solve.calibration import Calibration
 
@@ -60,7 +60,7 @@ def _run(task: Task, guess: Camera | None) -> Result:
             matrix,
             bend,
             flags=_sum(flags),
-            criteria=CRITERIA,
+            criteria=criteria(task.iterations),
         )
     k, d = np.array(k, float), np.array(d, float).ravel()
     poses, turns, shifts = poses_of(task, rvecs, tvecs)

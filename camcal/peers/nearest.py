@@ -26,9 +26,16 @@ from camcal.solve.refine import residuals
 MODELS, LAST = ("opencv5", "opencv8", "kb4"), ("mei",)
 
 
-def nearest(solution: Calibration, stage: str) -> Entry:
-    """The entry for a solution whose model cv2 does not have."""
+def nearest(solution: Calibration, stage: str, full: bool = True) -> Entry:
+    """The entry for a solution whose model cv2 does not have; cv2's own models are calibrated where it is `full`."""
     why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
+    if not full:
+        return entry(
+            stage,
+            "cv2.calibrateCamera",
+            "not_applicable",
+            f"{why}; --crosscheck full says which comes nearest",
+        )
     found: dict[str, Result] = {}
     for models in (MODELS, LAST):
         found = found or {m: made for m in models if (made := _by_cv2(solution, m)) is not None}

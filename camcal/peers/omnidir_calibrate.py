@@ -14,14 +14,14 @@ import numpy as np
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.peers.base import LeftOutError, NotComparableError, Result, Task
-from camcal.peers.calibrate_camera import refusals, where
+from camcal.peers.calibrate_camera import criteria, refusals, where
 from camcal.peers.wide import held, poses_of, refuse_rigs, rms_of
 
 NAME = "cv2.omnidir.calibrate"
 
 _GROUPS = ((("skew",), "FIX_SKEW"), *(((n,), f"FIX_{n.upper()}") for n in ("k1", "k2", "p1", "p2")))
 #: an iteration takes 10 ms for 34 views, and it may take a thousand of them
-_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 500, 1e-12)
+_ENOUGH = 1e-12
 
 
 def run(task: Task, guess: Camera | None) -> Result:
@@ -37,7 +37,9 @@ def run(task: Task, guess: Camera | None) -> Result:
     if not hasattr(cv2, "omnidir"):
         raise NotComparableError("this cv2 is without its contributed modules")
     if guess is not None:
-        raise NotComparableError(f"{NAME} takes no start from Python")
+        raise NotComparableError(
+            f"{NAME} takes no start from Python; --crosscheck full lets it begin by itself"
+        )
     refuse_rigs(task, NAME)
     solution = task.solution
     flags = 0
@@ -52,7 +54,7 @@ def run(task: Task, guess: Camera | None) -> Result:
             np.zeros(1),
             np.zeros((1, 4)),
             flags,
-            _CRITERIA,
+            criteria(task.iterations, _ENOUGH),
         )
     views = np.ravel(kept).astype(int)
     if len(views) < len(task.views):

@@ -26,6 +26,7 @@ from camcal.peers.base import (
     PROJECTION_PX,
     SAME,
     SIGMAS,
+    TO_STAY,
     Calibrate,
     Entry,
     LeftOutError,
@@ -44,7 +45,7 @@ from camcal.solve.refine import How, refine, residuals
 STAGE = "refine"
 
 
-def against_cv2(solution: Calibration, how: How | None = None) -> list[Entry]:
+def against_cv2(solution: Calibration, how: How | None = None, full: bool = True) -> list[Entry]:
     """Compare a solution with cv2's calibration; where that has no counterpart, what comes nearest as well.
 
     Parameters
@@ -52,20 +53,22 @@ def against_cv2(solution: Calibration, how: How | None = None) -> list[Entry]:
     solution : Calibration
     how : How, optional
         How it was made, for the fit to what cv2 can solve where it lacks a part (skew, weights).
+    full : bool
+        Whether cv2 begins by itself; else at the optimum, where it has to stay.
     """
     how = how or How()
     form = solution.camera.lens.opencv(solution.camera.params)
     against = f"cv2.{form.function}" if form is not None else "cv2.calibrateCamera"
     if form is None or form.function not in CALIBRATORS:
-        return [nearest(solution, STAGE)]
+        return [nearest(solution, STAGE, full)]
     missing, data, skew = unlike(solution)
     if not missing:
         shaped = solution.board is not None
         remark = "both with the board as estimated" if shaped else ""
         try:
-            return [compare(solution, against, remark)]
+            return [compare(solution, against, remark, full=full)]
         except LeftOutError as left:
-            return [_without_views(solution, against, left, how)]
+            return [_without_views(solution, against, left, how, full)]
     entries = [entry(STAGE, against, "not_applicable", f"cv2 has no {' and no '.join(missing)}")]
     remarks = ["without skew in both"] if skew else []
     if data is not solution.observations:
@@ -76,7 +79,7 @@ def against_cv2(solution: Calibration, how: How | None = None) -> list[Entry]:
         why = f"{' and '.join(remarks)} there is no camera: {error}"
         return [*entries, entry(STAGE, against, "not_applicable", why)]
     try:
-        entries.append(compare(again, against, " and ".join(remarks)))
+        entries.append(compare(again, against, " and ".join(remarks), full=full))
     except LeftOutError as left:
         entries.append(entry(STAGE, against, "not_applicable", str(left)))
     return entries
@@ -99,12 +102,12 @@ def fitted_again(solution: Calibration, data: Observations, how: How, keep_skew:
     return refine(camera, solution.poses[places], data, replace(how, fix=fix))
 
 
-def _without_views(solution: Calibration, against: str, left: LeftOutError, how: How) -> Entry:
+def _without_views(solution: Calibration, against: str, left: LeftOutError, how: How, full: bool) -> Entry:
     """Compare on the views that cv2 keeps."""
     data = unweighted(solution).of_views(left.kept)
     try:
         again = fitted_again(solution, data, how, keep_skew=True)
-        return compare(again, against, f"over the {len(data.views)} views that cv2 keeps")
+        return compare(again, against, f"over the {len(data.views)} views that cv2 keeps", full=full)
     except (CamcalError, LeftOutError) as error:
         return entry(STAGE, against, "not_applicable", f"{left}; over the others: {error}")
 
@@ -139,10 +142,13 @@ def unweighted(solution: Calibration) -> Observations:
     return solution.observations.kept().unweighted()
 
 
-def compare(solution: Calibration, against: str, remark: str = "", run: Calibrate | None = None) -> Entry:
+def compare(
+    solution: Calibration, against: str, remark: str = "", run: Calibrate | None = None, full: bool = True
+) -> Entry:
     """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
 
-    `run` is the function of cv2, where it is another than that of the model.
+    `run` is the function of cv2, where it is another than that of the model. Where cv2 does not stay at an optimum, it
+    begins by itself after all.
 
     Raises
     ------
@@ -153,7 +159,9 @@ def compare(solution: Calibration, against: str, remark: str = "", run: Calibrat
     assert form is not None
     run, task = run or load(CALIBRATORS[form.function]), task_of(solution)
     try:
-        first = run(task, None)
+        first = run(task, None) if full else run(replace(task, iterations=TO_STAY), solution.camera)
+        if not full and not _same(first, solution):
+            first = run(task, None)
     except LeftOutError:
         raise
     except NotComparableError as error:

@@ -23,6 +23,7 @@ def crosscheck(
     stages: Sequence[Stage] = (),
     how: How | None = None,
     on_the_way: Mapping[str, Calibration] | None = None,
+    full: bool = True,
 ) -> tuple[Entry, ...]:
     """Compare each stage of a solution with cv2.
 
@@ -37,6 +38,9 @@ def crosscheck(
 
     on_the_way : mapping of stage name -> Calibration, optional
         Fits before the result that cv2 calibrates, too: the flat board of a result with another shape.
+    full : bool
+        Whether cv2 calibrates by itself, closed forms and the nearest of its models included; else it begins at each
+        optimum, to see that it stays there.
 
     Returns
     -------
@@ -48,11 +52,11 @@ def crosscheck(
     with one_thread():
         for stage in stages:
             if stage.name in CLOSED_FORMS or stage.name == "radial":
-                entries += _closed_form(stage, solution)
+                entries += _closed_form(stage, solution, full)
         for name, fit in (on_the_way or {}).items():
-            entries += [e | {"stage": name} for e in refinement.against_cv2(fit, how)]
-        entries += refinement.against_cv2(solution, how)
-        shaped = calibrate_camera_ro.against_cv2(solution, how)
+            entries += [e | {"stage": name} for e in refinement.against_cv2(fit, how, full)]
+        entries += refinement.against_cv2(solution, how, full)
+        shaped = calibrate_camera_ro.against_cv2(solution, how, full)
         entries += [shaped] if shaped else []
         projected = project_points.of_solution(solution)
         entries += [projected] if projected else []
@@ -60,12 +64,13 @@ def crosscheck(
     return tuple(entries)
 
 
-def _closed_form(stage: Stage, solution: Calibration) -> list[Entry]:
+def _closed_form(stage: Stage, solution: Calibration, full: bool) -> list[Entry]:
     views = solution.observations.views
     if stage.projection_matrix is not None and len(views) == 1:
         found: list[Entry | None] = [project_points.of_matrix(stage.name, stage.projection_matrix, views[0])]
         if stage.name == "zhang":
             found.append(find_homography.against_cv2(views, stage.name))
     else:
-        found = [closed_form.against_cv2(stage, solution), find_homography.against_cv2(views, stage.name)]
+        found = [closed_form.against_cv2(stage, solution)] if full else []
+        found.append(find_homography.against_cv2(views, stage.name))
     return [e for e in found if e is not None]

@@ -33,7 +33,7 @@ from camcal.peers.base import (
     entry,
     one_thread,
 )
-from camcal.peers.calibrate_camera import CRITERIA, camera_of, coefficients, flags_of, refusals
+from camcal.peers.calibrate_camera import camera_of, coefficients, criteria, flags_of, refusals
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.poses import poses_before
 from camcal.solve.refine import How, refine, residuals
@@ -208,7 +208,7 @@ def _run(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
     (ka, da), (kb, db) = ((starts[n].matrix.copy(), coefficients(starts[n])) for n in (a, b))
     with refusals():
         _, k1, d1, k2, d2, r, t, *_ = cv2.stereoCalibrate(
-            xyz, seen_a, seen_b, ka, da, kb, db, size, flags=flags, criteria=CRITERIA
+            xyz, seen_a, seen_b, ka, da, kb, db, size, flags=flags, criteria=criteria()
         )
     found = [np.asarray(x, float) for x in (k1, d1, k2, d2, r, t)]
     if not all(np.isfinite(x).all() for x in found):

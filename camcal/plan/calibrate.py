@@ -98,7 +98,10 @@ def calibrate(
         from camcal.peers.run import crosscheck  # cv2 is loaded only here
 
         solution = replace(
-            solution, crosscheck=crosscheck(solution, solution.stages, progress.how, _flat_before(progress))
+            solution,
+            crosscheck=crosscheck(
+                solution, solution.stages, progress.how, _flat_before(progress), asked.crosscheck == "full"
+            ),
         )
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, Whole, Words
+from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, SwitchOr, Whole, Words
 from camcal.settings.option import Settings, setting
 
 #: a lens model, as of commands that do not choose one themselves
@@ -54,9 +54,10 @@ class CalibrationOptions(Settings):
         "keeps a shape only if views held out confirm it; or the report that found it.",
         "flat",
     )
-    crosscheck: bool = setting(
-        Switch(),
-        "Compare every stage with OpenCV.",
+    crosscheck: bool | str = setting(
+        SwitchOr("full"),
+        "Compare with OpenCV, which begins at the result and has to stay there. `--crosscheck full`: every stage, and "
+        "OpenCV begins by itself, which takes as long as its own calibrations.",
         True,
         in_python=False,  # a program that calls camcal should not pay for it unasked
         off="--no-crosscheck",

@@ -50,6 +50,8 @@ CALIBRATION = (*CalibrationOptions.command_line(), TRACE)
 BOARD = DetectionOptions.command_line()
 
 _OF = CalibrationOptions.options()
+#: of commands that calibrate nothing
+_CROSSCHECK = replace(_OF["crosscheck"], kind=SWITCH, help="Compare every stage with OpenCV.")
 
 _NEXT = (
     Option(
@@ -194,7 +196,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             "Points far from their line lose weight, but with none.",
             metavar="auto|none|lines",
         ),
-        _OF["crosscheck"],
+        _CROSSCHECK,
         *REPORT,
     ),
     "selfcalib": (
@@ -206,7 +208,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "save_tracks", OUT, "Write the tracks that were found in pictures, as a table view,point,u,v."
         ),
-        _OF["crosscheck"],
+        _CROSSCHECK,
         _OF["seed"],
         *REPORT,
     ),
@@ -226,7 +228,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             help="auto leaves out points that do not agree with the rest; none uses all.",
             metavar="auto|none",
         ),
-        _OF["crosscheck"],
+        _CROSSCHECK,
         _OF["seed"],
         *REPORT,
     ),
@@ -250,13 +252,13 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             help="Hold parameters of the others, at VALUE or where they start; fy = fx by default.",
         ),
         replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
-        _OF["crosscheck"],
+        _CROSSCHECK,
         _OF["seed"],
         *REPORT,
     ),
     "triangulate": (
         replace(OUTPUT, help="Write the points to FILE (CSV)."),
-        _OF["crosscheck"],
+        _CROSSCHECK,
         FORCE,
         FORMAT,
         CONFIG,

@@ -67,7 +67,7 @@ HAND_EYE = (
     ),
     *DetectionOptions.command_line(),
     IMAGE_SIZE,
-    _OF["crosscheck"],
+    replace(_OF["crosscheck"], kind=Switch(), help="Compare every stage with OpenCV."),
     _OF["fail_on"],
     _OF["seed"],
     *REPORT,

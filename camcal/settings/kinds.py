@@ -74,6 +74,26 @@ class Switch(Kind):
         raise refuse(value, "true or false")
 
 
+class SwitchOr(Switch):
+    """On, off, or one of a few words, each a way of being on."""
+
+    def __init__(self, *known: str):
+        self.known, self.metavar = known, "|".join(known)
+
+    def convert(self, value: Any) -> bool | str:  # type: ignore[override]
+        """Return True, False or the word."""
+        if isinstance(value, str) and value in self.known:
+            return value
+        try:
+            return super().convert(value)
+        except UsageError:
+            raise refuse(value, f"true, false or {' or '.join(self.known)}") from None
+
+    def words(self) -> list[str]:
+        """Return the words."""
+        return list(self.known)
+
+
 class Whole(Kind):
     """A whole number from `low` to `high`, both included."""
 

@@ -23,4 +23,4 @@ def test_is_documented(path):
 def test_values_of_the_gate(resolved):
     found = resolved("--config", FOLDER / "ci-gate.yaml")
     assert found["max_rms"]["from"] == "file"
-    assert found["crosscheck"] == {"value": True, "from": "file"}
+    assert found["crosscheck"] == {"value": "full", "from": "file"}

@@ -172,3 +172,26 @@ def test_quoted_yaml_values_and_numbers(resolved):
 def test_a_required_option_is_asked_for(camcal, args, option):
     code, _, err = camcal(*args)
     assert code == 2 and option in err
+
+
+@pytest.mark.parametrize(
+    ("words", "value"),
+    [
+        (("--crosscheck", "full"), "full"),
+        (("--crosscheck",), True),
+        (("--no-crosscheck",), False),
+        (("--no-crosscheck", "--crosscheck", "full"), "full"),
+        (("--crosscheck", "full", "--no-crosscheck"), False),
+        (("--crosscheck", "--seed", "3"), True),
+    ],
+)
+def test_a_switch_with_a_word(resolved, words, value):
+    assert resolved(*words)["crosscheck"] == {"value": value, "from": "flag"}
+
+
+def test_the_word_of_a_switch_from_elsewhere(resolved, monkeypatch):
+    monkeypatch.setenv("CAMCAL_CROSSCHECK", "full")
+    assert resolved()["crosscheck"] == {"value": "full", "from": "env"}
+    monkeypatch.setenv("CAMCAL_CROSSCHECK", "fully")
+    with pytest.raises(Exception, match="fully"):
+        resolved()

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.assess.covariance import covariance
 from camcal.data.observations import Correspondences, View
 from camcal.errors import EstimationError
 from camcal.geometry import projective, rotations
 from camcal.model.pose import Poses
 from camcal.peers import calibrate_camera, find_homography, project_points, refinement, rodrigues
-from camcal.peers.base import NotComparableError, one_thread
+from camcal.peers.base import SIGMAS, NotComparableError, one_thread
 from camcal.peers.run import crosscheck
 from camcal.plan.calibrate import calibrate
 from camcal.solve.refine import refine, residuals
@@ -349,3 +350,38 @@ def test_the_lens_table_of_the_calibrators_is_real():
     from camcal.registry import load
 
     assert all(callable(load(path)) for path in CALIBRATORS.values())
+
+
+# ---- from the result
+def test_cv2_stays_at_an_optimum():
+    solution = calibrate(data_of(), model="opencv5", robust="none")
+    entries = crosscheck(solution, solution.stages, full=False)
+    assert all(e["status"] == "pass" for e in entries), entries
+    assert {(e["stage"], e["against"]) for e in entries} == {
+        ("zhang", "cv2.findHomography"),
+        ("refine", "cv2.calibrateCamera"),
+        ("refine", "cv2.projectPoints"),
+        ("refine", "cv2.Rodrigues"),
+    }
+    refined = entry_of(entries, "refine", "cv2.calibrateCamera")
+    assert "at camcal's optimum" in refined["why"] and refined["difference"]["sigmas"] < SIGMAS
+
+
+@pytest.mark.parametrize("model", ["opencv5", "kb4"])
+@pytest.mark.parametrize("sigmas", [0.1, 3.0])
+def test_it_does_not_stay_where_there_is_no_optimum(model, sigmas):
+    """A tenth of a standard deviation away is not the optimum: cv2 leaves, begins by itself, and is better."""
+    solution = calibrate(data_of(model), model=model, robust="none", checks=False)
+    params = solution.camera.params.copy()
+    params[0] += sigmas * covariance(solution).sigmas["fx"]
+    moved = replace(solution, camera=replace(solution.camera, params=params))
+    moved = replace(moved, residuals=residuals(moved.camera, moved.poses, moved.observations))
+    entry = refinement.against_cv2(moved, full=False)[0]
+    assert entry["status"] == "fail" and "lower rms" in entry["why"] and "by itself" in entry["why"]
+
+
+@pytest.mark.parametrize("model", ["eucm", "mei"])
+def test_what_only_the_full_comparison_makes_is_said(model):
+    solution = calibrate(data_of("kb4"), model=model, robust="none", checks=False)
+    entry = refinement.against_cv2(solution, full=False)[0]
+    assert entry["status"] == "not_applicable" and "--crosscheck full" in entry["why"]

@@ -138,7 +138,7 @@ def test_an_option_that_differs_between_commands(load):
         ("max_rms: [1]", "camcal.yaml:1: max_rms: [1] is not a number above 0.", ""),
         ("max_rms:", "camcal.yaml:1: 'max_rms' has no value.", "Remove the line"),
         ("seed: 1.0", "camcal.yaml:1: seed: 1.0 is not a whole number from 0 up.", ""),
-        ("crosscheck: no", "camcal.yaml:1: crosscheck: 'no' is not true or false.", ""),
+        ("crosscheck: no", "camcal.yaml:1: crosscheck: 'no' is not true, false or full.", ""),
         ("model: 5", "camcal.yaml:1: model: unknown model '5'.", "Known: pinhole,"),
         ("robust: hubr", "camcal.yaml:1: robust: unknown robust method 'hubr'.", "Did you mean 'huber'?"),
         ("fix: [a, 3]", "camcal.yaml:1: fix: 3 is not NAME[=VALUE],...", "Try: p1,p2,k3=0.1"),

@@ -153,7 +153,7 @@ def _calibration() -> Iterator[Check]:
     x, y = np.meshgrid(np.arange(9.0), np.arange(6.0))
     board = np.c_[x.ravel(), y.ravel(), np.zeros(54)]
     data = simulate_points(camera, board, simulate_poses(board, camera, rng, 8), rng)
-    solution = calibrate(data, crosscheck=True, holdout=0)
+    solution = calibrate(data, crosscheck="full", holdout=0)
     worst = max(float(np.abs(r).max()) for r in solution.residuals)
     agree = all(e["status"] != "fail" for e in solution.crosscheck)
     good = worst < EXACT_PX and agree
