@@ -57,8 +57,8 @@ def _comparison(a: Path, b: Path | None, options: dict[str, Any]) -> dict[str, A
     rigs = [load_rig_side(p) for p in (a, b) if p is not None]
     if len(rigs) == 2 and rigs[0] is not None and rigs[1] is not None:
         return _rigs(rigs[0], rigs[1], options)
-    first = load_side(a)
-    second = load_side(b) if b is not None else _by_cv2(a)
+    first = load_side(a, options["image_size"])
+    second = load_side(b, options["image_size"]) if b is not None else _by_cv2(a)
     return _sides(first, second, options)
 
 

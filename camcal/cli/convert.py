@@ -38,7 +38,7 @@ def command(ctx: click.Context, source: Path, target: Path | None, **options: An
     cameras = _source(source, options)
     figures: dict[str, Any] = {"from": str(source)}
     if options["to_model"] is not None:
-        cameras, more = _refitted(cameras, options)
+        cameras, more = _refitted(cameras, options, _is_square(target, options))
         figures |= more
     document = _document(ctx, cameras, figures)
     if target is not None:
@@ -82,28 +82,35 @@ def _source(source: Path, options: dict[str, Any]) -> CameraFile:
     """The cameras to convert, with the size of the image where the command line says it."""
     from camcal.data.formats import files
 
-    found = files.read(source, options["source_format"])
+    found = files.read(source, options["source_format"], options["image_size"])
     if options["camera"] is not None:
         found = files.select(found, options["camera"], str(source))
     for text in found.notes:
         note(f"{source}: {text}")
-    size = options["image_size"]
-    if size is None:
-        return found
     for named in found.cameras:
-        known = named.camera.image_size
-        if known is not None and tuple(known) != tuple(size):
-            raise UsageError(
-                f"--image-size {size[0]}x{size[1]}, but '{source}' says {known[0]}x{known[1]}.",
-                "Leave --image-size out.",
-            )
-    sized = tuple(replace(c, camera=replace(c.camera, image_size=size)) for c in found.cameras)
-    return replace(found, cameras=sized)
+        files.check_size(named.camera, options["image_size"], str(source))
+    return found
 
 
-def _refitted(cameras: CameraFile, options: dict[str, Any]) -> tuple[CameraFile, dict[str, Any]]:
+def _is_square(target: Path | None, options: dict[str, Any]) -> bool:
+    """Whether the format to write holds --to-model with one focal length alone, fx = fy."""
+    name = None if target is None else _format_name(target, options)
+    if name in (None, "camcal"):
+        return False
+    from camcal.data.formats.files import named_format
+    from camcal.data.formats.terms import room
+    from camcal.model import lenses
+
+    wanted = lenses.make(options["to_model"]).name
+    rooms = [r for r in map(room, named_format(str(name)).models) if lenses.make(r.spec).name == wanted]
+    return bool(rooms) and all(r.square for r in rooms)
+
+
+def _refitted(
+    cameras: CameraFile, options: dict[str, Any], square: bool
+) -> tuple[CameraFile, dict[str, Any]]:
     """Every camera as the closest one of --to-model; the figures are those of the worst."""
-    made = [_closest(named.camera, options) for named in cameras.cameras]
+    made = [_closest(named.camera, options, square) for named in cameras.cameras]
     refitted = tuple(replace(c, camera=found.camera) for c, found in zip(cameras.cameras, made, strict=True))
     worst = max(made, key=lambda found: found.max_px)
     figures = {
@@ -115,12 +122,12 @@ def _refitted(cameras: CameraFile, options: dict[str, Any]) -> tuple[CameraFile,
     return replace(cameras, cameras=refitted), figures
 
 
-def _closest(source: Any, options: dict[str, Any]) -> Any:
+def _closest(source: Any, options: dict[str, Any], square: bool) -> Any:
     from camcal.model import lenses
     from camcal.model.lenses.conversion import convert
 
     lens = lenses.make(options["to_model"], options["skew"] or source.lens.has_skew)
-    found = convert(source, lens)
+    found = convert(source, lens, square)
     worst = f"{found.max_px:.3g} px" if found.reached == 1 else f"{1 - found.reached:.1%} of the image lost"
     if not found.max_px <= options["max_px"]:
         raise EstimationError(

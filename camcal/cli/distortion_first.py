@@ -17,18 +17,14 @@ def held_options(
     A pinhole camera is calibrated on undistorted points; at its focal length the known lens has other
     coefficients, and these are held. The joint solution of the same model and points stands beside it.
     """
-    from dataclasses import replace
-
     from camcal.errors import UsageError
     from camcal.plan.calibrate import calibrate
     from camcal.report.document import load_camera
     from camcal.routes.distortion_first import at_focal_length, held_parameters, without_distortion
 
-    known = load_camera(path)
+    known = load_camera(path, data.image_size)
     if known.image_size is None:
-        if data.image_size is None:
-            raise UsageError(f"'{path}' does not say how large the picture is.", "Give --image-size WxH.")
-        known = replace(known, image_size=data.image_size)
+        raise UsageError(f"'{path}' does not say how large the picture is.", "Give --image-size WxH.")
     plain = {"robust": options["robust"], "seed": options["seed"], "checks": False, "crosscheck": False}
     flat = calibrate(without_distortion(known, data), model="pinhole", fix={"aspect": None}, **plain)
     lens = at_focal_length(known, float(flat.camera.params[0]))

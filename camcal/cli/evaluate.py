@@ -44,7 +44,7 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
     if is_rig(camera):
         return _rig(ctx, camera, data, options)
-    known = load_camera(camera)
+    known = load_camera(camera, options["image_size"])
     found = usable(read_data(data, options), known=True)
     solution = evaluate(known, found, options["robust"], options["seed"], promise_of(camera))
     return deliver_solution(ctx, solution, options)

@@ -69,7 +69,8 @@ def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution | RigS
         from camcal.plan.run import usable
         from camcal.report.document import load_camera
 
-        return evaluate(load_camera(options["camera"]), usable(found), options["robust"], options["seed"])
+        known = load_camera(options["camera"], options["image_size"])
+        return evaluate(known, usable(found), options["robust"], options["seed"])
     from camcal.plan.calibrate import calibrate
 
     given = {name: options[name] for name in ("model", "robust", "crosscheck", "seed")}

@@ -26,6 +26,7 @@ TABLES: dict[str, tuple[str, str]] = {
     "robust-methods": ("camcal.solve", "ROBUST_SUMMARIES"),
     "board-shapes": ("camcal.solve", "BOARD_SHAPE_SUMMARIES"),
     "formats": ("camcal.data.formats", "FORMATS"),
+    "point-files": ("camcal.data.point_files", "POINT_FILES"),
     "commands": ("camcal.cli", "COMMANDS"),
 }
 
@@ -56,16 +57,16 @@ def command(kind: str, format: str) -> None:
     """List the entries of one KIND, with a line on each.
 
     KIND is models, targets, optimizers, closed-forms, estimators, gains, motions, robust-methods, board-shapes,
-    formats or commands.
+    formats, point-files or commands.
     """
     found: list[dict[str, Any]] = [*entries(kind)]
     if kind == "formats":
         found = _with_room(found)
-        columns = ["name", "summary", "writes", "lens models"]
+        columns = ["name", "summary", "reads", "writes", "lens models"]
         emit(
             found,
             format,
-            lambda: table(columns, [[*list(e.values())[:3], _shown(e["models"])] for e in found]),
+            lambda: table(columns, [[*list(e.values())[:4], _shown(e["models"])] for e in found]),
         )
         return
     emit(found, format, lambda: table(["name", "summary"], [[e["name"], e["summary"]] for e in found]))
@@ -79,7 +80,7 @@ def _with_room(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for entry in found:
         form = named_format(entry["name"])
         writes = "yes" if form.write is not None or form.name == "camcal" else "no"
-        room = {"writes": writes, "models": list(form.models), "endings": list(form.endings)}
+        room = {"reads": "yes", "writes": writes, "models": list(form.models), "endings": list(form.endings)}
         more = {
             "several": form.several,
             "poses": form.poses,

@@ -32,11 +32,11 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
     """
     from camcal.cli.job import output_is_free
     from camcal.plan.rig import calibrate_rig
-    from camcal.settings.rig import RigOptions
+    from camcal.settings.rig import NOT_OF_RIGS, RigOptions
 
     output_is_free(options)
     views, of_pictures = read_views(inputs, options)
-    given = {o.name: options[o.name] for o in RigOptions.command_line("start")}
+    given = {o.name: options[o.name] for o in RigOptions.command_line(*NOT_OF_RIGS)}
     given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
     if is_report(given["board_shape"]):
         from camcal.report.board import on_known_board

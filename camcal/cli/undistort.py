@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     pictures are named and left out (exit code 1). With --maps, no pictures are needed.
     """
     from camcal.cli.job import command_line
+    from camcal.data.formats.files import check_size
     from camcal.detect.frames import is_film
     from camcal.detect.listing import list_pictures
     from camcal.detect.resample import written_name
@@ -36,9 +36,8 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     from camcal.report.camera import camera_document
     from camcal.report.document import load_camera, save
 
-    source = load_camera(options["camera"])
-    if options["image_size"] is not None:
-        source = replace(source, image_size=options["image_size"])
+    source = load_camera(options["camera"], options["image_size"])
+    check_size(source, options["image_size"], str(options["camera"]))
     if not images and not options["maps"]:
         raise UsageError(
             "no pictures are given.", "Name pictures or a folder, or ask for the maps alone: --maps maps.npz"

@@ -17,6 +17,7 @@ from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.plan.better import Candidate, lowest
+from camcal.plan.given_camera import GIVEN
 from camcal.plan.progress import Attempt, Begin, Change, Progress
 from camcal.registry import look_up
 from camcal.solve import starts
@@ -46,6 +47,8 @@ def closed_form(name: str) -> Attempt:
 
 def chosen(progress: Progress) -> tuple[list[str], str]:
     """The closed forms for the rows at hand, the one to begin from last, and why."""
+    if progress.options.start_camera is not None:
+        return [], "a camera is given"
     if progress.options.start is not None:
         return [progress.options.start], "as asked for"
     return shape.choose(progress.data.kept())
@@ -198,9 +201,9 @@ def has_start_only(progress: Progress) -> bool:
 
 
 def starts_from_nothing() -> tuple[Attempt, ...]:
-    """A start: the closed forms of the table, and radial alignment."""
+    """A start: a camera that is given, else the closed forms of the table, and radial alignment."""
     closed_forms = (closed_form(name) for name in start.CLOSED_FORMS)
-    return (*closed_forms, Attempt("radial", _wants_radial, _radial))
+    return (GIVEN, *closed_forms, Attempt("radial", _wants_radial, _radial))
 
 
 FROM_START: tuple[Attempt, ...] = (

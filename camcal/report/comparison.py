@@ -25,8 +25,10 @@ from camcal.solve.rig_cameras import within
 Document = Mapping[str, Any]
 
 
-def load_side(path: str | os.PathLike) -> Side:
+def load_side(path: str | os.PathLike, image_size: tuple[int, int] | None = None) -> Side:
     """A camera to compare: of a camcal report with its uncertainty, of any other camera file without.
+
+    `image_size` is of a camera whose file does not say it.
 
     Raises
     ------
@@ -38,7 +40,7 @@ def load_side(path: str | os.PathLike) -> Side:
     own = source is not None and recognised(source).name == "camcal"
     if own and source is not None and {"data", "camera"} <= set(source.mapping):
         return Side.of(str(path), from_document(read_document(path), str(path)))
-    return Side(str(path), load_camera(path))
+    return Side(str(path), load_camera(path, image_size))
 
 
 def load_rig_side(path: str | os.PathLike) -> RigSide | None:

@@ -124,15 +124,17 @@ def _all_free(frees: Sequence[Array], variables: int) -> Array:
     return made
 
 
-def load_camera(path: str | os.PathLike) -> Camera:
+def load_camera(path: str | os.PathLike, image_size: tuple[int, int] | None = None) -> Camera:
     """Read one camera from a camera file of any format; `FILE#NAME` is the camera NAME of a file with several.
+
+    `image_size` is of a camera whose file does not say it.
 
     Raises
     ------
     DataError
         Where the file holds no camera, several, or one that camcal has no lens model for.
     """
-    return single(read(path), os.fspath(path))
+    return single(read(path, image_size=image_size), os.fspath(path))
 
 
 def promise_of(path: str | os.PathLike) -> Promise | None:

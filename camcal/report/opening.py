@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from camcal.data.formats import files, format_of
 from camcal.data.formats.base import CameraFile, NamedCamera
 from camcal.data.formats.camcal import FORMAT as REPORT
 from camcal.data.formats.source import Source
-from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rig import Rig
@@ -60,13 +60,12 @@ def is_rig(path: str | os.PathLike) -> bool:
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
         return False
-    if found.reference is not None:
-        return True
-    try:
-        files.single(found, "")
-    except DataError:
-        return True
-    return False
+    return not found.of_pictures or len({_key(c.camera) for c in found.cameras}) > 1
+
+
+def _key(camera: Any) -> tuple[Any, ...]:
+    """What two cameras that are one have in common."""
+    return camera.lens.name, camera.lens.has_skew, camera.image_size, tuple(camera.params.tolist())
 
 
 def load_rig_cameras(path: str | os.PathLike) -> Rig:

@@ -71,7 +71,18 @@ def _is_dlt(source: Path) -> bool:
         text = read_text(source, LARGEST)
     except DataError:
         return False
-    return looks_like_dlt(text) or source.suffix.lower() in (".csv", ".txt")
+    if looks_like_dlt(text):
+        return True
+    # with a row missing it is still one, and is told so; not where another program's cameras are in it
+    return source.suffix.lower() in (".csv", ".txt") and not _is_camera_file(source)
+
+
+def _is_camera_file(source: Path) -> bool:
+    try:
+        files.recognised(Source(source))
+    except DataError:
+        return False
+    return True
 
 
 def _single_pose(found: Mapping[str, Any]) -> Pose | None:

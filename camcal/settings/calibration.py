@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
-from camcal.settings.kinds import POSITIVE, Assignments, Name, Switch, SwitchOr, Whole, Words
+from camcal.settings.kinds import POSITIVE, Assignments, CameraSource, Name, Switch, SwitchOr, Whole, Words
 from camcal.settings.option import Settings, setting
 
 #: a lens model, as of commands that do not choose one themselves
@@ -36,6 +37,9 @@ class CalibrationOptions(Settings):
     start: str | None = setting(
         Name("closed form", "camcal.start:CLOSED_FORMS"),
         "The closed form to begin from; `camcal list closed-forms` names them. Without it the points decide.",
+    )
+    start_camera: Any = setting(  # a Camera in Python, or a file
+        CameraSource(), "Begin with this camera in place of a closed form; a camera file of any format."
     )
     optimizer: str = setting(
         Name("optimizer", "camcal.solve.optimizers:OPTIMIZERS"),

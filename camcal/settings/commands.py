@@ -22,7 +22,7 @@ from camcal.settings.kinds import (
     Words,
 )
 from camcal.settings.option import Option
-from camcal.settings.rig import IMAGE_SIZES, RigOptions
+from camcal.settings.rig import IMAGE_SIZES, NOT_OF_RIGS, RigOptions
 from camcal.settings.run import (
     CI,
     CONFIG,
@@ -124,7 +124,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *BOARD,
         REFINE_CORNERS,
         replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
-        *_either(RigOptions.command_line("start")),
+        *_either(RigOptions.command_line(*NOT_OF_RIGS)),
         *RESULT,
     ),
     "checkerboard": _IMAGES,

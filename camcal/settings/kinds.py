@@ -195,6 +195,14 @@ class FilePath(Kind):
         raise refuse(value, "the name of a file")
 
 
+class CameraSource(FilePath):
+    """A camera file; in Python a camera too."""
+
+    def convert(self, value: Any) -> Any:
+        """Return a Path, or the camera as it is."""
+        return value if hasattr(value, "lens") else super().convert(value)
+
+
 class OutputPath(FilePath):
     """A file or a folder that is written."""
 

@@ -186,5 +186,7 @@ class Settings:
 
 
 def readable(value: Any) -> Any:
-    """Return a value for the `options` of a report: lengths and paths as the text the user would type."""
+    """Return a value for the `options` of a report: lengths and paths as typed, of a camera its lens."""
+    if hasattr(value, "lens"):
+        return value.lens.name
     return str(value) if isinstance(value, PurePath) or hasattr(value, "unit") else value

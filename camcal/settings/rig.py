@@ -106,6 +106,10 @@ class Names(Kind):
         return names
 
 
+#: options of one camera's start: a rig begins with `cameras`, and each camera else as the points decide
+NOT_OF_RIGS = ("start", "start_camera")
+
+
 @dataclass(frozen=True)
 class RigOptions(CalibrationOptions):
     """The options of the calibration of a rig, under the names that the command line and `calibrate_rig` use."""

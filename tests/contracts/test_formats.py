@@ -89,6 +89,25 @@ def test_every_lens_is_exact_or_refused_by_name(form):
 
 
 @each_writer
+def test_a_skew_is_exact_or_refused_by_name(form):
+    """The skew of every lens, in every ending: a writer that left it out would read back several px apart."""
+    for lens in LENSES:
+        bent = lenses.make(lens.name, True)
+        params, size = bent.examples()[0]
+        values = np.array(params, float)
+        values[bent.index("skew")] = 2.5
+        values[1] = values[0]
+        camera = NamedCamera("cam0", Camera(bent, values, size), Pose(np.eye(3), np.array([0.1, 0.2, 5.0])))
+        for suffix in form.endings:
+            try:
+                again = through(form, CameraFile((camera,)), suffix)
+            except UsageError as refusal:
+                assert "skew" in refusal.message or "cannot hold" in refusal.message
+            else:
+                assert files.gap(CameraFile((camera,)), again).max_px <= EXACT
+
+
+@each_writer
 def test_it_holds_what_it_says(form):
     """Each model that a format names goes through it: with its skew, and with one focal length where it says so."""
     for text in form.models:

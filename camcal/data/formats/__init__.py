@@ -43,6 +43,8 @@ FORMATS: dict[str, str] = {
     "lensfun": _HERE + "lensfun:FORMAT",
     "gyroflow": _HERE + "gyroflow:FORMAT",
     "usd": _HERE + "usd:FORMAT",
+    "blender": _HERE + "blender:FORMAT",
+    "realitycapture": _HERE + "realitycapture:FORMAT",
     "openmvg": _HERE + "openmvg:FORMAT",
     "opensfm": _HERE + "opensfm:FORMAT",
     "nerfstudio": _HERE + "nerfstudio:FORMAT",
@@ -80,6 +82,8 @@ SUMMARIES: dict[str, str] = {
     "lensfun": "LensFun database XML: poly3, poly5; ptlens refitted",
     "gyroflow": "Gyroflow lens profile (JSON): fisheye or polynomial",
     "usd": "USD camera with OpenCV's lens (Isaac Sim, Omniverse)",
+    "blender": "Blender, motion tracking: camera preset (.py)",
+    "realitycapture": "RealityCapture XMP (.xmp): brown3 to brown4t2",
     "openmvg": "OpenMVG sfm_data.json: one focal length",
     "opensfm": "OpenSfM and ODM JSON: brown, fisheye; many cameras",
     "nerfstudio": "transforms.json of nerfstudio and instant-ngp",
@@ -105,6 +109,8 @@ SUFFIXES: dict[str, str] = {
     ".sfm": "meshroom",
     ".lcp": "lcp",
     ".usda": "usd",
+    ".py": "blender",
+    ".xmp": "realitycapture",
 }
 
 

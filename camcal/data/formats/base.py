@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -83,11 +84,14 @@ class CameraFile:
         What the file holds besides, or how it was understood, where a user should know.
     reference : str or None
         The camera whose frame the poses are in, where the file says it.
+    of_pictures : bool
+        Whether its entries are pictures, possibly of one camera, and no cameras of a rig.
     """
 
     cameras: tuple[NamedCamera, ...]
     notes: tuple[str, ...] = ()
     reference: str | None = None
+    of_pictures: bool = False
 
     @classmethod
     def one(cls, camera: Any, name: str = "camera", *notes: str) -> CameraFile:
@@ -186,6 +190,16 @@ def image_size(width: Any, height: Any) -> tuple[int, int]:
     if not all(n == round(n) and 0 < n < 1e6 for n in found):
         raise ValueError(f"an image of {width} x {height} px")
     return int(found[0]), int(found[1])
+
+
+#: what camcal writes for itself, in a comment, into files of formats that know no px
+SIZE_SAID = re.compile(r"image of (\d+)x(\d+) px")
+
+
+def size_said(source: Source) -> tuple[int, int] | None:
+    """The size of the image, of a format that knows no px: by the command line, or camcal's own comment."""
+    found = SIZE_SAID.search(source.text or "")
+    return source.image_size or (image_size(found[1], found[2]) if found else None)
 
 
 def floats(value: Any, count: int | tuple[int, ...] | None = None, what: str = "entry") -> Array:

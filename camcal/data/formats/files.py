@@ -44,7 +44,9 @@ def named_format(name: str) -> Format:
     return look_up(FORMATS, name, "format")
 
 
-def read(path: str | os.PathLike, name: str | None = None) -> CameraFile:
+def read(
+    path: str | os.PathLike, name: str | None = None, image_size: tuple[int, int] | None = None
+) -> CameraFile:
     """Read the cameras of a file.
 
     Parameters
@@ -53,6 +55,8 @@ def read(path: str | os.PathLike, name: str | None = None) -> CameraFile:
         `FILE#NAME` stands for the camera NAME of FILE, where no file has that name.
     name : str, optional
         The format; found out from the content otherwise.
+    image_size : (width, height), optional
+        Of cameras whose file does not say it.
 
     Raises
     ------
@@ -60,10 +64,30 @@ def read(path: str | os.PathLike, name: str | None = None) -> CameraFile:
         Where the file is missing, damaged, of no known format, or names a model that is not known.
     """
     file, chosen = split_name(path)
-    source = Source(file)
+    source = Source(file, image_size=image_size)
     form = named_format(name) if name else recognised(source)
     found = parsed(form, source)
-    return found if chosen is None else select(found, chosen, str(file))
+    found = found if chosen is None else select(found, chosen, str(file))
+    return found if image_size is None else _filled(found, image_size)
+
+
+def _filled(found: CameraFile, size: tuple[int, int]) -> CameraFile:
+    """The cameras with the size of the image where the file does not say it."""
+    cameras = (
+        c if c.camera.image_size is not None else replace(c, camera=replace(c.camera, image_size=size))
+        for c in found.cameras
+    )
+    return replace(found, cameras=tuple(cameras))
+
+
+def check_size(camera: Any, size: tuple[int, int] | None, source: str) -> None:
+    """UsageError where the command line says another size of the image than the file of a camera."""
+    known = camera.image_size
+    if size is not None and known is not None and tuple(known) != tuple(size):
+        raise UsageError(
+            f"--image-size {size[0]}x{size[1]}, but '{source}' says {known[0]}x{known[1]}.",
+            "Leave --image-size out.",
+        )
 
 
 def split_name(path: str | os.PathLike) -> tuple[Path, str | None]:
@@ -367,6 +391,7 @@ def _read_back(form: Format, cameras: CameraFile, path: Path, content: Written) 
     data = content.content
     source = Source(path, data.encode() if isinstance(data, str) else data)
     source.beside = content.beside
+    source.image_size = cameras.cameras[0].camera.image_size
     again = parsed(form, source)
     found = gap(cameras, again)
     if not (found.max_px <= EXACT and found.rotation <= EXACT and found.shift <= EXACT):

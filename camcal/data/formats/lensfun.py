@@ -13,7 +13,6 @@ polynomial with k_i scaled by f^(2 i). (3) has odd powers, which no lens of camc
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -27,8 +26,8 @@ from camcal.data.formats.base import (
     ForeignLens,
     Format,
     NamedCamera,
-    image_size,
     number,
+    size_said,
     unknown,
 )
 from camcal.data.formats.source import Source
@@ -43,8 +42,6 @@ FULL_FRAME = float(np.hypot(36.0, 24.0))  #: mm; the diagonal that a crop factor
 ASPECT = 1.5  #: of the sensor where the file does not say it
 MOST = 500  #: distortions of one file; a zoom lens has a dozen
 STEPS = 30  #: of Newton's method for the radius without distortion; five do for real lenses
-#: what camcal writes for itself: LensFun knows no px
-SIZE = re.compile(r"<!-- image of (\d+)x(\d+) px -->")
 #: px; nominal longer side of a camera that the file gives no size of
 LONGER = 6000
 
@@ -55,8 +52,7 @@ def _sniff(source: Source) -> bool:
 
 def _read(source: Source) -> CameraFile:
     found: list[NamedCamera] = []
-    size = SIZE.search(source.text or "")
-    said = image_size(size[1], size[2]) if size else None
+    said = size_said(source)
     for lens in source.root.iter("lens"):
         model = (lens.findtext("model") or "lens").strip()
         for entry in lens.iter("distortion"):
@@ -68,9 +64,7 @@ def _read(source: Source) -> CameraFile:
         )
     if said:
         return CameraFile(tuple(found))
-    note = (
-        f"The file says no image size: {LONGER} px is taken for the longer side; scale it with --image-size."
-    )
+    note = f"the file says no image size: {LONGER} px is taken for the longer side; --image-size says it"
     return CameraFile(tuple(found), (note,))
 
 
@@ -154,7 +148,7 @@ FORMAT = Format(
     size=False,
     order="focal (mm), crop factor, k1 k2 (poly3, poly5) or a b c (ptlens) over half the shorter side",
     traps=(
-        "The file knows no px: the longer side is taken as 6000 px.",
+        "The file knows no px: without --image-size the longer side is taken as 6000 px.",
         "center is how far the principal point is off the middle of the image, over half the shorter side.",
         "ptlens has odd powers of the radius: --to-model refits it.",
         "Focal lengths are in mm of the sensor that the crop factor stands for; camcal writes a full-frame one.",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import re
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,6 +19,7 @@ from camcal.data.formats.base import (
     unknown,
 )
 from camcal.data.formats.foreign import at_angle, foreign_camera
+from camcal.data.formats.literal import literal
 from camcal.data.formats.opencv import COUNTS, ORDER
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import camera_of, choose
@@ -50,13 +49,9 @@ def _sniff(source: Source) -> bool:
 
 def _literal(text: str) -> Mapping[str, Any]:
     try:
-        with warnings.catch_warnings():  # of Python's own parser on damaged numbers
-            warnings.simplefilter("ignore")
-            found = ast.literal_eval(re.sub(r"^\s*#.*$", "", text, flags=re.M).strip())
-    except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError) as error:
-        raise DataError(
-            f"no Python literal: {str(error).partition(chr(10))[0][:120]}.", "Is it damaged?"
-        ) from None
+        found = literal(re.sub(r"^\s*#.*$", "", text, flags=re.M).strip())
+    except ValueError as error:
+        raise DataError(f"{error}.", "Is it damaged?") from None
     if not isinstance(found, dict):
         raise DataError("no mapping in it.", "Is it a .cameramodel?")
     return found
@@ -67,7 +62,8 @@ def _read(source: Source) -> CameraFile:
     name = str(found["lensmodel"]).removeprefix("LENSMODEL_")
     size = image_size(*found["imagersize"])
     camera = _camera(name, floats(found["intrinsics"], None, "intrinsics"), size)
-    rt = floats(found.get("extrinsics", found.get("rt_cam_ref", [0] * 6)), 6, "extrinsics")
+    # 2.5 calls the pose rt_cam_ref and writes the old name beside it
+    rt = floats(found.get("rt_cam_ref", found.get("extrinsics", [0] * 6)), 6, "extrinsics")
     pose = Pose(rotations.exp(rt[:3]), rt[3:])
     return CameraFile((NamedCamera("camera", camera, pose),))
 

@@ -70,8 +70,56 @@ TARGETS = (
     "division:1",
 )
 MARK = "<!-- refits -->"
+#: what the benchmarks of these names printed; an installed package has no docs, and no page to make
+FIGURES = Path(__file__).resolve().parents[3] / "docs" / "figures"
+
+OWNERS = """\
+## Read by their owners
+
+Files that camcal writes are read by the owner's own program, and cameras that the owner writes or defines by camcal;
+both project the same points within 1e-6 px. What is installed is run by `pytest -m slow` of
+`tests/data/formats/test_owners.py` and `tests/data/test_remap_owners.py`; `CAMCAL_OWNERS` and `CAMCAL_CV2` are Python
+interpreters that have the others. Last run with all of them on 2026-11-29:
+
+| owner | version | what |
+|---|---|---|
+| OpenCV | 4.10.0, 4.12.0, 4.14.0, 5.0.0, 5.1.0 | YAML, XML, JSON of pinhole, opencv4 to 14, fisheye; stereo pairs |
+| pycolmap | 4.2.1 | cameras.txt and .bin of nine models; the two that are refitted |
+| mrcal | 2.2 (Debian) | five lens models with a pose; CAHVOR, stereographic, latlon, lonlat, splined (refitted) |
+| aniposelib | 0.8.0 | a rig of two cameras |
+| GNU Octave | 7.3.0 | Calib_Results.m run as a script, .mat read; .mat of versions 6 and 7 written by it |
+| scipy.io | 1.17.1 | .mat |
+| ffmpeg | 5.1 | `undistort --maps m.pgm`: remap gives the same pixels |
+| OpenEXR | 3.5.3 | `undistort --maps m.exr` |
+| GStreamer | 1.22 | `undistort --maps cam.gst`: cameraundistort |
+
+ROS, Kalibr, Metashape and the others do not install from pip or apt here: their files are checked against the
+owner's documented formula (`tests/data/formats`). mrcal 2.5.2 comes for Python 3.12 and later, and was not run: its
+new name of the pose (`rt_cam_ref`) is taken from its source.
+"""
+
+FUZZED = """\
+## Damaged files
+
+Copies of a file of each format with bytes, numbers and parts changed, cut, repeated or put in; each is read with its
+format found out, and as a file of its format. *refused*: one line that names the file; *read*: a camera whose numbers
+are finite and within their bounds. Nothing of a file is run. Measured with seeds by
+`python -m benchmarks.damaged_files > docs/figures/damaged-files.txt`; the tests take 300 files of each class,
+`pytest -m slow` 10,000.
+
+"""
 
 
+CONVERSIONS = """\
+## What a conversion costs
+
+Each format with a camera of each lens model: *exact* (it reads back within the error above), or the largest
+difference over the picture, px, to the closest camera that the format holds, by the best of its models with
+`--to-model`; without that option such a camera is refused, and the term or the model named. *-*: no model of the format
+reaches the whole picture. Formats with one focal length are refitted with fx = fy. Measured by
+`python -m benchmarks.conversions > docs/figures/conversions.txt`.
+
+"""
 REFITS = """\
 ## What a refit costs
 
@@ -85,9 +133,16 @@ degrees). *-*: the model does not reach the whole picture.
 def page(refits: str) -> str:
     """The text of the page; `refits` is the table of `refit_table`, which takes a minute to measure."""
     forms = list(files.formats())
-    parts = [INTRODUCTION, _overview(forms), REFITS + f"{MARK}\n{refits}{MARK}\n"]
+    parts = [INTRODUCTION, _overview(forms), CONVERSIONS + _figure("conversions")]
+    parts.append(REFITS + f"{MARK}\n{refits}{MARK}\n")
+    parts += [OWNERS, FUZZED + _figure("damaged-files")]
     parts += [_section(form) for form in forms]
     return "\n".join(parts)
+
+
+def _figure(name: str) -> str:
+    """A table that was measured by benchmarks/NAME.py, with dashes in place of its underscores."""
+    return (FIGURES / f"{name}.txt").read_text(encoding="utf-8")
 
 
 def _overview(forms: list[Format]) -> str:

@@ -48,7 +48,7 @@ def _read(source: Source) -> CameraFile:
             rows.append([float(w) for w in words])
         found.append(_block(start, rows))
         at += 1 + len(rows)
-    return CameraFile(tuple(found))
+    return CameraFile(tuple(found), of_pictures=True)
 
 
 def _is_numbers(line: str) -> bool:

@@ -20,7 +20,7 @@ from camcal.system.reading import read_file
 KINDS = {
     **dict.fromkeys((".yaml", ".yml"), "yaml"),
     **dict.fromkeys((".json", ".sfm"), "json"),
-    **dict.fromkeys((".xml", ".lcp", ".xcp", ".qca"), "xml"),
+    **dict.fromkeys((".xml", ".lcp", ".xmp", ".xcp", ".qca"), "xml"),
     ".toml": "toml",
 }
 
@@ -34,10 +34,12 @@ class Source:
     data : bytes
     suffix : str
         Of the file's name, in lower case.
+    image_size : (width, height) or None
+        What the command line says, for formats whose lengths are parts of the image.
     """
 
-    def __init__(self, path: Path, data: bytes | None = None):
-        self.path, self.suffix = path, path.suffix.lower()
+    def __init__(self, path: Path, data: bytes | None = None, image_size: tuple[int, int] | None = None):
+        self.path, self.suffix, self.image_size = path, path.suffix.lower(), image_size
         self.data = read_file(path, LARGEST, "a camera file") if data is None else data
         #: content that belongs beside the file, by name, where it is not on the disk yet
         self.beside: Mapping[str, str | bytes] = {}

@@ -58,8 +58,10 @@ class Conversion:
         return float(np.isfinite(self.errors).mean())
 
 
-def convert(camera: Camera, lens: Lens) -> Conversion:
+def convert(camera: Camera, lens: Lens, square: bool = False) -> Conversion:
     """The camera of the model `lens` that is closest in px, in the same frame, over the whole image.
+
+    `square` asks for one focal length, fx = fy.
 
     Raises
     ------
@@ -82,9 +84,41 @@ def convert(camera: Camera, lens: Lens) -> Conversion:
         )
     hold = [n for n in lens.default_fixed if n not in lens.turns]
     found: Regression = regress(lens, rays[valid], pixels[valid], camera.image_size, hold)
+    if square:
+        found = _one_focal_length(lens, rays[valid], pixels[valid], camera.image_size, hold, found)
     return Conversion(
         Camera(lens, found.params, camera.image_size),
         pixels[valid],
         found.errors,
         float(1 - valid.mean()),
     )
+
+
+#: relative steps of the focal length about which a parabola is laid through the squared error: the first is the
+#: difference between fx and fy of ordinary cameras; with smaller last ones rounding decides
+STEPS = (1e-2, 1e-3, 1e-3)
+
+
+def _one_focal_length(
+    lens: Lens, rays: Array, pixels: Array, size: tuple[int, int], hold: list[str], free: Regression
+) -> Regression:
+    """The closest camera with fx = fy: the squared error is nearly a parabola in the focal length."""
+    held, x, y = [*hold, "fx", "fy"], lens.index("fx"), lens.index("fy")
+
+    def at(f: float) -> Regression:
+        start = free.params.copy()
+        start[x] = start[y] = f
+        return regress(lens, rays, pixels, size, held, start)
+
+    def cost(found: Regression) -> float:
+        return float(np.nanmean(found.errors**2))
+
+    best = at(float(free.params[[x, y]].mean()))
+    for step in STEPS:
+        f = float(best.params[x])
+        below, above = at(f * (1 - step)), at(f * (1 + step))
+        a, b, c = cost(below), cost(best), cost(above)
+        if a + c > 2 * b:
+            moved = at(f * (1 + 0.5 * step * (a - c) / (a + c - 2 * b)))
+            best = min((below, best, above, moved), key=cost)
+    return best

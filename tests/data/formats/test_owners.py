@@ -1,6 +1,7 @@
 """What camcal writes, read by the programs that own the formats, where they are installed: `pytest -m slow`.
 
-Owners in another environment are found through CAMCAL_OWNERS, the Python interpreter that has them.
+Owners in another environment are found through CAMCAL_OWNERS, the Python interpreter that has them; other versions of
+OpenCV through CAMCAL_CV2, interpreters separated by `:`.
 """
 
 import json
@@ -147,13 +148,18 @@ print(json.dumps([mrcal.project(points, *model.intrinsics()).tolist(), model.ext
 """
 
 
+#: mrcal of the system's packages, and of a wheel
+BOTH = pytest.mark.parametrize("python", [SYSTEM, OWNERS], ids=["system", "owners"])
+
+
+@BOTH
 @pytest.mark.parametrize("spec", ["pinhole", "opencv4", "opencv5", "opencv8", "opencv12"])
-def test_mrcal(tmp_path, spec):
+def test_mrcal(tmp_path, spec, python):
     camera = camera_of(spec)
     pose = Pose(rotations.exp(np.array([0.1, -0.2, 0.3])), np.array([1.0, 2.0, -3.0]))
     files.write(tmp_path / "a.cameramodel", CameraFile((NamedCamera("a", camera, pose),)))
     rays, uv = rays_of(camera)
-    got, rt = ask(SYSTEM, MRCAL, tmp_path / "a.cameramodel", stdin=json.dumps(rays.tolist()))
+    got, rt = ask(python, MRCAL, tmp_path / "a.cameramodel", stdin=json.dumps(rays.tolist()))
     assert np.abs(np.array(got) - uv).max() < SAME
     assert np.allclose(rt, [0.1, -0.2, 0.3, 1, 2, -3])
 
@@ -168,6 +174,7 @@ print(json.dumps(mrcal.project(v, *model.intrinsics()).tolist()))
 KNOTS = (np.random.default_rng(3).normal(size=2 * 11 * 8) * 0.01).round(6).tolist()
 
 
+@BOTH
 @pytest.mark.parametrize(
     "model, values",
     [
@@ -179,15 +186,15 @@ KNOTS = (np.random.default_rng(3).normal(size=2 * 11 * 8) * 0.01).round(6).tolis
         ("LENSMODEL_SPLINED_STEREOGRAPHIC_order=2_Nx=11_Ny=8_fov_x_deg=120", KNOTS),
     ],
 )
-def test_mrcal_models_that_are_refitted(tmp_path, model, values):
+def test_mrcal_models_that_are_refitted(tmp_path, model, values, python):
     """mrcal's own file is read, and its projections of our rays are the pixels that we asked for."""
     path = tmp_path / "a.cameramodel"
     intrinsics = json.dumps([300.0, 301.0, 320.0, 240.0, *values])
-    ask(SYSTEM, UNPROJECT, model, intrinsics, path, stdin="[[0.1, 0.2, 1.0]]")
+    ask(python, UNPROJECT, model, intrinsics, path, stdin="[[0.1, 0.2, 1.0]]")
     camera = files.read(path).cameras[0].camera
     uv = np.array([[320.0, 240], [100, 100], [500, 330], [250, 400]])
     rays, seen = camera.lens.unproject(camera.params, uv)
-    again = ask(SYSTEM, UNPROJECT, model, intrinsics, path, stdin=json.dumps(rays.tolist()))
+    again = ask(python, UNPROJECT, model, intrinsics, path, stdin=json.dumps(rays.tolist()))
     assert seen.all() and np.abs(np.array(again) - uv).max() < SAME
 
 
@@ -268,6 +275,59 @@ def test_cv2_projects_what_it_reads(tmp_path, spec, suffix):
     rays, uv = rays_of(camera)
     got = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), k, d)[0].reshape(-1, 2)
     assert np.abs(got - uv).max() < SAME
+
+
+CV2 = """
+import sys, json, pathlib, cv2, numpy as np
+rays = np.array(json.loads(sys.stdin.read()))
+found = {}
+for path in sorted(pathlib.Path(sys.argv[1]).iterdir()):
+    store = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    k, d = store.getNode("camera_matrix").mat(), store.getNode("distortion_coefficients").mat()
+    if int(store.getNode("fisheye_model").real()) if not store.getNode("fisheye_model").empty() else 0:
+        fisheye = cv2.fisheye if hasattr(cv2.fisheye, "projectPoints") else cv2
+        uv = fisheye.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), k, d.ravel())[0]
+    elif path.name.startswith("stereo"):
+        uv = [store.getNode(n).mat().tolist() for n in ("M1", "D1", "M2", "D2", "R", "T")]
+        found[path.name] = uv
+        continue
+    else:
+        uv = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), k, d)[0]
+    found[path.name] = np.asarray(uv).reshape(-1, 2).tolist()
+print(json.dumps([cv2.__version__, found]))
+"""
+
+
+@pytest.mark.parametrize(
+    "python", [p for p in os.environ.get("CAMCAL_CV2", "").split(":") if p] or [sys.executable]
+)
+def test_versions_of_cv2(tmp_path, python):
+    """One file of each ending and lens, and the two cameras of a pair, as each version of cv2 reads them."""
+    cameras = {
+        spec: camera_of(spec)
+        for spec in ("pinhole", "opencv4", "opencv5", "opencv8", "opencv12", "opencv14", "kb4")
+    }
+    points = np.random.default_rng(2).uniform(-0.3, 0.3, (30, 3)) + [0, 0, 2]
+    for suffix in (".yml", ".xml", ".json"):
+        for spec, camera in cameras.items():
+            files.write(tmp_path / f"{spec}{suffix}", CameraFile.one(camera), "opencv")
+        turn = Pose(rotations.exp(np.array([0.01, 0.2, -0.02])), np.array([-0.1, 0.0, 0.01]))
+        pair = (
+            NamedCamera("a", cameras["opencv5"], Pose.identity()),
+            NamedCamera("b", cameras["opencv8"], turn),
+        )
+        files.write(tmp_path / f"stereo{suffix}", CameraFile(pair), "opencv")
+    _, found = ask(python, CV2, tmp_path, stdin=json.dumps(points.tolist()))
+    assert len(found) == 24
+    for name, theirs in found.items():
+        spec = name.partition(".")[0]
+        if spec == "stereo":
+            assert (
+                np.abs(np.array(theirs[4]) - turn.rotation).max() < 1e-12 and np.ravel(theirs[5])[0] == -0.1
+            )
+            assert np.ravel(theirs[1])[:5].tolist() == cameras["opencv5"].params[4:].tolist()
+        else:
+            assert np.abs(np.array(theirs) - cameras[spec].project(points)).max() < SAME
 
 
 def test_the_environment_is_known():

@@ -1,0 +1,17 @@
+"""Python literals in files: parsed as data; nothing is run."""
+
+from __future__ import annotations
+
+import ast
+import warnings
+from typing import Any
+
+
+def literal(text: str) -> Any:
+    """The value of a Python literal; ValueError where it is none."""
+    try:
+        with warnings.catch_warnings():  # of Python's own parser on damaged numbers
+            warnings.simplefilter("ignore")
+            return ast.literal_eval(text)
+    except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError) as error:
+        raise ValueError(f"no Python literal: {str(error).partition(chr(10))[0][:120]}") from None
