@@ -87,12 +87,20 @@ def read_data(
 
 
 def in_order(paths: tuple[Any, ...], options: Mapping[str, Any], ctx: click.Context) -> tuple[Any, ...]:
-    """The inputs as they were given; with --reproducible in the order of their names, in the report too."""
+    """The inputs as they were given; with --reproducible in the order of their names, in the report too.
+
+    Those of a rig, `NAME=PATH`, stay in the order of their cameras: the first is the reference.
+    """
     if not options.get("reproducible"):
         return paths
     from camcal.detect.listing import natural_order
+    from camcal.settings.rig import split_camera
 
-    ordered = tuple(sorted(paths, key=lambda path: natural_order(Path(path))))
+    pairs = {path: split_camera(str(path)) or ("", str(path)) for path in paths}
+    cameras = list(dict.fromkeys(name for name, _ in pairs.values()))
+    ordered = tuple(
+        sorted(paths, key=lambda path: (cameras.index(pairs[path][0]), natural_order(Path(pairs[path][1]))))
+    )
     state = ctx.find_root().ensure_object(dict)
     names, new = [str(p) for p in paths], iter(str(p) for p in ordered)
     words = state.get("args", [])
@@ -110,11 +118,16 @@ def read_pictures(
     """
     from camcal.detect.images import detect_images
 
+    with progress("reading pictures") as show:
+        return detect_images(paths, **search_options(options), on_event=detection_events(show, on_picture))
+
+
+def search_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of the search in pictures."""
     search = {name: options[name] for name in names_of(DetectionOptions) if name in options}
     if options.get("reproducible"):
         search["seconds"] = max(search["seconds"], PATIENT)
-    with progress("reading pictures") as show:
-        return detect_images(paths, **search, on_event=detection_events(show, on_picture))
+    return search
 
 
 def detection_events(

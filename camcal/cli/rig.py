@@ -30,12 +30,12 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
     camera is given by a name and its pictures: left=FOLDER right='imgs/right*.jpg'. Pictures of the same instant have
     the same name, or the same number in it. All intrinsics, relative poses and boards are estimated together.
     """
-    from camcal.cli.job import output_is_free
+    from camcal.cli.job import in_order, output_is_free
     from camcal.plan.rig import calibrate_rig
     from camcal.settings.rig import NOT_OF_RIGS, RigOptions
 
     output_is_free(options)
-    views, of_pictures = read_views(inputs, options)
+    views, of_pictures = read_views(in_order(inputs, options, ctx), options)
     given = {o.name: options[o.name] for o in RigOptions.command_line(*NOT_OF_RIGS)}
     given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
     if is_report(given["board_shape"]):
@@ -79,14 +79,12 @@ def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2)
 
 
 def _detected(folders: Mapping[str, list[str]], options: dict[str, Any]) -> RigViews:
-    from camcal.cli.job import detection_events, names_of
+    from camcal.cli.job import detection_events, search_options
     from camcal.cli.output import progress
     from camcal.detect.rig_images import detect_rig
-    from camcal.settings.detection import DetectionOptions
 
-    search = {name: options[name] for name in names_of(DetectionOptions) if name in options}
     with progress("reading pictures") as show:
-        return detect_rig(folders, on_event=detection_events(show), **search)
+        return detect_rig(folders, on_event=detection_events(show), **search_options(options))
 
 
 def _tell(event: str, details: Mapping[str, Any]) -> None:

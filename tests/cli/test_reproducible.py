@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import yaml
 
+from camcal.cli.job import in_order
 from camcal.report.reproducible import without_times
 
 
@@ -50,3 +52,14 @@ def test_options_keep_their_seconds():
         "options": {"seconds": {"value": 2}},
         "a": [{"seconds": None}],
     }
+
+
+def test_pictures_of_a_rig_in_any_order():
+    """Those of each camera by their names; the first camera stays the reference."""
+    ctx = click.Context(click.Command("rig"))
+    given = ("right=c.jpg", "left=b10.jpg", "right=a.jpg", "left=b9.jpg")
+    wanted = ("right=a.jpg", "right=c.jpg", "left=b9.jpg", "left=b10.jpg")
+    ctx.ensure_object(dict)["args"] = ["rig", *given, "-o", "r.yaml"]
+    assert in_order(given, {"reproducible": True}, ctx) == wanted
+    assert ctx.obj["args"] == ["rig", *wanted, "-o", "r.yaml"]
+    assert in_order(given, {}, ctx) == given

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import resource
 import signal
 import stat
 import sys
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 LONGEST = 120.0  #: s; a run that takes longer hangs
+ROOM = 8 << 30  #: bytes of address space of a run: what asks for more is refused, not taken from the machine
 EVENTS = ("os.rename", "os.link", "os.remove", "os.mkdir", "os.truncate")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 #: reading, devices and anonymous files of libraries are no accesses to the disk
@@ -65,6 +67,7 @@ class Fault:
 
 def _child(request: dict[str, Any], out: Any) -> int:
     os.chdir(request["folder"])
+    resource.setrlimit(resource.RLIMIT_AS, (ROOM, ROOM))
     fault = Fault(request["folder"], request["kind"], request["at"])
     for name in ("write", "fsync"):
         original = getattr(os, name)
