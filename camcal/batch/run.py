@@ -16,7 +16,7 @@ from typing import Any
 
 from camcal.batch.executors import Cluster, Local, open_pool
 from camcal.batch.jobs import Job
-from camcal.batch.storage import Storage
+from camcal.batch.storage import Storage, shown
 from camcal.batch.work import DONE, FAILED, JOB, Row, run_jobs, summary_row
 from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
@@ -150,7 +150,7 @@ def _check_free(storage: Storage, jobs: Sequence[Job], allowed: bool) -> None:
     taken = [job.name for job in jobs if f"{job.name}.yaml" in there]
     if taken and not allowed:
         raise UsageError(
-            f"{storage.root} holds {len(taken)} report{'s' * (len(taken) > 1)} of these jobs already, "
+            f"{shown(storage.root)} holds {len(taken)} report{'s' * (len(taken) > 1)} of these jobs already, "
             f"'{taken[0]}.yaml' among them.",
             "Go on with --resume, replace them with --force, or choose another folder.",
         )

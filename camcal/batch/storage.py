@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import posixpath
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from camcal.errors import DataError, UsageError
+from camcal.errors import CamcalError, DataError, UsageError
 from camcal.system.documents import LARGEST
 from camcal.system.reading import read_text
 from camcal.system.writing import atomic_write
@@ -18,6 +19,32 @@ from camcal.system.writing import atomic_write
 def is_remote(path: str) -> bool:
     """Whether a path names a file system: `s3://bucket/folder`."""
     return "://" in path
+
+
+def shown(address: str) -> str:
+    """An address as it may be shown and kept: without a password."""
+    return re.sub(r"(://[^/@:]*):[^/@]*@", r"\1:***@", address)
+
+
+@contextmanager
+def _answers(address: str, what: str) -> Iterator[None]:
+    """Say of any error of a remote file system what could not be done; each of them has errors of its own.
+
+    Raises
+    ------
+    DataError
+        FileNotFoundError passes: what is not there is an answer.
+    """
+    try:
+        yield
+    except (FileNotFoundError, CamcalError):
+        raise
+    except Exception as error:  # noqa: BLE001
+        why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        raise DataError(
+            f"{shown(address)}: cannot be {what}: {shown(why)}.",
+            "Check the address, and that you may use it.",
+        ) from None
 
 
 class Storage:
@@ -45,7 +72,8 @@ class Storage:
     def make(self, name: str = "") -> None:
         """Make a folder, and those above it."""
         if self.remote is not None:
-            self.remote.makedirs(self._path(name), exist_ok=True)
+            with _answers(self.root, "written"):
+                self.remote.makedirs(self._path(name), exist_ok=True)
             return
         root = Path(self._folder)
         if root.exists() and not root.is_dir():
@@ -57,7 +85,8 @@ class Storage:
         if self.remote is None:
             atomic_write(self._path(name), text, force=True)
         else:  # an object store shows a file when it is complete
-            self.remote.pipe_file(self._path(name), text.encode("utf-8"))
+            with _answers(self.root, "written"):
+                self.remote.pipe_file(self._path(name), text.encode("utf-8"))
 
     def read(self, name: str) -> str | None:
         """The text of a file; None where there is none."""
@@ -66,7 +95,8 @@ class Storage:
                 if not Path(self._path(name)).exists():
                     return None
                 return read_text(self._path(name), LARGEST)
-            return self.remote.cat_file(self._path(name)).decode("utf-8")
+            with _answers(self.root, "read"):
+                return str(self.remote.cat_file(self._path(name)).decode("utf-8"))
         except FileNotFoundError:
             return None
 
@@ -75,9 +105,9 @@ class Storage:
         try:
             if self.remote is None:
                 return {path.name for path in Path(self._path(folder)).iterdir()}
-            return {
-                posixpath.basename(p.rstrip("/")) for p in self.remote.ls(self._path(folder), detail=False)
-            }
+            with _answers(self.root, "listed"):
+                found = self.remote.ls(self._path(folder), detail=False)
+            return {posixpath.basename(path.rstrip("/")) for path in found}
         except (FileNotFoundError, NotADirectoryError):
             return set()
 
@@ -86,7 +116,8 @@ class Storage:
         if self.remote is None:
             Path(self._path(name)).unlink(missing_ok=True)
         else:
-            self.remote.rm_file(self._path(name))
+            with _answers(self.root, "removed"):
+                self.remote.rm_file(self._path(name))
 
 
 def _connect(address: str) -> tuple[Any, str]:
@@ -94,12 +125,13 @@ def _connect(address: str) -> tuple[Any, str]:
         import fsspec
     except ImportError:
         raise UsageError(
-            f"'{address}' needs fsspec, which is not installed.", "Try: pip install 'camcal[cluster]'"
+            f"'{shown(address)}' needs fsspec, which is not installed.", "Try: pip install 'camcal[cluster]'"
         ) from None
     try:
-        return fsspec.core.url_to_fs(address)
-    except (ImportError, ValueError) as error:
-        raise UsageError(f"cannot open '{address}': {error}.", "Check the address.") from None
+        with _answers(address, "reached"):  # some connect at once
+            return fsspec.core.url_to_fs(address)
+    except DataError as error:
+        raise UsageError(error.message, error.hint) from None
 
 
 @contextmanager
@@ -124,8 +156,19 @@ def local_copies(sources: Sequence[str]) -> Iterator[list[str]]:
             target = Path(folder) / str(number) / posixpath.basename(path.rstrip("/"))
             target.parent.mkdir()
             try:
-                remote.get(path, str(target), recursive=remote.isdir(path))
-            except Exception as error:  # noqa: BLE001 - each file system raises errors of its own
-                raise DataError(f"{source}: cannot be read: {error}.", "Check the address.") from None
+                with _answers(source, "read"):
+                    remote.get(path, str(target), recursive=remote.isdir(path))
+            except FileNotFoundError:
+                raise DataError(
+                    f"{shown(source)}: there is no such file or folder.", "Check the address."
+                ) from None
             paths.append(str(target))
         yield paths
+
+
+def address_of(path: str, sources: Sequence[str], paths: Sequence[str]) -> str:
+    """Where an input came from: the address of what was copied for the job, else its own path."""
+    for source, local in zip(sources, paths, strict=True):
+        if is_remote(source) and (path == local or path.startswith(f"{local}/")):
+            return shown(source).rstrip("/") + path[len(local) :]
+    return path

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from camcal.batch.jobs import CAMERAS, IMAGES, INTRINSICS, Job, options_of
-from camcal.batch.storage import Storage, local_copies
+from camcal.batch.storage import Storage, address_of, local_copies
 from camcal.errors import CamcalError
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
@@ -91,7 +91,9 @@ def _report(job: Job) -> tuple[dict[str, Any], Any]:
     from camcal.report import document, rig
 
     values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
-    solution = _rig(job, values) if job.kind == CAMERAS else _camera(job, values)
+    names, sources = zip(*(_split(job, source) for source in job.sources), strict=True)
+    with local_copies(sources) as paths:
+        solution = _rig(names, paths, values) if job.kind == CAMERAS else _camera(job.kind, paths, values)
     described = {
         name: {"value": readable(value), "from": "job" if name in job.options else "default"}
         for name, value in values.items()
@@ -100,60 +102,65 @@ def _report(job: Job) -> tuple[dict[str, Any], Any]:
     solution = replace(solution, options=described)
     form = rig if job.kind == CAMERAS else document
     make = form.compact_document if values["compact"] else form.document
-    return make(solution, command=["batch", job.name]), solution
+    report = make(solution, command=["batch", job.name])
+    for entry in report["inputs"]["files"]:
+        entry["path"] = address_of(entry["path"], sources, paths)
+    return report, solution
+
+
+def _split(job: Job, source: str) -> tuple[str, str]:
+    """The camera that a source belongs to ("" of a table, and where there is one camera), and the source itself."""
+    pair = split_camera(source) if job.kind == CAMERAS else None
+    return pair or ("", source)
 
 
 def _search(values: dict[str, Any]) -> dict[str, Any]:
     return {name: values[name] for name in DetectionOptions.options() if name != "jobs"} | {"jobs": 1}
 
 
-def _camera(job: Job, values: dict[str, Any]) -> Solution:
+def _camera(kind: str, paths: Sequence[str], values: dict[str, Any]) -> Solution:
     """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
     from camcal.plan.calibrate import calibrate
 
     options = {name: values[name] for name in CalibrationOptions.options()}
-    with local_copies(job.sources) as paths:
-        if job.kind == IMAGES:
-            from camcal.detect.images import detect_images
+    if kind == IMAGES:
+        from camcal.detect.images import detect_images
 
-            data = detect_images(paths, **_search(values))
-            options["refine_points"] = values["refine_corners"]
-        else:
-            from camcal.data.points import read_points
+        data = detect_images(paths, **_search(values))
+        options["refine_points"] = values["refine_corners"]
+    else:
+        from camcal.data.points import read_points
 
-            data = read_points(*paths, image_size=values["image_size"])
-        data = _on_board(data, options)
-        if is_report(options["board_shape"]):
-            options["board_shape"] = "flat"
-        return calibrate(data, **options)
+        data = read_points(*paths, image_size=values["image_size"])
+    data = _on_board(data, options)
+    if is_report(options["board_shape"]):
+        options["board_shape"] = "flat"
+    return calibrate(data, **options)
 
 
-def _rig(job: Job, values: dict[str, Any]) -> RigSolution:
+def _rig(names: Sequence[str], paths: Sequence[str], values: dict[str, Any]) -> RigSolution:
     """Read the data and calibrate as `camcal rig` does."""
     from camcal.data.rig_table import RigViews, read_rig
     from camcal.plan.rig import calibrate_rig
 
     options = {name: values[name] for name in RigOptions.options() if name != "cameras"}
     options["cameras"] = values[INTRINSICS]
-    pairs = [split_camera(source) for source in job.sources]
-    named = [pair for pair in pairs if pair is not None]
-    pictures = len(named) == len(pairs)
-    with local_copies([path for _, path in named] if pictures else job.sources) as paths:
-        if pictures:
-            from camcal.detect.rig_images import detect_rig
+    pictures = all(names)
+    if pictures:
+        from camcal.detect.rig_images import detect_rig
 
-            folders: dict[str, list[str]] = {}
-            for (name, _), path in zip(named, paths, strict=True):
-                folders.setdefault(name, []).append(path)
-            views = detect_rig(folders, **_search(values))
-        else:
-            views = RigViews.of(read_rig(paths[0], values["image_size"]))
-        options["board_shape"] = options["board_shape"] or ("auto" if pictures else "flat")
-        parts = {name: _on_board(part, options) for name, part in views.parts.items()}
-        if is_report(options["board_shape"]):
-            options["board_shape"] = "flat"
-        refine_points = values["refine_corners"] if pictures else False
-        return calibrate_rig(replace(views, parts=parts), refine_points=refine_points, **options)
+        folders: dict[str, list[str]] = {}
+        for name, path in zip(names, paths, strict=True):
+            folders.setdefault(name, []).append(path)
+        views = detect_rig(folders, **_search(values))
+    else:
+        views = RigViews.of(read_rig(paths[0], values["image_size"]))
+    options["board_shape"] = options["board_shape"] or ("auto" if pictures else "flat")
+    parts = {name: _on_board(part, options) for name, part in views.parts.items()}
+    if is_report(options["board_shape"]):
+        options["board_shape"] = "flat"
+    refine_points = values["refine_corners"] if pictures else False
+    return calibrate_rig(replace(views, parts=parts), refine_points=refine_points, **options)
 
 
 def _on_board(data: Observations, options: dict[str, Any]) -> Observations:

@@ -37,7 +37,7 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     from camcal.batch.prior import FOLDER as FLEET
     from camcal.batch.prior import write_fleet
     from camcal.batch.run import run
-    from camcal.batch.storage import Storage
+    from camcal.batch.storage import Storage, shown
     from camcal.cli.output import write_for_ci
     from camcal.data.writing import check_writable
     from camcal.detect.workers import usable_processors
@@ -63,14 +63,14 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     storage.write("summary.html", page(rows, charts))
     if options["fleet_prior"]:
         written = write_fleet(rows, storage)
-        note(f"{written} cameras with the prior of their type: {output}/{FLEET}")
+        note(f"{written} cameras with the prior of their type: {shown(output)}/{FLEET}")
     write_for_ci("camcal batch", source, checks(rows, output), options)
     if options["summary"] is not None:
         append_summary(options["summary"], markdown(rows, source, output))
     numbers = counts(rows)
     note(", ".join(f"{count} {what}" for what, count in numbers.items()) + ".")
     _name_bad(rows)
-    note(f"Reports, summary.csv and summary.html: {output}")
+    note(f"Reports, summary.csv and summary.html: {shown(output)}")
     fallen = numbers["failed"] or numbers["gates fallen"]
     return 1 if fallen or (options["fail_on_outlier"] and numbers["outliers"]) else 0
 

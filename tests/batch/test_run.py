@@ -182,7 +182,36 @@ def test_the_same_over_fsspec(tmp_path):
     run(remote, f"file://{tmp_path}/remote", resume=True, on_row=lambda *_: pytest.fail("done again"))
     missing = Job("x", "points", (f"file://{tmp_path}/absent.csv",), jobs[0].options)
     (row,) = run([missing], f"file://{tmp_path}/remote2")
-    assert row["status"] == "failed" and "cannot be read" in row["reason"]
+    assert row["status"] == "failed" and "no such file" in row["reason"]
+    report = yaml.safe_load((tmp_path / "remote" / "c0.yaml").read_text())
+    assert [f["path"] for f in report["inputs"]["files"]] == [f"file://{tmp_path}/c0.csv"]  # not of the copy
+
+
+class Refusing:
+    """A file system that answers every question with an error of its own."""
+
+    def __getattr__(self, name):
+        def refuse(*args, **kwargs):
+            raise RuntimeError("Access Denied, of ssh://me:secret@host/x")
+
+        return refuse
+
+
+def test_what_a_remote_file_system_refuses(monkeypatch):
+    """Its errors are the user's, in one line, and passwords are shown to nobody."""
+    from camcal.batch import storage
+    from camcal.errors import DataError
+
+    pytest.importorskip("fsspec")
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda address: (Refusing(), "x"))
+    place = storage.Storage("s3://key:secret@host/x")
+    for call in (place.make, lambda: place.write("a", ""), lambda: place.read("a"), place.names):
+        with pytest.raises(DataError, match="cannot be") as caught:
+            call()
+        assert "secret" not in caught.value.message and "Access Denied" in caught.value.message
+    monkeypatch.setattr("fsspec.core.url_to_fs", Refusing().anything)
+    with pytest.raises(UsageError, match="Access Denied"):
+        storage.Storage("ssh://host/x")
 
 
 def deadly(jobs, out):
