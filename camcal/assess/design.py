@@ -41,12 +41,15 @@ class Rows:
     free : (N, 2, F) array
     pose : (N, 2, 6) array
     residuals : (N, 2) array
+    roots : (N,) array
+        The square roots of the weights, which the rows above have in them.
     """
 
     view: int
     free: Array
     pose: Array
     residuals: Array
+    roots: Array
 
 
 class Design:
@@ -120,17 +123,23 @@ class Design:
             if block is None:
                 raise ValueError("a used point lies outside the lens's domain")
             for place, member in enumerate(group.members):
-                own = block[place][:, :, : len(self.views[member])]
+                count = len(self.views[member])
+                own = block[place][:, :, :count]
                 yield Rows(
                     int(member),
                     np.einsum("pcn,pf->ncf", own[: lens.size], f),
                     own[lens.size : lens.size + 6].transpose(2, 1, 0).copy(),
                     own[-1].T.copy(),
+                    np.ones(count) if group.weights is None else group.weights[place, 0, 0, :count],
                 )
+
+    def of_camera(self, rows: Rows) -> Array:
+        """F_v - P_v B_v (N, 2, F): what the camera moves once the pose has followed."""
+        return np.asarray(rows.free - rows.pose @ self.poses.gain[rows.view])
 
     def hat(self, rows: Rows, first: Array | None = None, second: Array | None = None) -> Array:
         """Blocks (K, 2, 2) of H_v of (2) between points `first` and `second` (K,); without, the diagonal."""
-        own = rows.free - rows.pose @ self.poses.gain[rows.view]
+        own = self.of_camera(rows)
         a, b = (slice(None) if i is None else i for i in (first, second))
         by_camera = own[a] @ self.inverse @ own[b].transpose(0, 2, 1)
         by_pose = rows.pose[a] @ self.poses.inverse[rows.view] @ rows.pose[b].transpose(0, 2, 1)

@@ -12,6 +12,7 @@ from camcal.geometry import homography, projective
 
 if TYPE_CHECKING:
     from camcal.data.views import View
+    from camcal.model.pose import Poses
 
 Array = np.ndarray
 
@@ -46,6 +47,16 @@ class Shapes:
     axes: Array
     spreads: Array
     image_spreads: Array
+
+
+def sides(found: Shapes, poses: Poses) -> Array:
+    """Which views (V,) of one planar target are seen from the other side than the rest, the fewer ones; all planar."""
+    centres = -np.einsum("vji,vj->vi", poses.rotations, poses.translations)
+    normals = found.axes[:, :, 2]
+    # the normal of a fitted plane has no sign of its own
+    normals = normals * np.where(normals @ normals[0] < 0, -1.0, 1.0)[:, None]
+    side = np.einsum("vi,vi->v", centres - found.origins, normals) > 0
+    return np.asarray(side if side.mean() < 0.5 else ~side)
 
 
 def batches(views: Sequence[View]) -> Iterator[tuple[Array, Array, Array, Array]]:

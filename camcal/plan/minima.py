@@ -124,7 +124,8 @@ def to_its_end(fit: Calibration, how: How) -> Calibration:
 def from_nested(progress: Progress) -> Calibration | None:
     """The lowest fit that begins from the optimum of a model inside; None where there is none."""
     fits: list[Calibration] = []
-    for spec in reversed(contained(progress.lens)):
+    stuck = progress.best is not None and not progress.fit.fit.converged
+    for spec in reversed(contained(progress.lens, every=stuck)):
         inner = make(spec, progress.lens.has_skew)
         found = _settled(_with(progress, inner), fits)
         if found is not None:

@@ -73,14 +73,14 @@ class Found:
     def common(self) -> bool:
         """Whether something that all views share explains them better than that some do not belong."""
         trial = self.trial
-        parts = trial is not None and trial.how in ("split", "groups")
+        parts = trial is not None and trial.how in ("split", "groups", "sides")
         return trial is not None and not self.views and (not parts or self.share > MOST_OF_IT)
 
     @property
     def cause(self) -> Trial | None:
-        """The candidate where it is one that concerns all views and is no shape of the board."""
+        """The candidate where it is one that concerns all views and is none of the target, which has checks of its own."""
         trial = self.trial
-        if trial is None or self.views or trial.kind == "board":
+        if trial is None or self.views or trial.kind in ("board", "circles"):
             return None
         if trial.how == "each":
             return trial if len(self.base.poses) >= LEAST_FOR_EACH else None

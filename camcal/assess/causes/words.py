@@ -89,6 +89,13 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
     shift = theta[[_AT["shift-u"], _AT["shift-v"]]] * unit
     ids = found.base.observations.view_ids
     first = int(np.flatnonzero(trial.parts)[0])
+    if trial.how == "sides":
+        return (
+            "mirrored-picture",
+            f"{_names(found, trial.parts)} of {len(ids)} show the target from its other side, with the principal point "
+            f"moved by ({shift[0]:.1f}, {shift[1]:.1f}) px: the pictures of one of the two parts are mirrored.",
+            "Find out which, and mirror these pictures back.",
+        )
     if trial.how == "split":
         where = f"from view '{ids[first]}' on ({int(trial.parts.sum())} of {len(ids)} views)"
     else:
@@ -194,5 +201,6 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
 _WORDS: dict[str, Callable[[Found, Trial], tuple[str, str, str]]] = {
     "split": _parts,
     "groups": _parts,
+    "sides": _parts,
     "each": _each,
 }

@@ -13,7 +13,9 @@ from typing import Any
 from camcal.assess.causes import Found
 from camcal.assess.checks import (
     board,
+    border,
     cause,
+    circles,
     coverage,
     film,
     fit,
@@ -56,6 +58,8 @@ CHECKS = (
     fit.large_residuals,
     fit.systematic,
     board.not_flat,
+    circles.circle_centres,
+    border.noise_by_radius,
     noise.tails,
     noise.rounded,
     folds.views_disagree,

@@ -11,6 +11,7 @@ import numpy as np
 from camcal.assess.causes import Found
 from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy
+from camcal.assess.design import Design
 from camcal.assess.difference import grid_of
 from camcal.data.observations import Observations
 from camcal.data.shape import Shapes
@@ -39,6 +40,18 @@ class Facts:
     def covariance(self) -> Covariance:
         """Of parameters and poses, infinite where the sigmas do not hold."""
         return accuracy(self.solution)
+
+    @cached_property
+    def design(self) -> Design | None:
+        """The linearised problem; None where a used point lies outside the lens's domain or nothing was estimated."""
+        design = Design(self.solution)
+        if not design.transform.shape[1]:
+            return None
+        try:
+            _ = design.products
+        except ValueError:
+            return None
+        return design
 
     @cached_property
     def shapes(self) -> Shapes:

@@ -23,6 +23,9 @@ GROSS = 6.0
 GROSS_SHARE = 0.25
 #: rms against the image's diagonal beyond which something is wrong: the model, or which point is which.
 LARGE = 0.005
+#: In large pictures that is tens of px, which is no error of a point that anybody clicked: there it is wrong from so
+#: many px on, or from this part of the diagonal where that is more (7 px of 6000x4000: clicks in a reduced view).
+MANY_PX, CLICKED = 5.0, 0.001
 #: Systematic: share of the radial residuals' variance that their mean by radius explains, and the F statistic
 #: of that (20 rings). Gaussian noise gives F = 1 and never 8; real boards that fit give a share below .05.
 EXPLAINED, F_LEAST, RINGS = 0.1, 8.0, 20
@@ -119,13 +122,18 @@ def _bent_by(facts: Facts, gross: Array) -> bool:
 def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
     """An rms that no detector and no lens explains."""
     rms = facts.solution.rms_point
-    if not rms <= LARGE * facts.diagonal:
+    if not rms <= most_px(facts.diagonal):
         yield CalibrationWarning(
             "large-residuals",
             f"the rms of {rms:.3g} px is large for an image of {facts.diagonal:.0f} px across.",
             "Check which point is which; for a wide lens choose a model for it.",
             "wrong",
         )
+
+
+def most_px(diagonal: float) -> float:
+    """The rms, px, up to which a camera is not wrong for it alone, of a picture of this diagonal."""
+    return min(LARGE * diagonal, max(MANY_PX, CLICKED * diagonal))
 
 
 def systematic(facts: Facts) -> Iterator[CalibrationWarning]:

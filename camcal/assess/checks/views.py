@@ -9,6 +9,7 @@ import numpy as np
 from camcal.assess.checks import parameters
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
+from camcal.data.shape import sides
 from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Array
 from camcal.system.text import listed
@@ -155,21 +156,13 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
     """A few views in which the camera stands on the other side of the board than in the rest."""
     if not facts.planar or len(facts.views) < 3:
         return
-    poses = facts.solution.poses
-    centres = -np.einsum("vji,vj->vi", poses.rotations, poses.translations)
-    normals = facts.shapes.axes[:, :, 2]
-    # the normal of a fitted plane has no sign of its own
-    normals = normals * np.where(normals @ normals[0] < 0, -1.0, 1.0)[:, None]
-    side = np.einsum("vi,vi->v", centres - facts.shapes.origins, normals) > 0
-    if side.all() or not side.any():
-        return
-    minority = np.flatnonzero(side if side.mean() < 0.5 else ~side)
-    if len(minority) * 3 > len(side):
+    minority = np.flatnonzero(sides(facts.shapes, facts.solution.poses))
+    if not len(minority) or len(minority) * 3 > len(facts.views):
         return  # a target that is seen from both sides
     names = listed([facts.views[i].id for i in minority])
     yield CalibrationWarning(
         "mirrored-views",
-        f"{len(minority)} of {len(side)} views show the target from behind: {names}.",
+        f"{len(minority)} of {len(facts.views)} views show the target from behind: {names}.",
         "Their points are in mirrored order (or the picture is): mend or leave out these views.",
         "doubtful",
     )

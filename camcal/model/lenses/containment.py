@@ -57,10 +57,12 @@ def contains(outer: Lens, inner: Lens) -> bool:
 
 
 @lru_cache(maxsize=64)
-def contained(lens: Lens) -> tuple[str, ...]:
+def contained(lens: Lens, every: bool = False) -> tuple[str, ...]:
     """Specs of models with fewer parameters whose cameras `lens` contains, the closest first.
 
-    Of its own family (`Lens.smaller`), then of the table by size.
+    Of its own family (`Lens.smaller`), then of the table by size. Of models that are the same by another name one is
+    enough, unless `every`: a search that is stopped by the edge of the lens's domain ends where its path met that, and
+    the order of the parameters alone turns the path.
     """
     from camcal.model.lenses import LENSES, make
 
@@ -70,6 +72,6 @@ def contained(lens: Lens) -> tuple[str, ...]:
     found: list[Lens] = []
     for m in (*family, *others):
         known = any(f.size == m.size and contains(f, m) for f in found)  # the same by another name
-        if m.size < lens.size and not known and contains(lens, m):
+        if m.size < lens.size and (every or not known) and contains(lens, m):
             found.append(m)
-    return tuple(m.name for m in found)
+    return tuple(dict.fromkeys(m.name for m in sorted(found, key=lambda m: -m.size)))

@@ -1,0 +1,103 @@
+"""Circles whose centres were taken for the centroids of their images.
+
+The image of a disc of radius r about a point X of a plane is not centred on the image of X: its centroid lies off by
+
+    b r² + O(r⁴),    b = ¼ (½ tr g'' + g' ∇ ln|det g'|)                                                   (1)
+
+with g the map from the plane to the image (Heikkilä, Geometric camera calibration using circular control points, PAMI
+22, 2000, gives it in closed form for a pinhole). r² is one number that all views share. With r_i the residuals and H
+the hat matrix of the solution, a least squares step gives
+
+    r² = -bᵀ r / bᵀ (I - H) b,    its variance sigma_0² / bᵀ (I - H) b                                    (2)
+
+as the residuals of a solution are at right angles to what the camera and the poses can do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from camcal.assess.design import Design
+from camcal.model.camera import Camera
+from camcal.model.pose import Array, Pose
+from camcal.solve.calibration import Calibration
+
+#: Points on an outline, and its radius in parts of the spacing: small enough for (1), large enough for rounding.
+OUTLINE, RADIUS = 12, 0.1
+
+
+@dataclass(frozen=True)
+class Circles:
+    """What (2) gives.
+
+    Attributes
+    ----------
+    radius : float
+        r in parts of the points' spacing; 0 where r² is negative.
+    deviations : float
+        r² in standard deviations.
+    gain : float
+        What the step takes off the cost, ½ Σ w |r|².
+    params : (P,) array
+        Of the camera with circles of that size.
+    """
+
+    radius: float
+    deviations: float
+    gain: float
+    params: Array
+
+
+def circles(solution: Calibration, design: Design | None = None) -> Circles | None:
+    """Circles behind the points of a solution; None where the target is known, has no plane or no neighbours."""
+    data = solution.observations
+    if (data.target or {}).get("kind") is not None or solution.board is not None or not data.shapes.planar.all():
+        return None
+    design, camera = design or Design(solution), solution.camera
+    spacing = _spacing(design.views[0].xyz)
+    if not spacing > 0:
+        return None
+    square, along, pull = 0.0, 0.0, np.zeros(len(design.inverse))
+    for rows in design.rows():
+        axes = data.shapes.axes[rows.view][:, :2].T
+        offsets = _centroid_offsets(camera, solution.poses[rows.view], design.views[rows.view].xyz, axes, spacing)
+        off = offsets * rows.roots[:, None]
+        if not np.isfinite(off).all():
+            return None
+        by_pose = np.einsum("ncp,nc->p", rows.pose, off)
+        square += float((off**2).sum() - by_pose @ design.poses.inverse[rows.view] @ by_pose)
+        along += float((off * rows.residuals).sum())
+        pull += np.einsum("ncf,nc->f", design.of_camera(rows), off)
+    square -= float(pull @ design.inverse @ pull)
+    if not square > 0 or not design.sigma_0 > 0:
+        return None
+    r2 = -along / square
+    # residual + J δ + b r² = 0: the camera's part of δ
+    step = -design.inverse @ pull * r2
+    return Circles(
+        radius=float(np.sqrt(max(r2, 0.0))),
+        deviations=r2 * float(np.sqrt(square)) / design.sigma_0,
+        gain=0.5 * along**2 / square,
+        params=camera.params + design.transform @ step,
+    )
+
+
+def _spacing(xyz: Array) -> float:
+    """The median distance of a point to its nearest neighbour; 0 for a single point."""
+    return float(np.median(cKDTree(xyz).query(xyz, 2)[0][:, 1])) if len(xyz) > 1 else 0.0
+
+
+def _centroid_offsets(camera: Camera, pose: Pose, xyz: Array, axes: Array, spacing: float) -> Array:
+    """b of (1) (N, 2), px for a radius of one spacing: the centroid of a small outline's image less its centre's."""
+    around = np.arange(OUTLINE) * (2 * np.pi / OUTLINE)
+    rim = RADIUS * spacing * (np.c_[np.cos(around), np.sin(around)] @ axes)
+    points = xyz[:, None] + np.concatenate([rim, np.zeros((1, 3))])
+    seen = camera.project(pose.apply(points.reshape(-1, 3))).reshape(len(xyz), -1, 2)
+    outline = seen[:, :-1] - seen[:, -1:]
+    following = np.roll(outline, -1, 1)
+    cross = outline[..., 0] * following[..., 1] - outline[..., 1] * following[..., 0]
+    off = ((outline + following) * cross[..., None]).sum(1) / (3 * cross.sum(1))[:, None]
+    return np.asarray(off / RADIUS**2)

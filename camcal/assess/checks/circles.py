@@ -1,0 +1,37 @@
+"""Points that are the centroids of the images of circles; what that does is in `camcal.assess.causes.circles`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from camcal.assess.causes.circles import circles
+from camcal.assess.causes.words import severity
+from camcal.assess.checks.facts import Facts
+from camcal.assess.difference import difference
+from camcal.assess.fold_difference import covered_pixels
+from camcal.assess.warning import CalibrationWarning
+
+#: standard deviations of r² beyond which there are circles: a false alarm in 3e-5 of all runs
+SIGNIFICANT = 4.0
+#: radii that circles of a target have, in parts of the spacing of neighbouring centres: smaller ones change nothing
+#: (their images are a few pixels across), and larger ones touch. Bent boards and lenses that do not hold give other
+#: numbers, or negative ones.
+SMALLEST, LARGEST = 0.15, 0.5
+
+
+def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
+    """Targets that camcal found itself have been corrected."""
+    found = circles(facts.solution, facts.design) if facts.design is not None else None
+    if found is None or not (found.deviations > SIGNIFICANT and SMALLEST < found.radius < LARGEST):
+        return
+    moved = replace(facts.camera, params=found.params)
+    apart = difference(moved, facts.camera, covered_pixels(facts.solution)).rms_px
+    yield CalibrationWarning(
+        "circle-centres",
+        f"the points lie where the centroids of the images of circles would, of a radius of {found.radius:.2g} of their "
+        f"spacing ({found.deviations:.0f} standard deviations): a circle seen from the side is not centred on its "
+        f"centre's image. The camera is off by {apart:.2g} px (rms over the picture).",
+        "Let camcal find the circles in the pictures, which corrects for it: camcal images --target circles:9x6.",
+        severity(apart, apart, False, 1.0),
+    )
