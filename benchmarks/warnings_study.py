@@ -1,19 +1,25 @@
 """How often each warning speaks: on clean simulated data (it should not) and on faulty data (it should).
 
-The cases are in `faulty_cases.py`. An error counts as flagged where it names the fault.
+The cases are in `faulty_cases.py`. An error counts as flagged where it names the fault. As the true camera is known,
+each run also says how far the calibrated one is off, against its own statement: a fault that moves it by less than
+three of its sigmas need not be found, and a camera that is off by more, and by more than 1 px, must not be graded good.
 
-Usage: python benchmarks/warnings_study.py [--clean 1000] [--kinds 50] [--faulty 100] [--jobs 1] [--seed 0] [--write]
+Usage: python benchmarks/warnings_study.py [--clean 1000] [--kinds 50] [--faulty 100] [--jobs 1] [--seed 0] [--log FILE]
+    [--write]
 """
 
 from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
+import json
 import multiprocessing
+import multiprocessing.pool
 import re
-import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from faulty_cases import CLEAN_KINDS, COMMON, HARMLESS, OTHERS, SILENT, Case, Said, clean, clean_kind
@@ -22,11 +28,6 @@ from tables import markdown, update
 PAGE = Path(__file__).parents[1] / "docs" / "trust-figures.md"
 REPORT = PAGE.with_name("report.md")
 CASES = {c.name: c for c in (*SILENT, *OTHERS, *COMMON, *HARMLESS)}
-
-
-def _faulty(task: tuple[str, int]) -> tuple[str, set[str]]:
-    name, seed = task
-    return name, CASES[name].run(np.random.default_rng(seed))
 
 
 def bound(hits: int, runs: int) -> str:
@@ -56,30 +57,97 @@ def kinds_table(said: dict[str, list[Said]]) -> str:
     rows = []
     for name, runs in said.items():
         counted = collections.Counter(c for f in runs for c in f)
-        words = ", ".join(f"`{c}` {n / len(runs):.0%}" for c, n in counted.most_common(3))
+        words = ", ".join(f"`{c}` {n}" for c, n in counted.most_common(3))
+        counts = (sum(f.grade == g for f in runs) for g in ("doubtful", "wrong"))
+        rows.append([name, len(runs), *counts, words or "nothing"])
+    every = [f for runs in said.values() for f in runs]
+    counts = (bound(sum(f.grade == g for f in every), len(every)) for g in ("doubtful", "wrong"))
+    rows.append(["all", len(every), *counts, ""])
+    return markdown(["clean data", "runs", "doubtful", "wrong", "what was said, in runs"], rows)
+
+
+def faulty_table(cases: list[Case], said: dict[str, list[Said]]) -> str:
+    """What is said of each fault, and how often it should have been because the camera is off."""
+    rows = []
+    for case in cases:
+        runs = said[case.name]
+        counted = collections.Counter(c.split(":")[0] for f in runs for c in f)
+        words = ", ".join(
+            f"{c if c == 'error' else f'`{c}`'} {n / len(runs):.0%}" for c, n in counted.most_common(3)
+        )
+        good = [case.named(f) if case.right else not f for f in runs]
+        off = [f.off for f in runs if np.isfinite(f.off)]
+        wrong = [g for g, f in zip(good, runs, strict=True) if f.wrong]
         rows.append(
             [
-                name,
-                *(bound(sum(f.grade == g for f in runs), len(runs)) for g in ("doubtful", "wrong")),
+                case.name,
+                len(runs),
+                bound(sum(good), len(runs)),
+                f"{np.median(off):.2g}" if off else "no camera",
+                f"{sum(wrong)} of {len(wrong)}",
+                sum(f.passed for f in runs),
                 words or "nothing",
             ]
         )
-    count = len(next(iter(said.values())))
-    return markdown([f"clean data, {count} runs each", "doubtful", "wrong", "what was said most"], rows)
+    header = [
+        "case",
+        "runs",
+        "as it should be",
+        "camera off, px",
+        "of those beyond 3 sigmas",
+        "passed",
+        "said most",
+    ]
+    return markdown(header, rows)
 
 
-def faulty_table(cases: list[Case], flagged: dict[str, list[set[str]]]) -> str:
+def pass_table(said: dict[str, dict[str, list[Said]]]) -> str:
+    """How often a camera is graded good that is off by more than 1 px and three of its sigmas."""
     rows = []
-    for case in cases:
-        runs = flagged[case.name]
-        counted = collections.Counter(c.split(":")[0] for f in runs for c in f)
-        said = ", ".join(
-            f"{c if c == 'error' else f'`{c}`'} {n / len(runs):.0%}" for c, n in counted.most_common(3)
-        )
-        good = sum(case.named(f) for f in runs) if case.right else sum(not f for f in runs)
-        rows.append([case.name, bound(good, len(runs)), said or "nothing"])
-    count = len(flagged[cases[0].name])
-    return markdown(["case", f"as it should be, of {count} runs", "what was said most"], rows)
+    for table, by_name in said.items():
+        runs = [f for found in by_name.values() for f in found]
+        bad = [f for f in runs if f.off > 1 and f.wrong]
+        passed = sum(f.passed for f in runs)
+        share = [bound(passed, len(n)) if n else "" for n in (bad, runs)]
+        rows.append([table, len(runs), len(bad), passed, *share])
+    return markdown(["data", "runs", "cameras off", "graded good", "of the cameras off", "of all runs"], rows)
+
+
+TABLES = {"silent": SILENT, "faulty": OTHERS, "common": COMMON, "harmless": HARMLESS}
+KINDS = "kinds"
+
+
+def _run(task: tuple[str, str, int]) -> dict[str, Any]:
+    """A run as a line of the log."""
+    table, name, seed = task
+    said = clean_kind((name, seed))[1] if table == KINDS else CASES[name].run(np.random.default_rng(seed))
+    return {"table": table, "name": name, "seed": seed, "said": sorted(said), "grade": said.grade,
+            "off": said.off, "stated": said.stated}  # fmt: skip
+
+
+def _said(line: dict[str, Any]) -> Said:
+    found = Said(line["said"])
+    found.grade, found.off, found.stated = line["grade"], line["off"], line["stated"]
+    return found
+
+
+def logged(
+    tasks: list[tuple[str, str, int]], log: Path | None, pool: multiprocessing.pool.Pool
+) -> dict[str, dict[str, list[Said]]]:
+    """What was said in all runs of some tasks, by table and case; those in the log are not made again."""
+    lines = [json.loads(line) for line in log.read_text().splitlines()] if log and log.exists() else []
+    done = {(r["table"], r["name"], r["seed"]) for r in lines}
+    with log.open("a") if log else contextlib.nullcontext() as file:
+        for line in pool.imap_unordered(_run, [t for t in tasks if t not in done], chunksize=2):
+            lines.append(line)
+            if file is not None:
+                print(json.dumps(line), file=file, flush=True)
+    found: dict[str, dict[str, list[Said]]] = {}
+    for table, name in dict.fromkeys((t[0], t[1]) for t in tasks):
+        runs = [_said(r) for r in lines if (r["table"], r["name"]) == (table, name)]
+        if runs:
+            found.setdefault(table, {})[name] = runs
+    return found
 
 
 def main() -> None:
@@ -89,36 +157,36 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--tables", help="only these of silent, faulty, common, harmless (commas)")
     parser.add_argument("--cases", help="only those whose name has this in it")
+    parser.add_argument(
+        "--log", type=Path, help="file for the runs, a line each; those in it are not made again"
+    )
     parser.add_argument("--write", action="store_true", help="put the tables into docs/trust-figures.md")
     told = parser.parse_args()
-    begin = time.perf_counter()
-    kinds = {"silent": SILENT, "faulty": OTHERS, "common": COMMON, "harmless": HARMLESS}
-    if told.tables is not None:
-        kinds = {k: cases for k, cases in kinds.items() if k in told.tables.split(",")}
-    some = [c.name for cases in kinds.values() for c in cases]
-    names = [n for n in some if told.faulty and (told.cases is None or told.cases in n)]
+    begin, tables = time.perf_counter(), {}
+    chosen = {k: c for k, c in TABLES.items() if told.tables is None or k in told.tables.split(",")}
+    names = {k: [c.name for c in cases if (told.cases or "") in c.name] for k, cases in chosen.items()}
+    seeds = range(told.seed, told.seed + told.faulty)
+    tasks = [(KINDS, name, told.seed + i) for i in range(told.kinds) for name in CLEAN_KINDS]
+    tasks += [(table, name, seed) for seed in seeds for table, some in names.items() for name in some]
+    tasks.sort(
+        key=lambda task: task[2]
+    )  # seed by seed, so that a study that is stopped has all cases in its log
     with multiprocessing.Pool(told.jobs) as pool:
-        alarms: collections.Counter = collections.Counter()
-        for found in pool.imap_unordered(clean, range(told.seed, told.seed + told.clean), chunksize=4):
-            alarms.update(c.split(":")[0] for c in found)
-        tables = {"clean": clean_table(alarms, told.clean)} if told.clean else {}
-        kinds_tasks = [(name, told.seed + i) for name in CLEAN_KINDS for i in range(told.kinds)]
-        of_kinds: dict[str, list[Said]] = collections.defaultdict(list)
-        for name, said in pool.imap(clean_kind, kinds_tasks, chunksize=4):
-            of_kinds[name].append(said)
-        if of_kinds:
-            tables["kinds"] = kinds_table(of_kinds)
-            print(tables["kinds"], file=sys.stderr, flush=True)
-        tasks = [(name, told.seed + i) for name in names for i in range(told.faulty)]
-        flagged: dict[str, list[set[str]]] = collections.defaultdict(list)
-        for name, found in pool.imap(_faulty, tasks, chunksize=4):
-            flagged[name].append(found)
-            if len(flagged[name]) == told.faulty:
-                print(faulty_table([CASES[name]], flagged).splitlines()[-1], file=sys.stderr, flush=True)
-    if names:
-        tables |= {
-            k: faulty_table([c for c in cases if c.name in names], flagged) for k, cases in kinds.items()
-        }
+        if told.clean:
+            alarms: collections.Counter = collections.Counter()
+            for found in pool.imap_unordered(clean, range(told.seed, told.seed + told.clean), chunksize=4):
+                alarms.update(c.split(":")[0] for c in found)
+            tables["clean"] = clean_table(alarms, told.clean)
+        said = logged(tasks, told.log, pool)
+    if KINDS in said:
+        tables[KINDS] = kinds_table(said[KINDS])
+    tables |= {
+        k: faulty_table([c for c in cases if c.name in said[k]], said[k])
+        for k, cases in chosen.items()
+        if k in said
+    }
+    if said:
+        tables["pass"] = pass_table(said)
     for name, table in tables.items():
         print(f"{name}\n{table}\n")
         if told.write:

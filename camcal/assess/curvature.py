@@ -139,7 +139,7 @@ def _widen(matrix: Array, variances: Array, some: Array) -> None:
 
 
 def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | None:
-    """The smallest model inside that fits as well: its optimum, and the sigmas (P,) of the larger model's covariance there.
+    """The optimum of the smallest model inside that fits as well, and the sigmas (P,) of the larger model there.
 
     None where the data need what the larger model has more, or parameters are tied to one another.
     """
@@ -148,7 +148,7 @@ def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | No
         return None
     held: dict[str, float | None] = {
         n: v
-        for n, v, free in zip(lens.names, solution.camera.params, solution.free.any(1), strict=True)
+        for n, v, free in zip(lens.names, solution.camera.params, np.any(solution.free, axis=1), strict=True)
         if not free
     }
     size = int(solution.free.any(0).sum())
@@ -176,9 +176,8 @@ def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | No
 def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, Array, list[End]]]:
     """Of each direction whose interval is longer than (1) says, its share (F,) of each free parameter's variance.
 
-    With it how far each parameter (P,) goes until the sum of squares has grown as said, or as far as was looked; and the
-    cameras at the ends.
-    Nothing where a used point lies outside the lens's domain.
+    With it how far each parameter (P,) goes until the sum of squares has grown as said, or as far as was looked, and
+    the cameras at the ends. Nothing where a used point lies outside the lens's domain.
     """
     size = int(solution.free.any(0).sum())
     normal, gain = solution.normal, linear.poses_reduced.gain[:, :, :size]

@@ -125,6 +125,14 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Paper on cardboard, a printer that stretches.",
         "`--board-shape auto`; glass or aluminium behind the print.",
     ),
+    "circle-centres": (
+        "Centres of a circle grid found as the centroids of their images (`cv2.findCirclesGrid`).",
+        "`camcal images --target circles:COLUMNSxROWS`, which corrects for it; or corners instead of circles.",
+    ),
+    "noise-by-radius": (
+        "A lens that is less sharp towards its border.",
+        "A column `sigma` with the points; a smaller aperture.",
+    ),
     "heavy-tailed-residuals": (
         "Some bad pictures or points among good ones.",
         "`--robust auto`; look at the worst views.",

@@ -78,7 +78,7 @@ class Found:
 
     @property
     def cause(self) -> Trial | None:
-        """The candidate where it is one that concerns all views and is none of the target, which has checks of its own."""
+        """The candidate where it concerns all views and not the target, which has checks of its own."""
         trial = self.trial
         if trial is None or self.views or trial.kind in ("board", "circles"):
             return None

@@ -54,7 +54,11 @@ class Circles:
 def circles(solution: Calibration, design: Design | None = None) -> Circles | None:
     """Circles behind the points of a solution; None where the target is known, has no plane or no neighbours."""
     data = solution.observations
-    if (data.target or {}).get("kind") is not None or solution.board is not None or not data.shapes.planar.all():
+    if (
+        (data.target or {}).get("kind") is not None
+        or solution.board is not None
+        or not data.shapes.planar.all()
+    ):
         return None
     design, camera = design or Design(solution), solution.camera
     spacing = _spacing(design.views[0].xyz)
@@ -63,7 +67,9 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
     square, along, pull = 0.0, 0.0, np.zeros(len(design.inverse))
     for rows in design.rows():
         axes = data.shapes.axes[rows.view][:, :2].T
-        offsets = _centroid_offsets(camera, solution.poses[rows.view], design.views[rows.view].xyz, axes, spacing)
+        offsets = _centroid_offsets(
+            camera, solution.poses[rows.view], design.views[rows.view].xyz, axes, spacing
+        )
         off = offsets * rows.roots[:, None]
         if not np.isfinite(off).all():
             return None

@@ -29,9 +29,9 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
     apart = difference(moved, facts.camera, covered_pixels(facts.solution)).rms_px
     yield CalibrationWarning(
         "circle-centres",
-        f"the points lie where the centroids of the images of circles would, of a radius of {found.radius:.2g} of their "
-        f"spacing ({found.deviations:.0f} standard deviations): a circle seen from the side is not centred on its "
-        f"centre's image. The camera is off by {apart:.2g} px (rms over the picture).",
-        "Let camcal find the circles in the pictures, which corrects for it: camcal images --target circles:9x6.",
+        f"the points lie where the centroids of the images of circles would, of a radius of {found.radius:.2g} of "
+        f"their spacing ({found.deviations:.0f} standard deviations): the image of a circle seen from the side is not "
+        f"centred on that of its centre. The camera is off by {apart:.2g} px (rms over the picture).",
+        "Let camcal find the circles in the pictures, which corrects for it (camcal images --target circles:9x6).",
         severity(apart, apart, False, 1.0),
     )
