@@ -238,3 +238,27 @@ def test_candidates_at_once_gain_what_each_gains(cases, kind):
     sets = np.array([[0, 3, i] for i in range(4, views)])
     each = [linear.gain(shared(np.eye(views)[:, s], columns)) for s in sets]
     np.testing.assert_allclose(linear.gains_of_views(columns, sets), each, rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [2, 3])
+def test_a_mirrored_part_is_named(cases, share):
+    """Half and a third of the pictures, of a lens 13 px off the centre: the part that shows the other side."""
+    rng = np.random.default_rng(4)
+    data = cases.seen(cases.camera(cx=652.0, cy=471.0), rng, 15)
+    some = rng.permutation(15) < 15 // share
+    found = find(fitted(cases._mapped(data, some, cases._mirrored)))
+    assert found.cause is not None and found.cause.how == "sides"
+    assert (found.cause.parts == some).all() or (found.cause.parts == ~some).all()
+    said = warning_of(found)
+    assert said is not None and said.code == "mirrored-picture"
+
+
+def test_half_a_per_cent_of_zoom_is_evidence_and_chance_is_not(cases):
+    """Of 10 draws each: the zoom that moves the camera by six of its sigmas, and none."""
+    from camcal.assess.causes.search import EVIDENCE
+
+    assert EVIDENCE == 10.0
+    run = cases.COMMON_FAULTS["zoom by 0.5 %"][0]
+    zoomed = [find(fitted(run(np.random.default_rng(s)))).trial for s in range(6)]
+    still = [find(fitted(cases.seen(cases.camera(), np.random.default_rng(s), 15))).trial for s in range(6)]
+    assert all(t is not None and t.kind == "focal" for t in zoomed) and still == [None] * 6

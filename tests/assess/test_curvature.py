@@ -7,9 +7,11 @@ import pytest
 
 from camcal.assess.checks import check
 from camcal.assess.covariance import covariance
-from camcal.assess.curvature import accuracy, beyond_linear
+from camcal.assess.curvature import _inside, accuracy, beyond_linear
 from camcal.assess.uncertainty import projection_uncertainty, worst_sigma
 from camcal.data.points import read_points
+from camcal.model.camera import Camera
+from camcal.model.lenses import make
 from camcal.plan.calibrate import calibrate
 from camcal.report.document import document
 from tests.shared_data import DATA, needs_data
@@ -107,3 +109,31 @@ def test_projections_of_a_regular_model_stay():
     s = solved(views=8)
     spread = [projection_uncertainty(s, c).at_pixels(PLACES) for c in (covariance(s), accuracy(s))]
     assert np.array_equal(*spread)
+
+
+def test_intervals_reach_to_a_model_inside_that_fits_as_well():
+    """Lenses without a denominator: what opencv8 says of its coefficients holds them, or is infinite."""
+    truth = camera_of("opencv4")
+    for seed in range(1, 5):
+        s = needless(seed)
+        c = accuracy(s)
+        for i, name in enumerate(s.camera.lens.names):
+            value = truth.params[truth.lens.index(name)] if name in truth.lens.names else 0.0
+            assert abs(s.camera.params[i] - value) <= 3.5 * c.sigmas[name], (seed, name)
+
+
+def test_a_denominator_that_is_needed_keeps_its_sigmas():
+    """A lens of 120 degrees, whose coefficients are those of a real one with a strong denominator."""
+    rng = np.random.default_rng(3)
+    values = {"fx": 220.0, "fy": 220.0, "cx": 322.0, "cy": 238.0}
+    values |= {"k1": 0.479, "k2": 0.0267, "k3": 9e-5, "k4": 0.767, "k5": 0.0963, "k6": 0.0014}
+    lens = make("opencv8")
+    truth = Camera(lens, lens.from_values(values), (640, 480))
+    poses = tilted_poses(grid(), 20, rng, distance=(5.0, 7.0))
+    s = calibrate(observe(truth, poses, grid(), 0.1, rng), model="opencv8", checks=False)
+    assert _inside(s, covariance(s)) is None
+
+
+def test_parameters_that_are_tied_are_left_alone():
+    s = solved(model="opencv8", fix={"aspect": None})
+    assert _inside(s, covariance(s)) is None

@@ -172,3 +172,17 @@ def test_the_grade_is_the_worst_severity():
     assert grade([]) == grade([made["note"]]) == "good"
     assert grade([made["note"], made["doubtful"]]) == "doubtful"
     assert grade(made.values()) == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "most"), [(800, 4.0), (1000, 5.0), (1600, 5.0), (5000, 5.0), (7233, 7.233), (20_000, 20.0)]
+)
+def test_an_rms_of_many_px_is_wrong_in_itself(diagonal, most):
+    assert fit.most_px(diagonal) == pytest.approx(most)
+
+
+@pytest.mark.parametrize(("rms", "said"), [(3.99, False), (4.01, True)])
+def test_a_large_rms_is_wrong_whatever_else_there_is(good, rms, said):
+    # 640x480: the diagonal of 798.7 px from the outermost pixel centres, half a per cent of it
+    found = list(fit.large_residuals(with_residuals(good, lengths(len(good.residuals), rms, 0, 1))))
+    assert [w.severity for w in found] == ["wrong"] * said

@@ -181,6 +181,7 @@ def test_jinja2_that_is_missing_is_named(full, monkeypatch):
 # ---- the scene
 def test_the_scene_is_centred_and_nearer_polygons_come_last(full):
     made = scene.shapes(full)
+    made += scene.axes_and_scale(made, "square")[0]
     pivot, radius = scene.pivot_and_scale(made)
     places, depth = scene.projected(pivot[None], pivot, radius, 0.3, -0.2)
     assert np.allclose(places, [[scene.WIDTH / 2, scene.HEIGHT / 2]]) and depth == pytest.approx(0)
@@ -317,3 +318,36 @@ def test_the_preview_is_what_a_pinhole_sees():
     middle = np.s_[small.shape[0] // 4 : -small.shape[0] // 4, small.shape[1] // 4 : -small.shape[1] // 4]
     # a gray level of rounding, one of interpolation
     assert np.abs(straight[middle] - np.broadcast_to(wanted, small.shape)[middle]).max() <= 2
+
+
+def test_a_view_is_linked_wherever_it_is_shown(full, text):
+    """Its bar, its board in space and its row carry its id, by which the script marks them together."""
+    for view in full.observations.view_ids:
+        named = re.findall(rf'<(rect|polygon|tr)[^>]*data-view="{re.escape(view)}"', text)
+        assert {"rect", "polygon", "tr"} <= set(named), view
+
+
+def test_the_scene_has_axes_and_a_bar_of_a_round_length(text):
+    drawn = text.partition('id="scene"')[2].partition("</svg>")[0]
+    labels = set(re.findall(r"<text data-label[^>]*>([^<]*)</text>", drawn))
+    assert {"x", "y", "z"} < labels
+    (bar,) = labels - {"x", "y", "z"}
+    assert f"the bar is {bar} long" in text and bar.endswith("squares")
+
+
+@pytest.mark.parametrize(
+    ("most", "length"), [(1.0, 1.0), (1.99, 1.0), (2.0, 2.0), (4.9, 2.0), (0.051, 0.05), (730.0, 500.0)]
+)
+def test_round_lengths(most, length):
+    assert scene.round_length(most) == pytest.approx(length)
+
+
+@needs_chromium
+def test_a_click_on_a_bar_marks_its_board_and_row(text, tmp_path):
+    view = re.search(r'<rect[^>]*data-view="([^"]*)"', text).group(1)
+    path = tmp_path / "page.html"
+    click = f"""<script>document.querySelector('rect[data-view="{view}"]').dispatchEvent(new Event("click"));
+    document.title = document.querySelectorAll('.marked[data-view="{view}"]').length;</script></body>"""
+    path.write_text(text.replace("</body>", click), encoding="utf-8")
+    dom, said = open_page(path, tmp_path, "--dump-dom")
+    assert re.search(r"<title>(\d+)</title>", dom).group(1) >= "3" and not said

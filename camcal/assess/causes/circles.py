@@ -106,4 +106,6 @@ def _centroid_offsets(camera: Camera, pose: Pose, xyz: Array, axes: Array, spaci
     following = np.roll(outline, -1, 1)
     cross = outline[..., 0] * following[..., 1] - outline[..., 1] * following[..., 0]
     off = ((outline + following) * cross[..., None]).sum(1) / (3 * cross.sum(1))[:, None]
-    return np.asarray(off / RADIUS**2)
+    # the second moment of a regular polygon is that of its circle times this
+    moment = (2 + np.cos(2 * np.pi / OUTLINE)) / 3
+    return np.asarray(off / (RADIUS**2 * moment))

@@ -232,10 +232,11 @@ def _bars(layer: Bars, frame: _Frame) -> str:
         tone = "bad" if layer.bad is not None and layer.bad[i] else layer.tone
         top = float(frame.y(np.array(height)))
         title = f"<title>{escape(layer.names[i])}: {height:.4g}</title>" if layer.names else ""
+        linked = f' data-view="{escape(layer.names[i])}"' if layer.names else ""
         width = max(right[i] - left[i] - 0.6, 0.8)
         parts.append(
             f'<rect class="fill {tone}" x="{left[i]:.1f}" y="{top:.1f}" width="{width:.1f}" '
-            f'height="{max(zero - top, 0):.1f}">{title}</rect>'
+            f'height="{max(zero - top, 0):.1f}"{linked}>{title}</rect>'
         )
     return "".join(parts)
 

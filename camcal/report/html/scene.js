@@ -12,6 +12,11 @@
     polygons.set(Number(p.dataset.shape), p);
   });
 
+  const labels = new Map();
+  svg.querySelectorAll("text[data-label]").forEach(function (t) {
+    labels.set(Number(t.dataset.label), t);
+  });
+
   // the same rule as in scene.py
   function project(points) {
     const cy = Math.cos(state.yaw), sy = Math.sin(state.yaw);
@@ -31,12 +36,18 @@
 
   function draw() {
     const drawn = data.shapes.map(function (points, i) {
-      return Object.assign({ node: polygons.get(i) }, project(points));
+      return Object.assign({ node: polygons.get(i), label: labels.get(i) }, project(points));
     });
     drawn.sort(function (a, b) { return b.depth - a.depth; });
     drawn.forEach(function (d) {
       d.node.setAttribute("points", d.text);
       svg.appendChild(d.node); // the last stands in front
+      if (d.label) {
+        const end = d.text.split(" ").pop().split(",");
+        d.label.setAttribute("x", Number(end[0]) + 4);
+        d.label.setAttribute("y", Number(end[1]) + 4);
+        svg.appendChild(d.label);
+      }
     });
   }
 

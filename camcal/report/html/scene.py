@@ -18,6 +18,7 @@ from camcal.data.observations import View
 from camcal.model.pose import Pose
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
+from camcal.solve.calibration import Estimate
 
 Array = np.ndarray
 
@@ -33,15 +34,18 @@ FILL, LARGEST = 0.94, 1.8
 MOST = 60
 #: size of the drawn camera in parts of the median distance of the boards
 CAMERA = 0.3
+#: length of the drawn axes in parts of the drawn camera, and the longest bar in parts of the scene
+AXIS, BAR = 1.1, 0.4
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A polygon (N, 3) in the camera's frame: `kind` is a class of the style sheet."""
+    """A polygon (N, 3) in the camera's frame: `kind` is a class of the style sheet, a label stands at its end."""
 
     points: Array
     kind: str
     title: str = ""
+    label: str = ""
 
 
 def shapes(solution: Solution) -> list[Shape]:
@@ -102,6 +106,27 @@ def _camera(facts: Facts, size: float) -> list[Shape]:
     return [*sides, Shape(ends, "camera", "camera"), Shape(up, "camera up", "the camera's upper side")]
 
 
+def axes_and_scale(made: list[Shape], unit: str) -> tuple[list[Shape], str]:
+    """The axes of the (first) camera, and a bar of a round length below the boards with that length in words."""
+    size = float(max(np.ptp(s.points, axis=0).max() for s in made if s.kind.startswith("camera")))
+    axes = [
+        Shape(np.array([np.zeros(3), AXIS * size * e]), "axis", f"{n} of the camera", n)
+        for n, e in zip("xyz", np.eye(3), strict=True)
+    ]
+    every = np.concatenate([s.points for s in made if s.kind == "board"] or [s.points for s in made])
+    low, high = every.min(0), every.max(0)
+    length = round_length(BAR * float((high - low).max()))
+    said = f"{length:g} {unit}{'s' * (unit == 'square' and length != 1)}".strip()
+    start = np.array([(low[0] + high[0] - length) / 2, high[1], (low[2] + high[2]) / 2])
+    return [*axes, Shape(np.array([start, start + [length, 0, 0]]), "axis", said, said)], said
+
+
+def round_length(most: float) -> float:
+    """The largest of 1, 2, 5, 10, ... that is no longer."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(max(m * power for m in (1, 2, 5) if m * power <= most * (1 + 1e-9)))
+
+
 def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:
     """The point about which the scene turns, and the radius of the ball around it."""
     every = np.concatenate([s.points for s in made])
@@ -133,7 +158,12 @@ def filling(made: list[Shape], pivot: Array, radius: float, yaw: float, pitch: f
 
 def drawing(solution: Solution) -> dict[str, Any]:
     """The first picture as SVG polygons, and what `scene.js` needs to turn it."""
-    return drawing_of(shapes(solution), len(solution.poses))
+    return drawing_of(shapes(solution), len(solution.poses), _unit(solution))
+
+
+def _unit(solution: Estimate) -> str:
+    """The unit of the target's lengths, as far as the data say."""
+    return str((solution.observations.target or {}).get("unit") or "")
 
 
 def rig_drawing(solution: RigSolution) -> dict[str, Any]:
@@ -151,7 +181,7 @@ def rig_drawing(solution: RigSolution) -> dict[str, Any]:
                 cameras.append(Shape(moved.points, shape.kind, name))
         made = seen | made  # a board as the first camera that saw it
     boards = [s for own in made.values() for s in own]
-    return drawing_of([*cameras, *boards], _shown(solution))
+    return drawing_of([*cameras, *boards], _shown(solution), _unit(solution))
 
 
 def _shown(solution: RigSolution) -> int:
@@ -162,8 +192,10 @@ def _shown(solution: RigSolution) -> int:
     return len(np.unique(np.c_[data.view, which], axis=0)) if several else len(solution.poses)
 
 
-def drawing_of(made: list[Shape], count: int) -> dict[str, Any]:
-    """Shapes as SVG polygons and as data; `count` boards there are."""
+def drawing_of(made: list[Shape], count: int, unit: str = "") -> dict[str, Any]:
+    """Shapes as SVG polygons and as data; `count` boards there are, with lengths in `unit`."""
+    more, said = axes_and_scale(made, unit)
+    made = [*made, *more]
     pivot, radius = pivot_and_scale(made)
     yaw, pitch = np.radians(YAW), np.radians(PITCH)
     fill = filling(made, pivot, radius, yaw, pitch)
@@ -172,8 +204,14 @@ def drawing_of(made: list[Shape], count: int) -> dict[str, Any]:
     polygons = [
         f'<polygon class="{made[i].kind}" data-shape="{i}" points="'
         + " ".join(f"{x:.1f},{y:.1f}" for x, y in places[i][0])
-        + f'"><title>{escape(made[i].title)}</title></polygon>'
+        + f'"{_linked(made[i])}><title>{escape(made[i].title)}</title></polygon>'
         for i in order
+    ]
+    polygons += [
+        f'<text data-label="{i}" x="{places[i][0][-1, 0] + 4:.1f}" y="{places[i][0][-1, 1] + 4:.1f}">'
+        f"{escape(made[i].label)}</text>"
+        for i in order
+        if made[i].label
     ]
     data = {
         "shapes": [np.round((s.points - pivot) / radius, 6).tolist() for s in made],
@@ -186,4 +224,16 @@ def drawing_of(made: list[Shape], count: int) -> dict[str, Any]:
     }
     boards = len({s.title for s in made if s.kind == "board"})
     shown = "" if boards == count else f" ({boards} of {count} are shown)"
-    return {"polygons": "".join(polygons), "data": data, "width": WIDTH, "height": HEIGHT, "shown": shown}
+    return {
+        "polygons": "".join(polygons),
+        "data": data,
+        "width": WIDTH,
+        "height": HEIGHT,
+        "shown": shown,
+        "scale": said,
+    }
+
+
+def _linked(shape: Shape) -> str:
+    """The attribute by which the page marks the view of a board."""
+    return f' data-view="{escape(shape.title)}"' if shape.kind == "board" else ""
