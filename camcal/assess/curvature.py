@@ -30,11 +30,11 @@ from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.special import chdtrc
 
 from camcal.assess.covariance import NULL, Covariance, End, covariance, eliminate_poses, reduce
 from camcal.assess.design import Design
 from camcal.errors import CamcalError
+from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.lenses import make
 from camcal.model.lenses.containment import contained, embed
 from camcal.model.pose import Array
@@ -166,7 +166,7 @@ def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | No
         ratio = 2 * (fit.fit.cost - solution.fit.cost) / linear.sigma_0**2
         params = embed(lens, inner, fit.camera.params)
         fewer = size - int(fit.free.any(0).sum())
-        if params is not None and fewer > 0 and chdtrc(fewer, max(ratio, 0.0)) > REJECTED:
+        if params is not None and fewer > 0 and ratio < chi2_quantile(1 - REJECTED, fewer):
             camera = replace(solution.camera, params=params)
             there = refine(camera, fit.poses, data, How(held, stopping=Options(max_iterations=0)))
             return End(-1, params, fit.poses, 1.0), np.sqrt(np.diag(covariance(there).matrix))

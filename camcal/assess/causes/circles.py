@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from camcal.assess.design import Design
+from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.solve.calibration import Calibration
@@ -93,7 +93,7 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
 
 def _spacing(xyz: Array) -> float:
     """The median distance of a point to its nearest neighbour; 0 for a single point."""
-    return float(np.median(cKDTree(xyz).query(xyz, 2)[0][:, 1])) if len(xyz) > 1 else 0.0
+    return float(np.median(Neighbours(xyz).query(xyz, 2)[0][:, 1])) if len(xyz) > 1 else 0.0
 
 
 def _centroid_offsets(camera: Camera, pose: Pose, xyz: Array, axes: Array, spacing: float) -> Array:
