@@ -518,7 +518,7 @@ OTHERS = [
     Case("a row shifted by one", lambda r: _one_view(r, _shifted_row, robust="auto"), ("mismatched-points",)),
     Case("one picture of another board", _another_board, ("other-board",)),
     Case("one of five poles of a single view off by 15 px", _pole,
-         ("rejected-points", "outliers", "mismatched-points")),
+         ("rejected-points", "outliers", "mismatched-points", "shifted-group")),
 ]  # fmt: skip
 COMMON = [Case(name, _common(run), right, grades) for name, (run, right, grades) in COMMON_FAULTS.items()]
 HARMLESS = [

@@ -125,6 +125,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Paper on cardboard, a printer that stretches.",
         "`--board-shape auto`; glass or aluminium behind the print.",
     ),
+    "shifted-group": (
+        "A pole, row or mark taken for the one beside it, or measured wrongly.",
+        "Check the points named; leave them out and compare the two cameras (`camcal compare`).",
+    ),
     "circle-centres": (
         "Centres of a circle grid found as the centroids of their images (`cv2.findCirclesGrid`).",
         "`camcal images --target circles:COLUMNSxROWS`, which corrects for it; or corners instead of circles.",

@@ -45,6 +45,8 @@ LEAST_PART = 2
 _GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
 #: groups of more views than this are not improved view by view: that takes count² products
 MOST_SWAPPED = 40
+#: part of the cost that a step is believed to leave at least: exact data have nothing but rounding
+LEAST_LEFT = 1e-6
 #: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
 STEPS = 25
 
@@ -109,7 +111,7 @@ class Search:
     def promised(self, gain: float, numbers: int, choices: float) -> float:
         """(1) as one step promises it, that gains so much of the cost."""
         assert self.linear is not None
-        return self.bic(max(self.linear.cost - gain, 1e-6 * self.linear.cost), numbers, choices)
+        return self.bic(max(self.linear.cost - gain, LEAST_LEFT * self.linear.cost), numbers, choices)
 
     def fit(self, kind: str, how: str, design: Array, parts: Array, choices: float) -> Trial | None:
         """A candidate fitted; None where it has as many unknowns as there are coordinates, or diverges."""
@@ -191,7 +193,9 @@ class Search:
             return
         parts = sides(shapes, self.base.poses)
         design = self._parts("cropped", parts)
-        if parts.sum() >= LEAST_PART and self.promised(design, 0.0) < self.none - EVIDENCE:
+        assert self.linear is not None
+        promise = self.promised(self.linear.gain(design), design.shape[2], 0.0)
+        if parts.sum() >= LEAST_PART and promise < self.none - EVIDENCE:
             yield from self._some(self.fit("cropped", "sides", design, parts, 0.0))
 
     def _swapped(self, kind: str, parts: Array) -> Array:
@@ -286,7 +290,7 @@ class Search:
         if found is None or not found.radius > 0:
             return
         assert self.linear is not None
-        cost = self.linear.cost - found.gain
+        cost = max(self.linear.cost - found.gain, LEAST_LEFT * self.linear.cost)
         theta, none = np.zeros((self.count, len(self.warp.fields))), np.zeros(self.count, bool)
         camera = replace(self.base.camera, params=found.params)
         yield Trial("circles", "", camera, theta, none, cost, 1, self.bic(cost, 1, 0.0), self.warp)

@@ -89,9 +89,15 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def _bent_by(facts: Facts, gross: Array) -> bool:
-    """Whether the camera without some of the used points (a mask of the finite ones) projects clearly elsewhere.
+    """Whether the camera without some of the used points (a mask of the finite ones) projects clearly elsewhere."""
+    apart, noise = moved_without(facts, gross)
+    return apart > max(SEVERAL_PX, SIGMAS * noise)
 
-    Over the part of the picture that points cover, at infinity. A fit without them that fails says nothing.
+
+def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
+    """How far the camera without some of the used points (a mask of the finite ones) projects elsewhere, and its noise.
+
+    rms over the part of the picture that points cover, at infinity, px. A fit without them that fails says nothing: 0.
     """
     solution = facts.solution
     held = {
@@ -108,7 +114,7 @@ def _bent_by(facts: Facts, gross: Array) -> bool:
             solution.camera, solution.poses, rest, How(held, stopping=Options(max_iterations=STEPS))
         )
     except CamcalError:
-        return False
+        return 0.0, np.inf
     grid, covered = covered_grid(solution)
     pixels = grid[covered]
     apart = difference(other.camera, facts.camera, pixels).rms_px
@@ -116,7 +122,7 @@ def _bent_by(facts: Facts, gross: Array) -> bool:
     noise = (
         float(np.sqrt(np.mean(variance[np.isfinite(variance)]))) if np.isfinite(variance).any() else np.inf
     )
-    return bool(apart > max(SEVERAL_PX, SIGMAS * noise))
+    return apart, noise
 
 
 def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:

@@ -74,4 +74,5 @@ def contained(lens: Lens, every: bool = False) -> tuple[str, ...]:
         known = any(f.size == m.size and contains(f, m) for f in found)  # the same by another name
         if m.size < lens.size and (every or not known) and contains(lens, m):
             found.append(m)
-    return tuple(dict.fromkeys(m.name for m in sorted(found, key=lambda m: -m.size)))
+    ordered = sorted(found, key=lambda m: -m.size) if every else found
+    return tuple(dict.fromkeys(m.name for m in ordered))

@@ -1,0 +1,122 @@
+"""Points beside one another that are off together: a pole, a row or a mark that was taken for its neighbour.
+
+In a small set such points pull the fit to them, and no single residual stands out. With C the two columns that shift a
+group of points in u and v and M = I - H of the solution (`design.py`), a common shift takes
+
+    ½ bᵀ (Cᵀ M C)⁻¹ b,    b = Cᵀ r                                                                        (1)
+
+off the cost; against what is left it follows F(2, ν - 2) where there is none (Cook & Weisberg, Residuals and Influence
+in Regression, 1982, section 2.2.2, of groups).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.assess import figures
+from camcal.assess.checks import fit
+from camcal.assess.checks.facts import Facts
+from camcal.assess.design import Design, Rows
+from camcal.assess.warning import CalibrationWarning
+from camcal.geometry.neighbours import Neighbours
+from camcal.least_squares.distributions import f_exceeded
+from camcal.model.pose import Array
+from camcal.system.text import listed
+
+#: points up to which groups are looked for: in larger sets a group no longer pulls the fit, and is found by the test of
+#: single points
+MOST_POINTS = 200
+#: a group has so many points, and no more than this part of the view: the rest has to say where it belongs
+SIZES, MOST_PART = range(3, 9), 1 / 3
+#: of all groups together one shifts so far by chance with this probability
+BY_CHANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Group:
+    """The group that is most clearly shifted: its view, its rows among the used points there, and by how much, px."""
+
+    view: int
+    rows: Array
+    shift: Array
+    p_value: float
+
+
+def shifted_group(facts: Facts) -> Iterator[CalibrationWarning]:
+    """A group of neighbouring points that is off as a whole."""
+    found = shifted(facts)
+    if found is None or not found.p_value < BY_CHANCE:
+        return
+    solution, view = facts.solution, facts.views[found.view]
+    used = np.flatnonzero(solution.used[solution.observations.slices[found.view]])
+    rows = used[found.rows]
+    mask = np.zeros(len(solution.used), bool)
+    mask[np.arange(len(solution.used))[solution.observations.slices[found.view]][rows]] = True
+    moved, _ = fit.moved_without(facts, mask[solution.used])
+    yield CalibrationWarning(
+        "shifted-group",
+        f"points {listed([str(int(r)) for r in np.sort(rows)], 8)} of view '{view.id}' (rows, counted from 0) lie "
+        f"({found.shift[0]:+.1f}, {found.shift[1]:+.1f}) px from where all other points put them; without them the "
+        f"camera projects {moved:.2g} px (rms) elsewhere.",
+        "Look at these points: a mark taken for its neighbour, or wrong coordinates; leave them out and compare.",
+        "doubtful" if moved > fit.SEVERAL_PX else "note",
+    )
+
+
+def shifted(facts: Facts) -> Group | None:
+    """The group whose shift is least likely by chance; its p-value takes into account how many groups there are."""
+    design = facts.design
+    freedom = figures.redundancy(facts.solution)
+    if design is None or not freedom > 2 or int(facts.solution.used.sum()) > MOST_POINTS:
+        return None
+    total = sum(float((rows.residuals**2).sum()) for rows in design.rows())
+    best, count = None, 0
+    for rows in design.rows():
+        left = _left(design, rows)
+        for members in groups(design.views[rows.view].xyz):
+            count += 1
+            gain, shift = _of_shift(rows, left, members)
+            if best is None or gain > best[0]:
+                best = gain, rows.view, members, shift
+    if best is None or not total > best[0] > 0:
+        return None
+    statistic = best[0] / 2 / ((total - best[0]) / (freedom - 2))
+    chance = min(1.0, count * float(f_exceeded(statistic, 2, freedom - 2)))
+    return Group(best[1], best[2], best[3], chance)
+
+
+def groups(xyz: Array) -> list[Array]:
+    """Groups of points (N, 3) of a view: each with its nearest ones, and points listed one after the other."""
+    found: dict[tuple[int, ...], None] = {}
+    for size in SIZES:
+        if size > MOST_PART * len(xyz):
+            break
+        nearest = Neighbours(xyz).query(xyz, size)[1]
+        windows = np.arange(len(xyz) - size + 1)[:, None] + np.arange(size)
+        for members in np.sort(np.concatenate([nearest, windows]), axis=1).tolist():
+            found[tuple(members)] = None
+    return [np.array(members) for members in found]
+
+
+def _left(design: Design, rows: Rows) -> Array:
+    """I - H of a view's points, (N, 2, N, 2)."""
+    count = len(rows.residuals)
+    own = design.of_camera(rows).reshape(2 * count, -1)
+    pose = rows.pose.reshape(2 * count, 6)
+    hat = own @ design.inverse @ own.T + pose @ design.poses.inverse[rows.view] @ pose.T
+    return (np.eye(2 * count) - hat).reshape(count, 2, count, 2)
+
+
+def _of_shift(rows: Rows, left: Array, members: Array) -> tuple[float, Array]:
+    """Twice (1), and the shift (2,) of the observed points, px."""
+    roots = rows.roots[members]
+    b = roots @ rows.residuals[members]
+    inner = np.einsum("i,icjd,j->cd", roots, left[members][:, :, members], roots)
+    values, vectors = np.linalg.eigh(inner)
+    if not values[0] > 1e-9 * max(values[1], 1e-300):
+        return 0.0, np.zeros(2)  # the fit follows the group wherever it goes
+    shift = vectors @ ((vectors.T @ b) / values)
+    return float(b @ shift), -shift
