@@ -134,7 +134,8 @@ def codes(data: Correspondences, **options: Any) -> Said:
     said = Said(w.code for w in found.warnings)
     said.grade = found.grade
     errors = [_error(found, c) for c in cameras]
-    said.off, said.stated = max(errors, key=lambda e: np.nan_to_num(e[0], nan=np.inf))
+    if errors:  # else the same views once more, with other options
+        said.off, said.stated = max(errors, key=lambda e: np.nan_to_num(e[0], nan=np.inf))
     return said
 
 
