@@ -87,7 +87,10 @@ class RigViews:
         names = names_of(next(iter(self.parts.values())).target)
         called = {g: names[groups.index(g)] for g in groups}  # by the first of its boards
         instants = {
-            name: {v: view_name(i, called[groups[self.boards[name][v]]]) for v, i in own.items()}
+            name: {
+                v: view_name(i, called[groups[self.boards[name][v]]]) if v in self.boards[name] else i
+                for v, i in own.items()  # pictures without a board have no view
+            }
             for name, own in self.instants.items()
         }
         order = tuple(view_name(i, called[g]) for i in self.order for g in dict.fromkeys(groups))

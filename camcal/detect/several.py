@@ -17,7 +17,11 @@ from camcal.detect.recognition.decide import Answer
 from camcal.detect.targets.base import Target
 from camcal.detect.targets.tag_board import TagBoard
 
+#: px; corners of two boards so near are one corner, found twice to some hundredths
+SAME_CORNER = 1.0
 LEAST_PICTURES = 2  #: that show a further board: markers of one picture may be misread
+
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ def merged(searched: Sequence[Searched]) -> list[Outcome]:
 
 def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View]:
     """The views of one picture; where it shows several boards their number in the list follows the name."""
-    shown = [k for k, s in enumerate(searched) if s.outcomes[picture].detection is not None]
+    shown = _apart([None if (d := s.outcomes[picture].detection) is None else d.uv for s in searched])
     first = np.cumsum([0, *(len(s.target.points) for s in searched)])  # ids of different boards differ
     views = []
     for k in shown:
@@ -68,6 +72,25 @@ def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View
         own = name if len(shown) == 1 else f"{name} board {k + 1}"
         views.append(View(own, target.points[d.point_ids], d.uv, d.sigma, d.point_ids + int(first[k])))
     return views
+
+
+def _apart(seen: Sequence[Array | None]) -> list[int]:
+    """Which boards of a picture have corners of their own.
+
+    One marker that is read as another's makes a second board of the corners of the first: of two that share most of the
+    smaller one's corners the larger stays.
+    """
+    order = sorted((k for k, uv in enumerate(seen) if uv is not None), key=lambda k: -len(seen[k]))  # type: ignore[arg-type]
+    kept: list[int] = []
+    for k in order:
+        own = np.asarray(seen[k])
+        shared = (
+            (np.linalg.norm(own[:, None] - np.asarray(seen[j]), axis=2).min(1) < SAME_CORNER).mean()
+            for j in kept
+        )
+        if all(s < 0.5 for s in shared):
+            kept.append(k)
+    return sorted(kept)
 
 
 def described(searched: Sequence[Searched]) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def _run(task: Task, guess: Camera | None) -> Result:
             task.image_size,
             matrix,
             bend,
-            flags=_sum(flags),
+            flags=flags_of(flags),
             criteria=criteria(task.iterations),
         )
     k, d = np.array(k, float), np.array(d, float).ravel()
@@ -85,7 +85,8 @@ def _refuse_wide_angles(task: Task) -> None:
         raise NotComparableError(f"cv2.fisheye ends at 90 degrees from the axis, where {count} points lie")
 
 
-def _sum(names: list[str]) -> int:
+def flags_of(names: list[str]) -> int:
+    """cv2.fisheye's flags of these names; NotComparableError where this cv2 lacks one."""
     holder = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
     missing = [n for n in names if not hasattr(holder, f"CALIB_{n}")]
     if missing:

@@ -23,6 +23,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
 from camcal.model.rig import Rig
+from camcal.peers import register_cameras
 from camcal.peers.base import (
     LOWER,
     LOWER_PX,
@@ -34,11 +35,16 @@ from camcal.peers.base import (
     one_thread,
 )
 from camcal.peers.calibrate_camera import camera_of, coefficients, criteria, flags_of, refusals
+from camcal.peers.fisheye_calibrate import flags_of as fisheye_flags
+from camcal.peers.register_cameras import registered
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.poses import poses_before
 from camcal.solve.refine import How, refine, residuals
 
 AGAINST = "cv2.stereoCalibrate"
+FISHEYE = "cv2.fisheye.stereoCalibrate"
+#: the coefficients of a fisheye lens
+BENDS = ("k1", "k2", "k3", "k4")
 #: pairs that are compared at most: six for four cameras, and each costs two calibrations
 MOST_PAIRS = 6
 #: instants that a pair needs: below, its intrinsics are not determined by what both saw
@@ -66,15 +72,26 @@ def crosscheck(solution: RigCalibration, flat: RigCalibration | None, how: How) 
     with one_thread():
         for stage, fit in fits.items():
             for a, b in pairs[:MOST_PAIRS]:
-                try:
-                    entries.append(_compare(stage, _pair(fit, a, b, how)))
-                except (NotComparableError, CamcalError) as error:
-                    why = f"{a}-{b}: {str(error).rstrip('.')}"
-                    entries.append(entry(stage, AGAINST, "not_applicable", why))
+                entries.append(_entry(stage, fit, a, b, how))
     if len(pairs) > MOST_PAIRS:
         why = f"{len(pairs) - MOST_PAIRS} of {len(pairs)} pairs of cameras are not compared"
         entries.append(entry("refine", AGAINST, "not_applicable", why))
     return tuple(entries)
+
+
+def _entry(stage: str, fit: RigCalibration, a: str, b: str, how: How) -> Entry:
+    """The comparison of a pair with whichever function of cv2 takes it."""
+    try:
+        return _compare(stage, _pair(fit, a, b, how))
+    except (NotComparableError, CamcalError) as error:
+        why = str(error).rstrip(".")
+    try:
+        ours, relative = registered(fit, a, b, LEAST_INSTANTS)
+    except (NotComparableError, CamcalError) as error:
+        both = "" if str(error).rstrip(".") == why else f"; {str(error).rstrip('.')}"
+        return entry(stage, AGAINST, "not_applicable", f"{a}-{b}: {why}{both}")
+    said = f"{a}-{b}, intrinsics held, as {why}"
+    return _judged(stage, register_cameras.AGAINST, ours, Rig(ours.rig.cameras, {b: relative}, a), said, {})
 
 
 @dataclass(frozen=True)
@@ -85,6 +102,7 @@ class _Pair:
     names: tuple[str, str]
     frees: tuple[Array, Array]
     remark: str
+    fisheye: bool = False
 
 
 def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
@@ -98,7 +116,7 @@ def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
     rig = whole.rig.with_reference(a)
     cameras = {n: rig.cameras[n] for n in (a, b)}
     start = {n: whole.start.cameras[n] for n in (a, b)}
-    _refuse_models(cameras)
+    function = _function(cameras)
     data, instants = _shared(whole, a, b)
     if len(instants) < LEAST_INSTANTS:
         raise NotComparableError(f"{len(instants)} instants are seen by both")
@@ -116,19 +134,27 @@ def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
     if whole.board is not None:
         said.append("both with the board as estimated")
     return _Pair(
-        replace(fit, start=replace(pair, cameras=start)), (a, b), (frees[0], frees[1]), ", ".join(said)
+        replace(fit, start=replace(pair, cameras=start)),
+        (a, b),
+        (frees[0], frees[1]),
+        ", ".join(said),
+        function != "calibrateCamera",
     )
 
 
-def _refuse_models(cameras: Mapping[str, Camera]) -> None:
+def _function(cameras: Mapping[str, Camera]) -> str:
+    """cv2's calibration of one such camera, which names the one of two."""
     forms = []
     for camera in cameras.values():
         form = camera.lens.opencv(camera.params)
-        if form is None or form.function != "calibrateCamera":
-            raise NotComparableError(f"cv2.stereoCalibrate has no model like {camera.lens.name}")
+        if form is None or form.function not in ("calibrateCamera", "fisheye.calibrate"):
+            raise NotComparableError(f"{AGAINST} has no model like {camera.lens.name}")
         forms.append(form)
     if forms[0].flags != forms[1].flags or len(forms[0].distortion) != len(forms[1].distortion):
         raise NotComparableError("cv2 takes one lens model for both cameras")
+    if forms[0].function != forms[1].function:
+        raise NotComparableError("cv2 takes one lens model for both cameras")
+    return str(forms[0].function)
 
 
 def _shared(whole: RigCalibration, a: str, b: str) -> tuple[Observations, Array]:
@@ -160,14 +186,24 @@ def _shared(whole: RigCalibration, a: str, b: str) -> tuple[Observations, Array]
 
 def _compare(stage: str, pair: _Pair) -> Entry:
     fit, (a, b) = pair.fit, pair.names
-    cameras, relative, distortion = _run(pair)
+    run, against = (_run_fisheye, FISHEYE) if pair.fisheye else (_run, AGAINST)
+    cameras, relative, distortion = run(pair)
     rig = Rig(dict(zip((a, b), cameras, strict=True)), {b: relative}, a)
-    theirs_fit = replace(fit, rig=rig)
+    said = f"{pair.remark}; cv2 began at the intrinsics of each camera alone"
+    return _judged(stage, against, fit, rig, said, {"distortion": distortion})
+
+
+def _judged(
+    stage: str, against: str, fit: RigCalibration, rig: Rig, remark: str, more: Mapping[str, Any]
+) -> Entry:
+    """The entry of a pair as camcal fitted it and as cv2 has it."""
+    b = next(iter(fit.extrinsics))
+    relative, theirs_fit = rig.cam_from_rig[b], replace(fit, rig=rig)
     poses = poses_before(theirs_fit, fit.observations, fit.poses)
     off = residuals(rig, poses, fit.observations)
     ours, theirs = fit.rms_point, float(np.sqrt(np.square(off).sum(1).mean()))
     sigmas = _in_sigmas(fit, relative)
-    status, said = "pass", [pair.remark]
+    status, said = "pass", [remark]
     if not theirs >= ours * (1 - LOWER) - LOWER_PX:
         status = "fail"
         said.append(f"cv2 reaches a lower rms, {theirs:.9g} px instead of {ours:.9g} px")
@@ -176,17 +212,16 @@ def _compare(stage: str, pair: _Pair) -> Entry:
     elif not sigmas <= SIGMAS:
         status = "fail"
         said.append(f"the same rms, but the relative pose differs by {sigmas:.3g} standard deviations")
-    said.append("cv2 began at the intrinsics of each camera alone")
     opencv = {
         "rms_point": theirs,
-        "matrix": [c.matrix.tolist() for c in cameras],
-        "distortion": distortion,
+        "matrix": [c.matrix.tolist() for c in rig.cameras.values()],
+        **more,
         "rotation_vector": rotations.log(relative.rotation).tolist(),
         "translation": relative.translation.tolist(),
         "baseline": float(np.linalg.norm(relative.translation)),
     }
     return entry(
-        stage, AGAINST, status, "; ".join(said), opencv, _difference(fit, rig, ours - theirs, sigmas)
+        stage, against, status, "; ".join(said), opencv, _difference(fit, rig, ours - theirs, sigmas)
     )
 
 
@@ -219,6 +254,42 @@ def _run(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
     else:
         cameras = [camera_of(starts[n], k, d) for n, k, d in zip((a, b), matrices, bends, strict=True)]
     return (cameras[0], cameras[1]), Pose(found[4], found[5].ravel()), [d.tolist() for d in bends]
+
+
+def _run_fisheye(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
+    """What cv2.fisheye.stereoCalibrate makes of a pair of which everything but skew is estimated."""
+    data, names = pair.fit.observations, pair.names
+    starts = [pair.fit.start.cameras[n] for n in names]
+    for camera, free in zip(starts, pair.frees, strict=True):
+        free_names = {n for n, row in zip(camera.lens.names, free, strict=True) if row.any()}
+        if free_names != {"fx", "fy", "cx", "cy", *BENDS}:
+            raise NotComparableError(f"{FISHEYE} is compared where f, c and k1 to k4 are estimated")
+    half = data.point_count // 2
+    views = [np.flatnonzero(data.view[:half] == v) for v in range(len(data))]
+    xyz = [data.xyz[v].reshape(1, -1, 3) for v in views]
+    seen = [[data.uv[v + shift].reshape(1, -1, 2) for v in views] for shift in (0, half)]
+    given = [a.copy() for c in starts for a in (c.matrix, np.array([c.values[k] for k in BENDS]))]
+    size: Any = starts[0].image_size or tuple(int(n) + 1 for n in np.ceil(data.uv.max(0)))
+    flags = fisheye_flags(["USE_INTRINSIC_GUESS", "FIX_SKEW", "RECOMPUTE_EXTRINSIC"])
+    with refusals():
+        _, k1, d1, k2, d2, r, t, *_ = cv2.fisheye.stereoCalibrate(
+            xyz, *seen, *given, size, flags=flags, criteria=criteria()
+        )
+    found = [np.asarray(x, float) for x in (k1, d1, k2, d2, r, t)]
+    if not all(np.isfinite(x).all() for x in found):
+        raise NotComparableError("cv2 returned NaN")
+    cameras = []
+    for start, k, d in zip(starts, found[0:4:2], found[1:4:2], strict=True):
+        values = {
+            "fx": k[0, 0],
+            "fy": k[1, 1],
+            "cx": k[0, 2],
+            "cy": k[1, 2],
+            **dict(zip(BENDS, d.ravel(), strict=True)),
+        }
+        cameras.append(Camera(start.lens, start.lens.from_values(values), start.image_size))
+    bends = [d.ravel().tolist() for d in found[1:4:2]]
+    return (cameras[0], cameras[1]), Pose(found[4], found[5].ravel()), bends
 
 
 def _flags(pair: _Pair) -> int:

@@ -62,6 +62,17 @@ def test_the_boards_can_be_named(folder):
     assert max(np.abs(v.xyz).max() for v in found.views) > 100  # mm, as the specs say
 
 
+def test_a_misread_marker_makes_no_second_board():
+    from camcal.detect.several import _apart
+
+    rng = np.random.default_rng(0)
+    first = rng.uniform(0, 600, (20, 2))
+    again = first[:12] + rng.normal(0, 0.02, (12, 2))
+    assert _apart([first, again]) == [0] and _apart([again, first]) == [1]
+    assert _apart([first, None, rng.uniform(0, 600, (20, 2))]) == [0, 2]
+    assert _apart([None, None]) == []
+
+
 def test_boards_must_differ():
     with pytest.raises(UsageError, match="different ids"):
         targets.make_all("charuco:6x5:40mm:30mm:4X4_100+charuco:5x6:40mm:30mm:4X4_100:start=3")
