@@ -267,13 +267,13 @@ def _run_fisheye(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[fl
     half = data.point_count // 2
     views = [np.flatnonzero(data.view[:half] == v) for v in range(len(data))]
     xyz = [data.xyz[v].reshape(1, -1, 3) for v in views]
-    seen = [[data.uv[v + shift].reshape(1, -1, 2) for v in views] for shift in (0, half)]
-    given = [a.copy() for c in starts for a in (c.matrix, np.array([c.values[k] for k in BENDS]))]
+    seen_a, seen_b = ([data.uv[v + shift].reshape(1, -1, 2) for v in views] for shift in (0, half))
+    (ka, da), (kb, db) = ((c.matrix.copy(), np.array([c.values[k] for k in BENDS])) for c in starts)
     size: Any = starts[0].image_size or tuple(int(n) + 1 for n in np.ceil(data.uv.max(0)))
     flags = fisheye_flags(["USE_INTRINSIC_GUESS", "FIX_SKEW", "RECOMPUTE_EXTRINSIC"])
     with refusals():
         _, k1, d1, k2, d2, r, t, *_ = cv2.fisheye.stereoCalibrate(
-            xyz, *seen, *given, size, flags=flags, criteria=criteria()
+            xyz, seen_a, seen_b, ka, da, kb, db, size, flags=flags, criteria=criteria()
         )
     found = [np.asarray(x, float) for x in (k1, d1, k2, d2, r, t)]
     if not all(np.isfinite(x).all() for x in found):

@@ -6,8 +6,10 @@ import cv2
 import pytest
 
 from camcal import calibrate_rig
+from camcal.model.pose import Pose
+from camcal.peers import register_cameras, stereo_calibrate
 from camcal.peers.stereo_calibrate import crosscheck
-from camcal.solve.refine import How
+from camcal.solve.refine import How, residuals
 from tests.rigs import LENS, observed, truth
 
 #: cv2.stereoCalibrate of 4.12 and 4.14 stops on the way: on these data it is .0019, .00024, .00009 and .00009 px above
@@ -49,11 +51,56 @@ def test_a_wrong_pair_fails():
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"model": "kb4"}, "no model like kb4"),
-        ({"model": {"a": "opencv4", "b": LENS}}, "one lens model"),
-        ({"fix": {"a.fx": None, "a.fy": None}}, "holds the same parameters"),
+        ({"model": "mei"}, "no model like mei"),
+        ({"model": {"a": "opencv4", "b": "mei"}}, "no model like mei"),
     ],
 )
 def test_what_cv2_does_not_have(options, why):
     (entry,) = solved(**options).crosscheck
     assert entry["status"] == "not_applicable" and why in entry["why"], entry
+
+
+def test_fisheye_pairs_are_compared_with_cv2_fisheye():
+    (entry,) = solved(model="kb4").crosscheck
+    assert entry["against"] == "cv2.fisheye.stereoCalibrate" and entry["status"] == "pass", entry
+    assert entry["difference"]["sigmas"] < 1e-3
+
+
+@pytest.mark.skipif(not hasattr(cv2, "registerCameras"), reason="OpenCV 5 has it")
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"model": {"a": "opencv4", "b": LENS}}, "one lens model"),
+        ({"model": {"a": "kb4", "b": "opencv5"}}, "one lens model"),
+        ({"fix": {"a.fx": None, "a.fy": None}}, "holds the same parameters"),
+    ],
+)
+def test_other_pairs_are_compared_by_their_places(options, why):
+    (entry,) = solved(**options).crosscheck
+    assert entry["against"] == "cv2.registerCameras" and entry["status"] == "pass", entry
+    assert why in entry["why"] and entry["difference"]["sigmas"] < 0.01
+
+
+@pytest.mark.skipif(not hasattr(cv2, "registerCameras"), reason="OpenCV 5 has it")
+def test_cameras_that_see_different_points_of_the_board():
+    data, _ = observed(truth("ab"), instants=8)
+    parts = data.where((data.point < 27) == (data.camera == 0))  # no point is seen by both
+    solution = calibrate_rig(parts, model="opencv4", checks=False, crosscheck=True)
+    (entry,) = solution.crosscheck
+    assert entry["against"] == "cv2.registerCameras" and entry["status"] == "pass", entry
+    assert entry["difference"]["sigmas"] < 0.01
+
+
+@pytest.mark.skipif(not hasattr(cv2, "registerCameras"), reason="OpenCV 5 has it")
+def test_a_wrong_place_fails(monkeypatch):
+    """The check can fail: camcal's pair is moved, so that cv2 has a lower rms."""
+
+    def moved(whole, a, b, least):
+        fit, theirs = register_cameras.registered(whole, a, b, least)
+        off = Pose(theirs.rotation, theirs.translation + [0.5, 0, 0])
+        rig = replace(fit.rig, cam_from_rig={b: off})
+        return replace(fit, rig=rig, residuals=residuals(rig, fit.poses, fit.observations)), theirs
+
+    monkeypatch.setattr(stereo_calibrate, "registered", moved)
+    (entry,) = solved(model={"a": "opencv4", "b": LENS}).crosscheck
+    assert entry["status"] == "fail" and "lower rms" in entry["why"], entry
