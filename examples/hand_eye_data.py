@@ -17,6 +17,8 @@ HAND_FROM_CAMERA = camcal.Pose.from_vector(np.array([0.1, -0.05, 1.57]), np.arra
 BASE_FROM_BOARD = camcal.Pose.from_vector(np.array([3.0, 0.1, 0.05]), np.array([550.0, 40.0, 10.0]))
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(6)

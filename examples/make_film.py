@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
     pictures = [cv2.imread(str(p)) for p in sorted(Path(sys.argv[1]).glob("*.jpg"))]
     height, width = pictures[0].shape[:2]
     film = cv2.VideoWriter(sys.argv[2], cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))

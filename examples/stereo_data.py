@@ -56,6 +56,8 @@ def picture(camera: camcal.Camera, pose: camcal.Pose) -> np.ndarray:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "boards.csv").write_text(table(), encoding="utf-8")

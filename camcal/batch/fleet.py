@@ -32,7 +32,7 @@ QUANTITIES: dict[str, tuple[str | None, str, bool]] = {
     "focal": ("sigma_focal", "focal length, px", False),
     "cx": ("sigma_cx", "principal point cx, px", False),
     "cy": ("sigma_cy", "principal point cy, px", False),
-    "distortion": (None, "distortion at half the height, px", False),
+    "distortion": (None, "distortion, px", False),
     "rms_point": (None, "rms of the residuals, px", True),
     "holdout": (None, "rms on held-out views, px", True),
 }

@@ -55,13 +55,16 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>camcal batch</title>',
         f"<style>{style}\nmain {{ max-width: 75rem; margin: auto; padding: 1rem }} td {{ white-space: nowrap }}"
-        " .scroll { overflow-x: auto } tr.bad td { color: #b3261e }</style></head><body><main>",
+        " .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(22rem, 1fr)); gap: 1rem }"
+        " .charts figure { margin: 0 } .scroll { overflow-x: auto } tr.bad td { color: #b3261e }</style></head><body><main>",
         f"<h1>Batch of {len(rows)} calibrations</h1><p>{escape(numbers)}.</p>",
-        _table(rows),
+        '<div class="charts">',
         *(_figure(control, number) for number, control in enumerate(controls)),
+        "</div>",
     ]
     if not controls:
         parts.append("<p>Control charts need eight cameras of one type.</p>")
+    parts.append(_table(rows))
     return "\n".join([*parts, "</main></body></html>"]) + "\n"
 
 

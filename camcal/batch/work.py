@@ -73,17 +73,21 @@ def _keep(job: Job, row: Row, text: str, storage: Storage) -> None:
 
 @contextmanager
 def _failures_in(row: Row, job: Job) -> Iterator[None]:
-    """Note any error in the row of a job: it must not stop the others."""
+    """Note any error in the row of a job, in place of its figures: it must not stop the others."""
     try:
         yield
+        return
     except CamcalError as error:
-        row |= {"status": FAILED, "reason": f"{error.message} {error.hint or ''}".strip()}
+        reason = f"{error.message} {error.hint or ''}".strip()
     except MemoryError:
-        row |= {"status": FAILED, "reason": "there is not enough memory for this job."}
+        reason = "there is not enough memory for this job."
     except OSError as error:
-        row |= {"status": FAILED, "reason": f"{error.filename or job.name}: {error.strerror or error}."}
+        reason = f"{error.filename or job.name}: {error.strerror or error}."
     except Exception as error:  # noqa: BLE001 - as above
-        row |= {"status": FAILED, "reason": f"a bug of camcal: {type(error).__name__}: {error}"}
+        reason = f"a bug of camcal: {type(error).__name__}: {error}"
+    kept = {name: value for name, value in row.items() if name in ("name", "type", "digest", "seconds")}
+    row.clear()
+    row |= kept | {"status": FAILED, "reason": reason}
 
 
 def _report(job: Job) -> tuple[dict[str, Any], Any]:
