@@ -56,7 +56,8 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>camcal batch</title>',
         f"<style>{style}\nmain {{ max-width: 75rem; margin: auto; padding: 1rem }} td {{ white-space: nowrap }}"
         " .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(22rem, 1fr)); gap: 1rem }"
-        " .charts figure { margin: 0 } .scroll { overflow-x: auto } tr.bad td { color: #b3261e }</style></head><body><main>",
+        " .charts figure { margin: 0 } .scroll { overflow-x: auto }"
+        " tr.bad td { color: #b3261e }</style></head><body><main>",
         f"<h1>Batch of {len(rows)} calibrations</h1><p>{escape(numbers)}.</p>",
         '<div class="charts">',
         *(_figure(control, number) for number, control in enumerate(controls)),
