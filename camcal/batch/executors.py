@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import re
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
 from camcal.errors import UsageError
@@ -11,6 +12,8 @@ from camcal.system.processes import start_worker
 
 #: s; a cluster that does not answer within this time is not there
 CONNECT = 10
+#: what Dask takes for an address; of another text its client cannot even be taken down without a traceback
+ADDRESS = re.compile(r"[a-z]+://.+|[^/]+:\d+")
 #: how often Dask gives a job to another worker after its worker was lost
 RETRIES = 3
 
@@ -78,6 +81,8 @@ class Cluster:
                 "--scheduler needs dask.distributed, which is not installed.",
                 "Try: pip install 'camcal[cluster]'",
             ) from None
+        if not ADDRESS.fullmatch(address):
+            raise UsageError(f"'{address}' is no address of a Dask scheduler.", "Try: tcp://HOST:8786")
         try:
             self.client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

@@ -58,10 +58,14 @@ class Storage:
     Raises
     ------
     UsageError
-        Where fsspec, or what it needs for this address, is not installed.
+        Where fsspec, or what it needs for this address, is not installed; for `-`.
     """
 
     def __init__(self, root: str):
+        if root == "-":
+            raise UsageError(
+                "'-' is no name of a folder.", "A batch writes several files: name a folder for them."
+            )
         self.root = root if is_remote(root) else str(Path(root).absolute())
         self.remote: Any
         self.remote, self._folder = _connect(root) if is_remote(root) else (None, self.root)

@@ -65,6 +65,11 @@ def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
         return path, None
     from camcal.batch.grabber import Grabber, is_source
 
+    if not is_source(path) and path.exists():
+        raise DataError(
+            f"'{path}' is neither a folder nor a film nor a camera.",
+            "Give the folder that pictures arrive in.",
+        )
     if not is_source(path):
         raise DataError(f"there is no folder '{path}'.", "Make it first, then let the pictures arrive there.")
     if options["once"]:
