@@ -38,6 +38,7 @@ TAKES = {
     "estimate": "--start-camera, --distortion",
     "checkerboard": "--start-camera",
     "rig": "--cameras",
+    "wand": "--cameras",
     "rectify": "RIG",
     "triangulate": "CAMERAS",
 }
@@ -167,6 +168,27 @@ def test_a_start(call, tmp_path, name):
     call("rig", "rig.csv", *quick, *held, "-o", "rig.yaml", codes=(0, 1))
     found = yaml.safe_load(Path("rig.yaml").read_text())["cameras"]["2"]["parameters"]
     assert found["fx"]["value"] == pytest.approx(500.0, abs=1e-9) and found["fx"]["fixed"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_wand(call, tmp_path, name):
+    camera, rng = camera_of(name), np.random.default_rng(5)
+    file = tmp_path / f"cam{files.named_format(name).endings[0]}"
+    write(file, name, CameraFile((NamedCamera("camera", camera, PLACE),)))
+    poses = {
+        "1": Pose.identity(),
+        "2": Pose(rotations.exp(np.array([0.0, 0.1, 0.0])), np.array([-1.0, 0.0, 0.1])),
+    }
+    rows = []
+    for view in range(20):
+        middle, along = rng.uniform(-1, 1, 3) + [0.3, 0, 6], rng.normal(size=3)
+        ends = middle + np.outer([-0.25, 0.25], along / np.linalg.norm(along))
+        for own, pose in poses.items():
+            rows += [(own, view, p, *q) for p, q in zip("ab", camera.project(pose.apply(ends)), strict=True)]
+    table(tmp_path / "w.csv", rows, "camera,view,point,u,v")
+    known = ["--cameras", f"1={file},2={file}", "--image-size", "640x480"]
+    call("wand", "w.csv", "--bar", "0.5", *known, "--no-crosscheck", "-o", "w.yaml", codes=(0, 1))
+    assert yaml.safe_load(Path("w.yaml").read_text())["fit"]["rms_point"] < 1e-6
 
 
 @pytest.mark.parametrize("name", [f.name for f in files.formats() if f.several and f.poses])

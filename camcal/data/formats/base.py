@@ -202,6 +202,17 @@ def size_said(source: Source) -> tuple[int, int] | None:
     return source.image_size or (image_size(found[1], found[2]) if found else None)
 
 
+def size_needed(source: Source) -> tuple[int, int]:
+    """The same, of a format whose lengths mean nothing without it; DataError where nothing says it."""
+    size = size_said(source)
+    if size is None:
+        raise DataError(
+            "it does not say how large the picture is.",
+            "Give --image-size WxH; where a command has no such option: camcal convert FILE cam.yaml --image-size WxH",
+        )
+    return size
+
+
 def floats(value: Any, count: int | tuple[int, ...] | None = None, what: str = "entry") -> Array:
     """A flat array of finite numbers; ValueError for another number of them than `count`."""
     found = np.asarray(value, float).ravel()

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.formats.base import Array, CameraFile, Format, floats, number, size_said, unknown
+from camcal.data.formats.base import Array, CameraFile, Format, floats, number, size_needed, unknown
 from camcal.data.formats.foreign import backward_camera
 from camcal.data.formats.literal import literal
 from camcal.data.formats.source import Source
@@ -51,9 +51,7 @@ def _values(source: Source) -> dict[str, Any]:
 
 
 def _read(source: Source) -> CameraFile:
-    found, size = _values(source), size_said(source)
-    if size is None:
-        raise DataError("it does not say how large the image is.", "Give --image-size WxH.")
+    found, size = _values(source), size_needed(source)
 
     def value(name: str, default: float = 0.0) -> float:
         return float(floats(found.get(name, default), 1, name)[0])

@@ -42,6 +42,10 @@ format has no place for (k3 in Kalibr, a skew in ROS) is an error that names it,
 printed, and nothing is written where it exceeds `--max-px` (0.5 px unless given). A model of another program that
 camcal has no lens for is refused by name, and read with `--to-model`.
 
+Where a file does not say how large the image is, `--image-size` does, in every command that has the option; files
+whose lengths are parts of the image (RealityCapture, Blender's own presets) cannot be read without it, those of
+LensFun are taken for 6000 px.
+
 Nothing in a file is run: MATLAB scripts are read line by line, mrcal's literals as data, YAML by the safe loader
 without nested aliases, XML without entities of its own.
 """

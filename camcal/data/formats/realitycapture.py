@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from camcal.data.formats.base import CameraFile, Format, NamedCamera, floats, number, size_said, unknown
+from camcal.data.formats.base import CameraFile, Format, NamedCamera, floats, number, size_needed, unknown
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import choose, polynomial
 from camcal.errors import DataError
@@ -34,9 +34,7 @@ def _numbers(text: str, count: int | tuple[int, ...], name: str) -> Any:
 
 
 def _read(source: Source) -> CameraFile:
-    found, size = _entries(source), size_said(source)
-    if size is None:
-        raise DataError("it does not say how large the picture is.", "Give --image-size WxH.")
+    found, size = _entries(source), size_needed(source)
     kind = found.get("DistortionModel", "perspective")
     if kind not in KNOWN:
         raise unknown("distortion model", kind, KNOWN)
