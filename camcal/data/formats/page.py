@@ -88,11 +88,12 @@ interpreters that have the others. Last run with all of them on 2026-11-29:
 | owner | version | what |
 |---|---|---|
 | OpenCV | 4.10.0, 4.12.0, 4.14.0, 5.0.0, 5.1.0 | YAML, XML, JSON of pinhole, opencv4 to 14, fisheye; stereo pairs |
-| pycolmap | 4.2.1 | cameras.txt and .bin of nine models; the two that are refitted |
+| pycolmap | 4.2.1 | cameras.txt and .bin of nine models; rigs.txt; the two models that are refitted |
 | mrcal | 2.2 (Debian) | five lens models with a pose; CAHVOR, stereographic, latlon, lonlat, splined (refitted) |
 | aniposelib | 0.8.0 | a rig of two cameras |
 | GNU Octave | 7.3.0 | Calib_Results.m run as a script, .mat read; .mat of versions 6 and 7 written by it |
 | scipy.io | 1.17.1 | .mat |
+| OpenUSD (usd-core) | 26.11 | a camera with OpenCV's lens |
 | ffmpeg | 5.1 | `undistort --maps m.pgm`: remap gives the same pixels |
 | OpenEXR | 3.5.3 | `undistort --maps m.exr` |
 | GStreamer | 1.22 | `undistort --maps cam.gst`: cameraundistort |

@@ -139,6 +139,52 @@ def test_pycolmap_models_that_are_refitted(tmp_path, model, params):
     assert seen.all() and np.abs(rays - theirs).max() < 1e-8
 
 
+RIG = """
+import sys, json, pycolmap
+scene = pycolmap.Reconstruction()
+scene.read_text(sys.argv[1])
+(rig,) = scene.rigs.values()
+(other,) = [s for s in rig.sensor_ids() if s != rig.ref_sensor_id]
+print(json.dumps([rig.ref_sensor_id.id, other.id, rig.sensor_from_rig(other).matrix().tolist()]))
+"""
+
+
+def test_pycolmap_reads_the_rig(tmp_path):
+    turn = Pose(rotations.exp(np.array([0.01, 0.2, -0.02])), np.array([-0.1, 0.0, 0.01]))
+    camera = camera_of("opencv4")
+    files.write(
+        tmp_path / "cameras.txt",
+        CameraFile((NamedCamera("left", camera, Pose.identity()), NamedCamera("right", camera, turn))),
+        "colmap",
+    )
+    for name in ("images", "points3D", "frames"):
+        (tmp_path / f"{name}.txt").write_text("")
+    first, second, pose = ask(OWNERS, RIG, tmp_path)
+    assert (first, second) == (1, 2)
+    assert np.abs(np.array(pose) - np.c_[turn.rotation, turn.translation]).max() < 1e-12
+
+
+OPENUSD = """
+import sys, json
+from pxr import Usd
+stage = Usd.Stage.Open(sys.argv[1])
+(camera,) = [p for p in stage.Traverse() if p.GetTypeName() == "Camera"]
+name = "omni:lensdistortion:opencvPinhole:"
+values = {a.GetName().removeprefix(name): a.Get() for a in camera.GetAttributes() if a.GetName().startswith(name)}
+print(json.dumps({n: list(v) if n == "imageSize" else v for n, v in values.items()}))
+"""
+
+
+def test_openusd(tmp_path):
+    """OpenUSD keeps these attributes in single precision."""
+    camera = camera_of("opencv12")
+    files.write(tmp_path / "camera.usda", CameraFile.one(camera))
+    found = ask(OWNERS, OPENUSD, tmp_path / "camera.usda")
+    assert found.pop("imageSize") == list(camera.image_size)
+    for name, value in camera.values.items():
+        assert found[name] == pytest.approx(value, rel=1e-6, abs=1e-9)
+
+
 MRCAL = """
 import sys, json, mrcal, numpy as np
 model = mrcal.cameramodel(sys.argv[1])
