@@ -221,3 +221,45 @@ def test_mrcal_of_before_and_after_2_5(tmp_path, names):
     assert np.array_equal(named.pose.translation, pose[3:]) and np.allclose(
         rotations.log(named.pose.rotation), pose[:3]
     )
+
+
+OST = """# oST version 5.0 parameters
+
+
+[image]
+
+width
+640
+
+height
+480
+
+[narrow_stereo/left]
+
+camera matrix
+500.000000 0.000000 330.000000
+0.000000 502.000000 236.000000
+0.000000 0.000000 1.000000
+
+distortion
+0.100000 -0.100000 -0.002000 -0.003000 0.000000
+
+rectification
+1.000000 0.000000 0.000000
+0.000000 1.000000 0.000000
+0.000000 0.000000 1.000000
+
+projection
+510.000000 0.000000 320.000000 0.000000
+0.000000 510.000000 240.000000 0.000000
+0.000000 0.000000 1.000000 0.000000
+
+"""
+
+
+@pytest.mark.parametrize("name", ["ost.txt", "left.ini"])
+def test_ros_calibrators_text(tmp_path, name):
+    """ost.txt of ROS's cameracalibrator: the camera of the picture, not of the rectified one (projection)."""
+    (named,) = read(tmp_path, name, OST).cameras
+    assert named.camera.params[:4].tolist() == [500, 502, 330, 236] and named.camera.image_size == (640, 480)
+    assert [named.camera.values[n] for n in ("k1", "k2", "p1", "p2")] == [0.1, -0.1, -0.002, -0.003]
