@@ -73,7 +73,7 @@ def _is_dlt(source: Path) -> bool:
         return False
     if looks_like_dlt(text):
         return True
-    # with a row missing it is still one, and is told so; not where another program's cameras are in it
+    # one with a row missing is refused as such, but not where the file holds another program's cameras
     return source.suffix.lower() in (".csv", ".txt") and not _is_camera_file(source)
 
 

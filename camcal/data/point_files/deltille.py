@@ -66,39 +66,36 @@ def _views(
     source: Source, name: str, rows: Array, board: Board
 ) -> Iterator[tuple[str, Array, Array, Array | None]]:
     """One view of all boards where their poses are known, else one of each board."""
-    boards, whole = rows[:, 0], rows[:, 1].astype(int)
     if (rows[:, :2] != np.rint(rows[:, :2])).any() or (rows[:, :2] < 0).any():
         raise ValueError("boards and corners are counted from 0")
+    boards, corners = rows[:, 0].astype(int), rows[:, 1].astype(int)
     target = _target(source.path)
-    if target is None:
-        for b in np.unique(boards):
-            mine = boards == b
-            xyz = _on_grid(source, whole[mine], board)
-            yield _name(name, b, boards), xyz, rows[mine, 2:], whole[mine]
-        return
-    points, poses = target
-    first = np.cumsum([0, *map(len, points.values())])
-    offsets = dict(zip(points, first.tolist(), strict=False))
-    placed = []
-    for b, corner in zip(boards.astype(int).tolist(), whole.tolist(), strict=True):
-        if b not in points or corner >= len(points[b]):
-            raise DataError(
-                f"{source.path}: corner {corner} of board {b} is not in the .dsc.", "Is it of it?"
-            )
-        placed.append(points[b][corner])
-    xyz = np.array(placed).reshape(-1, 3)
-    if all(int(b) in poses for b in boards):
-        ids = np.array([offsets[int(b)] + c for b, c in zip(boards, whole, strict=True)], int)
-        turned = [poses[int(b)][:, :3] @ p + poses[int(b)][:, 3] for b, p in zip(boards, xyz, strict=True)]
-        yield name, np.array(turned).reshape(-1, 3), rows[:, 2:], ids
+    points, poses = target or ({}, {})
+    xyz = _on_grid(source, corners, board) if target is None else _on_target(source, boards, corners, points)
+    if len(boards) and set(boards.tolist()) <= set(poses):
+        first = dict(zip(points, np.cumsum([0, *map(len, points.values())]).tolist(), strict=False))
+        moved = [poses[b][:, :3] @ p + poses[b][:, 3] for b, p in zip(boards.tolist(), xyz, strict=True)]
+        yield name, np.array(moved), rows[:, 2:], np.array([first[b] for b in boards.tolist()]) + corners
         return
     for b in np.unique(boards):
         mine = boards == b
-        yield _name(name, b, boards), xyz[mine], rows[mine, 2:], whole[mine]
+        yield _name(name, b, boards), xyz[mine], rows[mine, 2:], corners[mine]
 
 
-def _name(name: str, board: float, boards: Array) -> str:
-    return name if len(np.unique(boards)) == 1 else f"{name} board {int(board)}"
+def _on_target(source: Source, boards: Array, corners: Array, points: dict[int, Array]) -> Array:
+    """Places of corners (N, 3) on their boards."""
+    placed = []
+    for b, corner in zip(boards.tolist(), corners.tolist(), strict=True):
+        if b not in points or corner >= len(points[b]):
+            raise DataError(
+                f"{source.path}: corner {corner} of board {b} is not in the .dsc.", "Is it the right target?"
+            )
+        placed.append(points[b][corner])
+    return np.array(placed).reshape(-1, 3)
+
+
+def _name(name: str, board: int, boards: Array) -> str:
+    return name if len(np.unique(boards)) == 1 else f"{name} board {board}"
 
 
 def _on_grid(source: Source, corners: Array, board: Board) -> Array:
