@@ -30,17 +30,14 @@ import numpy as np
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
-from camcal.model.lenses import make
-from camcal.model.lenses.regress import regress
 from camcal.start import assumptions, shape, zhang
 from camcal.start.base import ClosedForm
+from camcal.start.of_rays import camera_of
 
 Array = np.ndarray
 
 #: 18 entries up to scale, two equations a point
 LEAST_POINTS = 9
-#: what the rays are regressed to: even powers to R⁶, rays to 90 degrees and beyond
-MODEL = "division:3"
 #: depth of a ray beside that at the centre: rays nearer to a right angle to the axis are no input for a pinhole
 #: camera (84 degrees at f = ρ)
 FLATTEST = 0.1
@@ -187,6 +184,4 @@ def _camera(matrix: Array, a: Array, data: Observations, centre: Array, scale: f
     to_px = np.array([[scale, 0, centre[0]], [0, scale, centre[1]], [0, 0, 1]])
     uv = np.concatenate([v.uv for v in data.views])
     rays = lifted((uv - centre) / scale) @ (np.linalg.solve(matrix, to_px) @ a).T
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    lens = make(MODEL)
-    return Camera(lens, regress(lens, rays, uv, data.image_size).params, data.image_size)
+    return camera_of(rays, uv, data.image_size)

@@ -20,7 +20,7 @@ from camcal.errors import EstimationError
 from camcal.geometry import projective
 from camcal.geometry.dlt import solve
 from camcal.model.pose import Poses
-from camcal.start import shape
+from camcal.start import leave_one_out, shape
 from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
@@ -144,14 +144,7 @@ def _condition(m: Array) -> tuple[float, Array]:
 
 
 def _leave_one_out(m: Array, x: Array, y: Array, roots: Array) -> float:
-    """rms_point of each point predicted without it, to first order: (I - H_ii)⁻¹ r_i with H = J J⁺."""
+    """rms_point of each point predicted without it, normalised px, along the changes that (1) and the scale allow."""
     residual, jacobian = _equations(m, x, y, roots)
     held = np.stack([_condition(m)[1].ravel(), m.ravel()])
-    free = np.linalg.svd(held)[2][2:].T
-    basis = np.linalg.qr(jacobian @ free)[0].reshape(len(x), 2, -1)
-    own = np.eye(2) - basis @ np.swapaxes(basis, 1, 2)
-    # a point that the fit follows wholly has no prediction by the others
-    safe = np.linalg.det(own) > 1e-9
-    alone = np.full((len(x), 2), np.inf)
-    alone[safe] = np.linalg.solve(own[safe], residual.reshape(-1, 2)[safe][..., None])[..., 0]
-    return float(np.sqrt(np.square(alone / roots[:, None]).sum(1).mean()))
+    return leave_one_out.rms_point(residual, jacobian @ np.linalg.svd(held)[2][2:].T, roots)
