@@ -54,6 +54,7 @@ def study(case, noise, runs):
         case.scene,
         f"{case.figure} {case.truth:g}",
         f"{noise:g}",
+        str(runs),
         known,
         f"{100 * refused / runs:.0f} %",
     ]

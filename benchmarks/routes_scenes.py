@@ -22,7 +22,7 @@ from camcal.model import lenses
 from camcal.model.pose import Pose
 from camcal.routes import line_start, scene, selfcalib, wand
 from camcal.routes.bundle import Tracks
-from camcal.routes.lines import Lines, tangents
+from camcal.routes.line_geometry import Lines, tangents
 from camcal.routes.wand_fit import Sightings
 
 

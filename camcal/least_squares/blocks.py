@@ -19,6 +19,10 @@ from camcal.least_squares.problem import Options, Trial
 Array = np.ndarray
 State = TypeVar("State")
 
+#: λ at least: frame and scale of a world that nothing holds have no curvature, and the loop's undamped step would
+#: follow what rounding makes of it. It slows a direction whose curvature is 1e-8 of its parameters' own by half
+FLOOR = 1e-8
+
 #: converged where a step promises less than this part of the cost: 7 digits of the root mean square and more
 PROMISED = 1e-12
 #: a cost that rounding makes: residuals are px, or standard deviations, and 1e-9 of either means nothing
@@ -151,7 +155,7 @@ class _One(Generic[State]):
         return _Equations(np.array([normal.cost if normal is not None and known else np.inf]), normal)
 
     def solve(self, state: State, equations: _Equations, damping: Array) -> tuple[Any, Array]:
-        step = None if equations.normal is None else equations.normal.step(float(damping[0]))
+        step = None if equations.normal is None else equations.normal.step(max(float(damping[0]), FLOOR))
         return (None, np.array([np.nan])) if step is None else (step[:2], np.array([step[2]]))
 
     def retract(self, state: State, step: tuple[Array, Array]) -> State:

@@ -13,8 +13,9 @@ from camcal.peers.undistort_points import against_cv2
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
 from camcal.routes import straightness
+from camcal.routes.line_geometry import Lines
 from camcal.routes.line_start import estimate
-from camcal.routes.lines import LineFit, Lines
+from camcal.routes.lines import LineFit
 from camcal.routes.read_lines import read_lines
 
 #: Lines have one direction where the mean of exp(2iφ) over them is longer than this: all within 10 degrees or so

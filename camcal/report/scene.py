@@ -14,7 +14,7 @@ from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
-from camcal.routes.lines import Lines
+from camcal.routes.line_geometry import Lines
 from camcal.routes.read_lines import TABLES, read_gray, read_lines
 from camcal.routes.scene import at_infinity, estimate
 from camcal.routes.scene_fit import LOOSE, Scene

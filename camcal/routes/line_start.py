@@ -17,7 +17,8 @@ from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
-from camcal.routes.lines import LineFit, Lines, distances, fit, held, nominal
+from camcal.routes.line_geometry import Lines, distances
+from camcal.routes.lines import LineFit, fit, held, nominal
 
 BRIDGE = "division:2"
 #: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Between

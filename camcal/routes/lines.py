@@ -13,9 +13,8 @@ the focal length given (the longer side of the picture by default).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +23,15 @@ from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
+from camcal.routes.line_geometry import (
+    Lines,
+    best_normals,
+    distances,
+    line_rays,
+    nearest_points,
+    slopes,
+    tangents,
+)
 from camcal.solve.parameters import apply_fixed, free_matrix
 
 LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
@@ -42,45 +50,6 @@ UNDETERMINED = 1e-7
 #: px; a parameter is undetermined where a change by its unit (1 px of the principal point, 1 of a coefficient, one
 #: focal length of a centre) moves the lines by less than this, rms
 DEAD = 1e-6
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Points on images of straight lines.
-
-    Attributes
-    ----------
-    uv : (N, 2) array, px
-    line : (N,) int array
-        Rows of a line stand together.
-    names : tuple of str
-    image_size : (width, height) or None
-    """
-
-    uv: Array
-    line: Array
-    names: tuple[str, ...]
-    image_size: tuple[int, int] | None = None
-
-    @classmethod
-    def of(cls, parts: Sequence[Array], names: Sequence[str], image_size: tuple[int, int] | None) -> Lines:
-        """From the points (N, 2) of each line."""
-        counts = [len(p) for p in parts]
-        uv = np.concatenate(parts) if parts else np.zeros((0, 2))
-        return cls(uv, np.repeat(np.arange(len(parts)), counts), tuple(names), image_size)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def take(self, chosen: Array) -> Lines:
-        """Only some of the lines (a mask or indices)."""
-        index = np.arange(len(self))[chosen]
-        place = np.full(len(self), -1)
-        place[index] = np.arange(len(index))
-        rows = place[self.line] >= 0
-        return Lines(
-            self.uv[rows], place[self.line[rows]], tuple(self.names[i] for i in index), self.image_size
-        )
 
 
 @dataclass(frozen=True)
@@ -243,95 +212,6 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
         return _State(s.params + free @ step, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     return minimise(linearise, moved, state)
-
-
-class Nearest(NamedTuple):
-    """The points of lines' images nearest to observed ones.
-
-    Attributes
-    ----------
-    uv : (N, 2) array, px
-    weight : (N,) array
-        Px for a unit of n · d there.
-    distance : (N,) array
-        Of the observed points, px, with the sign of n · d.
-    """
-
-    uv: Array
-    weight: Array
-    distance: Array
-
-
-def nearest_points(camera: Camera, uv: Array, normals: Array) -> Nearest | None:
-    """Two Newton steps along the gradient of n · d, (N, 3) normals; None outside the domain of the lens."""
-    near, weight = uv, np.ones(len(uv))
-    slope = np.zeros_like(uv)
-    for _ in range(2):
-        at = line_rays(camera, near)
-        if at is None:
-            return None
-        slope = np.einsum("ni,nij->nj", normals, at[1])
-        square = np.square(slope).sum(1)
-        weight = 1 / np.sqrt(square)
-        # to the line along the normal through the observed point
-        across = slope * weight[:, None]
-        off = (normals * at[0]).sum(1) * weight + ((uv - near) * across).sum(1)
-        near = uv - off[:, None] * across
-    return Nearest(near, weight, ((uv - near) * slope).sum(1) * weight)
-
-
-def line_rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
-    """Rays d (N, 3), ∂d/∂(u, v) (N, 3, 2), ∂d/∂params (N, 3, P), by the inverse of the projection's derivatives."""
-    d = camera.unproject(uv)
-    if not np.isfinite(d).all():
-        return None
-    _, d_xyz, d_params, valid = camera.lens.jacobians(camera.params, d)
-    if not valid.all():
-        return None
-    across = tangents(d)
-    onto = d_xyz @ across
-    det = onto[:, 0, 0] * onto[:, 1, 1] - onto[:, 0, 1] * onto[:, 1, 0]
-    if not (np.abs(det) > 0).all():
-        return None
-    by_uv = across @ np.linalg.inv(onto)
-    return d, by_uv, -by_uv @ d_params
-
-
-def slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
-    """|∂(n · d)/∂(u, v)| (N,), per px."""
-    return np.linalg.norm(np.einsum("ni,nij->nj", normals, at[1]), axis=1)
-
-
-def tangents(vectors: Array) -> Array:
-    """Two unit vectors (N, 3, 2) normal to each vector (N, 3) and to each other."""
-    helper = np.where(np.abs(vectors[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    first = np.cross(vectors, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(vectors, first)], 2)
-
-
-def best_normals(camera: Camera, lines: Lines) -> Array:
-    """The normals (L, 3) of the planes nearest to the rays of each line."""
-    return plane_normals(np.nan_to_num(camera.unproject(lines.uv)), lines.line, len(lines))
-
-
-def plane_normals(rays: Array, line: Array, count: int) -> Array:
-    """The unit vectors (L, 3) most nearly normal to the rays (N, 3) of each line."""
-    scatter = np.zeros((count, 3, 3))
-    np.add.at(scatter, line, rays[:, :, None] * rays[:, None])
-    return np.linalg.eigh(scatter)[1][:, :, 0]
-
-
-def distances(camera: Camera, lines: Lines) -> Array:
-    """Distances (N,) of points from the images of the straight lines nearest to them, px; NaN outside the domain."""
-    at = line_rays(camera, lines.uv)
-    if at is None:
-        return np.full(len(lines.uv), np.nan)
-    n = plane_normals(at[0], lines.line, len(lines))
-    for _ in range(2):  # the plane of least algebraic error, then of least distance in px
-        weight = 1 / slopes(at, n[lines.line])
-        n = plane_normals(at[0] * weight[:, None], lines.line, len(lines))
-    return (n[lines.line] * at[0]).sum(1) / slopes(at, n[lines.line])
 
 
 def _covariance(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from camcal.detect.listing import list_pictures, view_ids
 from camcal.detect.sources import read_bytes
 from camcal.errors import DataError
 from camcal.model.pose import Array
-from camcal.routes.lines import Lines
+from camcal.routes.line_geometry import Lines
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 

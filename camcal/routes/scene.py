@@ -17,7 +17,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
-from camcal.routes.lines import Lines
+from camcal.routes.line_geometry import Lines
 from camcal.routes.scene_fit import BOUNDS, LEAST_LINES, Scene, Seen, families, fit_scene, line_ends, spreads
 from camcal.routes.scene_start import frames
 from camcal.solve.parameters import apply_fixed

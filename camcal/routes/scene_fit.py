@@ -13,7 +13,7 @@ from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
-from camcal.routes.lines import Lines, Nearest, line_rays, nearest_points, slopes, tangents
+from camcal.routes.line_geometry import Lines, Nearest, line_rays, nearest_points, slopes, tangents
 from camcal.routes.scene_start import misses
 from camcal.solve.parameters import free_matrix
 

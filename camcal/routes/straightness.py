@@ -8,7 +8,7 @@ import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
-from camcal.routes.lines import Lines, distances
+from camcal.routes.line_geometry import Lines, distances
 
 
 @dataclass(frozen=True)

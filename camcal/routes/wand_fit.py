@@ -14,7 +14,7 @@ from camcal.geometry import rotations
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.routes.lines import tangents
+from camcal.routes.line_geometry import tangents
 
 
 @dataclass(frozen=True)

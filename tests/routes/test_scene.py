@@ -14,7 +14,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
-from camcal.routes.lines import Lines
+from camcal.routes.line_geometry import Lines
 from camcal.routes.scene import estimate
 
 SIZE = (640, 480)
