@@ -76,7 +76,7 @@ def test_models_that_do_not_hold_the_lens_exactly(model, most):
     A cubic lacks the fifth powers of the lens.
     """
     lens = lenses.make(model)
-    found = estimate(lines_of(BROWN, 40, 0.05, points=15), lens, {"fx": 1280.0, "fy": 1280.0}, robust=False)
+    found = estimate(lines_of(BROWN, 25, 0.05, points=15), lens, {"fx": 1280.0, "fy": 1280.0}, robust=False)
     unused = lines_of(BROWN, 20, 0.0, seed=7, points=25)
     assert straightness.before(unused).rms > 2
     assert straightness.in_picture(found.camera, unused).rms < most
