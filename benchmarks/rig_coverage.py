@@ -56,6 +56,8 @@ WIDTH = 1.96
 #: that of mrcal and, with k3 held, of cv2; aniposelib has f and k1
 MODEL = "opencv4"
 HERE = Path(__file__).parent
+#: mm; cv2.calibrateMultiview refuses points in mm as lying on a line
+UNIT = 1000.0
 #: frames by which the camera of `late` lags
 LAG = 1
 
@@ -336,7 +338,7 @@ def by_multiview(data: Observations, solution: RigCalibration, _: str | None) ->
     try:
         with one_thread():
             _, _, _, _, shifts = cv2.calibrateMultiview(
-                [points.astype(np.float32)] * uv.shape[1],
+                [(points / UNIT).astype(np.float32)] * uv.shape[1],
                 [[np.ascontiguousarray(v, np.float32) for v in own] for own in uv],
                 [SIZE] * count,
                 seen.astype(np.uint8),
@@ -346,7 +348,7 @@ def by_multiview(data: Observations, solution: RigCalibration, _: str | None) ->
             )  # fmt: skip
     except cv2.error:
         return float("nan")
-    return float(np.linalg.norm(shifts[1]))
+    return UNIT * float(np.linalg.norm(shifts[1]))
 
 
 def by_worker(worker: str) -> Callable[[Observations, RigCalibration, str | None], float]:

@@ -23,7 +23,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
 from camcal.model.rig import Rig
-from camcal.peers import register_cameras
+from camcal.peers import calibrate_multiview, register_cameras
 from camcal.peers.base import (
     LOWER,
     LOWER_PX,
@@ -73,6 +73,8 @@ def crosscheck(solution: RigCalibration, flat: RigCalibration | None, how: How) 
         for stage, fit in fits.items():
             for a, b in pairs[:MOST_PAIRS]:
                 entries.append(_entry(stage, fit, a, b, how))
+        if len(pairs) > 1:
+            entries.append(calibrate_multiview.crosscheck(solution))
     if len(pairs) > MOST_PAIRS:
         why = f"{len(pairs) - MOST_PAIRS} of {len(pairs)} pairs of cameras are not compared"
         entries.append(entry("refine", AGAINST, "not_applicable", why))

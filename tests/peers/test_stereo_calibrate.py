@@ -34,7 +34,8 @@ def test_cv2_finds_the_same_pair():
 
 
 def test_every_pair_of_three_cameras():
-    entries = solved("abc").crosscheck
+    *entries, whole = solved("abc").crosscheck
+    assert whole["against"] == "cv2.calibrateMultiview"
     assert [e["status"] for e in entries] == ["pass"] * 3
     assert [e["why"].partition(",")[0].partition(";")[0] for e in entries] == ["a-b", "a-c", "b-c"]
 
