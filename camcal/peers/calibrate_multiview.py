@@ -2,8 +2,8 @@
 
 It calibrates each camera alone, then pairs, then all poses with the intrinsics held and a robust cost, so that its rms
 is that of another problem: what is compared is that it does not come out lower. It takes one kind of lens for all.
-Its test for points on a line has a threshold in the unit of the points and refuses boards in mm: they are given in units
-of their extent.
+Its test for points on a line has a threshold in the unit of the points and refuses boards in mm: they are given in
+units of their extent.
 """
 
 from __future__ import annotations
