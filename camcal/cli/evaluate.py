@@ -79,7 +79,7 @@ def _natural(camera: Path, data: tuple[str, ...], options: dict[str, Any], words
     from camcal.cli.results import deliver
     from camcal.report.stereo import natural, natural_table
 
-    found = natural(camera, data, options["max_rms"], words)
+    found = natural(camera, data, options["max_rms"], words, options["fail_on"])
     for warning in found["warnings"]:
         note(f"{warning['message']} {warning['hint']}")
     for failure in found["failures"]:

@@ -21,7 +21,7 @@ from camcal.model.pose import Pose
 from camcal.model.rectification import Rectification, rectify
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
-from camcal.routes.natural import Natural, judge
+from camcal.routes.natural import Natural, judge, turn_of
 from camcal.settings.rig import split_camera
 
 Array = np.ndarray
@@ -142,9 +142,15 @@ def section(pair: Pair, alpha: float) -> dict[str, Any]:
 
 
 def natural(
-    path: str | os.PathLike, words: Sequence[str], max_rms: float | None, command: Sequence[str]
+    path: str | os.PathLike,
+    words: Sequence[str],
+    max_rms: float | None,
+    command: Sequence[str],
+    fail_on: str = "wrong",
 ) -> dict[str, Any]:
     """The report of a rig judged on pictures of anything.
+
+    The verdict is fail where `max_rms`, px, is exceeded, or with `fail_on` doubtful where points lie off their rows.
 
     Raises
     ------
@@ -164,16 +170,30 @@ def natural(
         "found": sum(len(f.good) for f in found),
         "pairs": [_entry(pair, i, f) for i, f in enumerate(found)],
     }
+    turn = turn_of(
+        pair.geometry,
+        np.concatenate([f.first[f.good] for f in found]),
+        np.concatenate([f.second[f.good] for f in found]),
+    )
+    made["turn"] = {
+        "camera": pair.names[1],
+        "rotation_vector_deg": np.degrees(turn.vector),
+        "sigma_deg": np.degrees(turn.sigma),
+        "median_after": turn.left,
+    }
     rms = made["vertical_disparity"]["rms"]
     failed = max_rms is not None and rms > max_rms
     failures = [f"vertical disparity {rms:.4g} px rms exceeds {max_rms:g}"] if failed else []
+    warnings = _warnings(made)
+    if fail_on == "doubtful":
+        failures += [w["message"].rstrip(".") for w in warnings if w["severity"] == "doubtful"]
     rig = files.read(path)
     sections = {
         "cameras": {c.name: camera_entry(c.camera, fixed=list(c.camera.lens.names)) for c in rig.cameras},
         "rig": rig_entry(rig),
         "natural": made,
     }
-    return document(command, None, sections, warnings=_warnings(made), failures=failures)
+    return document(command, None, sections, warnings=warnings, failures=failures)
 
 
 def _figures(off: Array, noise: Array) -> dict[str, Any]:
@@ -210,6 +230,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
                 f"{made['matches']} matches: too few for a firm figure.",
                 "Take pictures with more texture, or give several pairs.",
             )
+            | {"severity": "note"}
         )
     median, noise = made["vertical_disparity"]["median"], made["noise"]["median"]
     if median > max(EXCESS * noise, MATTERS):
@@ -217,10 +238,17 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
             warning(
                 "vertical-disparity",
                 f"the points lie {median:.3g} px from their rows (median), where their noise leaves {noise:.3g} px.",
-                "The cameras have moved against each other, or the rig was not calibrated well: calibrate it again.",
+                "The cameras have moved against each other, or the rig was not calibrated well: calibrate it again. "
+                + _turned(made["turn"]),
             )
+            | {"severity": "doubtful"}
         )
     return found
+
+
+def _turned(turn: Mapping[str, Any]) -> str:
+    size, sigma = (float(np.linalg.norm(turn[k])) for k in ("rotation_vector_deg", "sigma_deg"))
+    return f"A turn of {turn['camera']} by {size:.3g} ± {sigma:.1g} degrees would leave {turn['median_after']:.3g} px."
 
 
 def natural_table(made: Mapping[str, Any]) -> Any:

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from camcal.errors import DataError
+from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rectification import rectify
-from camcal.routes.natural import NEAR, judge
+from camcal.routes.natural import NEAR, judge, turn_of
 
 SIZE = (640, 480)
 LENS = lenses.make("opencv5")
@@ -98,3 +99,12 @@ def test_too_few_matches():
     pair = rectify(camera(), camera(), POSE)
     with pytest.raises(DataError, match="7 points are found in both pictures; 8 are needed"):
         judge(pair, *(p[:7] for p in matched(camera(), camera(), POSE, wrong=0)))
+
+
+@pytest.mark.parametrize("turn", [(0.005, 0, 0), (0.0, 0.01, 0.004), (-0.003, 0.002, 0.02), (0, 0, 0)])
+def test_the_turn_of_a_knocked_camera_is_found(turn):
+    moved = Pose(rotations.exp(np.array(turn)), np.zeros(3)) @ POSE  # about its own centre
+    truth = matched(camera(), camera(), moved, wrong=0)
+    found = turn_of(rectify(camera(), camera(), POSE), *truth)
+    assert np.abs((found.vector - turn) / found.sigma).max() < 4
+    assert found.sigma.max() < 0.01 and found.left < 0.13
