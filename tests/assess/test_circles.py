@@ -84,3 +84,15 @@ def test_a_known_target_has_been_corrected():
     s = discs(0.4)
     known = replace(s, observations=replace(s.observations, target={"kind": "circles"}))
     assert circles(known) is None
+
+
+@pytest.mark.parametrize(("stated", "severity"), [(0.0, "doubtful"), (1.0, "note")])
+def test_a_small_effect_is_doubtful_where_it_exceeds_what_the_camera_says(monkeypatch, stated, severity):
+    from camcal.assess.checks import circles as module
+    from camcal.assess.checks import fit
+    from camcal.assess.checks.facts import Facts
+    from camcal.assess.difference import Difference
+
+    monkeypatch.setattr(Difference, "rms_px", property(lambda _: 0.1))
+    monkeypatch.setattr(fit, "stated_px", lambda *_: stated)
+    assert [w.severity for w in module.circle_centres(Facts(discs(0.4)))] == [severity]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from camcal.assess.causes.circles import circles
 from camcal.assess.causes.words import severity
+from camcal.assess.checks import fit
 from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import difference
 from camcal.assess.fold_difference import covered_pixels
@@ -25,13 +26,16 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
     found = circles(facts.solution, facts.design) if facts.design is not None else None
     if found is None or not (found.deviations > SIGNIFICANT and SMALLEST < found.radius < LARGEST):
         return
-    moved = replace(facts.camera, params=found.params)
-    apart = difference(moved, facts.camera, covered_pixels(facts.solution)).rms_px
+    moved, pixels = replace(facts.camera, params=found.params), covered_pixels(facts.solution)
+    apart = difference(moved, facts.camera, pixels).rms_px
+    grave = severity(apart, apart, False, 1.0)
+    if grave == "note" and apart > fit.SIGMAS * fit.stated_px(facts.solution, pixels):
+        grave = "doubtful"  # little, but far more than the camera says of itself
     yield CalibrationWarning(
         "circle-centres",
         f"the points lie where the centroids of the images of circles would, of a radius of {found.radius:.2g} of "
         f"their spacing ({found.deviations:.0f} standard deviations): the image of a circle seen from the side is not "
         f"centred on that of its centre. The camera is off by {apart:.2g} px (rms over the picture).",
         "Let camcal find the circles in the pictures, which corrects for it (camcal images --target circles:9x6).",
-        severity(apart, apart, False, 1.0),
+        grave,
     )

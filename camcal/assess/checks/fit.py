@@ -14,6 +14,7 @@ from camcal.assess.uncertainty import projection_uncertainty
 from camcal.assess.warning import CalibrationWarning
 from camcal.errors import CamcalError
 from camcal.model.pose import Array
+from camcal.solve.calibration import Calibration
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
 
@@ -118,11 +119,14 @@ def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
     grid, covered = covered_grid(solution)
     pixels = grid[covered]
     apart = difference(other.camera, facts.camera, pixels).rms_px
-    variance = np.einsum("nii->n", projection_uncertainty(other).at_pixels(pixels))
-    noise = (
-        float(np.sqrt(np.mean(variance[np.isfinite(variance)]))) if np.isfinite(variance).any() else np.inf
-    )
-    return apart, noise
+    return apart, stated_px(other, pixels)
+
+
+def stated_px(solution: Calibration, pixels: Array) -> float:
+    """The projection uncertainty at pixels (N, 2) by the covariance, at infinity, rms, px; infinite where it is."""
+    variance = np.einsum("nii->n", projection_uncertainty(solution).at_pixels(pixels))
+    known = variance[np.isfinite(variance)]
+    return float(np.sqrt(np.mean(known))) if len(known) else np.inf
 
 
 def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
