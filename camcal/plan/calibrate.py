@@ -233,7 +233,8 @@ def _refine_stage(fit: Calibration, names: list[str]) -> Stage:
 def assessed(solution: Solution, progress: Progress) -> Solution:
     """The solution with its hold-out, its warnings, and the condition of each stage's equations."""
     asked = progress.options
-    found = causes.find(solution, progress.given)
+    known = progress.notes.get("causes")  # looked for on the way, where views seemed not to belong
+    found = known[1] if known and known[0] is progress.fit else causes.find(solution, progress.given)
     data, said = foreign.named(solution, progress.given, asked.robust != "none", found)
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
     folds = folds_wanted(solution, asked.holdout)

@@ -191,8 +191,11 @@ def _without_foreign(progress: Progress) -> Change | None:
     """Without views that fit a pose well enough to be used, but bend the camera."""
     fit = progress.fit
     bad = foreign.foreign_views(fit)
-    if not bad or causes.find(fit, progress.given).common:
+    if not bad:
         return None
+    found = causes.find(fit, progress.given)
+    if found.common:
+        return Change(notes={"causes": (fit, found)})  # for the checks of the result
     data = fit.observations.without(dict.fromkeys(bad, "does not fit the other views"))
     rest = [i for i in range(len(fit.poses)) if i not in bad]
     made = refine(fit.camera, fit.poses[np.array(rest)], data, progress.how)

@@ -262,3 +262,18 @@ def test_half_a_per_cent_of_zoom_is_evidence_and_chance_is_not(cases):
     zoomed = [find(fitted(run(np.random.default_rng(s)))).trial for s in range(6)]
     still = [find(fitted(cases.seen(cases.camera(), np.random.default_rng(s), 15))).trial for s in range(6)]
     assert all(t is not None and t.kind == "focal" for t in zoomed) and still == [None] * 6
+
+
+def test_causes_that_the_plan_looked_for_are_not_looked_for_again(cases, monkeypatch):
+    """A print that is too long makes a view seem foreign: the plan asks for causes, and the checks take its answer."""
+    from camcal.assess import causes
+
+    asked = []
+
+    def counted(*given):
+        asked.append(given)
+        return find(*given)
+
+    monkeypatch.setattr(causes, "find", counted)
+    case = next(c for c in cases.COMMON if c.name == "print 2 % longer in y")
+    assert case.named(case.run(np.random.default_rng(11))) and len(asked) == 1
