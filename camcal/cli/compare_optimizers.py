@@ -88,7 +88,15 @@ def _run(points: tuple[Path, ...], options: dict[str, Any]) -> tuple[Any, Any, s
     with progress("optimizers") as show:
         stopping = Options(max_seconds=options["max_seconds"])
         rotation = options["rotation"]
-        runs = run_all(problem, starts, specs, stopping, rotation, lambda *_: show(next(done), total))
+        runs = run_all(
+            problem,
+            starts,
+            specs,
+            stopping,
+            rotation,
+            lambda *_: show(next(done), total),
+            options["total_seconds"],
+        )
     return runs, problem, camera.lens.name
 
 

@@ -59,6 +59,12 @@ COMPARE_OPTIMIZERS = (
     ),
     Option("max_seconds", POSITIVE, "Longest time of one run.", 20.0),
     Option(
+        "total_seconds",
+        POSITIVE,
+        "Longest time of all runs together: what is left of it is divided among those to come.",
+        60.0,
+    ),
+    Option(
         "rotation",
         Words(("left", "vector", "quaternion", "euler")),
         "Coordinates of rotations; left = perturbations on the left, as everywhere else.",

@@ -49,6 +49,7 @@ def run_all(
     options: Options | None = None,
     rotation: str = "left",
     on_run: Callable[[str, int], None] | None = None,
+    total_seconds: float | None = None,
 ) -> list[Run]:
     """Run every optimiser from every start.
 
@@ -59,17 +60,31 @@ def run_all(
         linearisations and retractions: lm:schur, dogleg:schur, gauss-newton:schur, lbfgs:scaled, ...
     on_run : callable, optional
         Called with (spec, index of the start) before each run.
+    total_seconds : float, optional
+        Of all runs together. Each may take the time that is left over the number of runs that are left, within the
+        limit of `options`; what quick ones do not need is for those after them.
     """
     seen: Any = problem if rotation == "left" else OtherRotations(problem, rotation)
-    runs = []
+    runs: list[Run] = []
+    began, count = time.perf_counter(), len(starts) * len(specs)
     for index, state in enumerate(starts):
         for spec in specs:
             if on_run:
                 on_run(spec, index)
             begin = time.perf_counter()
-            result = optimizers.make(spec)(seen, state, options)
+            limited = options
+            if total_seconds is not None:
+                limited = _limited(options, (total_seconds - (begin - began)) / (count - len(runs)))
+            result = optimizers.make(spec)(seen, state, limited)
             runs.append(Run(spec, index, result, time.perf_counter() - begin))
     return runs
+
+
+def _limited(options: Options | None, share: float) -> Options:
+    """Options with a limit of time, the smaller of their own and a share."""
+    options = options or Options()
+    limits = [max(share, 0.0)] + ([] if options.max_seconds is None else [options.max_seconds])
+    return replace(options, max_seconds=min(limits))
 
 
 def perturbed(problem: Problem, state: State, count: int, size: float, seed: int) -> list[State]:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from camcal.solve.optimizers.base import Options
+from camcal.study import compare_optimizers
 from camcal.study.compare_optimizers import judged, perturbed, run_all, thinned
 from tests.solve.problems import problem_of
 
@@ -38,3 +40,24 @@ def test_thinned_keeps_both_ends():
     few = thinned(range(10_000), 50)
     assert few[0] == 0 and few[-1] == 9999 and len(few) <= 50
     assert few == sorted(set(few))
+
+
+def test_all_runs_share_the_time(monkeypatch):
+    """What is left over the number of runs left, within the limit of one run; a run that takes more leaves less."""
+    clock, limits = [0.0], []
+
+    class Slow:
+        def __call__(self, problem, state, options):
+            limits.append(options.max_seconds)
+            clock[0] += 3.0 if len(limits) == 1 else 0.0
+            return None
+
+    monkeypatch.setattr(compare_optimizers.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(compare_optimizers.optimizers, "make", lambda spec: Slow())
+    problem, state = problem_of()
+    options = Options(max_seconds=2.5)
+    run_all(problem, [state, state], ["lm", "lbfgs"], options, total_seconds=8.0)
+    assert limits == [2.0, pytest.approx(5 / 3), 2.5, 2.5]
+    limits.clear()
+    run_all(problem, [state], ["lm"] * 4, None, total_seconds=2.0)
+    assert limits == [0.5, 0.0, 0.0, 0.0]  # nothing is left: each stops after its first step
