@@ -60,7 +60,10 @@ def weak(fit: Calibration) -> bool:
     def any_weak(sigmas: Mapping[str, float]) -> bool:
         return any(not sigmas[n] <= WEAK * size for n, size in sizes.items())
 
-    return any_weak(covariance(fit).sigmas) or any_weak(facts.covariance.sigmas)  # the first costs less
+    if any_weak(covariance(fit).sigmas):
+        return True
+    # following curved directions takes as long as many fits, and bends no focal length that many points determine
+    return int(fit.used.sum()) <= SEARCHED and any_weak(facts.covariance.sigmas)
 
 
 def _several_centres(fit: Calibration) -> bool:

@@ -7,10 +7,15 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
 import yaml
 
 from camcal.cli.job import in_order
+from camcal.detect import workers
+from camcal.plan.images import calibrate_images
 from camcal.report.reproducible import without_times
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
 
 def run(folder, threads, *args):
@@ -63,3 +68,21 @@ def test_pictures_of_a_rig_in_any_order():
     assert in_order(given, {"reproducible": True}, ctx) == wanted
     assert ctx.obj["args"] == ["rig", *wanted, "-o", "r.yaml"]
     assert in_order(given, {}, ctx) == given
+
+
+def test_the_same_bits_from_one_process_and_two(monkeypatch):
+    """Pictures that other processes search give the points, and so the camera, to the last bit."""
+    monkeypatch.setattr(workers, "ALONE", -1.0)
+    monkeypatch.setattr(workers, "WORTH_IT", -1.0)
+    pooled = []
+    in_pool = workers._in_pool
+    monkeypatch.setattr(workers, "_in_pool", lambda *args: pooled.append(1) or in_pool(*args))
+    found = [calibrate_images(SAMPLES / "board", board="9x6", jobs=jobs, cache=False) for jobs in (1, 2)]
+    assert pooled
+    one, two = found
+    for name in ("uv", "sigma", "xyz", "used"):
+        np.testing.assert_array_equal(getattr(one.observations, name), getattr(two.observations, name))
+    np.testing.assert_array_equal(one.camera.params, two.camera.params)
+    np.testing.assert_array_equal(one.poses.rotations, two.poses.rotations)
+    assert repr(one.holdout) == repr(two.holdout)  # with the NaN of its map
+    assert one.warnings == two.warnings

@@ -1,0 +1,136 @@
+"""How the cost grows with views, points, pixels and parameters: seconds of processor time, and exponents.
+
+    python benchmarks/growth.py [--only views points pixels parameters memory] [--runs 3] [--quick] [--update PAGE]
+
+A row is one quantity with all others held: calibrations of simulated boards (9x6, but for `points`) with all checks and
+without, pictures of a board in front of clutter (`detect.py`) read from a JPEG and searched. The exponent is the slope
+of log seconds against log size over the three largest sizes, where fixed costs no longer hide it; 1 is linear.
+Processor time is the least of `--runs`, one thread of linear algebra. `memory` is what 2,000 views of 400 points add to
+the peak of a process that holds the data.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from detect import camcal_finds, scene
+from refine import peak_memory, simulate
+from tables import markdown, update
+
+import camcal
+from camcal.detect.sources import read_gray
+from camcal.model import lenses
+
+VIEWS = (10, 50, 200, 1000, 5000)
+POINTS = ((9, 6), (20, 10), (25, 20), (50, 40))
+MEGAPIXELS = (0.3, 2, 12, 48)
+MODELS = ("pinhole", "opencv5", "opencv14", "spline:6x4", "spline:10x8", "spline:16x12", "spline:18x13")
+#: views, where points and parameters grow
+SOME = 20
+
+
+def seconds(work: Callable[[], object], runs: int) -> float:
+    """The least processor time of some runs; of work that takes more than ten seconds one is enough."""
+    least = np.inf
+    for _ in range(runs):
+        begin = time.process_time()
+        work()
+        least = min(least, time.process_time() - begin)
+        if least > 10:
+            break
+    return float(least)
+
+
+def calibrations(sizes: list, data_of: Callable, models: list[str], checks: bool, runs: int) -> list[float]:
+    found = []
+    for size, model in zip(sizes, models, strict=True):
+        data = data_of(size)
+        found.append(seconds(lambda d=data, m=model: camcal.calibrate(d, model=m, checks=checks), runs))
+    return found
+
+
+def rows(only: list[str], runs: int, quick: bool) -> Iterator[tuple[str, list[float], list[float]]]:
+    """Name, sizes and seconds of each row."""
+    cut = slice(0, -1) if quick else slice(None)
+    if "views" in only:
+        sizes = list(VIEWS[cut])
+        for checks in (False, True):
+            found = calibrations(sizes, lambda v: simulate(v, 9, 6), ["opencv5"] * len(sizes), checks, runs)
+            yield f"views of 54 points, {'with' if checks else 'without'} checks", sizes, found
+    if "points" in only:
+        boards = list(POINTS[cut])
+        for checks in (False, True):
+            found = calibrations(
+                boards, lambda b: simulate(SOME, *b), ["opencv5"] * len(boards), checks, runs
+            )
+            yield (
+                f"points a view, {SOME} views, {'with' if checks else 'without'} checks",
+                [c * r for c, r in boards],
+                found,
+            )
+    if "pixels" in only:
+        sizes = list(MEGAPIXELS[cut])
+        reading, searching = [], []
+        with tempfile.TemporaryDirectory() as folder:
+            for size in sizes:
+                path = Path(folder) / f"{size}.jpg"
+                gray = scene(1, size, board=True)
+                cv2.imwrite(str(path), gray)
+                reading.append(seconds(lambda p=path: read_gray(p), runs))
+                searching.append(seconds(lambda g=gray: camcal_finds(g, (9, 6)), runs))
+        yield "megapixels, read", sizes, reading
+        yield "megapixels, searched for a 9x6 board and its corners fitted", sizes, searching
+    if "parameters" in only:
+        models = list(MODELS[cut])
+        sizes = [lenses.make(m).size for m in models]
+        data = simulate(SOME, 25, 20)
+        found = calibrations(sizes, lambda _: data, models, False, runs)
+        yield f"parameters, {SOME} views of 500 points", sizes, found
+
+
+def exponent(sizes: list[float], found: list[float]) -> float:
+    """The slope over the three largest sizes."""
+    return float(np.polyfit(np.log(sizes[-3:]), np.log(found[-3:]), 1)[0])
+
+
+def main() -> None:
+    every = ["views", "points", "pixels", "parameters", "memory"]
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--only", nargs="+", choices=every, default=every)
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--quick", action="store_true", help="without the largest size of each row")
+    parser.add_argument("--update", type=Path)
+    told = parser.parse_args()
+    cv2.setNumThreads(1)
+    table: list[tuple[object, ...]] = []
+    for name, sizes, found in rows(told.only, told.runs, told.quick):
+        shown = ", ".join(f"{s:g}: {t:.3g}" for s, t in zip(sizes, found, strict=True))
+        table.append((name, shown, f"{exponent(sizes, found):.2f}"))
+        print(*table[-1], flush=True)
+    if "memory" in told.only:
+        table.append(
+            (
+                "MB that 2000 views of 400 points add",
+                f"{peak_memory('camcal', (2000, 20, 20), 'opencv5'):.0f}",
+                "",
+            )
+        )
+        print(*table[-1], flush=True)
+    text = markdown(("growing", "size: seconds", "exponent"), table)
+    print(text)
+    if told.update:
+        update(told.update, "growth", text)
+
+
+if __name__ == "__main__":
+    main()
