@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.parameters import WEAK
+from camcal.assess.covariance import covariance
 from camcal.data.points import read_points
 from camcal.geometry import projective
 from camcal.plan import minima
@@ -58,3 +60,15 @@ def test_weak_is_what_the_warning_calls_weak():
 def test_a_search_without_a_lower_minimum_gives_back_the_fit():
     fit = solved(views=6)
     assert minima.spread(fit, minima.How()) is fit
+
+
+@pytest.mark.parametrize(("most", "asked"), [(9, True), (8, False)])
+def test_curved_directions_are_followed_for_small_models_alone(monkeypatch, most, asked):
+    """`opencv5` has nine free parameters; the linear sigmas of good views are not weak."""
+    fit = solved("opencv5", views=8)
+    followed = []
+    monkeypatch.setattr(minima, "FOLLOWED_PARAMETERS", most)
+    monkeypatch.setattr(
+        Facts, "covariance", property(lambda facts: followed.append(1) or covariance(facts.solution))
+    )
+    assert not minima.weak(fit) and bool(followed) is asked
