@@ -32,6 +32,7 @@ def test_the_measured_tables_have_every_format(name):
 def test_nothing_let_another_error_out():
     rows = (FIGURES / "damaged-files.txt").read_text(encoding="utf-8").splitlines()[2:]
     assert {row.split("|")[5].strip() for row in rows} == {"0"}
+    assert {row.split("|")[2].strip() for row in rows} == {"10,000"}
 
 
 @pytest.mark.slow
