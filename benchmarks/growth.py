@@ -34,7 +34,7 @@ from camcal.model import lenses
 VIEWS = (10, 50, 200, 1000, 5000)
 POINTS = ((9, 6), (20, 10), (25, 20), (50, 40))
 MEGAPIXELS = (0.3, 2, 12, 48)
-MODELS = ("pinhole", "opencv5", "opencv14", "spline:6x4", "spline:10x8", "spline:16x12", "spline:18x13")
+MODELS = ("pinhole", "opencv5", "spline:6x4", "spline:10x8", "spline:16x12", "spline:18x13")
 #: views, where points and parameters grow
 SOME = 20
 
