@@ -96,6 +96,8 @@ def _instants(rig: RigSolution, data: Observations, poses: Poses) -> tuple[list[
 
 def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations, Poses]:
     """The observations with outliers out and turned boards renamed, and rig_from_board of each instant."""
+    boards = {b for own in views.boards.values() for b in own.values()}
+    views = views.apart(range(max(boards, default=0) + 1))  # where they stand to each other is not asked
     names = [n for n in rig.rig.cameras if n in views.parts]
     fits = {}
     for name in names:

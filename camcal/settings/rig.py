@@ -81,15 +81,10 @@ class Frames(Named):
 
     def convert(self, value: Any) -> dict[str, Any]:
         """Return a dict of name -> number of frames."""
-        found = {}
-        for name, frames in super().convert(value).items():
-            try:
-                found[name] = int(str(frames))
-            except ValueError as error:
-                raise refuse(
-                    f"{name}={frames}", "NAME=K, a whole number of frames", "Try: right=1"
-                ) from error
-        return found
+        try:
+            return {name: int(str(frames)) for name, frames in super().convert(value).items()}
+        except (ValueError, UsageError) as error:
+            raise refuse(value, "NAME=K, a whole number of frames", "Try: right=1") from error
 
 
 class Names(Kind):

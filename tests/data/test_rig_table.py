@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from camcal.data.rig_table import RigViews, joined, of_camera, read_rig
-from camcal.errors import DataError
+from camcal.errors import DataError, UsageError
 from tests.rigs import observed, truth, write_table
 
 
@@ -32,6 +32,15 @@ def test_a_lag_moves_the_views_of_its_camera():
     late = RigViews.of(data).shifted({"b": -1})
     assert late.instants["b"]["3"] == "+4" and late.order == ("0", "1", "2", "3", "+4")
     assert RigViews.of(data).shifted({}).instants == RigViews.of(data).instants
+
+
+@pytest.mark.parametrize("given", ["b", "b=x", "b=1.5", ("a=1", "c")])
+def test_lags_that_are_none(given):
+    from camcal.settings.rig import RigOptions
+
+    assert RigOptions.resolve(lag=("a=1", "b=-2,c=0")).lag == {"a": 1, "b": -2, "c": 0}
+    with pytest.raises(UsageError, match="whole number of frames"):
+        RigOptions.resolve(lag=given)
 
 
 def test_a_column_board_makes_views_of_each_board(tmp_path):
