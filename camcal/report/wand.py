@@ -23,6 +23,7 @@ from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import sorted_images, triangulate
 from camcal.routes.wand import WandCalibration, estimate
 from camcal.routes.wand_fit import Sightings
+from camcal.settings.rig import check_names
 from camcal.solve.parameters import apply_fixed
 
 Array = np.ndarray
@@ -53,6 +54,8 @@ def report(
     table = read_labelled(path, ("camera", "view", "point"))
     seen, twice = _sightings(table, bar)
     names = table.names["camera"]
+    check_names(cameras, names, "--cameras")
+    check_names(image_size, names, "--image-size")
     given = [_given(n, i, cameras, model, fix, image_size) for i, n in enumerate(names)]
     found = estimate(seen, [c for c, _ in given], [k for _, k in given], fix, names, seed)
     views = table.names["view"]

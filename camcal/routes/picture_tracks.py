@@ -49,7 +49,7 @@ def of_pictures(
     files = list_pictures(paths)
     if not 2 <= len(files) <= MOST_PICTURES:
         raise DataError(
-            f"{len(files)} pictures are given; 2 to {MOST_PICTURES} are needed.",
+            f"pictures given: {len(files)}; 2 to {MOST_PICTURES} are needed.",
             "Give pictures of one scene from different places.",
         )
     found, size = _points(files)

@@ -92,7 +92,7 @@ def test_pictures_turned_about_the_centre_are_refused(tmp_path):
 
 def test_pictures_without_a_common_scene_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), textured(1))
-    with pytest.raises(DataError, match="1 pictures are given"):
+    with pytest.raises(DataError, match="pictures given: 1; 2 to 100"):
         of_pictures([tmp_path / "a.png"])
     cv2.imwrite(str(tmp_path / "b.png"), textured(2))
     with pytest.raises(DataError, match="no two of 2 pictures"):

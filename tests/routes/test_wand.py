@@ -213,6 +213,7 @@ def test_bad_input_is_named(tmp_path):
         (["--bar", "0.6,0.2", "--image-size", "1280x1024"], "increasing places"),
         (["--bar", "0", "--image-size", "1280x1024"], "increasing places"),
         (["--image-size", "1280x1024"], "--bar"),
+        (["--bar", "0.6", "--cameras", "z=z.yaml", "--image-size", "1280x1024"], "--cameras names 'z'"),
     ):
         done = run.invoke(camcal, ["wand", str(path), *args])
         assert done.exit_code != 0 and words in done.output + str(done.exception), args
