@@ -7,7 +7,7 @@ in order. Matches that do not agree with the fundamental matrix of their pair ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -113,7 +113,7 @@ def _pairs(found: Sequence[Points]) -> list[tuple[int, int]]:
 class _Joined:
     """Disjoint sets of the points of all pictures (union-find with path halving)."""
 
-    def __init__(self, counts):  # type: ignore[no-untyped-def]
+    def __init__(self, counts: Iterable[int]):
         self.begins = np.cumsum([0, *counts])
         self.parent = np.arange(self.begins[-1])
 
