@@ -1,15 +1,14 @@
 """Seconds to find a 9x6 checkerboard, beside the usual OpenCV script and findChessboardCornersSB.
 
-    python benchmarks/detect.py [--megapixels 0.3 2 12 48] [--pictures 3] [--limit 60] [--data FOLDER] [--update PAGE]
+    python benchmarks/detect.py [--megapixels 0.3 2 12 48] [--pictures 3] [--limit 60] [--update PAGE]
 
 Pictures are made here: a board at a random pose in front of clutter, and clutter alone. Each detector runs
 in a process of its own with one thread, so that a call that does not come back can be ended after `--limit`
 seconds; the best of three runs counts for those under a second. "script" is findChessboardCorners with its
-default flags followed by cornerSubPix. With `--data`, the number of boards found on real sets as well.
+default flags followed by cornerSubPix. `finds.py` counts the boards found in real pictures.
 
 To reach: from 2 megapixels on at least as fast as the faster of the two where there is a board; 10 times
-faster than SB at 12; never above 1 s at 12 megapixels; on the real sets at least the union of what both
-find.
+faster than SB at 12; never above 1 s at 12 megapixels.
 """
 
 from __future__ import annotations
@@ -26,10 +25,6 @@ import numpy as np
 from tables import markdown, update
 
 BOARD = (9, 6)
-SETS = {
-    "opencv_left": (9, 6), "opencv_right": (9, 6), "bouguet": (13, 12), "udacity": (9, 6),
-    "fisheye_ocam": (8, 6), "stereo": (6, 4),
-}  # fmt: skip
 
 
 def clutter(rng: np.random.Generator, width: int, height: int) -> np.ndarray:
@@ -156,26 +151,6 @@ def table_of_times(megapixels: list[float], pictures: int, limit: float) -> str:
     return markdown(["megapixels", "board", *times, "script / camcal", "SB / camcal"], rows)
 
 
-def table_of_finds(data: Path) -> str:
-    """Boards found on the real sets."""
-    rows = []
-    for name, size in SETS.items():
-        counts = dict.fromkeys(DETECTORS, 0)
-        union = pictures = 0
-        for path in sorted((data / name).iterdir()):
-            known = path.suffix not in (".yaml", ".txt", ".json")
-            gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if known else None
-            if gray is None:
-                continue
-            pictures += 1
-            found = {n: find(gray, size) for n, find in DETECTORS.items()}
-            for n in DETECTORS:
-                counts[n] += found[n]
-            union += found["script"] or found["SB"]
-        rows.append([name, pictures, *(counts[n] for n in DETECTORS), union])
-    return markdown(["set", "pictures", *DETECTORS, "union of both"], rows)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -183,16 +158,12 @@ def main() -> None:
     parser.add_argument("--megapixels", type=float, nargs="+", default=[0.3, 2, 12, 48])
     parser.add_argument("--pictures", type=int, default=3)
     parser.add_argument("--limit", type=float, default=60.0, help="seconds after which a call is ended")
-    parser.add_argument("--data", type=Path, help="folder with the real sets")
     parser.add_argument("--update", type=Path, metavar="PAGE", help="a page whose tables are to be renewed")
     told = parser.parse_args()
-    tables = {"detect": table_of_times(told.megapixels, told.pictures, told.limit)}
-    if told.data:
-        tables["finds"] = table_of_finds(told.data)
-    for name, table in tables.items():
-        print(table)
-        if told.update:
-            update(told.update, name, table)
+    table = table_of_times(told.megapixels, told.pictures, told.limit)
+    print(table)
+    if told.update:
+        update(told.update, "detect", table)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from camcal.detect.sources import read_gray
 from camcal.detect.targets.base import Detection
 from camcal.errors import CamcalError
 
-#: set -> target; `*` takes a part of a folder
+#: set (a folder, a file or a pattern) -> target
 SETS = {
     "opencv_left": "checkerboard:9x6",
     "opencv_right": "checkerboard:9x6",
@@ -46,7 +46,7 @@ SETS = {
     "cases/motion_blur_a.png": "checkerboard:9x6",
     "circles": "circles:10x8",
     "cases/circles_small": "circles:9x7",
-    "circles_asymmetric/*7x13*": "asymmetric-circles:7x13",
+    "circles_asymmetric/acircles[123].png": "asymmetric-circles:7x13",
 }
 HEADER = (
     "set", "board", "pictures", "camcal", "camcal without options", "classic", "SB", "circles grid",

@@ -29,14 +29,18 @@ AUTO = "auto"  #: stands for the first of `COMMON` on which the target fits
 COMMON = ("a4", "letter", "a3", "tabloid", "a2", "a1", "a0")
 #: mm at the edge of the paper that printers leave white: most leave 3 to 5, some 6.4 (a quarter of an inch) at one side
 UNPRINTED = 6.5
-RULER_STRIP = 12.0  #: mm beside and below the target for the rulers and the caption
-GAP = 5.0  #: mm from the target's quiet margin to a ruler
+#: of the quiet margin that the rulers leave white: its outer part is there for outlines near the edge of the paper,
+#: and no corner is fitted so far from it
+CLEAR = 0.6
+GAP = 5.0  #: mm from the target to a ruler at least
 TICK = 10.0  #: mm between the ticks of a ruler
 TICK_LENGTH = 2.0
 LONGEST_RULER = 100.0
 LINE = 0.2  #: mm, width of the rulers' lines
 LETTER = 1.5  #: mm; width of a letter of the caption on average, which is 3 mm high
 CAPTION_DROP = 5.5  #: mm from the lower ruler to the base line of the caption
+#: mm from the white around the target to the edge of the strip: the ruler on the left, the lower one and the caption
+STRIPS = (TICK_LENGTH + 0.5, CAPTION_DROP + 0.5)
 
 
 @dataclass(frozen=True)
@@ -103,19 +107,20 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
     circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
     polygons = [np.asarray(p, float) * scale for p in pattern.polygons]
     quiet = scale * np.array(pattern.extent)
-    width, height, right, above = _needed(quiet, polygons, circles)
+    quiet = _clear_of_rulers(quiet, _black(polygons, circles))
+    width, height, right, above = _needed(quiet, _black(polygons, circles))
     name, (page_width, page_height) = _page(page, width, height)
     # in the middle, as far as the rulers on the left and below stay printable
     left = min(max(UNPRINTED, (page_width - width + UNPRINTED + right) / 2), page_width - width + UNPRINTED)
     top = max(above, min((page_height - height + UNPRINTED + above) / 2, page_height - height + above))
-    shift = np.array([left + RULER_STRIP, top]) - quiet[:2]
+    shift = np.array([left + STRIPS[0], top]) - quiet[:2]
     circles[:, :2] += shift
     polygons = [p + shift for p in polygons]
     (x0, y0), (x1, y1) = quiet[:2] + shift, quiet[2:] + shift
     start = max(y0, UNPRINTED)
     lengths = _ruler_length(min(x1, page_width - UNPRINTED) - x0), _ruler_length(y1 - start)
-    across = ruler((x0, y1 + GAP), lengths[0], False)
-    down = ruler((x0 - GAP - TICK_LENGTH, start), lengths[1], True)
+    across = ruler((x0, y1), lengths[0], False)
+    down = ruler((x0 - TICK_LENGTH, start), lengths[1], True)
     caption = f"{spec}, camcal. {_ruler_words(lengths)}: print at 100 %."
     if len(caption) * LETTER > page_width - UNPRINTED - x0:
         caption = spec
@@ -126,23 +131,34 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
         circles,
         (*across, *down),
         caption,
-        (float(x0), float(y1 + GAP + CAPTION_DROP)),
+        (float(x0), float(y1 + CAPTION_DROP)),
         name,
         (float(shift[0]), float(shift[1])),
         _instructions(target, lengths),
     )
 
 
-def _needed(quiet: Array, polygons: list[Array], circles: Array) -> tuple[float, float, float, float]:
+def _black(polygons: list[Array], circles: Array) -> Array:
+    """Points (N, 2) that reach as far as the black shapes do, mm."""
+    discs = [circles[:, :2] + sign * circles[:, 2:] for sign in (-1, 1)]
+    return np.concatenate([*polygons, *discs])
+
+
+def _clear_of_rulers(quiet: Array, black: Array) -> Array:
+    """The quiet margin (x0, y0, x1, y1), cut on the left and below to what the rulers leave white, mm."""
+    white = black[:, 0].min() - quiet[0], quiet[3] - black[:, 1].max()
+    left, below = (max(GAP, CLEAR * float(w)) for w in white)
+    return np.array([black[:, 0].min() - left, quiet[1], quiet[2], black[:, 1].max() + below])
+
+
+def _needed(quiet: Array, black: Array) -> tuple[float, float, float, float]:
     """Width and height of the paper, and what of it lies to the right of the quiet margin and above it, mm.
 
     The quiet margin (x0, y0, x1, y1) itself may lie where printers leave the paper white, black shapes may not.
     """
-    discs = [circles[:, :2] + sign * circles[:, 2:] for sign in (-1, 1)]
-    black = np.concatenate([*polygons, *discs])
     right = max(0.0, UNPRINTED - float(quiet[2] - black[:, 0].max()))
     above = max(0.0, UNPRINTED - float(black[:, 1].min() - quiet[1]))
-    size = quiet[2:] - quiet[:2] + RULER_STRIP + UNPRINTED
+    size = quiet[2:] - quiet[:2] + STRIPS + np.array(UNPRINTED)
     return float(size[0]) + right, float(size[1]) + above, right, above
 
 
