@@ -155,21 +155,30 @@ def _from_cache(place: Path, path: Path, sha256: str) -> Outcome | None:
 
 
 def _plain_sight(sight: Sight) -> dict[str, Any]:
-    markers = [[m.id, np.asarray(m.corners).tolist()] for m in sight.markers]
-    return {**sight.__dict__, "markers": markers}
+    more = [[family, _plain_markers(markers)] for family, markers in sight.more]
+    return {**sight.__dict__, "markers": _plain_markers(sight.markers), "more": more}
+
+
+def _plain_markers(markers: tuple[Marker, ...]) -> list[Any]:
+    return [[m.id, np.asarray(m.corners).tolist()] for m in markers]
 
 
 def _sight(values: dict[str, Any]) -> Sight:
     family, discs, squares = values["family"], values["discs"], values["squares"]
     return Sight(
         None if family is None else (str(family[0]), int(family[1])),
-        tuple(Marker(int(i), np.array(corners, float)) for i, corners in values["markers"]),
+        _markers(values["markers"]),
         _pair(values["board"]),
         bool(values["whole"]),
         bool(values["marked"]),
         None if discs is None else (int(discs[0]), int(discs[1]), bool(discs[2])),
         None if squares is None else (int(squares[0]), int(squares[1]), float(squares[2])),
+        tuple(((str(name), int(border)), _markers(found)) for (name, border), found in values["more"]),
     )
+
+
+def _markers(values: list[Any]) -> tuple[Marker, ...]:
+    return tuple(Marker(int(i), np.array(corners, float)) for i, corners in values)
 
 
 def _pair(value: Any) -> tuple[int, int] | None:

@@ -19,7 +19,7 @@ from camcal.detect.film_motion import with_motion
 from camcal.detect.films import Range, Shown, left_out
 from camcal.detect.listing import list_pictures
 from camcal.detect.recognition.decide import Answer, answers, board_size, contradiction, unread, words
-from camcal.detect.recognition.families import family_of, read_markers
+from camcal.detect.recognition.families import family_of, read_markers, read_others
 from camcal.detect.recognition.look import Sight
 from camcal.detect.recognition.measure import measured
 from camcal.detect.search_pictures import OnEvent, Search
@@ -262,7 +262,7 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
         if gray is not None:
             family, markers = read_markers(gray, first)
             pictures.append(gray)
-            sights.append(Sight(family, tuple(markers)))
+            sights.append(Sight(family, tuple(markers), more=read_others(gray, family, markers)))
     other = contradiction(target, sights, pictures)
     if other is not None:
         raise DataError(

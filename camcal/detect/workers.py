@@ -5,11 +5,14 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
+from types import ModuleType
 from typing import Any, TypeVar
 
 from camcal.system.processes import THREADS, start_worker
@@ -96,10 +99,12 @@ def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs
         return None
     running: dict[Future, tuple[int, T]] = {}
     finished = False
+    main: bool | None = None
     try:
         while True:
-            with one_thread_each():
-                for index, item in islice(numbered, AHEAD * jobs - len(running)):
+            for index, item in islice(numbered, AHEAD * jobs - len(running)):
+                main = _of_main((function, item)) if main is None else main  # all items are of one kind
+                with one_thread_each(), contextlib.nullcontext() if main else _without_main():
                     try:
                         running[pool.submit(function, item)] = index, item
                     except BrokenProcessPool:
@@ -130,6 +135,26 @@ def _end_children(before: set[Any]) -> None:
     until = time.monotonic() + ENDED
     while set(multiprocessing.active_children()) - before and time.monotonic() < until:
         time.sleep(0.01)
+
+
+def _of_main(work: object) -> bool:
+    """Whether work needs what the user's script defines: a target of a class of its own."""
+    return b"__main__" in pickle.dumps(work)
+
+
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes that start meanwhile do not run the user's script again.
+
+    A new process imports the script that started it. One that calls camcal on its top level, without asking for
+    `__name__ == "__main__"`, would search the pictures there as well.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 @contextlib.contextmanager

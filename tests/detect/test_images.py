@@ -1,5 +1,7 @@
 import io
 import struct
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -347,3 +349,30 @@ def test_a_part_that_all_pictures_show_is_enough():
     )
     assert len(found.views) == 3 and (found.target["columns"], found.target["rows"]) == (7, 6)
     assert events["target"]["whole"] is False
+
+
+def test_a_script_that_calls_it_on_its_top_level_runs_once(tmp_path):
+    """Processes that are started afresh import the script that started them, unless they are kept from it."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from camcal.detect import workers\n"
+        "workers.ALONE, workers.WORTH_IT = -1.0, -1.0\n"
+        "print('began', flush=True)\n"
+        "print(sorted(workers.map_unordered(abs, [-1, -2, -3, -4], 2, abs)), flush=True)\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split("\n")[:2] == ["began", "[(0, 1), (1, 2), (2, 3), (3, 4)]"], done.stderr
+    assert done.stdout.count("began") == 1
+
+
+def test_a_class_of_the_script_reaches_the_processes(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from camcal.detect import workers\n"
+        "class Own(int):\n    def __abs__(self):\n        return 7\n"
+        "if __name__ == '__main__':\n"
+        "    workers.ALONE, workers.WORTH_IT = -1.0, -1.0\n"
+        "    print(sorted(workers.map_unordered(abs, [Own(-1), Own(-2)], 2, abs)))\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.stdout == "[(0, 7), (1, 7)]\n", done.stderr

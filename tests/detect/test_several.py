@@ -18,9 +18,13 @@ TILTS = ((0.3, 0.2, 0.1), (-0.3, 0.3, -0.2), (0.2, -0.35, 0.3), (-0.25, -0.2, 1.
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    return drawn(tmp_path_factory.mktemp("two"), SPECS)
+
+
+def drawn(place, specs):
     """Five pictures of two boards that stand differently in each; the last one shows the second alone."""
-    place, seen_by, rng = tmp_path_factory.mktemp("two"), camera(SIZE), np.random.default_rng(1)
-    boards = [make(s) for s in SPECS]
+    seen_by, rng = camera(SIZE), np.random.default_rng(1)
+    boards = [make(s) for s in specs]
     for number, tilt in enumerate(TILTS):
         poses = [
             pose(np.multiply(tilt, side), np.array([140.0 * side - 115, -100.0, 560 + 40 * number]))
@@ -71,6 +75,20 @@ def test_a_misread_marker_makes_no_second_board():
     assert _apart([first, again]) == [0] and _apart([again, first]) == [1]
     assert _apart([first, None, rng.uniform(0, 600, (20, 2))]) == [0, 2]
     assert _apart([None, None]) == []
+
+
+MIXED = ("charuco:6x5:40mm:30mm:4X4_50", "charuco:5x6:40mm:30mm:6X6_50")
+
+
+def test_boards_of_two_dictionaries(tmp_path):
+    place = drawn(tmp_path, MIXED)
+    found = detect_images([place], jobs=1)
+    assert sorted(b.split(":")[4] for b in found.target["boards"]) == ["4X4_50", "6X6_50"]
+    assert len(found.views) == 9
+    again = detect_images([place], jobs=1)  # from the cache
+    assert again.target == found.target and len(again.views) == 9
+    for spec in MIXED:  # one of them alone, without a word of the other
+        assert len(detect_images([place], target=spec, jobs=1).views) in (4, 5)
 
 
 def test_boards_must_differ():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camcal.detect.recognition.families import LEAST_MARKERS, Family, family_of
+from camcal.detect.recognition.families import LEAST_MARKERS, family_of
 from camcal.detect.recognition.layout import LEAST_AGREEING, Found, explains, find_boards
 from camcal.detect.recognition.look import Sight
 from camcal.detect.recognition.measure import measured
@@ -73,10 +73,10 @@ def answers(sights: Sequence[Sight]) -> list[Answer]:
 def _boards(sights: Sequence[Sight]) -> list[Found]:
     """Boards of markers, of every family that was read."""
     found = []
-    families: Counter[Family] = Counter(s.family for s in sights if s.family)
-    for family in families:
-        numbers = [i for i, s in enumerate(sights) if s.family == family]
-        for board in find_boards([sights[i].markers for i in numbers], family):
+    families = [f for s in sights for f in (s.family, *(f for f, _ in s.more)) if f]
+    for family in dict.fromkeys(families):
+        numbers = [i for i, s in enumerate(sights) if s.of_family(family)]
+        for board in find_boards([sights[i].of_family(family) for i in numbers], family):
             found.append(Found(board.board, tuple(numbers[i] for i in board.pictures), board.markers))
     return found
 
@@ -127,16 +127,16 @@ def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Ar
     """
     if not isinstance(target, TagBoard):
         return None
-    best = next((a for a in answers(sights) if isinstance(a.target, TagBoard)), None)
-    if best is None:
+    found = [(a.target, a.pictures) for a in answers(sights) if isinstance(a.target, TagBoard)]
+    if not found:
         return None
-    board = best.target
-    assert isinstance(board, TagBoard)
-    views = [sights[i].markers for i in best.pictures]
     own = family_of(target.dictionary, target.border)
-    same = type(board) is type(target) and sights[best.pictures[0]].family == own
+    # of boards of several dictionaries the one that was asked for is judged
+    board, numbers = next((f for f in found if family_of(f[0].dictionary, f[0].border) == own), found[0])
+    views = [sights[i].of_family(own) for i in numbers]
+    same = type(board) is type(target) and family_of(board.dictionary, board.border) == own
     if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, ROUGHLY)):
-        board = measured(board, [pictures[i] for i in best.pictures])
+        board = measured(board, [pictures[i] for i in numbers])
         if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, CLOSELY)):
             return board.scaled(target.square, target.unit)
     return None

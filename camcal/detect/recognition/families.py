@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,55 @@ def read_markers(
                 corners = (corners + 0.5) * factor - 0.5
                 best = family, [Marker(int(i), c) for i, c in zip(ids, corners, strict=True)]
     return best if len(best[1]) >= LEAST_MARKERS else (None, [])
+
+
+def read_others(
+    gray: Array, family: Family | None, markers: Sequence[Marker]
+) -> tuple[tuple[Family, tuple[Marker, ...]], ...]:
+    """Markers of further families, where a picture shows boards of several.
+
+    Parameters
+    ----------
+    gray : (height, width) uint8 or uint16 array
+    family, markers
+        As read by `read_markers`: what they cover is not read again.
+
+    Returns
+    -------
+    tuple of (family, markers)
+        Each of at least `LEAST_MARKERS`, in px of the picture, the family with most markers first.
+    """
+    picture = to_8_bits(gray)
+    factor = reductions(picture.shape, enlarge=True)[0]
+    small = reduced(picture, factor)
+    quads = marker_like(small)
+    found = []
+    taken = np.array([m.corners for m in markers]).reshape(-1, 4, 2)
+    for _ in FAMILIES:
+        quads = quads[~_covered((quads + 0.5) * factor - 0.5, taken)]
+        if len(quads) < LEAST_MARKERS:
+            break
+        best: tuple[Family, list[Marker]] = (FAMILIES[0], [])
+        for other in FAMILIES:
+            ids, corners = decode(small, quads, *other)
+            if other != family and len(ids) > len(best[1]):
+                corners = (corners + 0.5) * factor - 0.5
+                best = other, [Marker(int(i), c) for i, c in zip(ids, corners, strict=True)]
+        if len(best[1]) < LEAST_MARKERS:
+            break
+        found.append((best[0], tuple(best[1])))
+        taken = np.array([m.corners for m in best[1]])
+    return tuple(found)
+
+
+def _covered(quads: Array, markers: Array) -> Array:
+    """Which quadrilaterals (K, 4, 2) have their middle within that of a marker (M, 4, 2), by half its width."""
+    if not len(markers) or not len(quads):
+        return np.zeros(len(quads), bool)
+    middle = markers.mean(1)
+    radius = np.linalg.norm(markers - middle[:, None], axis=2).min(1)
+    apart = np.linalg.norm(quads.mean(1)[:, None] - middle, axis=2)
+    return np.asarray((apart < radius).any(1))
 
 
 def stem(name: str) -> str:

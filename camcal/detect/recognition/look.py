@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from camcal.detect.recognition.families import Family, Marker, read_markers
+from camcal.detect.recognition.families import Family, Marker, read_markers, read_others
 from camcal.detect.recognition.layout import find_boards
 from camcal.detect.recognition.marks import squares_hold_marks
 from camcal.detect.targets import circles, squares
@@ -35,6 +35,8 @@ class Sight:
         A grid of discs.
     squares : (columns, rows, spacing) or None
         A grid of separate squares.
+    more : tuple of (family, markers)
+        Of further families, where boards of several are shown.
     """
 
     family: Family | None = None
@@ -44,6 +46,11 @@ class Sight:
     marked: bool = False
     discs: tuple[int, int, bool] | None = None
     squares: tuple[int, int, float] | None = None
+    more: tuple[tuple[Family, tuple[Marker, ...]], ...] = ()
+
+    def of_family(self, family: Family) -> tuple[Marker, ...]:
+        """The markers of one family."""
+        return next((m for f, m in ((self.family, self.markers), *self.more) if f == family), ())
 
 
 def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
@@ -63,7 +70,8 @@ def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
     """
     family, markers = read_markers(gray)
     if family is not None and find_boards([markers], family):
-        return Sight(family, tuple(markers)), Miss("other-target", "the picture shows markers")
+        sight = Sight(family, tuple(markers), more=read_others(gray, family, markers))
+        return sight, Miss("other-target", "the picture shows markers")
     free = find_any(gray, seconds)
     if isinstance(free, Miss):
         return _other_kinds(gray, seconds, free)
