@@ -174,6 +174,7 @@ def _sight(values: dict[str, Any]) -> Sight:
         None if discs is None else (int(discs[0]), int(discs[1]), bool(discs[2])),
         None if squares is None else (int(squares[0]), int(squares[1]), float(squares[2])),
         tuple(((str(name), int(border)), _markers(found)) for (name, border), found in values["more"]),
+        bool(values["mirrored"]),
     )
 
 

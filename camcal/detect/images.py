@@ -156,6 +156,14 @@ def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sea
     looked = [outcomes[f] for f in run.files if f in outcomes]
     sights = [o.sight or Sight() for o in looked]
     best = _best(looked)
+    mirrored = sum(s.mirrored for s in sights)
+    if mirrored > (0 if best is None else len(best.pictures)):
+        raise DataError(
+            f"{mirrored} of {len(looked)} pictures are mirror images: their markers can be read only after they are "
+            "turned over.",
+            "Take them without the mirror effect (a setting of front cameras and of video calls), or flip the files "
+            "from left to right, all of them.",
+        )
     number = unread(sights, best)
     if number:
         raise DataError(

@@ -6,6 +6,7 @@ import pytest
 
 from camcal.detect.disc_fit import fit_discs
 from camcal.detect.discs import Discs
+from camcal.detect.targets import circles
 from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.circles import AsymmetricCircles, Circles, centroid
 from tests.detect.scenes import camera, errors, expected, make, picture, pose, random_view, straight_camera
@@ -139,3 +140,37 @@ def test_real_pictures():
     for path in sorted((DATA / "circles_asymmetric").glob("*.png"))[:3]:
         found = staggered.find(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), seconds=20.0)
         assert isinstance(found, Detection) and len(found) == 91, path.name
+
+
+def grid_of_shapes(draw, step=36, columns=8, rows=6):
+    gray = np.full((rows * step + 40, columns * step + 40), 200, np.uint8)
+    for row in range(rows):
+        for column in range(columns):
+            draw(gray, 20 + column * step + step // 2, 20 + row * step + step // 2)
+    return np.clip(
+        cv2.GaussianBlur(gray, (0, 0), 1.0) + np.random.default_rng(0).normal(0, 1, gray.shape), 0, 255
+    ).astype(np.uint8)
+
+
+def test_what_stands_in_rows_but_is_no_printed_disc_is_not_taken_unasked():
+    def disc(gray, x, y):
+        cv2.circle(gray, (x, y), 10, 40, -1)
+
+    def window(gray, x, y):
+        cv2.rectangle(gray, (x - 6, y - 9), (x + 6, y + 9), 40, -1)
+
+    def between_tags(gray, x, y):
+        cv2.rectangle(gray, (x - 4, y - 4), (x + 4, y + 4), 40, -1)
+        cv2.rectangle(gray, (x + 8, y + 8), (x + 28, y + 28), 40, -1)
+
+    found = circles.find_any(grid_of_shapes(disc), 5.0)
+    assert found is not None and (found.columns, found.rows) == (8, 6)
+    assert circles.find_any(grid_of_shapes(window), 5.0) is None
+    assert circles.find_any(grid_of_shapes(between_tags), 5.0) is None
+    assert circles.find_any(grid_of_shapes(disc, columns=4, rows=3), 5.0) is not None
+    assert (
+        circles.find_any(grid_of_shapes(disc, columns=3, rows=3), 5.0) is None
+    )  # too few to be believed unasked
+    y, x = np.mgrid[0:300, 0:400]
+    mesh = (128 + 55 * np.sin(x / 3) + 55 * np.sin(y / 3)).astype(np.uint8)
+    assert circles.find_any(mesh, 5.0) is None

@@ -200,3 +200,10 @@ def test_the_grid_of_markers_is_that_of_cv2():
     np.testing.assert_allclose(
         found.uv, 49.5 + grid.points[:, :2] * step, atol=0.6
     )  # whole pixels in the print
+
+
+def test_mirror_images_of_markers_are_named(tmp_path):
+    for i, gray in enumerate(rendered("charuco:7x5:30mm:22mm:4X4_50", size=(640, 480))):
+        cv2.imwrite(str(tmp_path / f"v{i}.png"), gray[:, ::-1])
+    with pytest.raises(DataError, match="3 of 3 pictures are mirror images"):
+        detect_images([tmp_path], jobs=1)

@@ -127,18 +127,22 @@ def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Ar
     """
     if not isinstance(target, TagBoard):
         return None
-    found = [(a.target, a.pictures) for a in answers(sights) if isinstance(a.target, TagBoard)]
+    found = _boards(sights)
     if not found:
         return None
     own = family_of(target.dictionary, target.border)
     # of boards of several dictionaries the one that was asked for is judged
-    board, numbers = next((f for f in found if family_of(f[0].dictionary, f[0].border) == own), found[0])
+    own_first = sorted(
+        found, key=lambda f: (family_of(f.board.dictionary, f.board.border) != own, -len(f.pictures))
+    )
+    board: TagBoard = own_first[0].board
+    numbers = own_first[0].pictures
     views = [sights[i].of_family(own) for i in numbers]
     same = type(board) is type(target) and family_of(board.dictionary, board.border) == own
     if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, ROUGHLY)):
-        board = measured(board, [pictures[i] for i in numbers])
-        if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, board, CLOSELY)):
-            return board.scaled(target.square, target.unit)
+        closer = measured(board, [pictures[i] for i in numbers])
+        if not (same and explains(target, views) >= LEAST_AGREEING and _alike(target, closer, CLOSELY)):
+            return closer.scaled(target.square, target.unit)
     return None
 
 

@@ -15,6 +15,8 @@ from camcal.detect.targets.checkerboard import find_any
 
 Array = np.ndarray
 
+MIRRORED = "the markers in the picture are mirror images"
+
 
 @dataclass(frozen=True)
 class Sight:
@@ -37,6 +39,8 @@ class Sight:
         A grid of separate squares.
     more : tuple of (family, markers)
         Of further families, where boards of several are shown.
+    mirrored : bool
+        Whether the markers are mirror images.
     """
 
     family: Family | None = None
@@ -47,6 +51,7 @@ class Sight:
     discs: tuple[int, int, bool] | None = None
     squares: tuple[int, int, float] | None = None
     more: tuple[tuple[Family, tuple[Marker, ...]], ...] = ()
+    mirrored: bool = False
 
     def of_family(self, family: Family) -> tuple[Marker, ...]:
         """The markers of one family."""
@@ -79,12 +84,14 @@ def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
     if not squares_hold_marks(gray, found, size):
         return Sight(family, tuple(markers), size, whole), found
     family, markers = read_markers(gray, family, closely=True)
+    if family is None and _mirrored(gray):
+        return Sight(board=size, whole=whole, marked=True, mirrored=True), Miss("mirrored", MIRRORED)
     sight = Sight(family, tuple(markers), size, whole, marked=True)
     return sight, Miss("other-target", "the squares of the board hold markers")
 
 
 def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
-    grid, _ = circles.search(gray, seconds, None, None)
+    grid = circles.find_any(gray, seconds)
     if grid is not None:
         sight = Sight(discs=(grid.columns, grid.rows, grid.staggered))
         return sight, Miss("other-target", "the picture shows discs")
@@ -92,4 +99,12 @@ def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
     if separate is not None:
         return Sight(squares=separate), Miss("other-target", "the picture shows separate squares")
     family, markers = read_markers(gray, closely=True)
+    if family is None and _mirrored(gray):
+        return Sight(mirrored=True), Miss("mirrored", MIRRORED)
     return Sight(family, tuple(markers)), miss
+
+
+def _mirrored(gray: Array) -> bool:
+    """Whether a board of markers shows when the picture is turned over."""
+    family, markers = read_markers(np.ascontiguousarray(gray[:, ::-1]))
+    return family is not None and bool(find_boards([markers], family))
