@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -44,6 +45,24 @@ def make(folder: Path, camcal) -> None:
         folder / "board" / next(iter(sorted((folder / "board").iterdir()))).name, folder / "one/a.jpg"
     )
     _tables(folder)
+    camcal("hand-eye", "r.yaml", "--poses", "poses.csv", "-o", "h.yaml")
+    _corners_of_others(folder)
+
+
+def _corners_of_others(folder: Path) -> None:
+    """Corners as other programs write them, with the files beside them that their readers need."""
+    from tests.data import corner_samples as samples
+
+    (folder / "corners.orpc").write_text(samples.ORPC)
+    (folder / "boards.dsc").write_text(samples.dsc())
+    (folder / "boards.tp").write_text(samples.TP)
+    (folder / "corners.mat").write_bytes(samples.tartan_corners())
+    (folder / "board.mat").write_bytes(samples.tartan_board())
+    (folder / "corners.bin").write_bytes(samples.dataset(samples.tartan_pictures()))
+    (folder / "calibio.json").write_text(samples.calibio())
+    (folder / "photomodeler.txt").write_text(samples.photomodeler(samples.MARKS))
+    (folder / "photonvision.json").write_text(json.dumps(samples.PHOTONVISION))
+    (folder / "sample.yml").write_text(samples.OPENCV)
 
 
 def _rig(folder: Path) -> None:

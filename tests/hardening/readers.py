@@ -53,6 +53,32 @@ def _report(path: Path) -> Any:
     return load(path)
 
 
+def _report_of_a_rig(path: Path) -> Any:
+    from camcal.report.rig_loading import load_rig
+
+    return load_rig(path)
+
+
+def _anything(path: Path) -> Any:
+    from camcal.report.opening import load
+
+    return load(path)
+
+
+def _side(path: Path) -> Any:
+    from camcal.report import comparison
+
+    return comparison.load_rig_side(path) or comparison.load_side(path)
+
+
+def _board(path: Path) -> Any:
+    """The shape of a board that another report found, put under points."""
+    from camcal.data.points import read_points
+    from camcal.report.board import on_known_board
+
+    return on_known_board(read_points(path.with_name("p.csv")), str(path))
+
+
 def _rig(path: Path) -> Any:
     from camcal.data.rig_table import read_rig
 
@@ -166,6 +192,20 @@ def _cache(path: Path) -> Any:
 PICTURES = (".png", ".jpg", ".tif", ".bmp", ".pgm", ".webp", ".jp2", ".exr", ".hdr", ".ras", ".gif", ".avif")
 
 
+#: a file of each reader of points of other programs, which inputs.py makes
+POINT_SEEDS = {
+    "vnl": "points.vnl",
+    "orpc": "corners.orpc",
+    "tartan": "corners.mat",
+    "tartan-dataset": "corners.bin",
+    "calibio": "calibio.json",
+    "photonvision": "photonvision.json",
+    "opencv": "sample.yml",
+    "gcp": "gcp_list.txt",
+    "photomodeler": "photomodeler.txt",
+}
+
+
 def subjects() -> list[Subject]:
     """All readers."""
     made = [Subject(f"format {n}", (), (f"format-{n}",), _format(n)) for n in FORMATS]
@@ -176,6 +216,10 @@ def subjects() -> list[Subject]:
         Subject("points archive", (".npz",), ("points.npz",), _points),
         Subject("points pair", (".csv",), ("p2.csv",), _pair),
         Subject("report", (".yaml",), ("r.yaml",), _report),
+        Subject("report of a rig", (".yaml",), ("rig.yaml",), _report_of_a_rig),
+        Subject("anything with a camera", (".yaml",), ("r.yaml", "rig.yaml", "h.yaml"), _anything),
+        Subject("a camera to compare", (".yaml",), ("r.yaml", "rig.yaml"), _side),
+        Subject("board of a report", (".yaml",), ("r.yaml",), _board),
         Subject("rig table", (".csv",), ("rig.csv",), _rig),
         Subject("lines", (".csv",), ("lines.csv", "room.csv"), _lines),
         Subject("tracks", (".csv",), ("tracks.csv",), _labelled("view", "point")),

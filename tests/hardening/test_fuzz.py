@@ -21,7 +21,8 @@ COUNT = int(os.environ.get("CAMCAL_FUZZ", "25"))
 SUBJECTS = subjects()
 #: streams are opened by the command; a state or an entry that is not there is made
 MADE = ("frames", "checkpoint", "cache entry")
-BESIDE = ("p3.csv", "f.csv")
+#: what a reader looks for beside its file
+BESIDE = ("p.csv", "p3.csv", "f.csv", "boards.dsc", "boards.tp", "board.mat")
 
 
 def seeds(made, subject):
