@@ -47,7 +47,8 @@ def warning_of(found: Found) -> CalibrationWarning | None:
         off = " By how much the camera is off for it, these views do not tell"
     if found.scatter > found.effect > 0:
         off += f", and each picture by {found.scatter:.2g} px"
-    left = f" Sigma falls from {found.before:.3g} to {found.sigma:.3g} with {_numbers(trial.numbers)} more."
+    unit = "px" if found.base.observations.sigma is None else "times those given"
+    left = f" Sigma falls from {found.before:.3g} to {found.sigma:.3g} {unit} with {_numbers(trial.numbers)} more."
     grave = severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before, code)
     return CalibrationWarning(code, f"{what}{left}{off}.", hint, grave)
 
