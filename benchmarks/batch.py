@@ -64,10 +64,12 @@ def camera_views(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
         [focal, focal, 320 + rng.normal(0, 3), 240 + rng.normal(0, 3), -0.2, 0.08, 1e-3, -5e-4, 0.0]
     )
     views = []
-    for _ in range(VIEWS):
+    while len(views) < VIEWS:
         rotation = rotations.exp(rng.uniform(-0.5, 0.5, 3))
         translation = np.array([-4.0, -2.5, 14]) + rng.uniform(-1, 1, 3) * [1, 1, 2]
         uv = lens.project(params, GRID @ rotation.T + translation)[0]
+        if ((uv < 5) | (uv > np.array(SIZE) - 5)).any():  # a camera does not see those: the checks say so
+            continue
         views.append((GRID, uv + rng.normal(0, 0.2, uv.shape)))
     return views
 
