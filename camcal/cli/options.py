@@ -108,6 +108,15 @@ class SettingOption(click.Option):
                 state.opts[own.dest] = state.rargs.pop(0)
 
         own.process = with_word
+        match = parser._match_long_opt
+
+        def split(name: str, value: str | None, state: Any) -> None:
+            if name == self.setting.long and value in words:  # --crosscheck=full
+                state.rargs.insert(0, value)
+                value = None
+            match(name, value, state)
+
+        parser._match_long_opt = split
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         """Take a word of a switch as it is, from wherever it comes."""

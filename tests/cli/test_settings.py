@@ -178,6 +178,8 @@ def test_a_required_option_is_asked_for(camcal, args, option):
     ("words", "value"),
     [
         (("--crosscheck", "full"), "full"),
+        (("--crosscheck=full",), "full"),
+        (("--crosscheck=full", "--seed=3"), "full"),
         (("--crosscheck",), True),
         (("--no-crosscheck",), False),
         (("--no-crosscheck", "--crosscheck", "full"), "full"),
