@@ -136,6 +136,7 @@ def _camera(kind: str, paths: Sequence[str], values: dict[str, Any]) -> Solution
         from camcal.data.points import read_points
 
         data = read_points(*paths, image_size=values["image_size"])
+    options["board_shape"] = options["board_shape"] or data.usual_board_shape
     data = _on_board(data, options)
     if is_report(options["board_shape"]):
         options["board_shape"] = "flat"

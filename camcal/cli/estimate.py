@@ -40,6 +40,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     if square is not None:
         given["square"] = square.value
     data = read_points(*points, **given)
+    options["board_shape"] = options["board_shape"] or data.usual_board_shape
     if options["distortion"] is None:
         return calibrate_and_report(ctx, data, options)
     from camcal.cli.distortion_first import held_options

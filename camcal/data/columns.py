@@ -19,8 +19,9 @@ ALIASES = {
     "sigma": "sigma sigmapx std stddev",
     "id": "id pointid pointids point pt marker markerid cornerid",
     "t": "t time seconds timestamp",
+    "printed": "printed",
 }
-NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id")
+NUMERIC = ("X", "Y", "Z", "u", "v", "sigma", "id", "printed")
 #: what x and y are where X and Y are there, too
 _IMAGE = {"x": "u", "y": "v"}
 _BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.split()}
@@ -49,7 +50,7 @@ class Form:
 
 POINTS = Form(
     ("X", "Y", "u", "v"),
-    ("view", "id", "X", "Y", "Z", "u", "v", "sigma"),
+    ("view", "id", "X", "Y", "Z", "u", "v", "sigma", "printed"),
     {4: ("X", "Y", "u", "v"), 5: ("X", "Y", "Z", "u", "v"), 6: ("view", "X", "Y", "Z", "u", "v")},
     "4 (X Y u v), 5 (X Y Z u v) or 6 (view X Y Z u v)",
 )

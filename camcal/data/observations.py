@@ -136,6 +136,16 @@ class Observations:
         """Number of rows."""
         return len(self.xyz)
 
+    @property
+    def usual_board_shape(self) -> str:
+        """`auto` for points of a printed target, which may be shaped otherwise than designed; else `flat`."""
+        return "auto" if self.is_printed else "flat"
+
+    @property
+    def is_printed(self) -> bool:
+        """Whether the points are those of a printed target: found in pictures, or so called by their table."""
+        return self.target is not None and ("kind" in self.target or bool(self.target.get("printed")))
+
     @cached_property
     def blocks(self) -> Blocks:
         """The runs of rows of one picture each; with one camera, those of every view, empty ones included."""

@@ -139,7 +139,21 @@ def _collect(tables: list[Table], files: list[Table], size: tuple[int, int] | No
         views += own
         sources += [table.path] * len(own)
     listed = tuple({"path": table.path, "sha256": table.sha256} for table in files)
-    return Correspondences.from_views(_told_apart(views, sources), size, files=listed)
+    target = {"printed": True} if all(_is_printed(table) for table in tables) else None
+    return Correspondences.from_views(_told_apart(views, sources), size, files=listed, target=target)
+
+
+def _is_printed(table: Table) -> bool:
+    """Whether a table says of all its points that they are those of a printed target."""
+    said = table.column("printed")
+    if said is None:
+        return False
+    if not np.isin(said, (0, 1)).all():
+        raise DataError(
+            f"{table.path}: the column 'printed' holds something else than 0 and 1.",
+            "1: the point is one of a printed target, whose shape may be estimated; 0: its place was measured.",
+        )
+    return bool(said.all())
 
 
 def _told_apart(views: list[View], sources: list[str]) -> list[View]:

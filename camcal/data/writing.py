@@ -22,7 +22,9 @@ if TYPE_CHECKING:  # numpy stays out: the commands check their output before the
 def write_points(
     path: str | os.PathLike, correspondences: Correspondences, force: bool = False, view_column: str = "view"
 ) -> None:
-    """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma`; `id` and `sigma` where the views have them.
+    """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma,printed`; `id` and `sigma` where the views have them.
+
+    `printed` is 1 in every row of points that were found on a printed target; of others the column is left out.
 
     `view_column` heads the first column: `file` for what was found in pictures. A path that ends in `.npz` gets an
     archive, one in `.vnl` the corners in mrcal's form.
@@ -47,10 +49,11 @@ def write_points(
     with_sigma = _all_or_none(views, "sigma", "sigmas")
     out = io.StringIO()
     columns = [view_column, *["id"] * with_id, "X", "Y", "Z", "u", "v", *["sigma"] * with_sigma]
-    out.write(",".join(columns) + "\n")
+    printed = ",1" if correspondences.is_printed else ""
+    out.write(",".join([*columns, *["printed"] * bool(printed)]) + "\n")
     for view in views:
         name = _quoted(view.id)
-        out.writelines(f"{name},{','.join(map(repr, row))}\n" for row in _rows(view))
+        out.writelines(f"{name},{','.join(map(repr, row))}{printed}\n" for row in _rows(view))
     atomic_write(path, out.getvalue(), force)
 
 

@@ -108,6 +108,9 @@ class Target(Section):
             "the pose of each in the frame of the first of its group; the points of `data` are in that frame"
         ),
     ] = UNSET
+    printed: Annotated[
+        bool | UnsetType, key("of a table that says that its points are those of a printed target")
+    ] = UNSET
     shape: Annotated[Shape | UnsetType, key("where the board's shape was estimated or given")] = UNSET
 
 

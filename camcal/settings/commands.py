@@ -85,9 +85,10 @@ def _of_pictures(options: Iterable[Option]) -> tuple[Option, ...]:
     return tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in options)
 
 
-def _either(options: Iterable[Option]) -> tuple[Option, ...]:
-    """The options where the data may be pictures or tables, which only the run knows."""
-    said = "auto for pictures, flat for tables by default."
+def _either(
+    options: Iterable[Option], said: str = "auto for pictures, flat for tables by default."
+) -> tuple[Option, ...]:
+    """The options where the data may be those of a printed target or not, which only the run knows."""
     return tuple(
         replace(o, help=f"{o.help} {said}", default=None) if o.name == "board_shape" else o for o in options
     )
@@ -117,7 +118,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         ),
         replace(DetectionOptions.options()["square"], help="Side of a square of that board, such as 25mm."),
         IMAGE_SIZE,
-        *CALIBRATION,
+        *_either(CALIBRATION, "auto where the table says that its points are printed, else flat by default."),
         *RESULT,
     ),
     "rig": (

@@ -19,12 +19,14 @@ TRUE = BOARD * [1, 1.02, 1] + np.c_[np.zeros((35, 2)), 0.05 * (1 - (BOARD[:, 0] 
 def estimate(camcal, tmp_path):
     """Run `camcal estimate` on views of the true board, said to be the ideal one."""
 
-    def run(name, shape, seed=1, board=BOARD, code=0):
+    def run(name, shape, seed=1, board=BOARD, code=0, target=None):
         rng = np.random.default_rng(seed)
         data = observe(CAMERA, tilted_poses(BOARD, 8, rng, shift=0.5), TRUE, 0.05, rng)
         path, report = tmp_path / f"{name}.csv", tmp_path / f"{name}.yaml"
-        write_points(path, data.with_views(tuple(replace(v, xyz=board) for v in data.views)))
-        args = ["--model", "opencv4", "--image-size", "640x480", "--board-shape", shape, "-o", report]
+        data = data.with_views(tuple(replace(v, xyz=board) for v in data.views))
+        write_points(path, replace(data, target=target))
+        args = ["--model", "opencv4", "--image-size", "640x480", "-o", report]
+        args += ["--board-shape", shape] if shape else []
         found, out, err = camcal("estimate", path, *args)
         assert found == code, err
         return (yaml.safe_load(report.read_text()) if report.exists() else None), report, out + err
@@ -57,6 +59,15 @@ def test_auto_says_what_it_tried(estimate):
     assert shape["kind"] == "print"
     assert [t["kind"] for t in shape["tried"]] == ["flat", "bowl", "print", "free"]
     assert "hold-out" in screen
+
+
+def test_a_table_of_a_printed_target_is_calibrated_with_its_own_shape(estimate):
+    target = {"kind": "checkerboard"}
+    assert estimate("said", None, target=target)[0]["target"]["shape"]["kind"] != "flat"
+    given, _, said = estimate("unsaid", None)
+    assert given["target"] is None and "board-not-flat" in [w["code"] for w in given["warnings"]], said
+    forced = estimate("forced", "flat", target=target)[0]
+    assert "bowl" not in [s["name"] for s in forced["stages"]]
 
 
 def test_a_known_shape_serves_the_next_calibration(estimate):

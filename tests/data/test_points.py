@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -248,7 +249,7 @@ def test_the_examples_of_the_documentation(tmp_path):
 def test_the_names_of_columns_in_the_documentation(tmp_path):
     text = (Path(__file__).parents[2] / "docs" / "input-formats.md").read_text()
     rows = re.findall(r"^\| `(\w+)`(?:, `(\w+)`)? \|[^|]*\|([^|]*)\|[^|]*\|$", text, re.M)
-    assert [row[0] for row in rows] == ["view", "X", "Z", "u", "sigma", "id"]
+    assert [row[0] for row in rows] == ["view", "X", "Z", "u", "sigma", "id", "printed"]
     for first, second, others in rows:
         for name in re.findall(r"\w+", " ".join(re.findall(r"`([^`]*)`", others))):
             assert role_of(name, POINTS) in (first, second), name
@@ -302,3 +303,30 @@ def test_several_cameras_are_for_the_rig(tmp_path):
     with pytest.raises(DataError) as caught:
         read_points(written(tmp_path, "camera,frame,X,Y,Z,u,v\nc1,1,0,0,0,1,2\n"))
     assert "camcal rig" in caught.value.hint
+
+
+SQUARE = ["0,0,10,10", "1,0,20,10", "0,1,10,20", "1,1,20,20"]
+
+
+@pytest.mark.parametrize(("said", "shape"), [("1111", "auto"), ("1110", "flat"), ("0000", "flat")])
+def test_a_table_says_whether_its_points_are_printed(tmp_path, said, shape):
+    path = tmp_path / "p.csv"
+    path.write_text("X,Y,u,v,printed\n" + "\n".join(f"{r},{s}" for r, s in zip(SQUARE, said, strict=True)))
+    assert read_points(path).usual_board_shape == shape
+    assert read_points(path).is_printed == (shape == "auto")
+
+
+def test_printed_is_0_or_1(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text("X,Y,u,v,printed\n" + "\n".join(f"{r},2" for r in SQUARE))
+    with pytest.raises(DataError, match="printed"):
+        read_points(path)
+
+
+def test_points_found_on_a_target_are_written_as_printed(tmp_path):
+    path, plain = tmp_path / "p.csv", tmp_path / "plain.csv"
+    views = Correspondences.from_views([(np.eye(4, 3), np.arange(8.0).reshape(4, 2))])
+    write_points(plain, views)
+    write_points(path, replace(views, target={"kind": "checkerboard"}))
+    assert "printed" not in plain.read_text() and read_points(plain).target is None
+    assert path.read_text().splitlines()[0].endswith(",printed") and read_points(path).is_printed
