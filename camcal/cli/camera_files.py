@@ -20,11 +20,20 @@ def is_report(path: Path | None, options: Mapping[str, Any]) -> bool:
     return path is None or "save_camera" not in options or format_of(path) in (None, "camcal")
 
 
-def targets(options: Mapping[str, Any]) -> list[Path]:
-    """The camera files to write: of `--save-camera`, and `--output` where it is one."""
+def targets(options: Mapping[str, Any]) -> list[tuple[str | None, Path]]:
+    """The camera files to write and their formats: of `--save-camera`, and `--output` where it is one.
+
+    The format is None where the ending of the name says it.
+    """
+    from camcal.data.formats import FORMATS
+
     output = options["output"]
-    own = [] if is_report(output, options) else [output]
-    return [*own, *(options.get("save_camera") or ())]
+    found: list[tuple[str | None, Path]] = [] if is_report(output, options) else [(None, output)]
+    for given in options.get("save_camera") or ():
+        format, colon, name = str(given).partition(":")
+        named = bool(colon and name) and format in FORMATS
+        found.append((format, Path(name)) if named else (None, Path(given)))
+    return found
 
 
 def check(options: Mapping[str, Any]) -> None:
@@ -32,24 +41,24 @@ def check(options: Mapping[str, Any]) -> None:
     from camcal.data.formats import format_of
     from camcal.data.writing import check_writable
 
-    for path in targets(options):
+    for format, path in targets(options):
         check_writable(path, options["force"])
-        if format_of(path) != "camcal":
+        if (format or format_of(path)) != "camcal":
             from camcal.data.formats.files import target_format
 
-            target_format(path, None)
+            target_format(path, format)
 
 
 def save(camera: Camera | Rig, options: Mapping[str, Any], command: list[str]) -> None:
-    """Write the camera or the rig to each target, in the format of its ending.
+    """Write the camera or the rig to each target, in the format that is named or that of its ending.
 
     Raises
     ------
     UsageError
         Where a format has no room for a term of the camera, which it names.
     """
-    for path in targets(options):
+    for format, path in targets(options):
         from camcal.report.opening import save_camera
 
-        save_camera(camera, path, force=options["force"], command=command)
+        save_camera(camera, path, format, force=options["force"], command=command)
         note(f"Camera written to {path}.")

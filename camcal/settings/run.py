@@ -23,7 +23,9 @@ OUTPUT_OR_CAMERA = replace(
 SAVE_CAMERA = Option(
     "save_camera",
     Several(OUT),
-    "Write the camera too, in the format of FILE's ending; may be given several times; `camcal list formats`.",
+    "Write the camera too, in the format of FILE's ending or that of `camcal list formats` which is named before it "
+    "(kalibr:cam.yaml); may be given several times.",
+    metavar="[FORMAT:]FILE",
     repeated=True,
 )
 FORCE = Option("force", SWITCH, "Overwrite an output that exists.", False, short="-f")

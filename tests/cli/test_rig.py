@@ -92,10 +92,19 @@ def test_a_rig_converts(camcal, rig):
 
 def test_the_rig_is_saved_along(camcal, table):
     arguments = ("rig", table, "--image-size", "640x480", "-m", "opencv4", "--save-camera", "rig.toml")
-    code, _, err = camcal(*arguments, "-o", "rig.yaml")
-    assert code == 0 and "Camera written to rig.toml" in err, err
-    there, back = public.load("rig.yaml"), public.load("rig.toml")
-    assert back.baseline("a", "b") == pytest.approx(there.baseline("a", "b"), rel=1e-9)
+    code, _, err = camcal(*arguments, "--save-camera", "kalibr:chain.yaml", "-o", "rig.yaml")
+    assert code == 0 and "Camera written to rig.toml" in err and "Camera written to chain.yaml" in err, err
+    there = public.load("rig.yaml")
+    for name in ("rig.toml", "chain.yaml"):
+        back = public.load(name)
+        assert back.baseline(*back.cameras) == pytest.approx(there.baseline("a", "b"), rel=1e-9)
+    assert Path("chain.yaml").read_text().startswith("cam0:")
+
+
+def test_a_format_that_is_named_is_looked_at_first(camcal, table):
+    arguments = ("rig", table, "--image-size", "640x480", "-m", "opencv4", "-o", "rig.yaml")
+    code, _, err = camcal(*arguments, "--save-camera", "x:chain.toast")
+    assert code == 2 and "chain.toast" in err and not Path("rig.yaml").exists()
 
 
 def test_one_model_and_one_held_parameter_by_camera(camcal, table):

@@ -100,7 +100,8 @@ def _write(cameras: CameraFile, suffix: str) -> str:
         _, terms = choose(named.camera, MODELS, "a Kalibr camchain")
         model, bend, intrinsics, d = _entry(terms)
         width, height = named.camera.image_size
-        text += f"{named.name}:\n  camera_model: {model}\n  intrinsics: {_list(intrinsics)}\n"
+        # Kalibr's tools look for cam0, cam1, ...; the topic keeps the camera's own name
+        text += f"cam{i}:\n  camera_model: {model}\n  intrinsics: {_list(intrinsics)}\n"
         text += f"  distortion_model: {bend}\n  distortion_coeffs: {_list(d)}\n  resolution: [{width}, {height}]\n"
         text += f"  rostopic: /{named.name}/image_raw\n"
         if i and cameras.has_poses:

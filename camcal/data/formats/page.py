@@ -23,8 +23,8 @@ This page is generated from the table of formats: `python -m camcal.data.formats
 
 Every command that takes a camera takes any of these files; the format is found out from the content. A model is
 read from its name in the file; an unknown name is refused. `camcal convert SRC DST` writes them: the ending of DST
-says the format where it is clear, `--to FORMAT` otherwise. The main jobs write them too: `--save-camera FILE` along
-with the report, or `-o cam.yml` in its place.
+says the format where it is clear, `--to FORMAT` otherwise. The main jobs write them too: `--save-camera FILE` (or
+`--save-camera kalibr:FILE`, as often as wanted) along with the report, or `-o cam.yml` in its place.
 
     camcal convert report.yaml cam.yml                       # OpenCV
     camcal convert camera_info.yaml cameras.txt --to colmap
