@@ -6,6 +6,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 from camcal.data.boards import by_board
@@ -18,6 +19,8 @@ from camcal.errors import CamcalError, DataError
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 #: a name is taken apart into text and whole numbers
 NUMBER = re.compile(r"\d+")
+#: two cameras with more than this part of their pictures in common have copies; single ones may be black in both
+SAME = 0.5
 
 
 def detect_rig(
@@ -56,6 +59,7 @@ def detect_rig(
             parts[name] = detect_images(paths, **options, on_event=listen)
         except CamcalError as error:
             raise type(error)(f"camera '{name}': {error.message}", error.hint) from error
+    _check_own_pictures(parts)
     split = {name: by_board(part) for name, part in parts.items()}
     shown = {name: list(dict.fromkeys(pictures.values())) for name, (_, pictures, _) in split.items()}
     found = match({name: _searched(listed[name], shown[name], part) for name, part in parts.items()})
@@ -65,6 +69,18 @@ def detect_rig(
     }
     boards = {name: own for name, (_, _, own) in split.items() if own}
     return RigViews({n: data for n, (data, _, _) in split.items()}, instants, _order(found), boards)
+
+
+def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
+    """Raise a DataError where two cameras were given the same pictures, by their content."""
+    contents = {name: {f["sha256"] for f in part.files} for name, part in parts.items()}
+    for a, b in combinations(contents, 2):
+        same = len(contents[a] & contents[b])
+        if same > SAME * min(len(contents[a]), len(contents[b])):
+            raise DataError(
+                f"cameras '{a}' and '{b}' have the same pictures: {same} of {len(contents[a])} and {len(contents[b])}.",
+                "Give each camera the pictures that it took itself.",
+            )
 
 
 def _searched(listed: Sequence[str], shown: Sequence[str], part: Observations) -> list[str]:

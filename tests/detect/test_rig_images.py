@@ -43,3 +43,20 @@ def test_frames_of_films_and_pictures_that_were_not_searched():
     assert _searched(["f.mp4"], frames.view_ids, frames) == ["f.mp4#9", "f.mp4#10"]
     found = match({"l": ["f.mp4#9", "f.mp4#10"], "r": ["g.mp4#10", "g.mp4#12"]})
     assert found["l"]["f.mp4#10"] == found["r"]["g.mp4#10"] == "10"
+
+
+@pytest.mark.parametrize(("shared", "refused"), [(2, False), (3, True), (4, True)])
+def test_two_cameras_have_pictures_of_their_own(shared, refused):
+    from camcal.data.observations import Observations
+    from camcal.detect.rig_images import _check_own_pictures
+
+    def part(first):
+        files = tuple({"path": f"{i}.png", "sha256": str(i)} for i in range(first, first + 4))
+        return replace(Observations.from_views([([[0, 0, 0]], [[1, 1]])]), files=files)
+
+    parts = {"left": part(0), "right": part(4 - shared)}
+    if refused:
+        with pytest.raises(DataError, match=r"'left' and 'right' have the same pictures"):
+            _check_own_pictures(parts)
+    else:
+        _check_own_pictures(parts)
