@@ -104,12 +104,6 @@ class BlockNormal:
         inverse = np.linalg.pinv(self.blocks, hermitian=True)
         return self.shared - np.tensordot(self.coupling @ inverse, self.coupling, ([0, 2], [0, 2]))
 
-    def block_covariances(self, shared: Array) -> Array:
-        """Covariances (B, K, K) of the blocks, given that of the shared parameters (F, F)."""
-        inverse = np.linalg.pinv(self.blocks, hermitian=True)
-        gain = np.einsum("bfk,bkl->bfl", self.coupling, inverse)
-        return inverse + np.einsum("bfk,fg,bgl->bkl", gain, shared, gain)
-
 
 def _damped(matrices: Array, damping: float) -> Array:
     """Matrices (B, K, K) with their diagonals scaled by 1 + damping, each parameter in its own unit."""

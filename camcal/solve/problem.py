@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -26,6 +26,7 @@ from camcal.model.pose import Poses
 from camcal.solve import local
 from camcal.solve.cameras import Assembly, CameraPart
 from camcal.solve.groups import Group, make_groups, products
+from camcal.solve.seen import Seen
 from camcal.solve.state import Blocks, State, Step
 
 __all__ = ["Blocks", "Group", "Problem", "Seen", "State", "Step", "products"]
@@ -33,28 +34,6 @@ __all__ = ["Blocks", "Group", "Problem", "Seen", "State", "Step", "products"]
 Array = np.ndarray
 #: called with a group and its rows, which the next group's overwrite
 OnRows = Callable[[Group, Array], None]
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Which camera took each of B views, and when.
-
-    Attributes
-    ----------
-    camera : (B,) int array
-        Index of the camera; 0 is the reference, whose frame is the rig's.
-    instant : (B,) int array
-        Views of the same instant share the pose rig_from_board; all of 0, 1, ... occur, and no camera has two views of
-        one. Boards that move on their own are instants of their own.
-    """
-
-    camera: Array
-    instant: Array
-
-    @classmethod
-    def alone(cls, views: int) -> Seen:
-        """Of one camera, each view at an instant of its own."""
-        return cls(np.zeros(views, int), np.arange(views))
 
 
 class Problem:

@@ -1,0 +1,31 @@
+"""Which camera of a rig took each view, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Which camera took each of B views, and when.
+
+    Attributes
+    ----------
+    camera : (B,) int array
+        Index of the camera; 0 is the reference, whose frame is the rig's.
+    instant : (B,) int array
+        Views of the same instant share the pose rig_from_board; all of 0, 1, ... occur, and no camera has two views of
+        one. Boards that move on their own are instants of their own.
+    """
+
+    camera: Array
+    instant: Array
+
+    @classmethod
+    def alone(cls, views: int) -> Seen:
+        """Of one camera, each view at an instant of its own."""
+        return cls(np.zeros(views, int), np.arange(views))
