@@ -19,9 +19,9 @@ SIGNIFICANT = 4.0
 #: (their images are a few pixels across), and larger ones touch. Bent boards and lenses that do not hold give other
 #: numbers, or negative ones.
 SMALLEST, LARGEST = 0.15, 0.5
-#: A board of another shape is the rival: its residuals repeat at the same points, and the deviations above take them for
-#: noise (8 of them on the bent board of a real stereo pair). What circles take off the cost is .9 to 1.6 times what a
-#: free board promises where there are circles (rendered, radius .2 to .4), and .03 times on that bent board.
+#: A board of another shape is the rival: its residuals repeat at the same points, and the deviations above take
+#: these for noise (8 of them on the bent board of a real stereo pair). What circles take off the cost is .9 to 1.6
+#: times what a free board promises where there are circles (rendered, radius .2 to .4), and .03 times on that board.
 LEAST_OF_BOARD = 0.5
 
 
