@@ -145,12 +145,17 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *WATCH,
         *BOARD,
         REFINE_CORNERS,
-        *_of_pictures(CalibrationOptions.command_line()),
+        # the board as designed: the target of --target-px then means the same from the first picture to the last
+        *CalibrationOptions.command_line(),
         FORCE,
         CONFIG,
     ),
     "detect": (
-        replace(OUTPUT, help="The table (CSV: file, id, X, Y, Z, u, v, sigma; .npz; .vnl).", required=True),
+        replace(
+            OUTPUT,
+            help="The table (CSV: file, id, X, Y, Z, u, v, sigma, printed; .npz; .vnl).",
+            required=True,
+        ),
         *BOARD,
         FORCE,
         CONFIG,
