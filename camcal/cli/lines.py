@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("lines")
@@ -22,18 +22,15 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     tables line,u,v[,view]. Lines do not say how long the focal length is: it is held at the longer side of the
     picture, or where --fix fx=VALUE puts it.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.results import deliver
+    from camcal.cli.job import command_line, output_is_free
+    from camcal.cli.results import deliver_route
 
     output_is_free(options)
     from camcal.report.lines import report
 
     given = {name: options[name] for name in ("model", "image_size", "fix", "robust", "crosscheck")}
     found = report(data, **given, command=command_line(ctx))
-    for warning in found["warnings"]:
-        note(f"{warning['message']} {warning['hint']}")
-    deliver(found, options, "Report", lambda: tables(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return deliver_route(found, options, tables)
 
 
 def tables(found: dict[str, Any]) -> Any:

@@ -9,6 +9,18 @@ from camcal.cli.output import emit
 from camcal.cli.verbosity import note
 
 
+def deliver_route(
+    found: dict[str, Any], options: Mapping[str, Any], as_table: Callable[[dict[str, Any]], Any]
+) -> int:
+    """Say the warnings of a route's report, deliver it, and return the exit code; see `deliver`."""
+    from camcal.cli.job import GATE_FELL
+
+    for warning in found["warnings"]:
+        note(f"{warning['message']} {warning['hint']}")
+    deliver(found, options, "Report", lambda: as_table(found))
+    return GATE_FELL if found["verdict"] == "fail" else 0
+
+
 def deliver(
     found: dict[str, Any], options: Mapping[str, Any], what: str, as_table: Callable[[], Any]
 ) -> None:

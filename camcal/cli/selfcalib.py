@@ -23,8 +23,8 @@ def command(ctx: click.Context, data: tuple[Path, ...], **options: Any) -> int:
     a hundred of one scene, the tracks are found (SIFT). Motions that leave the focal length undetermined (critical
     motions) are refused.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.results import deliver
+    from camcal.cli.job import command_line, output_is_free
+    from camcal.cli.results import deliver_route
 
     output_is_free(options)
     from camcal.report.selfcalib import report
@@ -34,10 +34,7 @@ def command(ctx: click.Context, data: tuple[Path, ...], **options: Any) -> int:
         for name in ("model", "fix", "image_size", "seed", "crosscheck", "save_tracks", "force")
     }
     found = report(data, **given, command=command_line(ctx), said=note)
-    for warning in found["warnings"]:
-        note(f"{warning['message']} {warning['hint']}")
-    deliver(found, options, "Report", lambda: _table(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return deliver_route(found, options, _table)
 
 
 def _table(found: dict[str, Any]) -> Any:

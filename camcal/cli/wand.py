@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from camcal.cli.options import options
-from camcal.cli.verbosity import note, verbosity_options
+from camcal.cli.verbosity import verbosity_options
 
 
 @click.command("wand")
@@ -24,18 +24,15 @@ def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
     held; of the others focal length, lens and, where they are determined, principal point are estimated. The
     report holds a rig, for `camcal triangulate` and `camcal convert --to dlt`.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.results import deliver
+    from camcal.cli.job import command_line, output_is_free
+    from camcal.cli.results import deliver_route
 
     output_is_free(options)
     from camcal.report.wand import report
 
     names = ("bar", "cameras", "model", "fix", "image_size", "seed", "crosscheck")
     found = report(tracks, **{name: options[name] for name in names}, command=command_line(ctx))
-    for warning in found["warnings"]:
-        note(f"{warning['message']} {warning['hint']}")
-    deliver(found, options, "Report", lambda: _tables(found))
-    return GATE_FELL if found["verdict"] == "fail" else 0
+    return deliver_route(found, options, _tables)
 
 
 def _tables(found: dict[str, Any]) -> Any:

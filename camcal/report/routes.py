@@ -56,6 +56,17 @@ def pose_entry(pose: Pose) -> dict[str, Any]:
     return {"rotation_vector": rotations.log(pose.rotation), "translation": pose.translation}
 
 
+def bundle_entry(iterations: int, converged: bool, residuals: Array, used: Array) -> dict[str, Any]:
+    """The report's `fit` of a bundle adjustment: residuals (N, 2), px, and which rows (N,) it rests on."""
+    return {
+        "iterations": iterations,
+        "converged": converged,
+        "rms_point": float(np.sqrt((residuals[used] ** 2).sum(1).mean())),
+        "points_used": int(used.sum()),
+        "points_rejected": int((~used).sum()),
+    }
+
+
 def solution_entry(solution: Solution) -> dict[str, Any]:
     """A pose with its standard deviations: three angles, degrees, and three lengths."""
     covariance = solution.covariance

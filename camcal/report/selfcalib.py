@@ -15,7 +15,7 @@ from camcal.model import lenses
 from camcal.model.pose import Pose
 from camcal.peers import two_views
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, pose_entry, warning
+from camcal.report.routes import bundle_entry, document, pose_entry, warning
 from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 from camcal.routes.read_lines import TABLES
@@ -54,16 +54,9 @@ def report(
     sigmas = dict(zip(camera.lens.names, np.sqrt(np.diagonal(found.covariance)).tolist(), strict=True))
     entry = camera_entry(camera, sigmas, found.start.values, found.fixed)
     residuals = found.bundle.residuals(tracks)
-    off = np.linalg.norm(residuals[found.used], axis=1)
     sections = {
         "views": [_view(i, name, found, tracks, residuals) for i, name in enumerate(views)],
-        "fit": {
-            "iterations": found.iterations,
-            "converged": found.converged,
-            "rms_point": float(np.sqrt((off**2).mean())),
-            "points_used": int(found.used.sum()),
-            "points_rejected": int((~found.used).sum()),
-        },
+        "fit": bundle_entry(found.iterations, found.converged, residuals, found.used),
         "selfcalib": {
             "focal_length_from_pairs": float(found.start.params[0]),
             "pairs": len(found.pairs),

@@ -18,7 +18,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.camera import camera_entry
-from camcal.report.routes import document, pose_entry, warning
+from camcal.report.routes import bundle_entry, document, pose_entry, warning
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import sorted_images, triangulate
 from camcal.routes.wand import WandCalibration, estimate
@@ -59,18 +59,11 @@ def report(
     given = [_given(n, i, cameras, model, fix, image_size) for i, n in enumerate(names)]
     found = estimate(seen, [c for c, _ in given], [k for _, k in given], fix, names, seed)
     views = table.names["view"]
-    off = np.linalg.norm(found.wand.residuals(seen)[found.used], axis=1)
     lengths = _lengths(found, seen)
     sections = {
         "cameras": {n: _camera(i, found) for i, n in enumerate(names)},
         "rig": _rig(found, names),
-        "fit": {
-            "iterations": found.iterations,
-            "converged": found.converged,
-            "rms_point": float(np.sqrt((off**2).mean())),
-            "points_used": int(found.used.sum()),
-            "points_rejected": int((~found.used).sum()),
-        },
+        "fit": bundle_entry(found.iterations, found.converged, found.wand.residuals(seen), found.used),
         "wand": {
             "bar": [float(p) for p in seen.places],
             "instants": len(views),

@@ -110,14 +110,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     EstimationError
         For several views, for points on a plane, and where m34 is near 0.
     """
-    form = shape.check(correspondences)
-    if len(correspondences) != 1 or form.planar[0]:
-        found = "a plane" if len(correspondences) == 1 else f"{len(correspondences)} views"
-        raise EstimationError(
-            f"the estimator 'central' takes one view of points in space, not {found}.",
-            "Use 'zhang' or 'dlt'.",
-        )
-    view = correspondences.views[0]
+    view = shape.view_in_space(correspondences, "the estimator 'central'")
     _require_m34(view)
     m, condition = projection_matrix(view.xyz, view.uv, view.sigma, normalise)
     k, rotation, translation, mirrored = projective.decompose(m, view.xyz)

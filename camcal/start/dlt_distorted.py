@@ -64,14 +64,7 @@ def estimate16(correspondences: Observations, skew: bool = False, normalise: boo
 
 
 def _estimate(data: Observations, count: int) -> ClosedForm:
-    form, name = shape.check(data), f"dlt{count}"
-    if len(data) != 1 or form.planar[0]:
-        found = "a plane" if len(data) == 1 else f"{len(data)} views"
-        raise EstimationError(
-            f"the closed form '{name}' takes one view of points in space, not {found}.",
-            "Use 'zhang' or 'dlt'.",
-        )
-    view = data.views[0]
+    view = shape.view_in_space(data, f"the closed form 'dlt{count}'")
     if 2 * len(view) <= count:
         raise DataError(
             f"view '{view.id}' holds {len(view)} points; {count} coefficients need {count // 2 + 1}.",
@@ -92,7 +85,7 @@ def _estimate(data: Observations, count: int) -> ClosedForm:
         "mirrored": mirrored,
         "degenerate": False,
     }
-    return ClosedForm(name, k, Poses(rotation[None], translation[None]), matrix, info, camera)
+    return ClosedForm(f"dlt{count}", k, Poses(rotation[None], translation[None]), matrix, info, camera)
 
 
 def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:

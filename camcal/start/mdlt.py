@@ -44,13 +44,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     EstimationError
         For several views, for points on a plane, and where the iteration does not settle.
     """
-    form = shape.check(correspondences)
-    if len(correspondences) != 1 or form.planar[0]:
-        found = "a plane" if len(correspondences) == 1 else f"{len(correspondences)} views"
-        raise EstimationError(
-            f"the closed form 'mdlt' takes one view of points in space, not {found}.", "Use 'zhang' or 'dlt'."
-        )
-    view = correspondences.views[0]
+    view = shape.view_in_space(correspondences, "the closed form 'mdlt'")
     m, steps, left_out, condition = constrained(view)
     k, rotation, translation, mirrored = projective.decompose(m, view.xyz)
     info = {

@@ -76,6 +76,25 @@ def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
     return form
 
 
+def view_in_space(correspondences: Observations, what: str) -> View:
+    """The only view, of points in space, that a closed form takes; `what` is its name in the message.
+
+    Raises
+    ------
+    DataError
+        As `check`.
+    EstimationError
+        For several views, and for points on a plane.
+    """
+    form = check(correspondences)
+    if len(correspondences) != 1 or form.planar[0]:
+        found = "a plane" if len(correspondences) == 1 else f"{len(correspondences)} views"
+        raise EstimationError(
+            f"{what} takes one view of points in space, not {found}.", "Use 'zhang' or 'dlt'."
+        )
+    return correspondences.views[0]
+
+
 def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     """The error of a view whose points cannot all be seen by the estimated camera."""
     return EstimationError(
