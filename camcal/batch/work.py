@@ -160,7 +160,7 @@ def _rig(names: Sequence[str], paths: Sequence[str], values: dict[str, Any]) -> 
         views = detect_rig(folders, **_search(values))
     else:
         views = RigViews.of(read_rig(paths[0], values["image_size"]))
-    options["board_shape"] = options["board_shape"] or ("auto" if pictures else "flat")
+    options["board_shape"] = options["board_shape"] or views.usual_board_shape
     parts = {name: _on_board(part, options) for name, part in views.parts.items()}
     if is_report(options["board_shape"]):
         options["board_shape"] = "flat"

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from camcal.cli.options import options
+from camcal.cli.options import options, settle
 from camcal.cli.verbosity import verbosity_options
 
 FILE = click.Path(path_type=Path)
@@ -40,7 +40,7 @@ def command(ctx: click.Context, points: tuple[Path, ...], **options: Any) -> int
     if square is not None:
         given["square"] = square.value
     data = read_points(*points, **given)
-    options["board_shape"] = options["board_shape"] or data.usual_board_shape
+    settle(ctx, options, board_shape=data.usual_board_shape)
     if options["distortion"] is None:
         return calibrate_and_report(ctx, data, options)
     from camcal.cli.distortion_first import held_options

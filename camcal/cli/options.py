@@ -204,6 +204,13 @@ def resolved_options(ctx: click.Context) -> dict[str, dict[str, Any]]:
     return resolved
 
 
+def settle(ctx: click.Context, options: dict[str, Any], **usual: Any) -> None:
+    """Give options that nobody gave the values that the run takes, in `options` and in the report's list."""
+    for name, value in usual.items():
+        if options[name] is None:
+            options[name] = ctx.params[name] = value
+
+
 def origin_of(ctx: click.Context, name: str) -> str:
     """Return where the value of an option came from: flag, env, file or default."""
     source = ctx.get_parameter_source(name)

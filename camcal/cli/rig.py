@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from camcal.cli.options import options, resolved_options
+from camcal.cli.options import options, resolved_options, settle
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.settings.kinds import is_report
 
@@ -36,8 +36,8 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
 
     output_is_free(options)
     views, of_pictures = read_views(in_order(inputs, options, ctx), options)
+    settle(ctx, options, board_shape=views.usual_board_shape)
     given = {o.name: options[o.name] for o in RigOptions.command_line(*NOT_OF_RIGS)}
-    given["board_shape"] = options["board_shape"] or ("auto" if of_pictures else "flat")
     if is_report(given["board_shape"]):
         from camcal.report.board import on_known_board
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from camcal.cli.options import options as options_of
-from camcal.cli.options import resolved_options
+from camcal.cli.options import resolved_options, settle
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
@@ -43,6 +43,7 @@ def command(ctx: click.Context, folder: Path, **options: Any) -> int:
     output_is_free(options)
     folder, grabber = _source(folder, options)
     options["format"] = "table"
+    settle(ctx, options, board_shape="auto" if options["once"] else "flat")
     if options["once"]:
         return _final(ctx, folder, options) or 0
     from camcal.batch.live_page import LivePage

@@ -69,6 +69,11 @@ class RigViews:
             {name: boards for name, (_, _, boards) in split.items() if boards},
         )
 
+    @property
+    def usual_board_shape(self) -> str:
+        """The default of `board_shape`: auto where all cameras saw a printed target, else flat."""
+        return "auto" if all(part.is_printed for part in self.parts.values()) else "flat"
+
     def ordered(self, first: str) -> RigViews:
         """The same with another camera first."""
         names = [first, *(n for n in self.parts if n != first)]

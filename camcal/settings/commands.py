@@ -146,7 +146,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *BOARD,
         REFINE_CORNERS,
         # the board as designed: the target of --target-px then means the same from the first picture to the last
-        *CalibrationOptions.command_line(),
+        *_either(CalibrationOptions.command_line(), "auto with --once, else flat by default."),
         FORCE,
         CONFIG,
     ),

@@ -39,6 +39,7 @@ def test_once_is_a_calibration_with_advice(camcal):
     assert camcal("checkerboard", SAMPLES, "-o", "c.yaml", "--board", "9x6")[0] == 0
     watched, alone = (yaml.safe_load(Path(name).read_text()) for name in ("w.yaml", "c.yaml"))
     assert watched["camera"] == alone["camera"] and watched["views"] == alone["views"]
+    assert watched["options"]["board_shape"]["value"] == alone["options"]["board_shape"]["value"] == "auto"
     Path("empty").mkdir()
     assert camcal("watch", "empty", "--once", "-o", "e.yaml")[0] == 3
     assert camcal("watch", "absent", "-o", "e.yaml")[0] == 3
@@ -60,6 +61,9 @@ def test_it_ends_when_the_camera_is_known(tmp_path):
     assert "next: hold the target" in said and "Worst uncertainty" in said
     report = yaml.safe_load((tmp_path / "r.yaml").read_text())
     assert report["crosscheck"] and report["verdict"] == "pass"
+    assert (
+        report["options"]["board_shape"]["value"] == "flat"
+    )  # its target means the same from picture to picture
 
 
 def test_an_interrupt_leaves_a_whole_report(tmp_path):
