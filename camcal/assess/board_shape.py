@@ -44,9 +44,9 @@ class Trial:
     change: Change | None = None
 
     @property
-    def holdout_rms(self) -> float:
-        """rms_point over the held-out views, px; inf without a hold-out."""
-        return self.holdout.figures.rms_point if self.holdout else float("inf")
+    def holdout_rms(self) -> float | None:
+        """rms_point over the held-out views, px; None where views were not held out."""
+        return self.holdout.figures.rms_point if self.holdout else None
 
 
 def p_value(flat: Estimate, shaped: Estimate) -> float:

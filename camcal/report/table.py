@@ -210,7 +210,7 @@ def _stages(stages: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def crosscheck_table(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Each stage beside cv2, and why where they differ."""
+    """Each stage beside cv2, and what was compared or why it was not."""
     made = table(
         "cross-check", "stage", "against", "status", "rms of cv2", "apart, px", left=["against", "status"]
     )
@@ -225,6 +225,7 @@ def crosscheck_table(entries: Sequence[Mapping[str, Any]]) -> RenderableType:
             number(there.get("rms_point"), 6),
             number(difference.get("projection_max_px"), 3),
         )
-        if status != "pass" and e.get("why"):
-            reasons.append(Padding(Text(f"{e['stage']}: {e['why']}", style="dim"), (0, 0, 0, 2)))
+        if e.get("why"):
+            why = f"{e['stage']}, {e['against']}: {e['why']}"
+            reasons.append(Padding(Text(why, style="dim"), (0, 0, 0, 2)))
     return Group(made, *reasons)

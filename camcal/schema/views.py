@@ -42,7 +42,7 @@ class TriedShape(Section):
 
     kind: Annotated[str, key("as in `target.shape`")]
     rms_point: Annotated[Figure, key("over the used points")]
-    holdout_rms_point: Annotated[Figure, key("over views held out, 4 folds")]
+    holdout_rms_point: Annotated[Figure, key("over views held out, 4 folds; null where none were")]
     p_value: Annotated[Figure, key("how likely a flat board would look like it")]
     offset_sigma: Annotated[
         Figure | UnsetType,
