@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from camcal.batch.rows import Row
 from camcal.batch.storage import is_remote
-from camcal.batch.work import DONE, Row
+from camcal.batch.work import DONE
 from camcal.report import ci
 from camcal.report.ci import Check
 

@@ -15,6 +15,7 @@ times S² / n of the mean and S² / (2 n) of the standard deviation (Huber & Ron
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from camcal.assess.figures import ranked
-from camcal.batch.work import DONE, Row
+from camcal.batch.rows import Row, Rows
+from camcal.batch.work import DONE
 from camcal.system.text import cell
 
 Array = np.ndarray
@@ -100,18 +102,31 @@ def type_of(row: Row) -> str:
 
 def controls(rows: Sequence[Row]) -> list[Control]:
     """The control charts of all types with enough cameras."""
-    done = [row for row in rows if row["status"] == DONE]
-    groups: dict[str, list[Row]] = {}
-    for row in done:
-        groups.setdefault(type_of(row), []).append(row)
-    groups = {name: group for name, group in groups.items() if len(group) >= LEAST}
-    measured = {name: [quantities(row) for row in group] for name, group in groups.items()}
-    names = {name: list(dict.fromkeys(q for found in all_ for q in found)) for name, all_ in measured.items()}
-    tests = sum(len(names[name]) * len(group) for name, group in groups.items())
-    made = [
-        _control(name, q, group, measured[name], tests) for name, group in groups.items() for q in names[name]
-    ]
+    groups: dict[str, _Group] = {}
+    for row in rows:
+        if row["status"] == DONE:
+            groups.setdefault(type_of(row), _Group()).add(row)
+    groups = {name: group for name, group in groups.items() if len(group.names) >= LEAST}
+    tests = sum(len(group.columns) * len(group.names) for group in groups.values())
+    made = [_control(name, q, group, tests) for name, group in groups.items() for q in group.columns]
     return [chart for chart in made if chart is not None]
+
+
+class _Group:
+    """The cameras of a type: their names, and of each quantity which have it, its values and their sigmas."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.columns: dict[str, tuple[array[int], array[float], array[float]]] = {}
+
+    def add(self, row: Row) -> None:
+        """Take a camera."""
+        for name, (value, sigma) in quantities(row).items():
+            which, values, sigmas = self.columns.setdefault(name, (array("q"), array("d"), array("d")))
+            which.append(len(self.names))
+            values.append(value)
+            sigmas.append(sigma)
+        self.names.append(row["name"])
 
 
 def quantities(row: Row) -> dict[str, tuple[float, float]]:
@@ -140,23 +155,20 @@ def limit_for(tests: int, cameras: int) -> float:
     return max(SHEWHART, quantile * math.sqrt(1 + MEDIAN_VARIANCE / cameras))
 
 
-def _control(
-    name: str, quantity: str, rows: list[Row], measured: list[dict[str, tuple[float, float]]], tests: int
-) -> Control | None:
-    there = [i for i, found in enumerate(measured) if quantity in found]
+def _control(name: str, quantity: str, group: _Group, tests: int) -> Control | None:
+    there, values, sigma = map(np.array, group.columns[quantity])
     if len(there) < LEAST:
         return None
-    values, sigma = np.array([measured[i][quantity] for i in there], float).T
     centre = float(np.median(values))
     scatter = MAD * float(np.median(np.abs(values - centre)))
     floor = ROUNDING * max(abs(centre), 1.0)
     between = math.sqrt(max(scatter**2 - float(np.median(sigma**2)), floor**2))
     z = (values - centre) / np.hypot(between, sigma)
-    names = tuple(rows[i]["name"] for i in there)
+    names = tuple(group.names[i] for i in there.tolist())
     return Control(name, quantity, names, values, z, centre, between, limit_for(tests, len(there)))
 
 
-def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> list[Row]:
+def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> Rows:
     """The rows with `outlier` (what is unusual, with its z) and `rank` (1 is the camera that is known best).
 
     Ranked by the error on held-out views where that is known, else by the residuals; cameras that failed have none.
@@ -165,13 +177,12 @@ def with_fleet(rows: Sequence[Row], charts: Sequence[Control]) -> list[Row]:
     for chart in charts:
         for name, z in chart.outliers.items():
             found.setdefault(name, []).append(f"{chart.quantity} {z:+.1f}")
-    done = [row for row in rows if row["status"] == DONE]
-    order = sorted(done, key=lambda row: (ranked(row["holdout"] or row["rms_point"]), row["name"]))
-    ranks = {row["name"]: rank for rank, row in enumerate(order, 1)}
-    return [
-        {**row, "outlier": "; ".join(found.get(row["name"], ())), "rank": ranks.get(row["name"])}
+    order = sorted((ranked(r["holdout"] or r["rms_point"]), r["name"]) for r in rows if r["status"] == DONE)
+    ranks = {name: rank for rank, (_, name) in enumerate(order, 1)}
+    return Rows.of(
+        row | {"outlier": "; ".join(found.get(row["name"], ())), "rank": ranks.get(row["name"])}
         for row in rows
-    ]
+    )
 
 
 #: the columns of summary.csv
@@ -182,16 +193,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def csv_text(rows: Sequence[Row]) -> str:
-    """summary.csv: a line per job, in the order of the jobs."""
+def csv_text(rows: Sequence[Row]) -> bytes:
+    """summary.csv in UTF-8: a line per job, in the order of the jobs."""
     import csv
     import io
 
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([_cell(row.get(column)) for column in COLUMNS] for row in rows)
-    return out.getvalue()
+    out = io.BytesIO()  # StringIO would hold four bytes for each character
+    with io.TextIOWrapper(out, encoding="utf-8", newline="", write_through=True) as text:
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows([_cell(row.get(column)) for column in COLUMNS] for row in rows)
+        return out.getvalue()
 
 
 def _cell(value: Any) -> Any:

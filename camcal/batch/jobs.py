@@ -117,8 +117,10 @@ def read_jobs(source: str, common: Mapping[str, Any] | None = None) -> list[Job]
     else:
         entries, base = _in_file(path), path.absolute().parent
     jobs: dict[str, Job] = {}
-    for number, entry in enumerate(entries, 1):
-        job = _job(entry, number, base, common or {}, source)
+    shared: dict[str, dict[str, Any]] = {}
+    entries.reverse()  # they are taken from the end, so that their memory is free again for the jobs
+    while entries:
+        job = _job(entries.pop(), len(jobs) + 1, base, common or {}, source, shared)
         if job.name in jobs:
             raise UsageError(f"{source}: two jobs are named '{job.name}'.", "Each needs a name of its own.")
         jobs[job.name] = job
@@ -158,7 +160,15 @@ def _in_file(path: Path) -> list[Any]:
     return jobs
 
 
-def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source: str) -> Job:
+def _job(
+    entry: Any,
+    number: int,
+    base: Path,
+    common: Mapping[str, Any],
+    source: str,
+    shared: dict[str, dict[str, Any]],
+) -> Job:
+    """One job; `shared` are the options that earlier ones have, by what was given: thousands have the same."""
     where = f"{source}: job {number}"
     if not isinstance(entry, Mapping):
         raise UsageError(f"{where} is not a mapping.", "Each job is {name: ..., images or points: ...}.")
@@ -173,6 +183,16 @@ def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source:
     value = given.pop(kind)
     sources = _cameras(value, base, where) if kind == CAMERAS else _sources(value, base, where)
     group = str(given.pop("type", ""))
+    key = f"{kind} {given!r}"
+    if key not in shared:
+        shared[key] = _options(given, kind, base, common, where)
+    return Job(name, kind, sources, shared[key], group)
+
+
+def _options(
+    given: Mapping[str, Any], kind: str, base: Path, common: Mapping[str, Any], where: str
+) -> dict[str, Any]:
+    """The options of a job as the program works with them."""
     known = options_of(kind)
     # a rig takes a model or a size for all its cameras in another form than a camera does
     options = {n: known[n].convert(v) if kind == CAMERAS else v for n, v in common.items() if n in known}
@@ -185,7 +205,7 @@ def _job(entry: Any, number: int, base: Path, common: Mapping[str, Any], source:
             raise UsageError(f"{where}: {key}: {error.message}", error.hint) from None
     if INTRINSICS in options:
         options[INTRINSICS] = {n: str(base / str(path)) for n, path in options[INTRINSICS].items()}
-    return Job(name, kind, sources, options, group)
+    return options
 
 
 def _usual(kind: str) -> str:

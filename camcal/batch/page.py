@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -9,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from camcal.batch.fleet import Control
-from camcal.batch.work import DONE, Row
+from camcal.batch.rows import Row
+from camcal.batch.work import DONE, FAILED
 from camcal.report import html
 from camcal.report.charts.base import Chart, Layer, Line, Points
 from camcal.report.charts.svg import svg
@@ -29,13 +32,14 @@ _COLUMNS = (
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
     """How many jobs there are, are done, failed, passed their gates, fell at one, and are outliers."""
-    done = [row for row in rows if row["status"] == DONE]
+    found = Counter(row["verdict"] if row["status"] == DONE else FAILED for row in rows)
+    done = len(rows) - found[FAILED]
     return {
         "jobs": len(rows),
-        "done": len(done),
-        "failed": len(rows) - len(done),
-        "passed": sum(row["verdict"] == "pass" for row in done),
-        "gates fallen": sum(row["verdict"] != "pass" for row in done),
+        "done": done,
+        "failed": found[FAILED],
+        "passed": found["pass"],
+        "gates fallen": done - found["pass"],
         "outliers": sum(bool(row["outlier"]) for row in rows),
     }
 
@@ -71,9 +75,11 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
 
 def _table(rows: Sequence[Row]) -> str:
     """Failed jobs, fallen gates and outliers first, then the others by rank."""
-    order = sorted(rows, key=lambda row: (not _is_bad(row), row["rank"] or 0, row["name"]))
+    first = heapq.nsmallest(
+        MOST_ROWS, rows, key=lambda row: (not _is_bad(row), row["rank"] or 0, row["name"])
+    )
     head = "".join(f"<th>{title}</th>" for _, title in _COLUMNS)
-    body = "\n".join(_line(row) for row in order[:MOST_ROWS])
+    body = "\n".join(map(_line, first))
     more = len(rows) - MOST_ROWS
     rest = f"<p>{more} more in summary.csv.</p>" if more > 0 else ""
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table></div>{rest}'

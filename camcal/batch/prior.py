@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 from camcal.batch.fleet import LEAST, type_of
+from camcal.batch.rows import Row
 from camcal.batch.storage import Storage
-from camcal.batch.work import DONE, Row
+from camcal.batch.work import DONE
 from camcal.data.formats.camcal import camera_of_entry
 from camcal.report.camera import camera_document, camera_entry
 from camcal.report.plain import plain
@@ -72,24 +73,24 @@ def write_fleet(rows: Sequence[Row], storage: Storage) -> int:
     int
         Cameras written.
     """
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for index, row in enumerate(rows):
         if row["status"] == DONE and "covariance" in row and not row["outlier"]:
             # only what is free in all of them can be compared
-            groups.setdefault((type_of(row), row["camera"]["model"], *row["free"]), []).append(row)
+            groups.setdefault((type_of(row), row["camera"]["model"], *row["free"]), []).append(index)
     written = 0
-    for group in groups.values():
-        if len(group) < LEAST or not group[0]["free"]:
+    for (_, _, *names), group in groups.items():
+        if len(group) < LEAST or not names:
             continue
         if not written:
             storage.make(FOLDER)
-        names = group[0]["free"]
-        values = np.array([[row["camera"]["parameters"][n]["value"] for n in names] for row in group])
-        covariances = np.array([row["covariance"] for row in group])
+        values = np.array([[rows[i]["camera"]["parameters"][n]["value"] for n in names] for i in group])
+        covariances = np.array([rows[i]["covariance"] for i in group])
         if not np.isfinite(covariances).all() or len(group) <= len(names):
             continue
         moved, left, between = regularised(values, covariances)
-        for row, new, covariance in zip(group, moved, left, strict=True):
+        for i, new, covariance in zip(group, moved, left, strict=True):
+            row = rows[i]
             document = _document(
                 row, names, new, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(between)), len(group)
             )

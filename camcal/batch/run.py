@@ -16,8 +16,9 @@ from typing import Any
 
 from camcal.batch.executors import Cluster, Local, open_pool
 from camcal.batch.jobs import Job
+from camcal.batch.rows import Row, Rows, packed
 from camcal.batch.storage import Storage, shown
-from camcal.batch.work import DONE, FAILED, JOB, Row, run_jobs, summary_row
+from camcal.batch.work import DONE, FAILED, JOB, run_jobs, summary_row
 from camcal.detect.workers import one_thread_each
 from camcal.errors import CamcalError, UsageError
 from camcal.system.documents import parse_yaml
@@ -42,32 +43,33 @@ class State:
 
     def __init__(self, storage: Storage):
         self.storage = storage
-        self.rows: dict[str, Row] = {}
+        self.rows: dict[str, bytes] = {}
         self._new: list[Row] = []
         self._files = 0
         self._written = time.monotonic()
 
     def load(self, jobs: Sequence[Job]) -> None:
         """Take the rows of jobs that are finished as they are asked for now; failed ones are done again."""
-        digests = {job.name: job.digest for job in jobs}
+        wanted = {job.name: (job.digest, job.type) for job in jobs}
         for name in sorted(self.storage.names(STATE)):
             text = self.storage.read(f"{STATE}/{name}") or ""
             self._files = max(self._files, int(name.partition(".")[0]) if name[:1].isdigit() else 0)
             for line in text.splitlines():
                 # what is damaged is done again
                 with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
-                    self._take(json.loads(line), digests)
+                    self._take(json.loads(line), wanted)
         there = {name.removesuffix(".yaml") for name in self.storage.names() if name.endswith(".yaml")}
         for name in [name for name in self.rows if name not in there]:
             del self.rows[name]
-        for name in sorted(there & set(digests) - set(self.rows)):
+        for name in sorted(there & set(wanted) - set(self.rows)):
             row = self._from_report(name)
             if row is not None:
-                self._take(row, digests)
+                self._take(row, wanted)
 
-    def _take(self, row: Row, digests: dict[str, str]) -> None:
-        if row["status"] == DONE and digests.get(row["name"]) == row["digest"]:
-            self.rows[row["name"]] = row
+    def _take(self, row: Row, wanted: dict[str, tuple[str, str]]) -> None:
+        digest, type_ = wanted.get(row["name"], (None, ""))
+        if row["status"] == DONE and row["digest"] == digest:
+            self.rows[row["name"]] = packed(row | {"type": type_})
 
     def _from_report(self, name: str) -> Row | None:
         """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
@@ -81,7 +83,7 @@ class State:
 
     def add(self, row: Row) -> None:
         """Take a new row; it is noted with others, soon."""
-        self.rows[row["name"]] = row
+        self.rows[row["name"]] = packed(row)
         self._new.append(row)
         if len(self._new) >= ROWS or time.monotonic() - self._written > NOTED:
             self.save()
@@ -103,7 +105,7 @@ def run(
     resume: bool = False,
     force: bool = False,
     on_row: OnRow = lambda row, done, total: None,
-) -> list[Row]:
+) -> Rows:
     """Do all jobs; their rows in the order of the jobs.
 
     Parameters
@@ -142,7 +144,7 @@ def run(
                     on_row(row, len(state.rows), len(jobs))
     finally:
         state.save()
-    return [{**state.rows[job.name], "type": job.type} for job in jobs]
+    return Rows([state.rows[job.name] for job in jobs])
 
 
 def _check_free(storage: Storage, jobs: Sequence[Job], allowed: bool) -> None:

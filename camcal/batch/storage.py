@@ -84,13 +84,14 @@ class Storage:
             raise UsageError(f"cannot write to '{root}': it is a file.", "Give the name of a folder.")
         Path(self._path(name)).mkdir(parents=True, exist_ok=True)
 
-    def write(self, name: str, text: str) -> None:
-        """Write a file in full or not at all; one of that name is replaced."""
+    def write(self, name: str, content: str | bytes) -> None:
+        """Write a file in full or not at all; one of that name is replaced. Text is written as UTF-8."""
         if self.remote is None:
-            atomic_write(self._path(name), text, force=True)
+            atomic_write(self._path(name), content, force=True)
         else:  # an object store shows a file when it is complete
+            data = content.encode("utf-8") if isinstance(content, str) else content
             with _answers(self.root, "written"):
-                self.remote.pipe_file(self._path(name), text.encode("utf-8"))
+                self.remote.pipe_file(self._path(name), data)
 
     def read(self, name: str) -> str | None:
         """The text of a file; None where there is none."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from camcal.batch.jobs import CAMERAS, IMAGES, INTRINSICS, Job, options_of
+from camcal.batch.rows import Row
 from camcal.batch.storage import Storage, address_of, local_copies
 from camcal.errors import CamcalError
 from camcal.settings.calibration import CalibrationOptions
@@ -19,6 +20,7 @@ from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
 from camcal.settings.option import readable
 from camcal.settings.rig import RigOptions, split_camera
+from camcal.system.text import readable as text_of
 
 if TYPE_CHECKING:
     from camcal.data.observations import Observations
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
 
 DONE, FAILED = "done", "failed"
 JOB = "job"  #: the entry among the options of a report that holds the digest of its job
-
-Row = dict[str, Any]
 
 
 def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
@@ -87,7 +87,7 @@ def _failures_in(row: Row, job: Job) -> Iterator[None]:
         reason = f"a bug of camcal: {type(error).__name__}: {error}"
     kept = {name: value for name, value in row.items() if name in ("name", "type", "digest", "seconds")}
     row.clear()
-    row |= kept | {"status": FAILED, "reason": reason}
+    row |= kept | {"status": FAILED, "reason": text_of(reason)}
 
 
 def _report(job: Job) -> tuple[dict[str, Any], Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import click
@@ -64,7 +64,8 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     if options["fleet_prior"]:
         written = write_fleet(rows, storage)
         note(f"{written} cameras with the prior of their type: {shown(output)}/{FLEET}")
-    write_for_ci("camcal batch", source, checks(rows, output), options)
+    if options["junit"] is not None or options["annotations"]:
+        write_for_ci("camcal batch", source, checks(rows, output), options)
     if options["summary"] is not None:
         append_summary(options["summary"], markdown(rows, source, output))
     numbers = counts(rows)
@@ -80,13 +81,16 @@ def _given(ctx: click.Context, options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if origin_of(ctx, name) != "default"}
 
 
-def _name_bad(rows: list[dict[str, Any]]) -> None:
-    bad = [row for row in rows if row["reason"] or row["outlier"]]
-    for row in bad[:NAMED]:
+def _name_bad(rows: Iterable[Mapping[str, Any]]) -> None:
+    bad = 0
+    for row in rows:
         said = [row["reason"], f"unlike its type: {row['outlier']}" if row["outlier"] else ""]
-        note(f"  {row['name']}: {'; '.join(filter(None, said))}")
-    if len(bad) > NAMED:
-        note(f"  and {len(bad) - NAMED} more in summary.csv")
+        if any(said):
+            bad += 1
+            if bad <= NAMED:
+                note(f"  {row['name']}: {'; '.join(filter(None, said))}")
+    if bad > NAMED:
+        note(f"  and {bad - NAMED} more in summary.csv")
 
 
 class Progress:

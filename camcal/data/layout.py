@@ -91,12 +91,13 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
     lines = block.lines[:SAMPLE_ROWS]
     separator = find_separator(_first_row(lines) if form is not POINTS else lines[0])
     rows = [split(line, separator) for line in lines]
-    numeric = [[is_number(f, separator) for f in row] for row in rows]
     where = f"{path}:{block.numbers[0]}"
+    if form is POINTS and not any(is_number(f, separator) for f in rows[0]):
+        named = from_header(rows[0], form, where)
+        ids = "id" in named and _names_points(named, _numeric(rows[1:], separator))
+        return Layout(separator, named, 1, True, ids)
+    numeric = _numeric(rows, separator)
     if form is POINTS:
-        if not any(numeric[0]):
-            named = from_header(rows[0], form, where)
-            return Layout(separator, named, 1, True, _names_points(named, numeric[1:]))
         skip, columns = 0, None
     else:
         skip, columns = _skip_header(rows, numeric, form)
@@ -109,6 +110,11 @@ def find_layout(block: Block, form: Form, path: str) -> Layout:
         first = [not all(texts_first)] + numeric[skip][1:]
         columns = without_header(rows[skip], first, form, f"{path}:{block.numbers[skip]}")
     return Layout(separator, columns, skip, header, _names_points(columns, numeric[skip:]))
+
+
+def _numeric(rows: list[list[str]], separator: str | None) -> list[list[bool]]:
+    """Which fields of each row are numbers."""
+    return [[is_number(f, separator) for f in row] for row in rows]
 
 
 def _names_points(columns: tuple[str, ...], numeric: list[list[bool]]) -> bool:

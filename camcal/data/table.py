@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import NoReturn
 
+import msgspec
 import numpy as np
 
 from camcal.data.blocks import Block, TextFile, without_last_separator
@@ -18,6 +20,8 @@ Array = np.ndarray
 #: coordinates above it are refused: their fourth powers, as in the products of a DLT, have to fit in float64
 LARGEST_VALUE = 1e70
 LARGEST_ID = 2**53  #: whole numbers up to here are exact as float64
+#: of the numbers that JSON has; correctly rounded, as np.loadtxt, in a quarter of its time
+_NUMBERS = msgspec.json.Decoder(list[float])
 
 
 @dataclass(frozen=True)
@@ -166,11 +170,17 @@ def _split_lines(lines: list[str], layout: Layout, place: int | None) -> tuple[A
         widths = {n + 1 for n in set(map(str.count, lines, repeat(separator)))}
     if widths != {width}:  # loadtxt itself does not mind long rows where columns are picked
         raise ValueError(widths)
-    views = None
+    views, bare = None, lines if place is None else None
     if place == 0 and separator is not None:
-        views = [line.partition(separator)[0] for line in lines]
+        parts = [line.partition(separator) for line in lines]
+        views, bare = [part[0] for part in parts], [part[2] for part in parts]
     elif place is not None:
         views = [line.split(separator, place + 1)[place] for line in lines]
+    if separator == "," and bare is not None:
+        with contextlib.suppress(
+            msgspec.MsgspecError
+        ):  # nan, +1, .5, 1., 007 are numbers, though not of JSON
+            return np.array(_NUMBERS.decode(f"[{','.join(bare)}]")).reshape(len(lines), -1), views
     if layout.decimal_comma:
         lines = [line.replace(",", ".") for line in lines]
     picked = [i for i in range(width) if i != place]

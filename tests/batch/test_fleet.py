@@ -108,7 +108,7 @@ def test_the_csv_holds_every_row_and_no_formula():
     rows = fleet.with_fleet(
         [row("a"), {"name": "b", "type": "", "status": "failed", "reason": "=1+1\nno board"}], ()
     )
-    table = list(csv.DictReader(io.StringIO(fleet.csv_text(rows))))
+    table = list(csv.DictReader(io.StringIO(fleet.csv_text(rows).decode())))
     assert [r["name"] for r in table] == ["a", "b"]
     assert table[1]["reason"] == "'=1+1 no board" and table[1]["rms_point"] == ""
     assert float(table[0]["focal"]) == 800.0

@@ -7,14 +7,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from camcal.data.columns import POINTS, role_of
+from camcal.data.layout import Layout
 from camcal.data.observations import Correspondences, View
 from camcal.data.points import read_points
+from camcal.data.table import _split_lines
 from camcal.data.writing import write_points
 from camcal.errors import DataError, UsageError
 from tests.shared_data import DATA, needs_data
 
+#: numbers that JSON has not, or has in another way
+FORMS = (
+    "+1",
+    ".5",
+    "1.",
+    "007",
+    "-0",
+    " 1",
+    "1 ",
+    "1E5",
+    "1e+05",
+    "123456789012345678901234567890",
+    "5e-324",
+    "-.1e-7",
+)
 ROWS = [(0.5, -1.0, 0.25, 100.125, 200.0), (1.5, -1.0, 0.0, 110.0, 2e2), (0.5, 2.0, 1e-3, 100.0, 220.5)]
 
 
@@ -255,6 +274,21 @@ def test_the_names_of_columns_in_the_documentation(tmp_path):
             assert role_of(name, POINTS) in (first, second), name
 
 
+#: numbers that JSON has not, or has in another way
+FORMS = (
+    "+1",
+    ".5",
+    "1.",
+    "007",
+    "-0",
+    " 1",
+    "1 ",
+    "1E5",
+    "1e+05",
+    "123456789012345678901234567890",
+    "5e-324",
+    "-.1e-7",
+)
 ROWS = [(1.5, 2.25, 3.0, 100.5, 200.25), (4.0, -2.0, 1.0, 50.0, 60.0), (0.5, 1.0, -3.0, 7.0, 8.0)]
 
 
@@ -330,3 +364,21 @@ def test_points_found_on_a_target_are_written_as_printed(tmp_path):
     write_points(path, replace(views, target={"kind": "checkerboard"}))
     assert "printed" not in plain.read_text() and read_points(plain).target is None
     assert path.read_text().splitlines()[0].endswith(",printed") and read_points(path).is_printed
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(-1e69, 1e69).map(repr) | st.sampled_from(FORMS), min_size=5, max_size=5))
+def test_numbers_are_those_of_loadtxt(numbers):
+    """Lines whose numbers are JSON's are parsed otherwise than those with another; to the same float64."""
+    line = ",".join(numbers)
+    columns = ("X", "Y", "Z", "u", "v")
+    (found,), views = _split_lines([line], Layout(",", columns, 0, False), None)
+    assert views is None and found.tolist() == np.loadtxt([line], delimiter=",").tolist()
+    (found,), views = _split_lines([f"a,{line}"], Layout(",", ("view", *columns), 0, False), 0)
+    assert views == ["a"] and found.tolist() == np.loadtxt([line], delimiter=",").tolist()
+
+
+@pytest.mark.parametrize("field", ["1]", "[1", '"1"', "true", "null", "", "1 2", "0x1", "1]]", "{}"])
+def test_what_is_no_number_is_none(field):
+    with pytest.raises(ValueError, match=r"."):
+        _split_lines([f"{field},2"], Layout(",", ("u", "v"), 0, False), None)
