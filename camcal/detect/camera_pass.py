@@ -23,7 +23,6 @@ STEP = 0.5  #: px; of the differences that give the board's directions in the pi
 #: noise; on sheets of paper the middle ones are best, and at .9 the next edge would be inside for a blur of 2 px
 WINDOWS = (0.35, 0.5, 0.65, 0.8, 0.9)
 LARGEST = 60  #: px; half the side of the largest window, three times that of a first pass: .6 of its sigma
-WIDER = 1.02  #: ratio of windows below which the larger is not worth a fit: 1 % of its sigma
 
 
 def refine_in_windows(
@@ -58,14 +57,10 @@ def refine_in_windows(
     rows = np.flatnonzero(known)
     first = saddle.refine(gray, view.uv[rows], sides[rows])
     rows, corners = rows[first.good], first.take(first.good)
-    views, widest = [], np.zeros(len(rows))
-    for half in halves:
-        half = np.broadcast_to(half, len(view.uv))[rows]
-        share = saddle.shares(corners, sides[rows], half, LARGEST)
-        if (share > WIDER * widest).any():
-            new = saddle.sharpen(gray, corners, sides[rows], board_from_pixel, half, largest=LARGEST)
-            view = _moved(view, rows[new.good], new.take(new.good))
-            corners, widest = corners.updated(new), share
+    wide = [np.broadcast_to(half, len(view.uv))[rows] for half in halves]
+    views = []
+    for new in saddle.sharpen_sizes(gray, corners, sides[rows], board_from_pixel, wide, LARGEST):
+        view = _moved(view, rows[new.good], new.take(new.good))
         views.append(view)
     return views
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.detect import edge_model as model
-from camcal.detect.windows import Windows
+from camcal.detect.windows import Inner, Windows
 from camcal.least_squares import Normal, Options, Small, damped_steps, minimise, negligible
 
 Array = np.ndarray
@@ -16,6 +17,9 @@ ITERATIONS = 25  #: usual fits take 3 to 8
 CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a cache of half a megabyte
 #: standard deviations of its parameters within which a fit stops: adds half a percent to a corner's error
 SETTLED = 0.1
+#: blurs; a Gauss-Newton step of that length, of the corner or of the blur, ends within half its square of the minimum:
+#: .001 of the blur, a tenth of the sigma of a corner without visible noise
+SHORT = 0.05
 STILL = 0.01  #: px; a corner with less to move when the iterations run out counts as converged all the same
 ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
 PRODUCTS = 1e-5  #: of a diagonal of 1; the rounding of a sum of some hundred products in float32
@@ -43,6 +47,15 @@ class Fits:
     noise: Array
     converged: Array
 
+    def replaced(self, rows: Array, new: Fits) -> Fits:
+        """With other fits of some corners."""
+        if not len(rows):
+            return self
+        every = [a.copy() for a in (self.params, self.covariance, self.noise, self.converged)]
+        for a, b in zip(every, (new.params, new.covariance, new.noise, new.converged), strict=True):
+            a[rows] = b
+        return Fits(*every)
+
 
 def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: float = SETTLED) -> Fits:
     """Fit the model of a corner to each window.
@@ -63,13 +76,58 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     options = Options(negligible(settled, pixels, model.COUNT), ITERATIONS)
     with np.errstate(over="ignore", invalid="ignore"):  # steps that lead anywhere are not taken
         params, normal, stats = minimise(problem, start, options)
-    noise = np.sqrt(np.maximum(2 * normal.cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2))
-    covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     converged = stats.converged
     if not converged.all():
         step = problem.solve(params, normal, np.zeros(len(start)))[0]
         converged |= np.abs(step[:, :2]).max(1) < STILL
+    return _found(params, normal, windows, converged)
+
+
+def _found(params: Array, normal: Normal, windows: Windows, converged: Array) -> Fits:
+    """Fits with the noise and the covariance that their equations show."""
+    freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
+    noise = np.sqrt(np.maximum(2 * normal.cost / freedom, ROUNDING**2))
+    covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     return Fits(params, covariance, noise, converged)
+
+
+def fit_sizes(
+    windows: Windows, sizes: Sequence[Inner], usual: int, start: Array, limits: tuple[float, float]
+) -> list[Fits]:
+    """Fit the model in windows of several sizes, with the derivatives of the largest for all of them.
+
+    One step leads from the start to the corners in the windows of the usual size, and one from there to those in
+    each size. Corners whose second step is longer than `SHORT` are fitted by iteration.
+
+    Parameters
+    ----------
+    windows : Windows
+        The largest.
+    sizes : sequence of Inner
+        Ascending; the last stands for all pixels.
+    usual : int
+        Which of `sizes` to begin with.
+    start, limits
+        As for `fit`.
+    """
+    first = _Corners(windows.inner(sizes[usual]), limits)
+    with np.errstate(over="ignore", invalid="ignore"):
+        equations = first.linearise(start, first.left[0])
+        step = first.solve(start, equations, np.zeros(len(start)))[0]
+        begin = first.retract(start, np.where(np.isfinite(step), step, 0.0))
+        parts = _normal_equations(windows, begin, limits, [s.columns for s in sizes])
+    fits = []
+    for size, equations in zip(sizes, parts, strict=True):
+        inner = windows.inner(size)
+        with np.errstate(over="ignore", invalid="ignore"):
+            step, gain = first.solve(begin, equations, np.zeros(len(start)))
+            params = first.retract(begin, step)
+            near = np.abs(step[:, [model.DX, model.DY, model.BLUR]]).max(1) <= SHORT * begin[:, model.BLUR]
+        found, far = _found(params, equations._replace(cost=equations.cost - gain), inner, near), np.flatnonzero(~near)
+        if len(far):
+            found = found.replaced(far, fit(inner.take(far), begin[far], limits))
+        fits.append(found)
+    return fits
 
 
 def _inverse(matrix: Array) -> Array:
@@ -93,7 +151,8 @@ class _Corners(Small):
         """r = model - value, grey levels."""
         if len(members) != len(self.left[0]):
             self.left = members, self.windows.take(members)
-        return _normal_equations(self.left[1], state, self.limits)
+        windows = self.left[1]
+        return _normal_equations(windows, state, self.limits, [windows.value.shape[1]])[0]
 
     def solve(self, state: Array, equations: Normal, damping: Array) -> tuple[Array, Array]:
         """The blur is left out of the equations of those corners where it would fall below its least value."""
@@ -137,14 +196,17 @@ def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
     return params
 
 
-def _normal_equations(windows: Windows, params: Array, limits: tuple[float, float]) -> Normal:
-    """The normal equations of r = model - value.
+def _normal_equations(
+    windows: Windows, params: Array, limits: tuple[float, float], ends: Sequence[int]
+) -> list[Normal]:
+    """The normal equations of r = model - value, of the first pixels up to each of `ends`.
 
     A few windows at a time, so that the arrays stay in the processor's cache.
     """
     count, size = windows.value.shape
-    cost, normal = np.empty(count), np.empty((count, model.COUNT, model.COUNT))
-    gradient = np.empty((count, model.COUNT))
+    parts = list(zip([0, *ends], ends, strict=False))
+    cost, normal = np.empty((len(ends), count)), np.empty((len(ends), count, model.COUNT, model.COUNT))
+    gradient = np.empty((len(ends), count, model.COUNT))
     for start in range(0, count, max(1, CACHED // max(size, 1))):
         rows = slice(start, start + max(1, CACHED // max(size, 1)))
         observed, counts = windows.value[rows], windows.counts[rows]
@@ -158,7 +220,9 @@ def _normal_equations(windows: Windows, params: Array, limits: tuple[float, floa
             jacobian[:, model.OFFSET] *= counts
             jacobian[:, model.CONTRAST] *= counts
         residual *= counts
-        normal[rows] = np.matmul(jacobian, jacobian.transpose(0, 2, 1))
-        gradient[rows] = np.matmul(jacobian, residual[..., None])[..., 0]
-        cost[rows] = 0.5 * np.matmul(residual[:, None], residual[..., None])[:, 0, 0]
-    return Normal(cost, normal, gradient)
+        for i, (begin, end) in enumerate(parts):
+            j, r = jacobian[..., begin:end], residual[:, begin:end]
+            normal[i, rows] = np.matmul(j, j.transpose(0, 2, 1))
+            gradient[i, rows] = np.matmul(j, r[..., None])[..., 0]
+            cost[i, rows] = 0.5 * np.matmul(r[:, None], r[..., None])[:, 0, 0]
+    return list(map(Normal, cost.cumsum(0), normal.cumsum(0), gradient.cumsum(0)))

@@ -6,6 +6,7 @@ from its own residuals, and a corner that does not look like one is rejected wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,12 @@ from camcal.detect import edge_model as model
 from camcal.detect.aliasing import grey_limits, with_sampling
 from camcal.detect.blur_shape import as_seen, rounded
 from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
-from camcal.detect.fit import first_guess, fit
+from camcal.detect.fit import Fits, first_guess, fit, fit_sizes
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
 from camcal.detect.ranks import median
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
-from camcal.detect.windows import LARGEST, cut, limited, straightened
+from camcal.detect.windows import LARGEST, Windows, cut, limited, nested, straightened
 
 Array = np.ndarray
 
@@ -147,16 +148,58 @@ def sharpen(
         return known
     share = shares(known, sides, half, largest)
     windows = cut(gray, known.uv, sides, share, SEEN * known.blur + 1, largest)
-    limits = grey_limits(gray, windows)
-    windows = straightened(windows, sides, share, board_from_pixel)
-    offset = known.params[:, model.OFFSET]
-    slope = slopes(known.uv, offset, known.contrast, ~unusual(known.noise))
-    windows = evened(windows, slope, offset, known.contrast, limits)
+    windows, limits = _known_shape(gray, windows, known, sides, share, board_from_pixel)
     windows, seen = rounded(windows, sides, shape)
     start = known.params.copy()
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    fits = with_slopes(windows, fit(windows, start, limits), limits)
-    if limits[0] < 0:
-        fits = with_sampling(fits, sides * share[:, None, None])
+    fits = _with_errors(windows, fit(windows, start, limits), sides * share[:, None, None], limits)
     return tested(windows, as_seen(fits, shape), sides, half, grey_span(gray))
+
+
+def sharpen_sizes(
+    gray: Array,
+    known: Corners,
+    sides: Array,
+    board_from_pixel: BoardFromPixel,
+    halves: Sequence[Array],
+    largest: float,
+) -> list[Corners]:
+    """As `sharpen`, in windows of several sizes at once.
+
+    Parameters
+    ----------
+    halves : sequence of (K,) arrays
+        Half-widths of the windows, of a square, ascending.
+    """
+    if not len(known):
+        return [known for _ in halves]
+    share = np.stack([shares(known, sides, half, largest) for half in halves])
+    windows, sizes = nested(gray, known.uv, sides, share, SEEN * known.blur + 1)
+    windows, limits = _known_shape(gray, windows, known, sides, share[-1], board_from_pixel)
+    usual = int(np.argmin([abs(half.max() - INNER_HALF) for half in halves]))
+    corners = []
+    for fits, size, half, least in zip(
+        fit_sizes(windows, sizes, usual, known.params, limits), sizes, halves, share, strict=True
+    ):
+        inner = windows.inner(size)
+        fits = _with_errors(inner, fits, sides * least[:, None, None], limits)
+        corners.append(tested(inner, fits, sides, half, grey_span(gray)))
+    return corners
+
+
+def _known_shape(
+    gray: Array, windows: Windows, known: Corners, sides: Array, share: Array, board_from_pixel: BoardFromPixel
+) -> tuple[Windows, tuple[float, float]]:
+    """The windows with straight edges and even shading; the grey values at which the picture is cut off."""
+    limits = grey_limits(gray, windows)
+    windows = straightened(windows, sides, share, board_from_pixel)
+    offset = known.params[:, model.OFFSET]
+    slope = slopes(known.uv, offset, known.contrast, ~unusual(known.noise))
+    return evened(windows, slope, offset, known.contrast, limits), limits
+
+
+def _with_errors(windows: Windows, fits: Fits, axes: Array, limits: tuple[float, float]) -> Fits:
+    """Fits whose covariance holds what the model leaves out: shading within a window, and coarse sampling."""
+    fits = with_slopes(windows, fits, limits)
+    return with_sampling(fits, axes) if limits[0] < 0 else fits

@@ -8,6 +8,7 @@ pixels near its two edges are kept: the others do not depend on where the edges 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,26 @@ class Windows:
         """Only some of the windows."""
         return Windows(*(a[rows] for a in (self.origin, self.q, self.value, self.counts, self.inside)))
 
+    def inner(self, size: Inner) -> Windows:
+        """The smaller windows inside these."""
+        q, value, counts = (a[..., : size.columns] for a in (self.q, self.value, self.counts))
+        return Windows(self.origin, q, value, counts, size.inside)
+
+
+class Inner(NamedTuple):
+    """Smaller windows inside those of K corners: the first of their pixels.
+
+    Attributes
+    ----------
+    columns : int
+        How many.
+    inside : (K,) array
+        Share of the smaller window that lies in the picture.
+    """
+
+    columns: int
+    inside: Array
+
 
 def cut(
     gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array | float, largest: float = LARGEST
@@ -73,20 +94,43 @@ def cut(
     largest : float
         px; half the side of the largest window.
     """
-    share = limited(half, sides, largest)
+    return nested(gray, uv, sides, limited(half, sides, largest)[None], reach)[0]
+
+
+def nested(
+    gray: Array, uv: Array, sides: Array, shares: Array, reach: Array | float
+) -> tuple[Windows, list[Inner]]:
+    """Cut windows of several sizes out of a picture, each with the pixels of the smaller ones first.
+
+    Parameters
+    ----------
+    gray, uv, sides, reach
+        As for `cut`.
+    shares : (W, K) array
+        Half-widths of the windows as shares of the squares, ascending along the first axis.
+
+    Returns
+    -------
+    Windows
+        The largest.
+    list of Inner
+        One for each of `shares`; the last stands for all pixels.
+    """
     base = np.rint(uv).astype(int)
     shift = (base - uv).astype(np.float32)
-    extent = np.ceil((np.abs(sides).sum(1) * share[:, None]).max(0, initial=1.0))
+    extent = np.ceil((np.abs(sides).sum(1) * shares[-1][:, None]).max(0, initial=1.0))
     x, y = (np.arange(-n, n + 1, dtype=np.float32) for n in extent)  # pixels of a box around each corner
-    across, px = _across(x, y, shift, sides * share[:, None, None])
-    wanted = across.max(0) < 1
+    across, px = _across(x, y, shift, sides * shares[-1][:, None, None])
+    farther = across.max(0)
+    wanted = farther < 1
     np.minimum(across[0], across[1] * (px[:, 0] / px[:, 1])[:, None, None], out=across[0])
     wanted &= across[0] < (reach * px[:, 0]).astype(np.float32)[:, None, None]
-    pixel, counts = _packed(wanted.reshape(len(uv), -1))
+    chosen = _by_size(wanted, farther, shares / shares[-1])
+    pixel, counts, columns = _packed(*chosen, *shares.shape)
     dx, dy = np.tile(x, len(y))[pixel], np.repeat(y, len(x))[pixel]
     q = np.stack([dx + shift[:, :1], dy + shift[:, 1:]], 1)
     column, row = (d.astype(np.int32) + base[:, i, None] for i, d in enumerate((dx, dy)))
-    total = counts.sum(1)
+    totals = [counts[:, :n].sum(1) for n in columns]
     if ((base - extent < 0) | (base + extent >= gray.shape[1::-1])).any():
         counts &= (column >= 0) & (column < gray.shape[1]) & (row >= 0) & (row < gray.shape[0])
     unused = ~counts
@@ -95,7 +139,27 @@ def cut(
     value = gray.ravel()[place].astype(np.float32)
     value[unused] = UNUSED
     np.copyto(q, FAR, where=unused[:, None])
-    return Windows(uv, q, value, counts, counts.sum(1) / np.maximum(total, 1))
+    inside = [counts[:, :n].sum(1) / np.maximum(total, 1) for n, total in zip(columns, totals, strict=True)]
+    return Windows(uv, q, value, counts, inside[-1]), list(map(Inner, columns, inside))
+
+
+def _by_size(wanted: Array, farther: Array, shares: Array) -> tuple[Array, Array, Array]:
+    """Corner, pixel and number of the smallest window of each wanted pixel.
+
+    Parameters
+    ----------
+    wanted : (K, J, I) bool array
+    farther : (K, J, I) array
+        Distances from the farther edge, of the largest window's half-width.
+    shares : (W, K) array
+        Half-widths of the windows, of the largest.
+    """
+    corner, pixel = np.nonzero(wanted.reshape(len(wanted), -1))
+    distance = farther.reshape(len(wanted), -1)[corner, pixel] if len(shares) > 1 else None
+    window = np.zeros(len(corner), np.int8)
+    for share in shares[:-1]:
+        window += distance >= share.astype(np.float32)[corner]
+    return corner, pixel, window
 
 
 def _across(x: Array, y: Array, shift: Array, axes: Array) -> tuple[Array, Array]:
@@ -117,14 +181,31 @@ def _across(x: Array, y: Array, shift: Array, axes: Array) -> tuple[Array, Array
     return np.abs(across, out=across), np.linalg.norm(inverse, axis=2)
 
 
-def _packed(wanted: Array) -> tuple[Array, Array]:
-    """Indices (K, P) of the true entries of each row (K, N), padded with 0, and which are no padding."""
-    number = wanted.sum(1)
-    row, pixel = np.nonzero(wanted)
-    first = np.cumsum(number) - number
-    packed = np.zeros((len(wanted), int(number.max(initial=1))), int)
-    packed[row, np.arange(len(row)) - np.repeat(first, number)] = pixel
-    return packed, np.arange(packed.shape[1]) < number[:, None]
+def _packed(
+    corner: Array, pixel: Array, window: Array, sizes: int, count: int
+) -> tuple[Array, Array, list[int]]:
+    """The pixels of `count` corners, those of smaller windows first; padded with 0 for each of `sizes`.
+
+    Returns
+    -------
+    pixels : (K, P) int array
+    counts : (K, P) bool array
+        Which are no padding.
+    columns : list of int
+        How many columns belong to the windows of each size.
+    """
+    parts, columns = [], [0]
+    for size in range(sizes):
+        some = window == size if sizes > 1 else slice(None)
+        number = np.bincount(corner[some], minlength=count)
+        place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
+        parts.append((corner[some], place + columns[-1], pixel[some]))
+        columns.append(columns[-1] + int(number.max(initial=0)))
+    pixels, counts = np.zeros((count, columns[-1]), int), np.zeros((count, columns[-1]), bool)
+    for row, column, values in parts:
+        pixels[row, column] = values
+        counts[row, column] = True
+    return pixels, counts, columns[1:]
 
 
 def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:
