@@ -15,7 +15,7 @@ from camcal.detect.exif import UNKNOWN, Taken
 from camcal.detect.quality import measure
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
-from camcal.detect.sources import fetch, of_pixels
+from camcal.detect.sources import fetch, keep, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.version import __version__
 
@@ -29,6 +29,9 @@ class Task:
     seconds: float
     cache: Path | None
     gray: np.ndarray | None = None  #: the picture, where it has been decoded already (a frame of a film)
+    expected: tuple[int, int] | None = (
+        None  #: plain board that other pictures show, where the target is not given
+    )
 
     @property
     def detector(self) -> str:
@@ -79,6 +82,8 @@ def examine(task: Task) -> Outcome:
         if known is not None:
             return replace(known, taken=fetched.taken)
         gray = fetched.decode()
+        if task.gray is None:
+            keep(sha256, gray)
         outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
@@ -95,7 +100,7 @@ def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
     size = (gray.shape[1], gray.shape[0])
     sight, result = None, None
     if task.target is None:
-        sight, result = look(gray, task.seconds)
+        sight, result = look(gray, task.seconds, task.expected)
     else:
         result = task.target.find(gray, task.seconds)
     if isinstance(result, Miss):

@@ -123,7 +123,10 @@ def fit_sizes(
             step, gain = first.solve(begin, equations, np.zeros(len(start)))
             params = first.retract(begin, step)
             near = np.abs(step[:, [model.DX, model.DY, model.BLUR]]).max(1) <= SHORT * begin[:, model.BLUR]
-        found, far = _found(params, equations._replace(cost=equations.cost - gain), inner, near), np.flatnonzero(~near)
+        found, far = (
+            _found(params, equations._replace(cost=equations.cost - gain), inner, near),
+            np.flatnonzero(~near),
+        )
         if len(far):
             found = found.replaced(far, fit(inner.take(far), begin[far], limits))
         fits.append(found)

@@ -34,6 +34,8 @@ from camcal.settings.sizes import parse_grid, parse_length
 
 MOST_REASONS = 3  #: that are named where no picture shows the target
 FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
+#: pictures looked at before these: where all show one whole plain board, no markers are looked for beside it in others
+AGREEING = 4
 ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be asked
 SAME_FOCAL = 0.005  #: share by which focal lengths of one setting may differ; EXIF gives three digits
 CONFIRMED_IN = 6  #: pictures in which the markers are compared with the target that was asked for
@@ -146,13 +148,16 @@ def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sea
     A few pictures are looked at first. Where these agree on markers or discs, the others are searched for that
     target only; a checkerboard's size is decided by all of them.
     """
-    first = spread(run.files, FIRST_LOOK)
+    first = spread(run.files, AGREEING)
     outcomes = {o.path: o for o in run.examine_all(first, None)}
+    board = _agreed([o.sight for o in outcomes.values()])
+    first = [f for f in spread(run.files, FIRST_LOOK) if f not in outcomes]
+    outcomes |= {o.path: o for o in run.examine_all(first, None, board)}
     best = _best(list(outcomes.values()))
     plain = best is None or isinstance(best.target, Checkerboard)
     if plain or (best is not None and len(best.pictures) < ENOUGH_VOTES):
         rest = [f for f in run.files if f not in outcomes]
-        outcomes |= {o.path: o for o in run.examine_all(rest, None)}
+        outcomes |= {o.path: o for o in run.examine_all(rest, None, board)}
     looked = [outcomes[f] for f in run.files if f in outcomes]
     sights = [o.sight or Sight() for o in looked]
     best = _best(looked)
@@ -178,6 +183,12 @@ def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sea
     found = [_with_length(_measured(run, b, looked), square) for b in boards]
     _tell_target(run, found, best, looked, True)
     return [Searched(t, run.examine_all(run.files, t)) for t in found]
+
+
+def _agreed(sights: list[Sight | None]) -> tuple[int, int] | None:
+    """The size of the plain board that all of some pictures show whole, with no marker beside it."""
+    boards = {s.board if s is not None and s.plain else None for s in sights}
+    return boards.pop() if len(boards) == 1 and len(sights) == AGREEING else None
 
 
 def _best(outcomes: list[Outcome]) -> Answer | None:

@@ -189,7 +189,12 @@ def sharpen_sizes(
 
 
 def _known_shape(
-    gray: Array, windows: Windows, known: Corners, sides: Array, share: Array, board_from_pixel: BoardFromPixel
+    gray: Array,
+    windows: Windows,
+    known: Corners,
+    sides: Array,
+    share: Array,
+    board_from_pixel: BoardFromPixel,
 ) -> tuple[Windows, tuple[float, float]]:
     """The windows with straight edges and even shading; the grey values at which the picture is cut off."""
     limits = grey_limits(gray, windows)

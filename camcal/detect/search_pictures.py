@@ -12,7 +12,7 @@ from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.films import Range, candidates
 from camcal.detect.frames import is_film
 from camcal.detect.listing import view_ids
-from camcal.detect.sources import is_frame, read_gray
+from camcal.detect.sources import is_frame, keep_none, read_gray
 from camcal.detect.targets.base import Target
 from camcal.detect.workers import map_unordered
 
@@ -36,6 +36,7 @@ class Search:
         self.motion: dict[Path, float] = {}  # of each frame of a film
         self.frame_count = 0
         self.unreadable: list[Outcome] = []
+        keep_none()
 
     def open_films(self, chosen: Range) -> None:
         """Put the frames that are worth searching in the place of films."""
@@ -83,10 +84,14 @@ class Search:
         if self.on_event is not None:
             self.on_event(name, details)
 
-    def examine_all(self, files: list[Path], target: Target | None) -> list[Outcome]:
-        """Outcomes in the order of the files."""
+    def examine_all(
+        self, files: list[Path], target: Target | None, expected: tuple[int, int] | None = None
+    ) -> list[Outcome]:
+        """Outcomes in the order of the files; for `expected` see `examine.Task`."""
         outcomes: list[Outcome | None] = [None] * len(files)
-        done_by = map_unordered(examine, self._tasks(files, target), self.jobs, _crashed, len(files))
+        done_by = map_unordered(
+            examine, self._tasks(files, target, expected), self.jobs, _crashed, len(files)
+        )
         for done, (index, outcome) in enumerate(done_by, 1):
             outcomes[index] = outcome
             if outcome.cache_error and not self.cache_told:
@@ -95,11 +100,13 @@ class Search:
             self.tell("searched", done=done, count=len(files))
         return [o for o in outcomes if o is not None]
 
-    def _tasks(self, files: list[Path], target: Target | None) -> Iterator[Task]:
+    def _tasks(
+        self, files: list[Path], target: Target | None, expected: tuple[int, int] | None
+    ) -> Iterator[Task]:
         """A task for each picture; frames are decoded here, one after the other."""
         for path in files:
             gray = self.read(path) if is_frame(path) else None
-            yield Task(path, target, self.seconds, self.cache, gray)
+            yield Task(path, target, self.seconds, self.cache, gray, expected)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:
         """Say what came out of each picture."""

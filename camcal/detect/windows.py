@@ -24,6 +24,10 @@ SIDE = 5  #: points to each side of a window where the map to the board is asked
 LEAST_AREA = 1e-3  #: of a map's derivative, as a share of its square; with less it is no map of a plane
 MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends by a tenth of it, and a wrong map by more
 UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
+TILE = 4  #: px; side of the squares in which pixels near an edge are looked for
+IN_TILE = (np.stack(np.divmod(np.arange(TILE**2), TILE)[::-1]) - 0.5 * (TILE - 1)).astype(
+    np.float32
+)  #: px (x, y)
 FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
 
 
@@ -119,15 +123,11 @@ def nested(
     base = np.rint(uv).astype(int)
     shift = (base - uv).astype(np.float32)
     extent = np.ceil((np.abs(sides).sum(1) * shares[-1][:, None]).max(0, initial=1.0))
-    x, y = (np.arange(-n, n + 1, dtype=np.float32) for n in extent)  # pixels of a box around each corner
-    across, px = _across(x, y, shift, sides * shares[-1][:, None, None])
-    farther = across.max(0)
-    wanted = farther < 1
-    np.minimum(across[0], across[1] * (px[:, 0] / px[:, 1])[:, None, None], out=across[0])
-    wanted &= across[0] < (reach * px[:, 0]).astype(np.float32)[:, None, None]
-    chosen = _by_size(wanted, farther, shares / shares[-1])
-    pixel, counts, columns = _packed(*chosen, *shares.shape)
-    dx, dy = np.tile(x, len(y))[pixel], np.repeat(y, len(x))[pixel]
+    corner, dx, dy, farther = _near_edges(extent, shift, sides * shares[-1][:, None, None], reach)
+    window = np.zeros(len(corner), np.int8)
+    for share in shares[:-1] / shares[-1]:
+        window += farther >= share.astype(np.float32)[corner]
+    (dx, dy), counts, columns = _packed(corner, (dx, dy), window, *shares.shape)
     q = np.stack([dx + shift[:, :1], dy + shift[:, 1:]], 1)
     column, row = (d.astype(np.int32) + base[:, i, None] for i, d in enumerate((dx, dy)))
     totals = [counts[:, :n].sum(1) for n in columns]
@@ -143,69 +143,83 @@ def nested(
     return Windows(uv, q, value, counts, inside[-1]), list(map(Inner, columns, inside))
 
 
-def _by_size(wanted: Array, farther: Array, shares: Array) -> tuple[Array, Array, Array]:
-    """Corner, pixel and number of the smallest window of each wanted pixel.
+def _near_edges(
+    extent: Array, shift: Array, axes: Array, reach: Array | float
+) -> tuple[Array, Array, Array, Array]:
+    """The pixels of windows that are near one of their edges, corner by corner.
+
+    Tiles that hold none are left out first: most of a large window.
 
     Parameters
     ----------
-    wanted : (K, J, I) bool array
-    farther : (K, J, I) array
-        Distances from the farther edge, of the largest window's half-width.
-    shares : (W, K) array
-        Half-widths of the windows, of the largest.
-    """
-    corner, pixel = np.nonzero(wanted.reshape(len(wanted), -1))
-    distance = farther.reshape(len(wanted), -1)[corner, pixel] if len(shares) > 1 else None
-    window = np.zeros(len(corner), np.int8)
-    for share in shares[:-1]:
-        window += distance >= share.astype(np.float32)[corner]
-    return corner, pixel, window
-
-
-def _across(x: Array, y: Array, shift: Array, axes: Array) -> tuple[Array, Array]:
-    """How far pixels x (I,), y (J,), moved by `shift` (K, 2), are from the two edges of each corner.
+    extent : (2,) array
+        px; half the sides of a box that holds every window.
+    shift : (K, 2) float32 array
+        From the corners to the middle of their boxes, px.
+    axes : (K, 2, 2) array
+        Half-widths of the windows along columns and rows, px.
+    reach : float or (K,) array
+        As for `cut`.
 
     Returns
     -------
-    across : (2, K, J, I) float32 array
-        From the edge along the columns and from that along the rows, of the half-widths `axes` (K, 2, 2).
-    px : (K, 2) float32 array
-        How much that is for one px across the edges.
+    corner : (M,) int array
+        Ascending.
+    dx, dy : (M,) float32 arrays
+        From the middle of the box, px.
+    farther : (M,) float32 array
+        Distance from the farther edge, of the half-width of the window.
     """
     inverse = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32)
-    across = np.empty((2, len(axes), len(y), len(x)), np.float32)
-    for i in range(2):
-        by_x = inverse[:, i, :1] * (x + shift[:, :1])
-        by_y = inverse[:, i, 1:] * (y + shift[:, 1:])
-        np.add(by_y[:, :, None], by_x[:, None], out=across[i])
-    return np.abs(across, out=across), np.linalg.norm(inverse, axis=2)
+    within = (np.reshape(reach, (-1, 1)) * np.linalg.norm(inverse, axis=2)).astype(np.float32)
+    margin = 0.5 * (TILE - 1) * np.abs(inverse).sum(2)
+    x, y = (np.arange(0.5 * (TILE - 1) - n, n + TILE, TILE, dtype=np.float32) for n in extent)
+    across = [
+        (by[:, 1:] * (y + shift[:, 1:]))[:, :, None] + (by[:, :1] * (x + shift[:, :1]))[:, None]
+        for by in (inverse[:, 0], inverse[:, 1])
+    ]
+    distance = [np.abs(a) - m[:, None, None] for a, m in zip(across, margin.T, strict=True)]
+    near = (distance[0] < within[:, 0, None, None]) | (distance[1] < within[:, 1, None, None])
+    near &= (distance[0] < 1) & (distance[1] < 1)
+    corner, row, column = np.nonzero(near)
+    u, v = (
+        np.abs(a[corner, row, column][:, None] + inside[corner])
+        for a, inside in zip(across, (inverse @ IN_TILE).transpose(1, 0, 2), strict=True)
+    )
+    farther = np.maximum(u, v)
+    near = (u < within[corner, :1]) | (v < within[corner, 1:])
+    near &= farther < 1
+    tile, pixel = np.nonzero(near)
+    dx, dy = x[column[tile]] + IN_TILE[0][pixel], y[row[tile]] + IN_TILE[1][pixel]
+    return corner[tile], dx, dy, farther[tile, pixel]
 
 
 def _packed(
-    corner: Array, pixel: Array, window: Array, sizes: int, count: int
-) -> tuple[Array, Array, list[int]]:
-    """The pixels of `count` corners, those of smaller windows first; padded with 0 for each of `sizes`.
+    corner: Array, of_pixels: tuple[Array, ...], window: Array, sizes: int, count: int
+) -> tuple[list[Array], Array, list[int]]:
+    """Values (M,) of pixels as (K, P), those of smaller windows first; padded with 0 for each of `sizes`.
 
     Returns
     -------
-    pixels : (K, P) int array
+    packed : list of (K, P) float32 arrays
     counts : (K, P) bool array
         Which are no padding.
     columns : list of int
         How many columns belong to the windows of each size.
     """
-    parts, columns = [], [0]
+    places, columns = np.empty(len(corner), int), [0]
     for size in range(sizes):
         some = window == size if sizes > 1 else slice(None)
         number = np.bincount(corner[some], minlength=count)
-        place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-        parts.append((corner[some], place + columns[-1], pixel[some]))
+        places[some] = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number) + columns[-1]
         columns.append(columns[-1] + int(number.max(initial=0)))
-    pixels, counts = np.zeros((count, columns[-1]), int), np.zeros((count, columns[-1]), bool)
-    for row, column, values in parts:
-        pixels[row, column] = values
-        counts[row, column] = True
-    return pixels, counts, columns[1:]
+    places += corner * columns[-1]
+    counts = np.zeros(count * columns[-1], bool)
+    counts[places] = True
+    packed = [np.zeros(len(counts), np.float32) for _ in of_pixels]
+    for values, new in zip(of_pixels, packed, strict=True):
+        new[places] = values
+    return [a.reshape(count, -1) for a in packed], counts.reshape(count, -1), columns[1:]
 
 
 def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:

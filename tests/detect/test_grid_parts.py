@@ -1,10 +1,11 @@
 import numpy as np
+import pytest
 
 from camcal.detect import edge_model as model
 from camcal.detect.lattice import Lattice, predicted
 from camcal.detect.local_map import board_from_corners
 from camcal.detect.shading import slopes
-from camcal.detect.windows import LARGEST, cut
+from camcal.detect.windows import LARGEST, cut, nested
 
 
 def bent(board):
@@ -89,6 +90,19 @@ def test_windows_hold_the_edges_and_nothing_twice():
     per_square = 1 / np.linalg.norm(np.linalg.inv(sides[0].T), axis=1)
     near = (share < 0.4).all(0) & (share * per_square[:, None] < 3.0).any(0)
     assert windows.counts[0].sum() >= near.sum()
+
+
+def test_windows_of_several_sizes_hold_what_each_holds_alone():
+    gray = np.arange(100 * 120, dtype=np.uint16).reshape(100, 120)
+    uv = np.array([[40.3, 50.7], [3.0, 50.0], [60.0, 60.0]])
+    sides = np.array([[[20, 3], [-6, 18]], [[20, 3], [-6, 18]], [[71.3, 0.2], [0.1, 70.9]]], float)
+    shares = np.array([[0.3, 0.3, 0.1], [0.5, 0.3, 0.2], [0.8, 0.4, 0.3]])
+    windows, sizes = nested(gray, uv, sides, shares, 3.0)
+    for share, size in zip(shares, sizes, strict=True):
+        inner, alone = windows.inner(size), cut(gray, uv, sides, share, 3.0, np.inf)
+        assert inner.inside == pytest.approx(alone.inside)
+        for k in range(3):
+            assert sorted(inner.value[k, inner.counts[k]]) == sorted(alone.value[k, alone.counts[k]])
 
 
 def test_unused_pixels_do_not_pull():

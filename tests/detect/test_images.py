@@ -11,11 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from camcal.detect import cache, decode, workers
+from camcal.detect import cache, decode, sources, workers
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.examine import Task, examine
 from camcal.detect.images import detect_images
 from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.recognition import look as looking
 from camcal.detect.targets.checkerboard import Checkerboard
 from camcal.errors import DataError, UsageError
 from tests.detect import drawing
@@ -185,6 +186,31 @@ def test_the_size_of_the_board_is_found(folder):
     assert all(len(f["sha256"]) == 64 for f in found.files)
     assert set(found.picture_quality) == {v.id for v in found.views}
     assert [name for name, _ in events] == ["pictures", *["searched"] * 3, "target", *["picture"] * 3]
+
+
+def test_a_board_that_four_pictures_agree_on_is_not_searched_for_markers(tmp_path, monkeypatch):
+    for i in range(6):
+        gray = board_picture(turn=0.1 * i)
+        cv2.imwrite(str(tmp_path / f"{i}.png"), gray if i < 5 else np.full_like(gray, 90))
+    asked = []
+    monkeypatch.setattr(looking, "read_markers", lambda *a, **k: asked.append(1) or (None, []))
+    found = detect_images([tmp_path], jobs=1, cache=False)
+    assert len(found.views) == 5
+    assert len(asked) == 4 + 3  # four to agree; one without the board, in three ways
+
+
+def test_decoded_pictures_are_kept_within_their_limit(folder, monkeypatch):
+    found = detect_images([folder], jobs=1, cache=False)
+    path, sha256 = Path(found.files[0]["path"]), found.files[0]["sha256"]
+    monkeypatch.setattr(sources, "decode_gray", lambda data: "decoded")
+    assert sources.read_gray(path, sha256)[0].shape == (200, 240)  # kept once
+    assert sources.read_gray(path, sha256)[0] == "decoded"
+    monkeypatch.setattr(sources, "KEPT", 240 * 200 + 1)
+    sources.keep_none()
+    for name in ("one", "two"):
+        sources.keep(name, np.zeros((200, 240), np.uint8))
+    assert list(sources._kept) == ["one"]
+    sources.keep_none()
 
 
 def test_board_and_square_are_taken(folder):

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from camcal.detect import edge_model, saddle
-from camcal.detect.fit import LEAST_BLUR, SETTLED, first_guess, fit
+from camcal.detect.fit import LEAST_BLUR, SETTLED, first_guess, fit, fit_sizes
 from camcal.detect.lattice import Lattice
 from camcal.detect.local_map import board_from_corners
-from camcal.detect.windows import cut
+from camcal.detect.windows import cut, nested
 from tests.detect import drawing
 
 SIZE = (6, 5)
@@ -155,3 +155,21 @@ def test_without_iterations_a_corner_counts_that_has_a_hundredth_of_a_pixel_to_g
     monkeypatch.setattr("camcal.detect.fit.ITERATIONS", 0)
     found = fit(windows, exact + off * (np.arange(7) == 0), (0.0, 255.0), settled=1e-6)
     assert (found.converged == converged).all()
+
+
+@pytest.mark.parametrize("off", [0.02, 0.3])  # within one step of the corners (`SHORT`), and not
+def test_windows_of_several_sizes_are_fitted_as_each_alone(off):
+    h, true, sides = scene()
+    gray = drawing.picture(h, SIZE, noise=3.0, seed=2)
+    guess, limits = saddle.edge_normals(sides), (0.0, 255.0)
+    start = true + np.random.default_rng(0).uniform(-off, off, true.shape)
+    shares = np.repeat([[0.35], [0.5], [0.65]], len(true), 1)
+    windows, sizes = nested(gray, start, sides, shares, 4.0)
+    begin = first_guess(windows, guess, np.full(len(true), 1.0))
+    for size, fits in zip(sizes, fit_sizes(windows, sizes, 1, begin, limits), strict=True):
+        alone = fit(windows.inner(size), begin, limits)
+        assert fits.converged.all() and alone.converged.all()
+        sigma = np.sqrt(0.5 * np.trace(alone.covariance, axis1=1, axis2=2))
+        apart = np.linalg.norm((fits.params - alone.params)[:, :2], axis=1)
+        assert (apart < 1.5 * SETTLED * sigma).all()  # where a fit may stop
+        assert fits.noise == pytest.approx(alone.noise, rel=0.01)

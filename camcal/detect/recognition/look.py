@@ -53,12 +53,19 @@ class Sight:
     more: tuple[tuple[Family, tuple[Marker, ...]], ...] = ()
     mirrored: bool = False
 
+    @property
+    def plain(self) -> bool:
+        """Whether there is a whole checkerboard and no marker."""
+        return self.board is not None and self.whole and not self.marked and self.family is None
+
     def of_family(self, family: Family) -> tuple[Marker, ...]:
         """The markers of one family."""
         return next((m for f, m in ((self.family, self.markers), *self.more) if f == family), ())
 
 
-def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
+def look(
+    gray: Array, seconds: float, expected: tuple[int, int] | None = None
+) -> tuple[Sight, Detection | Miss]:
     """Look for every kind of target in a picture.
 
     Parameters
@@ -66,6 +73,8 @@ def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
     gray : (height, width) uint8 or uint16 array
     seconds : float
         Processor time that each search may take.
+    expected : (columns, rows), optional
+        Inner corners of a plain board. Where the picture shows it whole, no markers are looked for.
 
     Returns
     -------
@@ -73,11 +82,18 @@ def look(gray: Array, seconds: float) -> tuple[Sight, Detection | Miss]:
     found : Detection or Miss
         The corners of a plain checkerboard, or why there are none.
     """
+    free = find_any(gray, seconds) if expected else None
+    if (
+        isinstance(free, tuple)
+        and free[:2] == (expected, True)
+        and not squares_hold_marks(gray, free[2], free[0])
+    ):
+        return Sight(board=expected, whole=True), free[2]
     family, markers = read_markers(gray)
     if family is not None and find_boards([markers], family):
         sight = Sight(family, tuple(markers), more=read_others(gray, family, markers))
         return sight, Miss("other-target", "the picture shows markers")
-    free = find_any(gray, seconds)
+    free = free or find_any(gray, seconds)
     if isinstance(free, Miss):
         return _other_kinds(gray, seconds, free)
     size, whole, found = free
