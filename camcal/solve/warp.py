@@ -108,6 +108,7 @@ class WarpedProblem(Problem):
     ):
         super().__init__(lens, views, free, weights, normalise, Seen.alone(len(views)))
         self.warp = warp
+        self._filled: Array | None = None
 
     def _like(self, **changes: Any) -> WarpedProblem:
         given = {"weights": self.weights, "normalise": self.normalise} | changes
@@ -131,10 +132,10 @@ class WarpedProblem(Problem):
         theta = self.warp.values(state.shape)[group.members]
         values, slopes = self.warp.field(self._predicted(group, block))
         linear = np.einsum("gk,gkijn->gijn", theta, slopes)
-        moved = np.einsum("gk,gkdn->gdn", theta, values)
+        self._filled = values if group.weights is None else values * group.weights
         own = block[:, :-1]
         own += np.einsum("gijn,gpjn->gpin", linear, own)
-        block[:, -1] += moved if group.weights is None else moved * group.weights[:, 0]
+        block[:, -1] += np.einsum("gk,gkdn->gdn", theta, self._filled)
         return block
 
     def _predicted(self, group: Group, block: Array) -> Array:
@@ -145,12 +146,10 @@ class WarpedProblem(Problem):
             residual = residual / np.where(root > 0, root, 1.0)
         return residual + group.uv
 
-    def fields(self, group: Group, state: State) -> Array:
-        """Derivatives (G, K, 2, N) of a group's residuals by θ, weighted."""
-        block = super().fill(group, state)
-        assert block is not None
-        values, _ = self.warp.field(self._predicted(group, block))
-        return values if group.weights is None else values * group.weights
+    def fields(self) -> Array:
+        """Derivatives (G, K, 2, N) of the residuals by θ, weighted, of the group whose rows were filled last."""
+        assert self._filled is not None
+        return self._filled
 
     def linearise(self, state: State) -> Blocks | None:
         """The normal equations of camera, β and poses; None where a point leaves the lens's domain."""
@@ -159,7 +158,7 @@ class WarpedProblem(Problem):
         cross, own = np.zeros((views, k, p + 7)), np.zeros((views, k, k))
 
         def add(group: Group, block: Array) -> None:
-            e = self.fields(group, state).reshape(len(block), k, -1)
+            e = self.fields().reshape(len(block), k, -1)
             rows = block.reshape(*block.shape[:2], -1)
             cross[group.members] = e @ rows.transpose(0, 2, 1)
             own[group.members] = e @ e.transpose(0, 2, 1)
@@ -180,6 +179,6 @@ class WarpedProblem(Problem):
         rows = super().free_rows(group, state)
         if rows is None:
             return None
-        e = self.fields(group, state).reshape(len(rows), len(self.warp.fields), -1)
+        e = self.fields().reshape(len(rows), len(self.warp.fields), -1)
         beta = self.warp.design[group.members].transpose(0, 2, 1) @ e
         return np.concatenate([rows[:, : self.rigid], beta, rows[:, self.rigid :]], 1)

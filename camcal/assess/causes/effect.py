@@ -17,6 +17,8 @@ from camcal.solve.warp import Warp
 #: steps of the rotation between the frames; the cameras are near one another
 _STEPS = 5
 _TURN = 1e-6
+#: rad; a step below this moves no pixel by a thousandth of what is printed
+_STILL = 1e-9
 #: of a standard deviation: a step that stays linear
 _SMALL = 1e-2
 
@@ -81,4 +83,6 @@ def _left(camera: Camera, warp: Warp, theta: Array, rays: Array, pixels: Array) 
             break
         step = np.linalg.lstsq(slopes[good].reshape(-1, 3), -off[good].reshape(-1), rcond=None)[0]
         turn = rotations.exp(step) @ turn
+        if np.abs(step).max() < _STILL:
+            break
     return seen(turn)

@@ -60,7 +60,7 @@ class Linear:
 
         def add(group: Group, block: Array) -> None:
             rows = block.reshape(*block.shape[:2], -1)
-            fields = problem.fields(group, state).reshape(len(block), k, -1)
+            fields = problem.fields().reshape(len(block), k, -1)
             own = np.einsum("pf,gpn->gfn", free, rows[:, :p])
             every = np.concatenate([own, rows[:, p:-1], fields, rows[:, -1:]], 1)
             found[group.members] = every @ every.transpose(0, 2, 1)
