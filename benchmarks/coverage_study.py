@@ -219,7 +219,9 @@ def overview(by: Mapping[str, Kinds], first: str) -> str:
         row = [f"`{name}`", len(next(iter(kinds.values()))), percent(pooled(kinds, "parameter"))]
         row += [f"{infinite.mean():.0%}" if infinite.any() else "none", percent(pooled(kinds, "pose"))]
         row += [percent(kinds["projection", p]) for p in PLACES]
-        rows.append([*row, ", ".join(f"{np.concatenate(kinds[NO_FIGURE, p]).mean():.0%}" for p in PLACES[-2:])])
+        rows.append(
+            [*row, ", ".join(f"{np.concatenate(kinds[NO_FIGURE, p]).mean():.0%}" for p in PLACES[-2:])]
+        )
     header = [first, "runs", "parameters", "infinite", "poses", *PLACES, "corners without a figure"]
     return markdown(header, rows)
 
@@ -259,9 +261,7 @@ def study(runs: list[tuple[str, str, Hits]]) -> tuple[dict[str, Kinds], dict[str
             by_model[model][key].append(hit)
         if found:
             for what in KINDS:
-                by_arm[arm][what, "all"].append(
-                    np.concatenate([h for k, h in found.items() if k[0] == what])
-                )
+                by_arm[arm][what, "all"].append(np.concatenate([h for k, h in found.items() if k[0] == what]))
             for place in PLACES:
                 for what in ("projection", NO_FIGURE):
                     by_arm[arm][what, place].append(found[what, place])
@@ -275,7 +275,9 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--models", help="those that begin with one of these words (commas)")
     parser.add_argument("--arms", help="only treatments of outliers with this word: none, auto, huber, given")
-    parser.add_argument("--log", type=Path, help="file for the runs, a line each; those in it are not made again")
+    parser.add_argument(
+        "--log", type=Path, help="file for the runs, a line each; those in it are not made again"
+    )
     parser.add_argument("--write", action="store_true", help="put the tables into docs/trust-figures.md")
     told = parser.parse_args()
     models = [m for m in MODELS if told.models is None or m.startswith(tuple(told.models.split(",")))]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.assess import board_shape
+from camcal.assess import board_shape, half_turns
 from camcal.assess.board_shape import CANDIDATES, SIGNIFICANT, Trial
 from camcal.assess.holdout import hold_out
 from camcal.assess.shape_benefit import Change as Benefit
@@ -14,9 +14,9 @@ from camcal.assess.shape_benefit import change as benefit
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
 from camcal.plan.better import Candidate
-from camcal.plan.progress import Attempt, Change, Progress
+from camcal.plan.progress import Attempt, Change, Progress, stage_of
 from camcal.solve import robust
-from camcal.solve.calibration import Estimate
+from camcal.solve.calibration import Estimate, Stage
 from camcal.solve.refine import How, refit
 
 
@@ -26,11 +26,50 @@ def _flat(progress: Progress) -> Estimate:
     return found if isinstance(found, Estimate) else progress.estimate
 
 
+def _several_boards(progress: Progress) -> bool:
+    return len((progress.given.target or {}).get("boards", ())) > 1
+
+
+def _free_is_tried(progress: Progress) -> bool:
+    wanted = progress.options.board_shape in ("free", "auto")
+    return progress.best is not None and wanted and not _several_boards(progress)
+
+
+def _turn(progress: Progress) -> Change | None:
+    """All views count the points of a board that looks the same after half a turn from the same end.
+
+    Otherwise its shape would be mixed with itself upside down. Other shapes than the free one are the same either way.
+    """
+    try:
+        found = half_turns.decided(_flat(progress), progress.how)
+    except CamcalError:
+        return None  # the data do not allow a free board
+    if found is None:
+        return None
+    stage = stage_of("turned-views", found.fit, 0.0, {"kept": True, "views": list(found.views)})
+    return Change(
+        fit=Candidate(found.fit),
+        instead=True,
+        given=half_turns.renamed(progress.given, found.views, found.turn),
+        stage=stage,
+        before=tuple(_after_turn(s, progress, found) for s in progress.stages),
+        notes={"turned": found.views},
+    )
+
+
+def _after_turn(stage: Stage, progress: Progress, found: half_turns.Turned) -> Stage:
+    """A stage whose poses are those of the board counted anew."""
+    names = stage.view_ids or progress.given.view_ids
+    if stage.poses is None or len(stage.poses) != len(names):
+        return stage
+    return replace(stage, poses=half_turns.turned(stage.poses, names, found.views, found.turn))
+
+
 def shape_attempt(kind: str) -> Attempt:
     """The attempt with a kind of shape: taken as it is where it was asked for, else where it is better."""
 
     def applies(progress: Progress) -> bool:
-        several = len((progress.given.target or {}).get("boards", ())) > 1
+        several = _several_boards(progress)
         if several and progress.options.board_shape == kind:
             raise UsageError(
                 "several boards were found; the shape of one board alone can be estimated.",
@@ -123,10 +162,13 @@ def with_shape(data: Observations, progress: Progress) -> Observations:
     kind = "flat" if fit.board is None else fit.board.kind
     p = next((t.p_value for t in (*trials, shape) if t is not None and t.kind == kind), 1.0)
     target["shape"] = board_shape.described(fit, p, trials, float(target.get("square") or 1.0))
+    if progress.notes.get("turned"):
+        target["shape"]["turned"] = list(progress.notes["turned"])
     return replace(data, target=target)
 
 
 SHAPES: tuple[Attempt, ...] = (
+    Attempt("turned-views", _free_is_tried, _turn),
     *(shape_attempt(kind) for kind in CANDIDATES),
     Attempt("rejected", _is_shaped, _reject_again),
 )

@@ -19,7 +19,8 @@ from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, board_kind, refine
-from camcal.solve.rig_start import corners_of, placed, symmetries
+from camcal.solve.rig_start import corners_of, placed
+from camcal.solve.turns import symmetries
 
 
 def evaluate_rig(

@@ -61,6 +61,8 @@ class Change:
         The camera is to be found anew from `data`.
     stage : Stage, optional
         What the report says of the attempt; made from the fit otherwise.
+    before : tuple of Stage, optional
+        The stages so far, where what they rest on was put another way.
     notes : mapping
         More to keep, by name.
     """
@@ -74,6 +76,7 @@ class Change:
     given: Observations | None = None
     again: bool = False
     stage: Stage | None = None
+    before: tuple[Stage, ...] | None = None
     notes: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -141,6 +144,8 @@ class Progress:
             now = replace(now, data=change.data)
         if change.given is not None:
             now = replace(now, given=change.given)
+        if change.before is not None:
+            now = replace(now, stages=change.before)
         if change.again:
             notes = {**now.notes, "since": len(now.stages)}
             now = replace(now, start=None, best=None, restarts=now.restarts + 1, notes=notes)

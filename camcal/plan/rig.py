@@ -34,7 +34,8 @@ from camcal.solve.calibration import RigCalibration, Stage
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, board_kind, refine, residuals
 from camcal.solve.rig_lags import lags
-from camcal.solve.rig_start import Links, corners_of, links, placed, spanning_tree, symmetries
+from camcal.solve.rig_start import Links, corners_of, links, placed, spanning_tree
+from camcal.solve.turns import symmetries
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]

@@ -19,7 +19,8 @@ from camcal.plan.solution import RigSolution
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem
 from camcal.solve.refine import on_board
-from camcal.solve.rig_start import corners_of, placed, symmetries
+from camcal.solve.rig_start import corners_of, placed
+from camcal.solve.turns import symmetries
 from camcal.track.rig_changes import RigFollower, excess
 from camcal.track.rig_equations import Instant, Picture, instant
 

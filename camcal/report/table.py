@@ -180,6 +180,11 @@ def board_table(shape: Mapping[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(f"board: {taken}", style="bold")]
     if shape.get("words"):
         parts.append(Padding(Text(shape["words"]), (0, 0, 0, 2)))
+    if shape.get("turned"):
+        names = shape["turned"]
+        some = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+        said = f"turned by half a turn against the others, and counted anew: {len(names)} views ({some})"
+        parts.append(Padding(Text(said), (0, 0, 0, 2)))
     if shape.get("tried") and not shape.get("from"):
         made = table("", "tried", "rms", "hold-out", "p")
         made.title = None

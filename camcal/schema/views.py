@@ -74,6 +74,13 @@ class Shape(Section, rename={"from_": "from"}):
         ),
     ] = UNSET
     ideal: Annotated[list[Vector] | UnsetType, key("where they should be")] = UNSET
+    turned: Annotated[
+        list[str] | UnsetType,
+        key(
+            "views that counted the points from the other end of a board that looks the same after half a turn; "
+            "they were counted anew"
+        ),
+    ] = UNSET
     tried: Annotated[list[TriedShape] | UnsetType, key("with `--board-shape auto`, each kind")] = UNSET
     from_: Annotated[str | UnsetType, key("the report that a `known` shape came from")] = UNSET
 

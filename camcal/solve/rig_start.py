@@ -15,16 +15,11 @@ import numpy as np
 
 from camcal.data.observations import Observations
 from camcal.errors import EstimationError
-from camcal.geometry import rotations
-from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Pose, Poses
+from camcal.solve.turns import Renaming
 
 Array = np.ndarray
 
-#: targets that look the same from two sides; those with markers do not
-SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
-#: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
-SAME_POINT = 1e-6
 #: relative poses of so many instants are tried for a pair of cameras: that none is good where half are has a
 #: probability of 2⁻¹⁶
 TRIED = 16
@@ -81,26 +76,6 @@ class Link:
 
 #: what each two cameras (a < b) know of each other
 Links = Mapping[tuple[int, int], Link]
-
-
-def symmetries(data: Observations) -> tuple[Pose, ...]:
-    """The turns of the board in its plane after which it looks the same, the identity first."""
-    nothing = (Pose.identity(),)
-    if (data.target or {}).get("kind") not in SYMMETRIC:
-        return nothing
-    points = np.unique(data.xyz, axis=0)
-    low, high = points.min(0), points.max(0)
-    extent = float((high - low).max())
-    if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:
-        return nothing
-    middle, tree = (low + high) / 2, Neighbours(points)
-    found = list(nothing)
-    for angle in (np.pi, np.pi / 2, -np.pi / 2):
-        turn = rotations.exp(np.array([0.0, 0.0, angle]))
-        pose = Pose(turn, middle - turn @ middle)
-        if tree.query(pose.apply(points))[0].max() < SAME_POINT * extent:
-            found.append(pose)
-    return tuple(found)
 
 
 def corners_of(data: Observations) -> Array:
@@ -246,7 +221,7 @@ def placed(
         How many pictures were read the other way round.
     """
     renamed = data.xyz.copy(), None if data.point is None else data.point.copy()
-    board = _Renaming.of(data)
+    board = Renaming.of(data)
     poses, turned = [], 0
     for instant in range(len(data)):
         blocks = np.flatnonzero(pictures.view == instant)
@@ -273,25 +248,3 @@ def _agreement(boards: Poses, anchor: int, turns: Sequence[Pose], corners: Array
         ]
     )
     return float(apart.min(0).sum()), _nearest(apart)
-
-
-@dataclass(frozen=True)
-class _Renaming:
-    """The points of a board, to rename them after a turn."""
-
-    points: Array
-    ids: Array | None
-    tree: Neighbours
-
-    @classmethod
-    def of(cls, data: Observations) -> _Renaming:
-        points, first = np.unique(data.xyz, axis=0, return_index=True)
-        return cls(points, None if data.point is None else data.point[first], Neighbours(points))
-
-    def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:
-        """Turn the points of some rows."""
-        xyz, ids = columns
-        which = self.tree.query(turn.apply(xyz[rows]))[1]
-        xyz[rows] = self.points[which]
-        if ids is not None and self.ids is not None:
-            ids[rows] = self.ids[which]

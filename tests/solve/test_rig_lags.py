@@ -7,7 +7,8 @@ import pytest
 
 from camcal import calibrate_rig
 from camcal.solve.rig_lags import lags
-from camcal.solve.rig_start import corners_of, links, spanning_tree, symmetries
+from camcal.solve.rig_start import corners_of, links, spanning_tree
+from camcal.solve.turns import symmetries
 from tests.rigs import LENS, observed, truth
 from tests.solve.test_rig_start import exact
 

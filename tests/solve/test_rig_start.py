@@ -11,7 +11,8 @@ from camcal.errors import EstimationError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
 from camcal.solve.refine import residuals
-from camcal.solve.rig_start import Pictures, corners_of, links, placed, spanning_tree, symmetries
+from camcal.solve.rig_start import Pictures, corners_of, links, placed, spanning_tree
+from camcal.solve.turns import symmetries
 from tests.rigs import board, observed, truth
 
 HALF_TURN = rotations.exp(np.array([0.0, 0.0, np.pi]))

@@ -121,7 +121,7 @@ class Search:
         """A candidate fitted; None where it has as many unknowns as there are coordinates, or diverges."""
         if self.freedom <= 2 * design.shape[2]:
             return None
-        moved = design.any(axis=(0, 2))  # fields that have no number need not be evaluated
+        moved: Array = np.asarray(design.any(axis=(0, 2)))  # fields that have no number need not be evaluated
         names = tuple(n for n, some in zip(self.warp.fields, moved, strict=True) if some)
         problem = problem_of(self.base, replace(self.warp, fields=names, design=design[:, moved]))
         start = problem.state(self.base.camera.params, self.base.poses)

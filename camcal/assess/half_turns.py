@@ -1,0 +1,181 @@
+"""Which views show a board turned by half a turn, for boards that look the same then: its own shape decides.
+
+A board that is printed or glued unevenly has its point X displaced by d(X). Where a view counts the points from the
+other end, X' = T X with the half turn T, displacements in the board's plane appear as -d(T X). Of
+
+    even(X) = (d(X) - d(T X)) / 2,    odd(X) = (d(X) + d(T X)) / 2                                        (1)
+
+the even part (a print that is longer in y, a shear) is the same either way and the odd one changes its sign. With A_vp
+and b_vp the normal equations of the odd displacement of a pair of points p = {X, T X} in view v, all else held, signs
+s_v = ±1 of the views lower the cost by
+
+    ½ sᵀ G s,    G_vw = Σ_p b_vpᵀ (Σ_v A_vp)⁻¹ b_wp                                                       (2)
+
+The signs of the leading eigenvector of G, and from there single views whose change raises (2), give the turns. They
+are believed where two things hold: a board of no odd displacement would let the best of all 2^(V-1) signs explain
+as much with a probability below `SIGNIFICANT` (sᵀ G s / σ² follows χ² of two degrees of freedom for each pair, for any
+fixed signs), and a free board fits better with them than without by more than a choice for each view explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from math import log
+
+import numpy as np
+
+from camcal.assess.checks.facts import identified
+from camcal.assess.figures import redundancy
+from camcal.data.observations import Observations
+from camcal.geometry.neighbours import Neighbours
+from camcal.least_squares.distributions import f_exceeded
+from camcal.model.pose import Array, Pose, Poses
+from camcal.solve.calibration import Estimate
+from camcal.solve.refine import How, as_designed, refit, residuals, subject_of
+from camcal.solve.turns import Renaming, symmetries
+
+#: by how much n ln(cost) has to fall beyond 2 ln 2 for each view, whose turn is a choice between two: very strong
+#: evidence in the table of Kass & Raftery (Bayes factors, 1995)
+EVIDENCE = 10.0
+#: probability of an odd shape by chance, as of shapes in `board_shape.py`
+SIGNIFICANT = 0.001
+#: step of the differences along the board, in parts of its extent
+STEP = 1e-6
+#: two views can always be made to agree by a turn; of three, a turned one is told
+LEAST = 3
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A fit whose views all count the points of the board from the same end.
+
+    Attributes
+    ----------
+    fit : Estimate
+        The given one with points of some views renamed: it projects to the same image points.
+    views : tuple of str
+        Those that were turned.
+    turn : Pose
+        The half turn, of the board in its own frame.
+    evidence : float
+        By how much n ln(cost) of a free board fell.
+    """
+
+    fit: Estimate
+    views: tuple[str, ...]
+    turn: Pose
+    evidence: float
+
+
+def decided(flat: Estimate, how: How) -> Turned | None:
+    """The fit with turned views counted from the other end; None where no view is, or nothing tells.
+
+    Parameters
+    ----------
+    flat : Estimate
+        With the board as designed.
+    how : How
+        How it was made.
+
+    Raises
+    ------
+    CamcalError
+        Where a free board cannot be fitted.
+    """
+    turn = half_turn(flat.observations)
+    if turn is None or len(flat.poses) < LEAST:
+        return None
+    gram, numbers = _gram(flat, turn)
+    signs = _signs(gram)
+    if signs is None or (signs > 0).all():
+        return None
+    views, plain = len(signs), np.ones(len(signs))
+    least = 2 * log(2) * views + EVIDENCE
+    if (signs @ gram @ signs - plain @ gram @ plain) / _variance(flat) < least:
+        return None  # (2) promises too little: not worth two fits
+    data, free = flat.observations, replace(how, board="free")
+    names = tuple(v for v, sign in zip(data.view_ids, signs, strict=True) if sign < 0)
+    fit = replace(
+        flat, poses=turned(flat.poses, data.view_ids, names, turn), observations=renamed(data, names, turn)
+    )
+    before, after = (refit(f, f.observations, free) for f in (flat, fit))
+    freedom, costs = redundancy(after), (before.fit.cost, after.fit.cost)
+    if freedom <= 0 or not 0 < costs[1] < costs[0]:
+        return None
+    evidence = redundancy(flat) * log(costs[0] / costs[1])
+    ratio = signs @ gram @ signs / numbers / (2 * costs[1] / freedom)
+    by_chance = f_exceeded(float(ratio), numbers, freedom)
+    if evidence < least or log(max(by_chance, 1e-300)) > log(SIGNIFICANT) - (views - 1) * log(2):
+        return None
+    return Turned(fit, names, turn, evidence)
+
+
+def half_turn(data: Observations) -> Pose | None:
+    """Half a turn of a board in its plane after which it looks the same; None of boards whose turn is known."""
+    if identified(data):
+        return None
+    return next((t for t in symmetries(data)[1:] if t.rotation[0, 0] < -0.5), None)
+
+
+def renamed(data: Observations, names: Collection[str], turn: Pose) -> Observations:
+    """The observations with the points of some views counted from the other end."""
+    columns = data.xyz.copy(), None if data.point is None else data.point.copy()
+    board = Renaming.of(data)
+    for block in np.flatnonzero(_among(data.view_ids, names)[data.blocks.view]):
+        board.rename(columns, data.slices[block], turn)
+    return replace(data, xyz=columns[0], point=columns[1])
+
+
+def turned(poses: Poses, view_ids: Sequence[str], names: Collection[str], turn: Pose) -> Poses:
+    """The poses (V,) of views, those of some after `renamed`: points stay where they are."""
+    some = _among(view_ids, names)
+    return Poses.stack([p @ turn.inverse() if s else p for p, s in zip(poses, some, strict=True)])
+
+
+def _among(view_ids: Sequence[str], names: Collection[str]) -> Array:
+    return np.array([v in names for v in view_ids], bool)
+
+
+def _variance(fit: Estimate) -> float:
+    """Of a coordinate, in the unit of the weights."""
+    return max(2 * fit.fit.cost / redundancy(fit), np.finfo(float).tiny)
+
+
+def _gram(fit: Estimate, turn: Pose) -> tuple[Array, int]:
+    """G (V, V) of (2), and how many numbers the odd displacement has."""
+    data = as_designed(fit)
+    views, used = len(fit.poses), data.used & np.isfinite(fit.residuals).all(1)
+    points, point = np.unique(data.xyz, axis=0, return_inverse=True)
+    other = Neighbours(points).query(turn.apply(points))[1]
+    pair = np.minimum(np.arange(len(points)), other)[point.reshape(-1)]
+    step = STEP * float(np.ptp(points, axis=0).max())
+    subject = subject_of(fit)
+    slopes = [
+        (residuals(subject, fit.poses, replace(data, xyz=data.xyz + step * axis)) - fit.residuals) / step
+        for axis in np.eye(3)[:2]
+    ]
+    jacobian = np.stack(slopes, -1)[used]  # (N, 2, 2)
+    weight = np.ones(used.sum()) if data.precision is None else data.precision[used]
+    a = np.zeros((len(points), 2, 2))
+    b = np.zeros((views, len(points), 2))
+    np.add.at(a, pair[used], np.einsum("n,nci,ncj->nij", weight, jacobian, jacobian))
+    pull = np.einsum("n,nci,nc->ni", weight, jacobian, fit.residuals[used])
+    np.add.at(b, (data.view[used], pair[used]), pull)
+    solved = np.linalg.pinv(a, hermitian=True)
+    return np.einsum("vpi,pij,wpj->vw", b, solved, b), 2 * len(np.unique(pair[used]))
+
+
+def _signs(gram: Array) -> Array | None:
+    """Signs (V,) that make (2) largest, most of them positive; None where it is not finite."""
+    if not np.isfinite(gram).all():
+        return None
+    cross = gram - np.diag(np.diag(gram))  # squares do not depend on signs
+    signs = np.where(np.linalg.eigh(cross)[1][:, -1] < 0, -1.0, 1.0)
+    for _ in range(len(signs)):
+        gains = -signs * (cross @ signs)  # of changing one
+        best = int(np.argmax(gains))
+        if not gains[best] > 0:
+            break
+        signs[best] = -signs[best]
+    return signs if 2 * (signs > 0).sum() >= len(signs) else -signs

@@ -1,0 +1,64 @@
+"""Boards that look the same after a turn: which turns these are, and points renamed by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.data.observations import Observations
+from camcal.geometry import rotations
+from camcal.geometry.neighbours import Neighbours
+from camcal.model.pose import Pose
+
+Array = np.ndarray
+
+#: targets that look the same from two sides; those with markers do not
+SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
+#: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
+SAME_POINT = 1e-6
+
+
+def symmetries(data: Observations) -> tuple[Pose, ...]:
+    """The turns of the board in its plane after which it looks the same, the identity first."""
+    nothing, target = (Pose.identity(),), data.target or {}
+    if target.get("kind") not in SYMMETRIC:
+        return nothing
+    if target.get("kind") == "checkerboard" and (target.get("columns", 0) + target.get("rows", 0)) % 2:
+        return nothing  # its first square is black, the last one white
+    points = np.unique(data.xyz, axis=0)
+    low, high = points.min(0), points.max(0)
+    extent = float((high - low).max())
+    if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:
+        return nothing
+    middle, tree = (low + high) / 2, Neighbours(points)
+    found = list(nothing)
+    for angle in (np.pi, np.pi / 2, -np.pi / 2):
+        turn = rotations.exp(np.array([0.0, 0.0, angle]))
+        pose = Pose(turn, middle - turn @ middle)
+        if tree.query(pose.apply(points))[0].max() < SAME_POINT * extent:
+            found.append(pose)
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Renaming:
+    """The points (M, 3) of a board and their ids, to rename them after a turn."""
+
+    points: Array
+    ids: Array | None
+    tree: Neighbours
+
+    @classmethod
+    def of(cls, data: Observations) -> Renaming:
+        """Of the points that views show."""
+        points, first = np.unique(data.xyz, axis=0, return_index=True)
+        return cls(points, None if data.point is None else data.point[first], Neighbours(points))
+
+    def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:
+        """Turn the points of some rows."""
+        xyz, ids = columns
+        which = self.tree.query(turn.apply(xyz[rows]))[1]
+        xyz[rows] = self.points[which]
+        if ids is not None and self.ids is not None:
+            ids[rows] = self.ids[which]
