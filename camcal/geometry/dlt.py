@@ -67,7 +67,7 @@ def _centroid(xyz: Array) -> Array:
 def system(
     xyz: Array, uv: Array, weights: Array | None = None, normalise: bool = True
 ) -> tuple[Array, Array, Array]:
-    """The equations A m = 0 on normalised coordinates; on those of the data where `normalise` is False.
+    """The equations A m = 0 in normalised coordinates, or in the data's own where `normalise` is False.
 
     Returns
     -------

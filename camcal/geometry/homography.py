@@ -1,4 +1,4 @@
-"""Homographies of many views at once, on normalised coordinates.
+"""Homographies of many views at once, in normalised coordinates.
 
 The equations of a homography fall into three blocks, one per row, that share a single matrix of second
 moments. The two upper rows are eliminated, which leaves a 3x3 problem per view (Harker & O'Leary,
@@ -48,13 +48,15 @@ def homographies(xy: Array, uv: Array, weights: Array | None = None, steps: int 
 
 
 def solve(xy: Array, uv: Array, weights: Array | None = None, steps: int = 2) -> tuple[Array, Array, Array]:
-    """Homographies as `homographies` gives them, with what is needed to judge them; see `Equations.solve`."""
+    """Return homographies as `homographies` does, together with the quantities that judge them; see
+    `Equations.solve`.
+    """
     return Equations.of(xy, uv, weights).solve(steps)
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Points of V views in normalised coordinates, laid out so that the points' axis is contiguous.
+    """Points of V views in normalised coordinates, with the points along the contiguous axis.
 
     Attributes
     ----------
@@ -89,7 +91,8 @@ class Equations:
         return cls(x, _similar(t_uv, uv), x[:, _FIRST] * x[:, _SECOND], w, t_xy, t_uv)
 
     def solve(self, steps: int) -> tuple[Array, Array, Array]:
-        """The algebraic estimate and Gauss-Newton steps; one that does not lower a view's error is not taken.
+        """Return the algebraic estimate improved by Gauss-Newton steps; steps that do not lower a view's error are
+        rejected.
 
         Returns
         -------
@@ -206,21 +209,21 @@ def transfer(h: Array, xy: Array) -> Array:
 
 
 def _similar(t: Array, points: Array) -> Array:
-    """Normalised homogeneous coordinates, laid out (V, 3, N) so that the long axis is contiguous."""
+    """Return normalised homogeneous coordinates, laid out (V, 3, N) so that the long axis is contiguous."""
     out = np.ones((points.shape[0], 3, points.shape[1]))
     out[:, :2] = np.swapaxes(points, 1, 2) * t[:, 0, 0, None, None] + t[:, :2, 2:]
     return out
 
 
 def _gauged(reduced: Array, h3: Array) -> Array:
-    """The reduced normal matrix (V, 3, 3), singular along h3 (V, 3), made regular there."""
+    """Return the reduced normal matrix (V, 3, 3), singular along h3 (V, 3), regularised in that direction."""
     unit = h3 / np.linalg.norm(h3, axis=-1, keepdims=True)
     size = np.einsum("vii->v", reduced)
     return reduced + size[:, None, None] * unit[:, :, None] * unit[:, None, :]
 
 
 def _like(mask: Array, values: Array) -> Array:
-    """A mask (V,) shaped to select views of values (V, ...)."""
+    """Return a mask (V,) reshaped to select views of values (V, ...)."""
     return mask.reshape(-1, *[1] * (values.ndim - 1))
 
 

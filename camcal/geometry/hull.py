@@ -1,4 +1,4 @@
-"""The convex hull of points in a plane, without scipy.spatial, which takes longer to import than this to run."""
+"""The convex hull of points in a plane; importing scipy.spatial takes longer than this code runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _DIRECTIONS = 16
 
 
 def hull(points: Array) -> Array:
-    """The corners (K, 2) of the convex hull of points (N, 2), counter-clockwise; none where all lie on a line.
+    """The corners (K, 2) of the convex hull of points (N, 2), counter-clockwise; empty if all lie on a line.
 
     Andrew, Another efficient algorithm for convex hulls in two dimensions, 1979.
     """
@@ -28,7 +28,7 @@ def hull(points: Array) -> Array:
 
 
 def _outer(points: Array) -> Array:
-    """Which points (N,) may be corners of the hull."""
+    """Return which points (N,) can be corners of the hull."""
     angles = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     along = points @ np.stack([np.cos(angles), np.sin(angles)])
     corners = points[along.argmax(0)]
@@ -40,7 +40,7 @@ def _outer(points: Array) -> Array:
 
 
 def _chain(points: list[list[float]]) -> list[list[float]]:
-    """The part of the hull on the right of the way through sorted points."""
+    """Return the part of the hull to the right of the path through the sorted points."""
     found: list[list[float]] = []
     for p in points:
         while len(found) > 1:
@@ -59,7 +59,9 @@ def area(points: Array) -> float:
 
 
 def within(points: Array, places: Array) -> Array:
-    """Which places (M, 2) lie in the convex hull of points (N, 2), its rim included; none where these lie on a line."""
+    """Return which points (M, 2) lie in the convex hull of points (N, 2) or on its border; none if these lie on a
+    line.
+    """
     corners = hull(points)
     inside = np.full(len(places), len(corners) > 0)
     for a, b in zip(corners, np.roll(corners, -1, 0), strict=True):

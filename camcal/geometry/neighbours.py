@@ -1,4 +1,4 @@
-"""Nearest neighbours: by all distances where there are few, by scipy's k-d tree where there are many.
+"""Nearest neighbours: by brute force for few points, by scipy's k-d tree for many.
 
 Importing scipy.spatial takes a quarter of a second, longer than all searches of an ordinary calibration take by brute
 force.
@@ -15,14 +15,14 @@ FEW = 250_000
 
 
 class Neighbours:
-    """Points (N, D) to be searched."""
+    """An index of points (N, D) for nearest-neighbour queries."""
 
     def __init__(self, points: Array):
         self.points = np.asarray(points, float)
         self._tree = None
 
     def query(self, at: Array, k: int = 1) -> tuple[Array, Array]:
-        """Distances and numbers (..., k) of the points nearest to places (..., D), nearest first.
+        """Distances and indices (..., k) of the points nearest to positions (..., D), nearest first.
 
         Without the last axis where k is 1. Where there are fewer than k points, distances are infinite and numbers N,
         as in scipy.
@@ -48,14 +48,14 @@ class Neighbours:
         return distance.reshape(shape), number.reshape(shape)
 
     def pairs(self, reach: float) -> Array:
-        """Pairs (K, 2) of points i < j that are no farther than `reach` from one another."""
+        """Pairs (K, 2) of points i < j that are at most `reach` apart."""
         if len(self.points) ** 2 > FEW:
             return np.asarray(self._large().query_pairs(reach, output_type="ndarray"))
         near = np.triu(_squares(self.points, self.points) <= reach * reach, 1)
         return np.argwhere(near)
 
     def within(self, reach: Array) -> list[Array]:
-        """The numbers of the points that are no farther than reach (N,) from each point, itself included."""
+        """The indices of the points within reach (N,) of each point, itself included."""
         if len(self.points) ** 2 > FEW:
             return [np.array(near, int) for near in self._large().query_ball_point(self.points, reach)]
         return [np.flatnonzero(row) for row in _squares(self.points, self.points) <= reach[:, None] ** 2]

@@ -13,7 +13,7 @@ BORDER = 0.5
 
 
 def in_picture(uv: Array, size: Sequence[int] | Array, margin: Array | float = 0.0) -> Array:
-    """Which pixels (..., 2) lie within a picture; its border belongs to it, NaN does not.
+    """Return which pixels (..., 2) lie within a picture; the border is inside, NaN is not.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How the picture of a plane moves: the velocity of each of its points from eight numbers.
+"""The image motion of a plane: the velocity of each of its points from eight coefficients.
 
 Where a plane moves before a camera, the homography to its picture changes at some rate, and a point (x, y) of the
 picture moves with
@@ -20,7 +20,7 @@ LEAST_POINTS = 6  #: four determine the eight numbers; two more leave something 
 
 
 def fit_flow(uv: Array, moved: Array, size: tuple[int, int]) -> Array | None:
-    """The numbers (8,) of (1) by least squares.
+    """Fit the coefficients (8,) of (1) by least squares.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def flow_at(flow: Array, uv: Array, size: tuple[int, int]) -> Array:
 
 
 def _design(uv: Array, size: tuple[int, int]) -> Array:
-    """The derivatives (N, 2, 8) of the velocities by the numbers."""
+    """The derivatives (N, 2, 8) of the velocities with respect to the coefficients."""
     x, y = ((uv - (np.asarray(size) - 1) / 2) / max(size)).T
     zero, one = np.zeros_like(x), np.ones_like(x)
     along = [one, x, y, zero, zero, zero, x * x, x * y]

@@ -1,4 +1,4 @@
-"""The one least-squares loop; see `camcal.least_squares.loop`."""
+"""The least-squares loop; see `camcal.least_squares.loop`."""
 
 from camcal.least_squares.loop import minimise
 from camcal.least_squares.problem import (

@@ -10,14 +10,14 @@ Array = np.ndarray
 
 
 def rows_of(batch: Any, mask: Array) -> Any:
-    """Some members of an array or a named tuple of arrays; the same object where these are all."""
+    """Return the masked members of an array or a named tuple of arrays; the same object if all are masked."""
     if mask.all():
         return batch
     return batch[mask] if isinstance(batch, np.ndarray) else batch._make(a[mask] for a in batch)
 
 
 def merged(mask: Array, new: Any, old: Any) -> Any:
-    """Members of `new` where the mask, which does not say so of all, says so, else of `old`."""
+    """Return the members of `new` where the mask is set and those of `old` elsewhere."""
     if not mask.any():
         return old
     if isinstance(new, np.ndarray):
@@ -26,7 +26,7 @@ def merged(mask: Array, new: Any, old: Any) -> Any:
 
 
 def copied(batch: Any) -> Any:
-    """A copy that can be written to."""
+    """Return a writable copy."""
     return batch.copy() if isinstance(batch, np.ndarray) else batch._make(a.copy() for a in batch)
 
 

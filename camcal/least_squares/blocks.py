@@ -1,4 +1,4 @@
-"""Normal equations of shared parameters and of many small blocks that touch only these, and their minimiser.
+"""Normal equations of shared parameters and many small blocks coupled only to these, and their minimiser.
 
 Poses, lines and scene points are such blocks. With the shared part A (F, F), the blocks D (B, K, K) and what
 couples them C (B, F, K), the blocks are eliminated first (Schur complement; Triggs et al., Bundle adjustment:
@@ -31,7 +31,7 @@ ROUNDING = 1e-18
 
 @dataclass(frozen=True)
 class BlockNormal:
-    """JᵀJ and Jᵀr, by blocks, of the cost ½ Σ r²."""
+    """JᵀJ and Jᵀr of the cost ½ Σ r², by blocks."""
 
     cost: float
     shared: Array  #: (F, F)
@@ -42,14 +42,15 @@ class BlockNormal:
 
     @classmethod
     def dense(cls, residual: Array, jacobian: Array) -> BlockNormal:
-        """Of residuals (M,) and their Jacobian (M, F), without blocks."""
+        """Return the equations of residuals (M,) and their Jacobian (M, F), without blocks."""
         f = jacobian.shape[1]
         empty = np.zeros((0, f, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0))
         return cls(0.5 * residual @ residual, jacobian.T @ jacobian, jacobian.T @ residual, *empty)
 
     @classmethod
     def of_groups(cls, residual: Array, shared: Array, own: Array, group: Array, groups: int) -> BlockNormal:
-        """Of residuals (M,), Jacobians by the shared (M, F) and by the own (M, K) parameters of their group.
+        """Return the equations of residuals (M,) with Jacobians by the shared (M, F) and each group's own (M, K)
+        parameters.
 
         `group` (M,) says which block each residual belongs to; residuals of a group stand together.
         """
@@ -68,7 +69,7 @@ class BlockNormal:
         )
 
     def step(self, damping: float) -> tuple[Array, Array, float] | None:
-        """The damped step, shared (F,) and of the blocks (B, K), and the decrease it promises.
+        """Return the damped step, shared (F,) and of the blocks (B, K), and the decrease that it predicts.
 
         None where the damped equations are not positive definite.
         """
@@ -117,7 +118,7 @@ def _damped(matrices: Array, damping: float) -> Array:
 
 @dataclass(frozen=True)
 class Fitted(Generic[State]):
-    """Where a minimisation ended, with the normal equations there."""
+    """The end of a minimisation, with the normal equations there."""
 
     state: State
     normal: BlockNormal
@@ -131,7 +132,7 @@ class _Equations(NamedTuple):
 
 
 class _One(Generic[State]):
-    """A problem with one member, of any kind of state."""
+    """A problem with one member and a state of any type."""
 
     count = 1
     rounding: Any = ROUNDING
@@ -156,7 +157,7 @@ class _One(Generic[State]):
         return self.moved(state, *step)
 
     def tried(self, trial: Trial) -> None:
-        """Nothing is learnt."""
+        """Do nothing: the base class does not learn from trials."""
 
 
 def minimise(
@@ -165,7 +166,7 @@ def minimise(
     state: State,
     iterations: int = 100,
 ) -> Fitted[State] | None:
-    """The minimum near a state, by `camcal.least_squares.minimise`; None where the start cannot be linearised.
+    """Return the minimum near a state, by `camcal.least_squares.minimise`; None if the start cannot be linearised.
 
     Parameters
     ----------

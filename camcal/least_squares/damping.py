@@ -11,7 +11,7 @@ SMALLEST, LARGEST = 1e-14, 1e12
 
 
 class Damping:
-    """λ of each member: it falls quickly, but cautiously for a while after a step that failed.
+    """The λ of each member: it falls quickly, but slowly for a while after a failed step.
 
     The gain ratio ρ steers it by the factor 1 − (2ρ − 1)³ of H. B. Nielsen, Damping parameter in Marquardt's method
     (1999), eq. 2.5. From `GOOD` on λ falls by `FALL`, as these problems start close by. In the curved, narrow valleys
@@ -29,7 +29,7 @@ class Damping:
         self.since_failure = np.full(len(start), self.CALM)
 
     def update(self, accepted: Array, gain: Array) -> None:
-        """After a trial of all members."""
+        """Update λ after a trial of all members."""
         fall = np.where(self.since_failure >= self.CALM, self.FALL, self.CAUTIOUS)
         good = gain > self.GOOD
         if good.all():  # as nearly always
@@ -43,6 +43,6 @@ class Damping:
         self.since_failure = np.where(accepted, self.since_failure + 1, 0)
 
     def keep(self, rows: Array) -> None:
-        """Forget the other members."""
+        """Drop all other members."""
         self.value, self.growth = self.value[rows], self.growth[rows]
         self.since_failure = self.since_failure[rows]

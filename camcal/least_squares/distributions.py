@@ -109,7 +109,7 @@ def excess_kurtosis(x: Array) -> float:
 
 
 def normality(x: Array) -> tuple[float, float]:
-    """Statistic and probability of D'Agostino & Pearson's test of a sample (N,), N >= 20.
+    """Return the statistic and probability of D'Agostino & Pearson's normality test of a sample (N,), N >= 20.
 
     Skewness by D'Agostino (1970), kurtosis by Anscombe & Glynn (1983), each made a standard normal variable; the
     sum of their squares follows χ²(2) (D'Agostino & Pearson, Tests for departure from normality, Biometrika 1973).

@@ -56,7 +56,7 @@ def minimise(problem: Problem, state: Any, options: Options | None = None) -> Fo
 
 
 class _Run:
-    """The members that are under way, and the results of those that are done."""
+    """The members still being iterated, and the results of the finished ones."""
 
     def __init__(self, problem: Problem, state: Any, options: Options):
         count = problem.count
@@ -73,7 +73,7 @@ class _Run:
         self.stats = Stats(iterations, evaluations, invalid, np.full(count, "", object))
 
     def descend(self) -> Found:
-        """Iterate to the end."""
+        """Iterate until every member is finished."""
         limit = self.options.max_iterations
         reason = "iterations"
         for _ in range(MOST_ITERATIONS if limit is None else limit):
@@ -88,12 +88,12 @@ class _Run:
         return Found(state, equations, self.stats)
 
     def late(self) -> bool:
-        """Whether `Options.max_seconds` have passed."""
+        """Return whether `Options.max_seconds` have passed."""
         limit = self.options.max_seconds
         return limit is not None and time.perf_counter() - self.begin > limit
 
     def iterate(self) -> None:
-        """One step of every member."""
+        """Take one step of every member."""
         self.iteration += 1
         step, predicted = self.problem.solve(self.state, self.equations, self.damping.value)
         gone = self.arrived(predicted)
@@ -111,7 +111,7 @@ class _Run:
             self.failed(~accepted, predicted)
 
     def arrived(self, predicted: Array) -> Array | None:
-        """Let members go whose step promises too little, or that never had any; the mask of those."""
+        """Finish members whose step predicts too small a decrease or that have none; return the mask of those."""
         cost = self.equations.cost
         with np.errstate(invalid="ignore"):  # 0 times inf
             enough = self.tolerance * cost + self.rounding
@@ -129,7 +129,9 @@ class _Run:
         return gone
 
     def remaining(self, some: Array, damped: Array) -> Array:
-        """The decreases that the model predicts without damping for some; the damped ones where it is unsolvable."""
+        """Return the undamped predicted decreases of some members; the damped ones where the undamped system is
+        singular.
+        """
         if not some.any():
             return damped
         state, equations = rows_of(self.state, some), rows_of(self.equations, some)
@@ -139,7 +141,7 @@ class _Run:
         return found
 
     def attempt(self, step: Any, predicted: Array) -> tuple[Array, Array]:
-        """Try a step of each member and keep those that lower the cost; which these are, and their gains."""
+        """Try a step of each member and keep those that lower the cost; return the mask of these and their gains."""
         trial = self.problem.retract(self.state, step)
         after = self.problem.linearise(trial, self.members)
         self.evaluated += 1
@@ -162,7 +164,7 @@ class _Run:
         return accepted, gain
 
     def failed(self, rejected: Array, predicted: Array) -> None:
-        """Let members go whose rejected step was the last."""
+        """Finish members whose last allowed step was rejected."""
         cost = self.equations.cost
         tiny = rejected & (predicted <= NOISE * cost)
         rounding = tiny & (self.remaining(tiny, predicted) <= LOST * cost)
@@ -172,7 +174,7 @@ class _Run:
         self.leave(reasons != "", reasons[reasons != ""])
 
     def leave(self, gone: Array, reasons: Any) -> None:
-        """Note the results of members and take them off the batch."""
+        """Record the results of members and remove them from the batch."""
         if not gone.any():
             return
         at = self.members[gone]

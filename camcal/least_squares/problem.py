@@ -1,4 +1,4 @@
-"""What the least-squares loop takes and gives: problems, options, statistics; and small problems ready to use."""
+"""Input and output of the least-squares loop: problems, options, statistics; and small ready-made problems."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ INVALID = "the start lies outside the domain of the problem"
 
 @dataclass(frozen=True)
 class Options:
-    """When to stop.
+    """The stopping criteria.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Stats:
-    """What the loop did with each of K members.
+    """Statistics of the loop for each of K members.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Stats:
 
     @property
     def converged(self) -> Array:
-        """(K,) bool."""
+        """Return which members converged, (K,) bool."""
         return (self.reasons == CONVERGED) | (self.reasons == ROUNDING)
 
 
@@ -85,14 +85,14 @@ class Normal(NamedTuple):
 
     @classmethod
     def of(cls, residuals: Array, jacobian: Array) -> Normal:
-        """Of residuals (K, N) and their derivatives (K, n, N)."""
+        """Return the equations of residuals (K, N) and their derivatives (K, n, N)."""
         gradient = np.matmul(jacobian, residuals[..., None])[..., 0]
         cost = 0.5 * np.matmul(residuals[:, None], residuals[..., None])[:, 0, 0]
         return cls(cost, np.matmul(jacobian, jacobian.transpose(0, 2, 1)), gradient)
 
 
 class Problem(Protocol):
-    """What `minimise` takes: `count` independent problems of one kind.
+    """The input of `minimise`: `count` independent problems of one type.
 
     States and equations of several members are arrays, or named tuples of arrays, with the members along the first
     axis. Those of a problem with one member may be anything; its equations have a `cost` (1,).
@@ -103,19 +103,23 @@ class Problem(Protocol):
     rounding: Any
 
     def linearise(self, state: Any, members: Array) -> Any:
-        """Equations, with a `cost` (M,), of M members (indices) at their states (M, ...); inf outside the domain."""
+        """Return the equations, with a `cost` (M,), of M members (indices) at their states (M, ...); inf outside
+        the domain.
+        """
         ...
 
     def solve(self, state: Any, equations: Any, damping: Array) -> tuple[Any, Array]:
-        """Steps (M, ...) for λ (M,), and the decreases (M,) that (1) predicts; NaN where it cannot be solved."""
+        """Return the steps (M, ...) for λ (M,), and the decreases (M,) that (1) predicts; NaN where it has no
+        solution.
+        """
         ...
 
     def retract(self, state: Any, step: Any) -> Any:
-        """The states that steps lead to."""
+        """Return the states after the steps."""
         ...
 
     def tried(self, trial: Trial) -> None:
-        """Called after every trial of a problem with one member, to learn from it."""
+        """Learn from a trial; called after every trial of a problem with one member."""
         ...
 
 
@@ -130,16 +134,16 @@ class Small:
         return damped_steps(equations.matrix, equations.gradient, damping)
 
     def retract(self, state: Any, step: Array) -> Any:
-        """Add the step."""
+        """Return the states plus the steps."""
         return state + step
 
     def tried(self, trial: Trial) -> None:
-        """Nothing is learnt."""
+        """Do nothing: this problem does not learn from trials."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A step that was tried: the equations before and after it, λ's predicted decrease, the gain."""
+    """A trial step: the equations before and after it, λ's predicted decrease, the gain."""
 
     iteration: int
     evaluations: int
@@ -152,7 +156,7 @@ class Trial:
 
 
 class Found(NamedTuple):
-    """States and equations of all members where the loop ended, and what it did."""
+    """States and equations of all members at the end of the loop, and its statistics."""
 
     state: Any
     equations: Any
@@ -160,7 +164,7 @@ class Found(NamedTuple):
 
 
 def negligible(part: float, observations: Array | float, unknowns: int) -> Array:
-    """The tolerance that stops within `part` standard deviations of the minimum.
+    """Return the tolerance that stops within `part` standard deviations of the minimum.
 
     A step δ along a parameter predicts ½ (δ/s)² σ², with the cost ½ (N − n) σ² of N residuals and n unknowns.
     """
@@ -168,7 +172,7 @@ def negligible(part: float, observations: Array | float, unknowns: int) -> Array
 
 
 def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
-    """Solve (1) for many small problems, their diagonals scaled to 1.
+    """Solve (1) for many small problems, with their diagonals scaled to 1.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What a camera is: poses, lens models, a camera with the values of its parameters."""
+"""The camera: poses, lens models, and a lens model with the values of its parameters."""

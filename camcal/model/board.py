@@ -69,7 +69,7 @@ class Board:
         return len(self.points)
 
     def of(self, ids: Sequence[int] | Array) -> Array:
-        """The coordinates (M, 3) of points by their ids (M,); DataError for an id that the board does not have."""
+        """The coordinates (M, 3) of points by their ids (M,); DataError for an id that is not on the board."""
         own = np.asarray(self.ids)
         order = np.argsort(own)
         at = np.clip(np.searchsorted(own, ids, sorter=order), 0, len(own) - 1)
@@ -80,17 +80,17 @@ class Board:
 
     @property
     def extent(self) -> float:
-        """The diagonal of the box about the points, in `unit`."""
+        """The diagonal of the bounding box, in `unit`."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @property
     def planar(self) -> bool:
-        """Whether all points lie on one plane, within `PLANAR` of the extent."""
+        """Whether all points lie in one plane, within `PLANAR` of the extent."""
         centred = self.points - self.points.mean(0)
         normal = np.linalg.svd(centred, full_matrices=len(self) < 3)[2][-1]
         return bool(np.abs(centred @ normal).max() <= PLANAR * self.extent)
 
     def __repr__(self) -> str:
-        """On one line: how many points, and how large."""
+        """Return one line: the number of points and the extent."""
         kind = "planar" if self.planar else "3D"
         return f"<Board of {len(self)} points, {kind}, {self.extent:.5g} {self.unit} across>"

@@ -57,7 +57,7 @@ class Camera:
         return self.lens.project(self.params, xyz_cam)[0]
 
     def unproject(self, uv: Array) -> Array:
-        """The directions in which pixels look.
+        """The directions of the rays that project to pixels.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Camera:
         return self.lens.unproject(self.params, uv)[0]
 
     def opencv(self) -> tuple[Array, Array]:
-        """K (3, 3) and distCoeffs for OpenCV's functions.
+        """Return K (3, 3) and distCoeffs for OpenCV's functions.
 
         Of `pinhole` to `opencv14` and `brown` with terms that OpenCV has, for `cv2.projectPoints`,
         `cv2.undistort` and the like; of `kb4` (and `kb:n` up to n = 4), for those of `cv2.fisheye`.
@@ -102,14 +102,14 @@ class Camera:
         return self.matrix, np.r_[form.distortion, np.zeros(missing)]
 
     def __repr__(self) -> str:
-        """On one line: the model, the image size and the first parameters."""
+        """Return one line: the model, the image size and the first parameters."""
         size = "" if self.image_size is None else f" {self.image_size[0]}x{self.image_size[1]}"
         shown = ", ".join(f"{n}={v:.5g}" for n, v in list(self.values.items())[:SHOWN])
         more = f", ... {self.lens.size - SHOWN} more" if self.lens.size > SHOWN else ""
         return f"<Camera {self.lens.name}{size}: {shown}{more}>"
 
     def _repr_html_(self) -> str:
-        """The parameters as a table, for notebooks."""
+        """Return the parameters as an HTML table, for notebooks."""
         size = "" if self.image_size is None else f", {self.image_size[0]} x {self.image_size[1]} px"
         rows = "".join(f"<tr><td>{escape(n)}</td><td>{v:.6g}</td></tr>" for n, v in self.values.items())
         return f"<table><caption>{escape(self.lens.name)}{size}</caption>{rows}</table>"

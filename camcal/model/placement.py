@@ -1,4 +1,4 @@
-"""Poses from which a camera sees a whole object, spread over the picture, the directions and the distances."""
+"""Poses from which a camera sees a whole object, spread over the picture, directions and distances."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ R2_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True)
 class Spread:
-    """How far the poses differ from each other.
+    """How much the poses differ from each other.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ def simulate_poses(
 
 
 def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: float, margin: float) -> Pose:
-    """Put the object at `place` (0 to 1) of the picture, pulled to the middle as far as it must be."""
+    """Put the object at `place` (0 to 1) of the picture, moved towards the middle as far as necessary."""
     assert camera.image_size is not None
     size = np.array(camera.image_size, float)
     low, high = margin * size - 0.5, (1 - margin) * size - 0.5
@@ -127,7 +127,7 @@ def _place(points: Array, camera: Camera, rotation: Array, place: Array, fill: f
 
 
 def _at_pixel(points: Array, camera: Camera, rotation: Array, pixel: Array, fill: float) -> Pose | None:
-    """The pose with the object's centre on the pixel's ray, as far away as makes it fill that much."""
+    """The pose with the object's centre on the pixel's ray, at the distance at which it fills the given fraction."""
     assert camera.image_size is not None
     ray = camera.unproject(pixel)
     if not np.isfinite(ray).all():

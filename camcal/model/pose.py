@@ -31,22 +31,22 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Pose:
-        """The transformation that changes nothing."""
+        """The identity transformation."""
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
     def from_vector(rotation_vector: Array, translation: Array) -> Pose:
-        """From rotation vectors (..., 3), rad, and translations (..., 3); `Poses` where there are several."""
+        """From rotation vectors (..., 3), rad, and translations (..., 3); a `Poses` for several."""
         return _made(so3.exp(rotation_vector), np.asarray(translation, float))
 
     @property
     def rotation_vector(self) -> Array:
-        """The rotation as a vector (..., 3) along its axis, of the length of its angle, 0 to π rad."""
+        """The rotation vector (..., 3): the axis times the angle, 0 to π rad."""
         return so3.log(self.rotation)
 
     @property
     def centre(self) -> Array:
-        """The origin of the frame `to`, seen from the other one (..., 3): of cam_from_world, the camera's centre."""
+        """The origin of the frame `to` in the other frame (..., 3): for cam_from_world, the camera's centre."""
         return -_turned(np.swapaxes(self.rotation, -1, -2), self.translation)
 
     @property
@@ -58,7 +58,7 @@ class Pose:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The batch axes: () of a single pose."""
+        """The batch axes: () for a single pose."""
         return np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])
 
     def apply(self, xyz: Array) -> Array:
@@ -72,7 +72,7 @@ class Pose:
         return _turned(self.rotation, np.asarray(xyz)) + self.translation
 
     def inverse(self) -> Pose:
-        """The transformation in the other direction."""
+        """The inverse transformation."""
         return _made(np.swapaxes(self.rotation, -1, -2), self.centre)
 
     def __matmul__(self, first: Pose) -> Pose:
@@ -81,7 +81,7 @@ class Pose:
         return _made(self.rotation @ first.rotation, turned + self.translation)
 
     def __repr__(self) -> str:
-        """On one line: the angle of the rotation and the translation."""
+        """Return one line: the rotation angle and the translation."""
         if self.shape:
             return f"<Poses {' x '.join(map(str, self.shape))}>"
         angle = np.degrees(np.linalg.norm(self.rotation_vector))
@@ -101,7 +101,7 @@ class Poses(Pose, Sequence):
 
     @classmethod
     def of(cls, pose: Pose) -> Poses:
-        """A pose with batch axes, such as a product of poses, as the sequence that it is."""
+        """Make a sequence of a pose with batch axes, such as a product of poses."""
         return cls(pose.rotation, pose.translation)
 
     @property
@@ -118,7 +118,7 @@ class Poses(Pose, Sequence):
         return len(self.rotation)
 
     def __getitem__(self, index: Any) -> Any:
-        """Index the batch axes as those of an array: a `Pose` where none is left."""
+        """Index the batch axes as those of an array: a `Pose` if none is left."""
         full = (*index, Ellipsis) if isinstance(index, tuple) else (index, Ellipsis)
         return _made(self.rotation[(*full, slice(None), slice(None))], self.translation[(*full, slice(None))])
 

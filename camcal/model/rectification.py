@@ -1,4 +1,4 @@
-"""Rectification of two cameras: both pictures turned and resampled so that a point lies in the same row of both.
+"""Rectification of two cameras: both pictures are rotated and resampled so that a point lies in the same row of both.
 
 The cameras are first given the same orientation, each turned by half of the rotation between them; both are then
 turned by the smallest rotation that puts the baseline on the x axis (a horizontal pair) or on the y axis (a vertical
@@ -40,7 +40,7 @@ WIDEST = {PERSPECTIVE: np.deg2rad(80), LATITUDE_LONGITUDE: np.deg2rad(85)}
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rectification:
-    """The rectified pictures of two cameras, of the same scale, centre and size.
+    """The rectified pictures of two cameras, with the same scale, centre and size.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Rectification:
     image_size: tuple[int, int]
 
     def __repr__(self) -> str:
-        """On one line: the kind of pair, projection, scale and size."""
+        """Return one line: the kind of pair, projection, scale and size."""
         kind, (width, height) = ("horizontal", "vertical")[self.axis], self.image_size
         unit = "px" if self.projection == PERSPECTIVE else "px per rad"
         return f"<Rectification {kind}, {self.projection}, {self.focal:.5g} {unit}, {width}x{height}>"
@@ -85,11 +85,12 @@ class Rectification:
         return _unflat((np.asarray(pixels, float) - self.centre) / self.focal, self.projection, self.axis)
 
     def rectified(self, side: int, uv: Array) -> Array:
-        """Where pixels (..., 2) of the picture of the first (0) or second (1) camera lie then; NaN where nowhere."""
+        """Rectified pixels of pixels (..., 2) of the first (0) or second (1) camera; NaN where there is none."""
         return self.pixels(self.cameras[side].unproject(np.asarray(uv, float)) @ self.turns[side].T)
 
     def disparities(self, first: Array, second: Array) -> tuple[Array, Array]:
-        """Along the baseline and across it (...), px, of pixels (..., 2) of both pictures that show the same points.
+        """Differences along the baseline and across it (...), px, for pixels (..., 2) of both pictures that show
+        the same points.
 
         The one across it, "vertical disparity", is 0 where the calibration is right.
         """
@@ -97,7 +98,9 @@ class Rectification:
         return difference[..., self.axis], difference[..., 1 - self.axis]
 
     def maps(self, side: int) -> tuple[Array, Array]:
-        """Where in the picture as taken each rectified pixel lies: u, v (height, width) float32; -1 where nowhere."""
+        """The source of each rectified pixel in the picture as taken: u, v (height, width) float32; -1 where there
+        is none.
+        """
         width, height = self.image_size
         u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
         rays = self.rays(np.stack([u, v], -1))
@@ -106,7 +109,7 @@ class Rectification:
         return seen[..., 0].astype(np.float32), seen[..., 1].astype(np.float32)
 
     def matrices(self) -> dict[str, Array]:
-        """R1, R2 (3, 3), P1, P2 (3, 4) and Q (4, 4) as cv2.stereoRectify names them; of (2) R1 and R2 alone.
+        """R1, R2 (3, 3), P1, P2 (3, 4) and Q (4, 4) as named by cv2.stereoRectify; for (2), only R1 and R2.
 
         Q takes (u, v, disparity, 1) to homogeneous coordinates in the rectified frame of the first camera.
         """
@@ -211,7 +214,7 @@ def rectify(
 
 
 def _flat(rays: Array, projection: str, axis: int) -> Array:
-    """Equations (1) and (2) without scale and centre; NaN beyond `WIDEST`."""
+    """Equations (1) and (2) before scale and centre are applied; NaN beyond `WIDEST`."""
     x, y, z = np.moveaxis(np.asarray(rays, float), -1, 0)
     length = np.sqrt(x * x + y * y + z * z)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -241,21 +244,21 @@ def _unflat(m: Array, projection: str, axis: int) -> Array:
 
 
 def _sources(camera: Camera, turn: Array, rays: Array) -> tuple[Array, Array]:
-    """Where directions (..., 3) of the rectified frame lie in the picture as taken, and which do."""
+    """Pixels in the picture as taken of directions (..., 3) of the rectified frame, and which of them exist."""
     assert camera.image_size is not None
     seen = camera.project(rays @ turn)
     return seen, in_picture(seen, camera.image_size)
 
 
 def _border(camera: Camera, turn: Array) -> Array:
-    """Directions (N, 3), in the rectified frame, of pixels along the sides of a picture and across it."""
+    """Directions (N, 3) in the rectified frame of pixels along the sides of a picture and across it."""
     assert camera.image_size is not None
     rays = camera.unproject(border_grid(camera.image_size)) @ turn.T
     return np.asarray(rays[np.isfinite(rays).all(1)])
 
 
 def _kept_scale(cameras: tuple[Camera, Camera], size: tuple[int, int]) -> float:
-    """The smaller scale on the optical axis, px per rad, in pictures reduced or enlarged to `size`."""
+    """The smaller of the two scales on the optical axis, px per rad, after scaling the pictures to `size`."""
     found = []
     for camera in cameras:
         d_xyz = camera.lens.jacobians(camera.params, np.array([[0.0, 0.0, 1.0]]))[1]
@@ -292,7 +295,9 @@ def _covering(
 
 
 def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) -> None:
-    """A perspective picture that shows the place of the other camera would have to reach to infinity."""
+    """Reject perspective pictures that would contain the image of the other camera's centre, which lies at
+    infinity.
+    """
     along = np.eye(3)[axis]
     for camera, turn in zip(cameras, turns, strict=True):
         if _sources(camera, turn, np.stack([along, -along]))[1].any():

@@ -1,4 +1,4 @@
-"""Cameras that are rigidly mounted to each other."""
+"""Cameras that are rigidly mounted together."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Rig:
         return {n: c.project(self.cam_from_rig[n].apply(xyz_rig)) for n, c in self.cameras.items()}
 
     def __repr__(self) -> str:
-        """On one line: the cameras and their models."""
+        """Return one line: the cameras and their models."""
         models = ", ".join(f"{name}: {c.lens.name}" for name, c in self.cameras.items())
         return f"<Rig {models}; reference {self.reference}>"
 

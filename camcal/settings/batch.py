@@ -1,4 +1,4 @@
-"""What `camcal batch` and `camcal watch` are asked for besides the options of a calibration."""
+"""The options that `camcal batch` and `camcal watch` add to those of a calibration."""
 
 from __future__ import annotations
 

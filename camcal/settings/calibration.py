@@ -1,4 +1,4 @@
-"""What a calibration is asked for, whatever its input."""
+"""The options of a calibration, for any kind of input."""
 
 from __future__ import annotations
 

@@ -81,14 +81,14 @@ _NEXT = (
 
 
 def _of_pictures(options: Iterable[Option]) -> tuple[Option, ...]:
-    """The options where the data are pictures of a printed target, whose shape is estimated where they show it."""
+    """Return the options for pictures of a printed target, whose shape is estimated where the data determine it."""
     return tuple(replace(o, default="auto") if o.name == "board_shape" else o for o in options)
 
 
 def _either(
     options: Iterable[Option], said: str = "auto for pictures, flat for tables by default."
 ) -> tuple[Option, ...]:
-    """The options where the data may be those of a printed target or not, which only the run knows."""
+    """Return the options for data that may or may not show a printed target, which is known only at run time."""
     return tuple(
         replace(o, help=f"{o.help} {said}", default=None) if o.name == "board_shape" else o for o in options
     )

@@ -184,7 +184,7 @@ def _one(
 
 
 def _inside(value: Any, folder: Path) -> bool:
-    """Whether the files that a value names lie in a folder, wherever links lead."""
+    """Return whether every file that a value names lies in a folder after symbolic links are resolved."""
     names = value if isinstance(value, list) else [value]
     root = os.path.realpath(folder)
     return all(isinstance(n, str) and Path(os.path.realpath(folder / n)).is_relative_to(root) for n in names)
@@ -196,6 +196,6 @@ def _all_of(name: str) -> list[Option]:
 
 
 def _hint(name: str, known: Mapping[str, Option], inside: KeyPath) -> str:
-    """Return the nearest known key, else all known keys."""
+    """Return a hint with the nearest known key, or with all known keys."""
     where = f" under {inside[-1]}" if inside else ""
     return suggestion(name, known) or f"Known{where}: {', '.join(sorted(known))}."

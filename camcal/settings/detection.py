@@ -1,4 +1,4 @@
-"""How a target is found in pictures."""
+"""The options that control how a target is found in pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class FilmTime(Kind):
     metavar = "TIME"
 
     def convert(self, value: Any) -> float:
-        """Return seconds."""
+        """Return the time in seconds."""
         if isinstance(value, (int, float)) and not isinstance(value, bool) and value >= 0:
             return float(value)
         found = re.fullmatch(r"(?:(?:(\d{1,3}):)?(\d{1,3}):)?(\d{1,6}(?:\.\d*)?)s?", str(value).strip())

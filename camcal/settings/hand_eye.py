@@ -1,4 +1,4 @@
-"""What `camcal hand-eye` is asked for."""
+"""The options of `camcal hand-eye`."""
 
 from __future__ import annotations
 

@@ -18,12 +18,12 @@ from camcal.registry import load, suggestion
 
 
 class Kind:
-    """A kind of value; the base class takes everything as it is."""
+    """A kind of value; the base class accepts everything unchanged."""
 
     metavar: str = "VALUE"  #: how the value is named in the help
 
     def convert(self, value: Any) -> Any:
-        """Return the value as the program works with it.
+        """Return the value in the form that the program uses.
 
         Raises
         ------
@@ -38,14 +38,14 @@ class Kind:
 
 
 def shown(value: Any) -> str:
-    """Return a value as an error message quotes it."""
+    """Return a value as error messages quote it."""
     text = str(value).lower() if isinstance(value, bool) else str(value)
     text = text if len(text) <= 60 else text[:57] + "..."
     return f"'{text}'" if isinstance(value, str) else text
 
 
 def refuse(value: Any, needed: str, hint: str | None = None) -> UsageError:
-    """Return the error for a value that is not `needed`."""
+    """Return the error for a value that is not what was `needed`."""
     return UsageError(f"{shown(value)} is not {needed}.", hint)
 
 
@@ -68,14 +68,14 @@ class Switch(Kind):
     """On or off."""
 
     def convert(self, value: Any) -> bool:
-        """Return True or False; words such as `yes` are refused."""
+        """Return True or False; words such as `yes` are rejected."""
         if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
             return bool(value)
         raise refuse(value, "true or false")
 
 
 class SwitchOr(Switch):
-    """On, off, or one of a few words, each a way of being on."""
+    """On, off, or one of a few words that are variants of on."""
 
     def __init__(self, *known: str):
         self.known, self.metavar = known, "|".join(known)
@@ -112,12 +112,12 @@ class Whole(Kind):
 
     @property
     def needed(self) -> str:
-        """The range in words."""
+        """Return the range in words."""
         return f"a whole number from {self.low} " + ("up" if self.high is None else f"to {self.high}")
 
 
 class Real(Kind):
-    """A number from `low` to `high`; `above` excludes `low` itself, `infinite` admits infinity."""
+    """A number from `low` to `high`; `above` excludes `low` itself, `infinite` allows infinity."""
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class Real(Kind):
 
     @property
     def needed(self) -> str:
-        """The range in words."""
+        """Return the range in words."""
         if self.low == -math.inf:
             return "a number"
         least = f"a number above {self.low:g}" if self.above else f"a number from {self.low:g}"
@@ -157,7 +157,7 @@ POSITIVE = Real(0, above=True)
 
 
 class Places(Kind):
-    """Numbers that increase, or one above 0."""
+    """An increasing sequence of numbers, or a single positive number."""
 
     metavar = "LENGTH|P1,P2,..."
 
@@ -199,12 +199,12 @@ class CameraSource(FilePath):
     """A camera file; in Python a camera too."""
 
     def convert(self, value: Any) -> Any:
-        """Return a Path, or the camera as it is."""
+        """Return the Path, or the camera unchanged."""
         return value if hasattr(value, "lens") else super().convert(value)
 
 
 class OutputPath(FilePath):
-    """A file or a folder that is written."""
+    """A file or a folder to write to."""
 
 
 class Words(Kind):
@@ -226,7 +226,7 @@ class Words(Kind):
 
 
 class Name(Kind):
-    """A name of a table, with arguments after a colon: `brown:radial=3`.
+    """A name from a table, with optional arguments after a colon: `brown:radial=3`.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class Name(Kind):
         self.kind, self.table, self.also, self.files, self.metavar = kind, table, also, files, metavar
 
     def convert(self, value: Any) -> str:
-        """Return the text as it is, once its name is known."""
+        """Return the text unchanged after checking that its name is known."""
         text = str(value).strip()
         if self.files and is_report(text):
             return text
@@ -263,7 +263,7 @@ class Name(Kind):
 
 
 def is_report(name: Any) -> bool:
-    """Whether a text is the name of a report: it ends in .yaml, .yml or .json."""
+    """Return whether a text is the name of a report: it ends in .yaml, .yml or .json."""
     return str(name).lower().endswith((".yaml", ".yml", ".json"))
 
 
@@ -325,5 +325,5 @@ class Several(Kind):
         return tuple(self.item.convert(item) for item in items)
 
     def words(self) -> list[str]:
-        """Those of an item."""
+        """Return the shell completions of an item."""
         return self.item.words()

@@ -1,4 +1,4 @@
-"""What an option is, and dataclasses whose fields are options."""
+"""Options, and dataclasses whose fields are options."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _META = "camcal.option"
 
 @dataclass(frozen=True)
 class Option:
-    """One option: everything that a command line, a configuration file or a caller has to know of it.
+    """One option: everything that the command line, a configuration file or the Python API needs to know about it.
 
     Attributes
     ----------
@@ -64,43 +64,43 @@ class Option:
 
     @property
     def long(self) -> str:
-        """The long flag."""
+        """Return the long flag."""
         return self.flag or "--" + self.name.replace("_", "-")
 
     @property
     def environment(self) -> str:
-        """The environment variable."""
+        """Return the name of the environment variable."""
         return "CAMCAL_" + self.long.strip("-").replace("-", "_").upper()
 
     @property
     def value_name(self) -> str:
-        """How the value is named in the help."""
+        """Return the placeholder of the value in the help text."""
         return self.metavar or self.kind.metavar
 
     @property
     def is_switch(self) -> bool:
-        """Whether it is on or off, without a value."""
+        """Return whether the option is a switch without a value."""
         return isinstance(self.kind, Switch)
 
     @property
     def writes(self) -> bool:
-        """Whether it names what is written, or lets something be overwritten."""
+        """Return whether the option names an output or allows one to be overwritten."""
         kind = self.kind.item if isinstance(self.kind, Several) else self.kind
         return isinstance(kind, OutputPath) or self.name in ("output", "force")
 
     @property
     def reads(self) -> bool:
-        """Whether it names a file that is read."""
+        """Return whether the option names a file to read."""
         kind = self.kind.item if isinstance(self.kind, Several) else self.kind
         return isinstance(kind, FilePath) and not self.writes
 
     @property
     def network(self) -> bool:
-        """Whether it is the address of another machine."""
+        """Return whether the option is the address of another machine."""
         return self.name == "scheduler"
 
     def convert(self, value: Any) -> Any:
-        """Return the value as the program works with it; None stays None where that is the default.
+        """Return the value in the form that the program uses; None stays None where it is the default.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Option:
 
 
 def setting(kind: Kind, help: str, default: Any = None, *, in_python: Any = MISSING, **more: Any) -> Any:
-    """Return a dataclass field that is an option; `more` are attributes of `Option`.
+    """Return a dataclass field that is an option; `more` are further attributes of `Option`.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def setting(kind: Kind, help: str, default: Any = None, *, in_python: Any = MISS
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of dataclasses whose fields are options: values are converted and checked when one is made.
+    """Base of dataclasses whose fields are options: values are converted and checked on construction.
 
     Raises
     ------
@@ -155,12 +155,12 @@ class Settings:
 
     @classmethod
     def command_line(cls, *without: str) -> tuple[Option, ...]:
-        """Return the options that commands have, but for those named."""
+        """Return the options that commands have, except those named."""
         return tuple(o for o in cls.options().values() if o.on_command_line and o.name not in without)
 
     @classmethod
     def resolve(cls, **keywords: Any) -> Self:
-        """Make the settings of the keywords of a call, the others at their defaults.
+        """Make the settings from the keywords of a call; the others take their defaults.
 
         Raises
         ------
@@ -181,12 +181,12 @@ class Settings:
         }
 
     def checkpoint(self) -> dict[str, Any]:
-        """Return the values that must be the same for a run to go on from a checkpoint."""
+        """Return the values that must match for a run to continue from a checkpoint."""
         return {name: getattr(self, name) for name, o in self.options().items() if o.in_checkpoints}
 
 
 def readable(value: Any) -> Any:
-    """Return a value for the `options` of a report: lengths and paths as typed, of a camera its lens."""
+    """Return a value as the report's `options` show it: lengths and paths as typed, a camera by its lens."""
     if hasattr(value, "lens"):
         return value.lens.name
     return str(value) if isinstance(value, PurePath) or hasattr(value, "unit") else value

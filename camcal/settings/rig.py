@@ -1,4 +1,4 @@
-"""What a calibration of a rig is asked for."""
+"""The options of a rig calibration."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def split_camera(text: str) -> tuple[str, str] | None:
 
 
 class ByCamera(Kind):
-    """A value for all cameras, or `NAME=VALUE` for one; several of them are merged under "" and the names."""
+    """A value for all cameras, or `NAME=VALUE` for one; repeated options are merged, the common value under ""."""
 
     def __init__(self, kind: Kind):
         self.kind, self.metavar = kind, f"[NAME=]{kind.metavar}"
 
     def convert(self, value: Any) -> dict[str, Any]:
-        """Return a dict of camera -> value; that of "" is for all others."""
+        """Return a dict camera -> value; the value under "" is for all other cameras."""
         if isinstance(value, Mapping):
             return {str(n): self.kind.convert(v) for n, v in value.items()}
         if isinstance(value, list) or (
@@ -50,17 +50,17 @@ class ByCamera(Kind):
         )
 
     def words(self) -> list[str]:
-        """Those of the kind."""
+        """Return the shell completions of the kind of the values."""
         return self.kind.words()
 
 
 class Named(Kind):
-    """`NAME=FILE,...`, or a mapping; several of them are merged."""
+    """`NAME=FILE,...`, or a mapping; repeated options are merged."""
 
     metavar = "NAME=CAMERA,..."
 
     def convert(self, value: Any) -> dict[str, Any]:
-        """Return a dict of name -> what is given for it."""
+        """Return a dict name -> value."""
         if isinstance(value, Mapping):
             return {str(n): v for n, v in value.items()}
         if isinstance(value, (list, tuple)):
@@ -80,7 +80,7 @@ class Frames(Named):
     metavar = "NAME=K,..."
 
     def convert(self, value: Any) -> dict[str, Any]:
-        """Return a dict of name -> number of frames."""
+        """Return a dict name -> number of frames."""
         try:
             return {name: int(str(frames)) for name, frames in super().convert(value).items()}
         except (ValueError, UsageError) as error:
@@ -107,7 +107,7 @@ NOT_OF_RIGS = ("start", "start_camera")
 
 @dataclass(frozen=True)
 class RigOptions(CalibrationOptions):
-    """The options of the calibration of a rig, under the names that the command line and `calibrate_rig` use."""
+    """The options of a rig calibration, under the names that the command line and `calibrate_rig` use."""
 
     model: Any = setting(  # a mapping camera -> model; "" of all others
         ByCamera(Name("model", "camcal.model.lenses:LENSES", also=("auto", "select"), metavar="NAME[:ARGS]")),
@@ -152,7 +152,7 @@ IMAGE_SIZES = ByCamera(ImageSize())
 
 
 def check_names(given: Mapping[str, Any] | tuple[str, ...], known: tuple[str, ...], option: str) -> None:
-    """Raise a UsageError where an option names a camera that the rig does not have."""
+    """Raise a UsageError if an option names a camera that the rig does not have."""
     for name in given:
         if name and name not in known:
             raise UsageError(f"{option} names '{name}'; the rig has {', '.join(known)}.", "Check the names.")

@@ -1,4 +1,4 @@
-"""What a run of a command is asked for, whatever it computes: inputs, outputs, configuration."""
+"""The options of a run that do not concern the computation: inputs, outputs, configuration."""
 
 from __future__ import annotations
 

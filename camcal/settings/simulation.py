@@ -41,7 +41,7 @@ _RUN = (CalibrationOptions.options()["seed"], FORCE, CONFIG)
 
 
 def _poses(tilt: str) -> tuple[Option, ...]:
-    """How many views, and how they differ."""
+    """The number of simulated views, and how they vary."""
     return (
         Option("views", Whole(1), "Number of views.", 12),
         Option(

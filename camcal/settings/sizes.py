@@ -19,7 +19,7 @@ DISTANCE = Real(0, above=True, infinite=True, metavar="D|inf")
 
 
 class Length(NamedTuple):
-    """A length and its unit; `unit` is "unit" where none was given."""
+    """A length and its unit; `unit` is "unit" if none was given."""
 
     value: float
     unit: str
@@ -112,7 +112,7 @@ class LengthKind(Kind):
 
 
 class Pixel(Kind):
-    """A place in a picture: `100,200`, or [100, 200]."""
+    """A point in a picture: `100,200`, or [100, 200]."""
 
     metavar = "U,V"
 
@@ -143,7 +143,7 @@ class Numbers(Kind):
 
 
 def numbers_of(value: Any, count: int) -> tuple[float, ...] | None:
-    """Return `count` finite numbers, or None where the value is something else."""
+    """Return `count` finite numbers, or None if the value is anything else."""
     try:
         numbers = [real(part) for part in parts_of(value)]
     except TypeError:
@@ -153,11 +153,11 @@ def numbers_of(value: Any, count: int) -> tuple[float, ...] | None:
 
 
 class Radians(float):
-    """An angle that was converted already."""
+    """An angle that has already been converted."""
 
 
 class KeptField(Kind):
-    """The field that an undistorted picture keeps: `all`, `no-black`, or an angle such as `90deg`."""
+    """The field of view that an undistorted picture keeps: `all`, `no-black`, or an angle such as `90deg`."""
 
     metavar = "all|no-black|ANGLE"
 

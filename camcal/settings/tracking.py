@@ -1,4 +1,4 @@
-"""How a camera that changes with time is followed."""
+"""The options for tracking a camera that changes with time."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class CameraFile(FilePath):
     """The file that holds a camera; in Python the camera itself."""
 
     def convert(self, value: Any) -> Any:
-        """Return the path, or the camera as it is."""
+        """Return the path, or the camera unchanged."""
         return value if hasattr(value, "lens") else super().convert(value)
 
 
 @dataclass(frozen=True)
 class TrackOptions(Settings):
-    """How to track; each estimator uses what concerns it and refuses what contradicts it."""
+    """How to track; each estimator uses the options that concern it and rejects those that contradict it."""
 
     gain: str | None = _setting(
         Name("gain", "camcal.track:GAINS"),

@@ -1,4 +1,4 @@
-"""YAML as its version 1.2 reads it, with the line of each key: for files that people write by hand.
+"""YAML 1.2 with the line of each key, for files that people write by hand.
 
 PyYAML follows YAML 1.1, where `no` is false, `1e-5` is text, `12:30` is 750, and the last of two equal keys
 wins silently. Here `no`, `yes`, `on` and `off` are text, `1e-5` is a number, and equal keys are an error.
@@ -87,7 +87,7 @@ _SYNTAX = "Write `key: value` lines; text with special signs needs quotes."
 
 
 def _refuse_features(text: str, path: str) -> None:
-    """Refuse anchors, aliases, tags and deep nesting before anything is built of them."""
+    """Reject anchors, aliases, tags and deep nesting before any object is built from them."""
     depth = 0
     for event in yaml.parse(text, _Loader):
         line = event.start_mark.line + 1 if event.start_mark else 1

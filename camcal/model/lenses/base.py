@@ -1,4 +1,4 @@
-"""What a lens model is: a camera matrix applied to a map from rays to distorted normalised coordinates.
+"""Base class of lens models: a camera matrix applied to a map from rays to distorted normalised coordinates.
 
     (mx, my) = distort(x, y, z),  u = fx mx + skew my + cx,  v = fy my + cy                              (1)
 
@@ -74,17 +74,17 @@ class Lens(Parameters, ABC):
     @classmethod
     @abstractmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
-        """Make the model from the parts of its spec; UsageError for an option it does not know."""
+        """Make the model from the parts of its spec; UsageError for an unknown option."""
 
     @abstractmethod
     def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-        """The map without a look at its domain: (mx, my). `k` are the coefficients alone."""
+        """The map (mx, my) without a domain check; `k` holds the distortion coefficients alone."""
 
     @abstractmethod
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
-        """The map, and its derivatives times the focal lengths: the kernel of the refinement.
+        """The map and its derivatives times the focal lengths: the inner kernel of the refinement.
 
         Parameters
         ----------
@@ -101,11 +101,11 @@ class Lens(Parameters, ABC):
 
     @abstractmethod
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
-        """The inverse: a ray (x, y, z) of any length, and which points have one."""
+        """The inverse: a ray (x, y, z) of any length, and which points have an inverse."""
 
     @abstractmethod
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """Which points lie in the domain: in view, before the first fold or pole."""
+        """Return which points lie in the domain: visible, and before the first fold or pole."""
 
     # ------------------------------------------------------------------ what a model may override
 
@@ -114,7 +114,7 @@ class Lens(Parameters, ABC):
         return [(self.pinhole(500.0, 505.0, 320.0, 238.0), (640, 480))]
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """Values of the distortion parameters to begin from when the model is fitted to rays and pixels.
+        """Starting values of the distortion parameters for fitting the model to rays and pixels.
 
         Parameters
         ----------
@@ -132,35 +132,39 @@ class Lens(Parameters, ABC):
         return None
 
     def prior(self, params: Array) -> tuple[Array, Array] | None:
-        """Residuals (K,) and Jacobian (K, P) of the model's own regularisation, px; None without."""
+        """Residuals (K,) and Jacobian (K, P) of the model's own regularisation, px; None if it has none."""
         return None
 
     def linearise_locally(
         self, params: Array, xyz: Array, uv: Array, d_xyz: Array, d_dense: Array
     ) -> LocalRows | None:
-        """As `linearise`, for models with many coefficients of which each point feels a few; see `local`."""
+        """As `linearise`, for models with many coefficients of which each point depends on a few; see `local`."""
         raise NotImplementedError
 
     # ------------------------------------------------------------------ which models contain which
     def smaller(self) -> tuple[str, ...]:
-        """Specs of the next smaller models of the same family, the closest first."""
+        """Specs of the next smaller models of the same family, the largest first."""
         return ()
 
     def terms(self) -> dict[str, str]:
-        """The terms of `Reading` that the model has: term -> name of its parameter.
+        """The terms of `Reading` that the model has: term -> parameter name.
 
         By default terms of its own, which no other model has.
         """
         return {f"{type(self).__name__}.{n}": n for n in self.names if n not in MATRIX}
 
     def readings(self, values: Values) -> Iterator[Reading]:
-        """A camera of this model, given by name, in shared terms: every way in which another model may hold it."""
+        """A camera of this model, given by name, in shared terms: every form in which another model may represent
+        it.
+        """
         of = {t: n for t, n in self.terms().items() if values[n] != self.neutral[self.index(n)]}
         matrix = {n: values[n] for n in MATRIX if values.get(n, 0.0) != 0.0}
         yield Reading(matrix | {t: values[n] for t, n in of.items()}, self.neutral_curve)
 
     def from_coarser(self, inner: Lens, params: Array) -> Array | None:
-        """For models that are `shaped_by_data`: the camera of one of the family with fewer intervals, exactly."""
+        """For models that are `shaped_by_data`: the exact equivalent of a camera of the same family with fewer
+        intervals.
+        """
         return None
 
     # ------------------------------------------------------------------ equations (1) and (2)
@@ -179,12 +183,12 @@ class Lens(Parameters, ABC):
         return u, params[1] * my + params[3]
 
     def forward(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-        """Project without a look at the domain: (u, v) of points whose coordinates are separate arrays."""
+        """Project without a domain check: (u, v) of points whose coordinates are separate arrays."""
         x, y = self._centred(params, x, y, z)
         return self._pixels(params, *self.distort(params[self._own :], x, y, z))
 
     def inside(self, params: Array, x: Array, y: Array, z: Array) -> Array:
-        """Which points lie in the domain."""
+        """Return which points lie in the domain."""
         x, y = self._centred(params, x, y, z)
         return self.in_domain(params[self._own :], x, y, z)
 
@@ -226,7 +230,7 @@ class Lens(Parameters, ABC):
         return inside and self.within_bounds(params)
 
     def _pixel_rows(self, params: Array, mx: Array, my: Array, uv: Array, d_params: Array) -> None:
-        """Equation (1), and its derivatives by the camera matrix."""
+        """Equation (1) and its derivatives with respect to the camera matrix."""
         np.multiply(mx, params[0], out=uv[:, 0])
         uv[:, 0] += params[2]
         np.multiply(my, params[1], out=uv[:, 1])
@@ -241,7 +245,7 @@ class Lens(Parameters, ABC):
     def _mix(
         self, params: Array, mx: Array, my: Array, z: Array, d_xyz: Array, rows: Array
     ) -> tuple[Array, Array]:
-        """Add what the centre and the skew do to derivatives of the map alone; (mx, my) of (2)."""
+        """Apply the distortion centre and the skew to derivatives of the map alone; return (mx, my) of (2)."""
         if self.free_centre:
             xc, yc = params[self._bend : self._own].tolist()
             z_ = z[:, None]
@@ -255,7 +259,7 @@ class Lens(Parameters, ABC):
         return mx, my
 
     def _to_pixels(self, params: Array, block: Array) -> None:
-        """Derivatives (V, ., 2, N) of (mx, my) become derivatives of (u, v), in place."""
+        """Convert derivatives (V, ., 2, N) of (mx, my) into derivatives of (u, v), in place."""
         block[:, :, 0] *= params[0]
         if self.has_skew:
             block[:, :, 0] += params[4] * block[:, :, 1]
@@ -283,11 +287,11 @@ class Lens(Parameters, ABC):
         return _in_blocks(project, np.asarray(xyz, float), 2)
 
     def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-        """`forward` and `inside`; models that learn both from one computation override this."""
+        """`forward` and `inside`; overridden by models that obtain both from one computation."""
         return *self.forward(params, x, y, z), self.inside(params, x, y, z)
 
     def unproject(self, params: Array, uv: Array) -> tuple[Array, Array]:
-        """Rays of pixels.
+        """Return the rays of pixels.
 
         Parameters
         ----------
@@ -341,7 +345,7 @@ class Lens(Parameters, ABC):
         return uv, d_xyz, d_params, valid
 
     def limit_angle(self, params: Array) -> float:
-        """Half-angle of the domain about the optical axis, rad: up to there it has no fold and no pole.
+        """The half-angle of the domain about the optical axis, rad: up to it there is no fold and no pole.
 
         By asking `inside` along a fan of directions; models that know it better override this.
         """
@@ -355,14 +359,14 @@ class Lens(Parameters, ABC):
         return float(low)
 
     def _ring_inside(self, params: Array, angles: Array) -> Array:
-        """Whether all directions at these angles (A,) from the axis are inside, (A,) bool."""
+        """Return whether all directions at the angles (A,) from the axis are inside, (A,) bool."""
         turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
         radius, z = np.sin(angles)[:, None], np.repeat(np.cos(angles)[:, None], len(turn), 1)
         return np.asarray(self.inside(params, radius * np.cos(turn), radius * np.sin(turn), z).all(1))
 
 
 def _in_blocks(function: Any, points: Array, width: int) -> tuple[Array, Array]:
-    """Apply a function of columns to points (..., C) by blocks: (..., width) with NaN where invalid, and the mask."""
+    """Apply a columnwise function to points (..., C) in blocks: (..., width) with NaN where invalid, and the mask."""
     flat = points.reshape(-1, points.shape[-1])
     out, valid = np.empty((len(flat), width)), np.empty(len(flat), bool)
     with np.errstate(all="ignore"):

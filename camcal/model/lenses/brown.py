@@ -1,4 +1,4 @@
-"""Brown and Conrady's model of any order, about the principal point or a centre of its own.
+"""The Brown-Conrady model of any order, about the principal point or a separate centre.
 
 Equations (1) and (2) of `plane` at (a, b) = (x/z, y/z), and (2) of `base` for the distortion centre.
 """
@@ -35,7 +35,7 @@ class Brown(PlaneLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Brown:
-        """Without options: radial=3, decentering=1, prism=0, centre=principal."""
+        """Parse the options; defaults: radial=3, decentering=1, prism=0, centre=principal."""
         no_options(name, plain, named, OPTIONS)
         centre = choice(name, named, "centre", ("principal", "free"))
         return cls(
@@ -47,7 +47,7 @@ class Brown(PlaneLens):
         )
 
     def smaller(self) -> tuple[str, ...]:
-        """One term less of each kind."""
+        """The models with one term less of each kind."""
         counts, found = [self.free_centre, self.prism, self.decentering, self.radial], []
         for i, count in enumerate(counts):
             if count:
@@ -56,7 +56,7 @@ class Brown(PlaneLens):
         return tuple(found)
 
     def opencv(self, params: Array) -> OpenCVForm | None:
-        """OpenCV's coefficients up to three radial ones and p1, p2, with its prism where there is one."""
+        """OpenCV's coefficients: up to three radial ones, p1 and p2, and the prism where there is one."""
         if self.radial > 3 or self.decentering > 1 or self.free_centre:
             return None
         value = dict(zip(self.names, params.tolist(), strict=True))
@@ -72,7 +72,7 @@ class Brown(PlaneLens):
         return OpenCVForm("calibrateCamera", out, tuple(flags), free)
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A usual webcam lens and a long one."""
+        """A typical webcam lens and a long one."""
         skew = [0.7] if self.has_skew else []
         webcam = [-0.28, 0.1, -0.02, 0.001], [1e-3, -5e-4, 0.2, -0.1], [1e-3, -8e-4]
         long = [0.05, -0.08, 0.02, -0.01], [-4e-4, 6e-4, -0.3, 0.2], [-5e-4, 1e-3]
@@ -83,7 +83,7 @@ class Brown(PlaneLens):
         )
 
     def _pick(self, k: list[float], p: list[float], s: list[float]) -> list[float]:
-        """Values of the coefficients that this model has."""
+        """Select the values of the coefficients that this model has."""
         table = {
             f"{letter}{i + 1}": v for letter, c in zip("kps", (k, p, s), strict=True) for i, v in enumerate(c)
         }
@@ -91,6 +91,6 @@ class Brown(PlaneLens):
 
 
 def brown_spec(radial: int, decentering: int, prism: bool = False, free_centre: bool = False) -> str:
-    """The spec of a model, with what differs from none left out."""
+    """The spec of a model, omitting options at their neutral values."""
     spec = f"brown:radial={radial},decentering={decentering}"
     return spec + ",prism=1" * prism + ",centre=free" * free_centre

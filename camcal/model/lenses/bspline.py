@@ -1,4 +1,4 @@
-"""Uniform cubic B-splines: which four basis functions count at a point, with what weights."""
+"""Uniform cubic B-splines: the four basis functions that are non-zero at a point, and their weights."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ Array = np.ndarray
 
 
 def locate(t: Array, intervals: int) -> tuple[Array, Array]:
-    """The interval (0 to intervals - 1) of each t and the place within it; the outer ones reach on."""
+    """The interval (0 to intervals - 1) of each t and the position within it; the outer intervals extend beyond
+    the ends.
+    """
     cell = np.clip(np.nan_to_num(np.floor(t)), 0, intervals - 1).astype(int)
     return cell, t - cell
 
 
 def weights(f: Array) -> tuple[Array, Array, Array, Array]:
-    """Values of the four basis functions at the place f in [0, 1] of an interval (de Boor 1978, ch. IX)."""
+    """Values of the four basis functions at the position f in [0, 1] of an interval (de Boor 1978, ch. IX)."""
     g = 1 - f
     f2, g2 = f * f, g * g
     return g2 * g / 6, (4 + f2 * (3 * f - 6)) / 6, (4 + g2 * (3 * g - 6)) / 6, f2 * f / 6
@@ -27,7 +29,7 @@ def slopes(f: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def refined(c: Array, times: int) -> Array:
-    """Coefficients of the same spline on `times` as many intervals: (n + 3, ...) -> (times n + 3, ...).
+    """Coefficients of the same spline with `times` as many intervals: (n + 3, ...) -> (times n + 3, ...).
 
     Each new coefficient is the blossom of a piece at three neighbouring knots (Ramshaw 1989), found here from the
     piece's values at four places, which determine a cubic.

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def embed(outer: Lens, inner: Lens, params: Array) -> Array | None:
-    """The parameters of `outer` for a camera of `inner`; None where it has no such camera.
+    """The parameters of `outer` that represent a camera of `inner` exactly; None if there are none.
 
     Both cameras project to the same pixels, up to rounding: every point of the inner one's domain, but for the models
     of `inverse`, which describe directions up to a stated angle only (`InverseLens.farthest`).
@@ -44,7 +44,7 @@ def embed(outer: Lens, inner: Lens, params: Array) -> Array | None:
 
 
 def contains(outer: Lens, inner: Lens) -> bool:
-    """Whether `outer` holds every camera of `inner`, tried on its examples, also with opposite distortion.
+    """Return whether `outer` holds every camera of `inner`, tested on its examples, also with opposite distortion.
 
     Models that are the same by another name, such as `bicubic` and `polynomial:3`, contain each other.
     """
@@ -58,7 +58,7 @@ def contains(outer: Lens, inner: Lens) -> bool:
 
 @lru_cache(maxsize=64)
 def contained(lens: Lens, every: bool = False) -> tuple[str, ...]:
-    """Specs of models with fewer parameters whose cameras `lens` contains, the closest first.
+    """Specs of models with fewer parameters whose cameras `lens` contains, the largest first.
 
     Of its own family (`Lens.smaller`), then of the table by size. Of models that are the same by another name one is
     enough, unless `every`: a search that is stopped by the edge of the lens's domain ends where its path met that, and

@@ -1,4 +1,4 @@
-"""The closest camera of another model over the image."""
+"""The closest camera of another model, over the whole image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GRID = (41, 31)
 
 @dataclass(frozen=True)
 class Conversion:
-    """A camera of another model and how far it is from the first.
+    """A camera of another model and its distance from the original.
 
     Attributes
     ----------
@@ -43,18 +43,18 @@ class Conversion:
 
     @property
     def max_px(self) -> float:
-        """The largest distance; inf where the model does not reach every pixel."""
+        """The largest distance; inf if the new model does not cover every pixel."""
         return float(self.errors.max()) if np.isfinite(self.errors).all() else np.inf
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of the pixels that the model reaches."""
+        """Root mean square distance over the pixels that the new model covers."""
         found = self.errors[np.isfinite(self.errors)]
         return float(np.sqrt(np.mean(found**2))) if len(found) else np.inf
 
     @property
     def reached(self) -> float:
-        """Part of the pixels that the model reaches."""
+        """The fraction of the pixels that the new model covers."""
         return float(np.isfinite(self.errors).mean())
 
 
@@ -102,7 +102,7 @@ STEPS = (1e-2, 1e-3, 1e-3)
 def _one_focal_length(
     lens: Lens, rays: Array, pixels: Array, size: tuple[int, int], hold: list[str], free: Regression
 ) -> Regression:
-    """The closest camera with fx = fy: the squared error is nearly a parabola in the focal length."""
+    """The closest camera with fx = fy; the squared error is nearly a parabola in the focal length."""
     held, x, y = [*hold, "fx", "fy"], lens.index("fx"), lens.index("fy")
 
     def at(f: float) -> Regression:

@@ -38,7 +38,7 @@ KEPT = 64
 
 
 def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float:
-    """The smallest positive real root of a polynomial, coefficients in ascending order; `top` without one.
+    """The smallest positive real root of a polynomial, coefficients in ascending order; `top` if there is none.
 
     A root where the polynomial touches 0 without a change of sign counts, too. 0 where a coefficient is not finite.
     By the eigenvalues of the companion matrix (Horn & Johnson 1985, section 3.3), without what numpy.roots adds.
@@ -62,7 +62,7 @@ def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float
 
 
 def bernstein(ascending: Sequence[float], top: float) -> list[float]:
-    """The Bernstein coefficients of a polynomial over [0, top]: it lies between the least and the largest of them.
+    """The Bernstein coefficients of a polynomial over [0, top]; it lies between the smallest and the largest of them.
 
     In Python, because the refinement asks for those of three or seven coefficients at every step.
     """
@@ -98,7 +98,7 @@ class Inverse:
             self._fill()
 
     def _fill(self) -> None:
-        """Make the table."""
+        """Fill the table."""
         function, top = self.function, self.top
         grid = np.linspace(0.0, top, CELLS + 1)
         values = np.maximum.accumulate(np.nan_to_num(function(grid)[0], nan=0.0, posinf=HUGE))
@@ -111,7 +111,7 @@ class Inverse:
         self._table = _cubics(t, slope / self._scale if self._scale else 0.0 * slope)
 
     def start(self, target: Array) -> Array:
-        """t by the table alone, within [0, top]."""
+        """Approximate t from the table alone, within [0, top]."""
         place = target / (1 + target)
         place *= self._scale
         cell = place.astype(np.intp)
@@ -123,7 +123,7 @@ class Inverse:
         return np.clip(t, 0.0, self.top, out=t)
 
     def __call__(self, target: Array) -> tuple[Array, Array]:
-        """Solve f(t) = target: t, and which targets have one; False beyond f(top)."""
+        """Solve f(t) = target: t, and which targets have a solution; False beyond f(top)."""
         reachable = (target >= 0) & (target <= self.end)
         if not reachable.all():
             target = np.where(reachable, target, 0.0)
@@ -147,7 +147,7 @@ class Inverse:
         return t, solved
 
     def _bracketed(self, target: Array) -> tuple[Array, Array]:
-        """Newton with bisection where it would leave its bracket."""
+        """Newton's method, with bisection where a step would leave the bracket."""
         low, high = np.zeros_like(target), np.full_like(target, self.top)
         t = 0.5 * high
         for _ in range(BRACKETED):
@@ -173,7 +173,7 @@ def _cubics(t: Array, slope: Array) -> Array:
 
 
 def cached(method: Callable[[Any, Array], T]) -> Callable[[Any, Array], T]:
-    """Keep the results of `method(owner, k)` for the last coefficients: limits and tables, asked for by block.
+    """Cache the results of `method(owner, k)` for the last coefficients: limits and tables, requested once per block.
 
     They are kept here, by the owner's value and the coefficients' bits: equal owners share them, and the owner stays
     as it is. The result must not be changed by those who get it.

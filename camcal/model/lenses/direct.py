@@ -125,7 +125,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
 
 
 def _across(rays: Array) -> Array:
-    """Two unit vectors (2, N, 3) normal to each ray and to each other."""
+    """Return two unit vectors (2, N, 3) normal to each ray and to each other."""
     # the x axis for rays that are far from it: of a unit vector's components one at least is below 0.58
     helper = np.where(np.abs(rays[:, [0]]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(rays, helper)

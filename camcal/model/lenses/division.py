@@ -1,4 +1,4 @@
-"""The division model, in both directions, and Scaramuzza's polynomial, which continues it.
+"""The division model in both directions, and Scaramuzza's polynomial, which extends it.
 
 A. Fitzgibbon, Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR (2001),
 section 2: from the distorted image radius R (in focal lengths) to the ray,
@@ -52,7 +52,7 @@ class PolynomialDepth(InverseRadialLens):
         return {f"z{e}": n for e, n in zip(self.exponents, self.names[self._own :], strict=True)}
 
     def readings(self, values: Values) -> Iterator[Reading]:
-        """With R² alone also a rational function; for a barrel-shaped lens, a unified one with α = 1/2."""
+        """With R² alone it is also a rational function; for barrel distortion, a unified model with α = 1/2."""
         (own,) = super().readings(values)
         yield own
         first, terms = own.terms.get("z2", 0.0), {t: v for t, v in own.terms.items() if t != "z2"}
@@ -60,7 +60,9 @@ class PolynomialDepth(InverseRadialLens):
         yield Reading(terms | {"alpha": 0.5, "beta": -4 * first})
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """The linear solution; from a pinhole camera to 180 degrees and more (there R = 1 / sqrt(-first))."""
+        """The linear solution; otherwise from a pinhole camera to 180 degrees and more (there R = 1 /
+        sqrt(-first)).
+        """
         first = self.names[self._own] if self.exponents else None
         trials = [{first: v} for v in (0.0, -0.1, -0.25, -0.45)] if first else [{}]
         found = direct.radial_depth(rays, uv, self.exponents)
@@ -79,7 +81,7 @@ class PolynomialDepth(InverseRadialLens):
         return z, fold
 
     def _powers(self, radius: Array) -> Iterator[Array]:
-        """R to each exponent, by multiplication; each is used up before the next."""
+        """R to each exponent, by repeated multiplication; each array is overwritten by the next."""
         square, power, last = radius * radius, np.ones_like(radius), 0
         for e in self.exponents:
             while last < e:
@@ -110,13 +112,13 @@ class PolynomialDepth(InverseRadialLens):
         return first_root(slope)
 
     def limit(self, k: Array) -> float:
-        """Without a fold z falls for ever, and the angle comes close to π; or it stays 1."""
+        """Without a fold z decreases forever and the angle approaches π, or z stays 1."""
         if np.isinf(self.reach(k)):
             return ALMOST_PI if np.any(k) else np.pi / 2
         return super().limit(k)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """As stated, without an angle."""
+        """The ray (R, z), without computing its angle."""
         z, _ = self._depth(k, radius)
         return radius, z, radius < self.reach(k)
 
@@ -126,7 +128,7 @@ class Division(PolynomialDepth):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
-        """`division:n`, `division:n,direction=undistort|distort`; one term without n."""
+        """Parse `division:n` or `division:n,direction=undistort|distort`; n = 1 by default."""
         no_options(name, plain[1:], named, ("direction",))
         terms = count_option(name, plain, 1, 0, MOST_TERMS)
         if choice(name, named, "direction", ("undistort", "distort")) == "distort":
@@ -156,14 +158,14 @@ class Scaramuzza(PolynomialDepth):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Scaramuzza:
-        """`scaramuzza:n`; degree 4, as in the toolbox, without n."""
+        """Parse `scaramuzza:n`; degree 4 by default, as in the toolbox."""
         no_options(name, plain[1:], named)
         degree = count_option(name, plain, 4, 2, MOST_DEGREE)
         spec = name if not plain else f"{name}:{degree}"
         return cls(spec, tuple(range(2, degree + 1)), [f"c{i}" for i in range(2, degree + 1)], skew)
 
     def smaller(self) -> tuple[str, ...]:
-        """Lower degrees, and the division model with the even ones."""
+        """Lower degrees, and the division model with the even terms."""
         degree = self.exponents[-1]
         lower = [f"scaramuzza:{n}" for n in range(degree - 1, 1, -1)]
         return (*lower, *(f"division:{n}" for n in range(degree // 2, 0, -1)))

@@ -1,4 +1,4 @@
-"""What lens models say about a camera: its form for cv2, in terms that models share, and sparse derivatives."""
+"""Descriptions of a camera that lens models provide: its form for cv2, shared terms, and sparse derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class OpenCVForm:
-    """The same camera for cv2: which function takes it and the coefficients in cv2's order.
+    """The same camera for cv2: the function family that accepts it and the coefficients in cv2's order.
 
     `function` is the calibration function (`calibrateCamera`, `fisheye.calibrate`, `omnidir.calibrate`);
     `flags` are the names of its flags, `free` the names of the coefficients it would estimate with them.
@@ -28,7 +28,7 @@ class OpenCVForm:
 
 @dataclass(frozen=True)
 class Reading:
-    """A camera in terms that models share, so that one model can tell whether it holds another's camera.
+    """A camera in terms that models share, so that one model can represent another's camera exactly.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class LocalRows:
-    """Derivatives by the `local` last coefficients, of which each point feels K in each of two halves.
+    """Derivatives with respect to the `local` last coefficients; each point depends on K in each of two halves.
 
     With h = `local` / 2, d(u, v) / d(coefficient c of half i) at point n is factors[i, :, n] · basis[n, m] where
     c = columns[n, m], and 0 for the others.

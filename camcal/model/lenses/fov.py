@@ -31,7 +31,7 @@ class FieldOfView(RadialLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> FieldOfView:
-        """No options."""
+        """Reject any option."""
         no_options(name, plain, named)
         return cls(name, [Parameter("w", "distortion", lower=0.0, upper=3.1)], skew)
 
@@ -40,13 +40,13 @@ class FieldOfView(RadialLens):
         return {"w": "w"}
 
     def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
-        """Close to a pinhole camera, but not w = 0, where a refinement would stay: dR/dw is 0 there."""
+        """Close to a pinhole camera, but w > 0: dR/dw = 0 at w = 0, where a refinement would not move."""
         params = super().pinhole(fx, fy, cx, cy, skew)
         params[self._own] = FIRST
         return params
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """From narrow to wide."""
+        """From narrow to wide fields of view."""
         return [{"w": w} for w in (FIRST, 0.6, 0.95, 1.3, 1.8)]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
@@ -82,7 +82,7 @@ class FieldOfView(RadialLens):
         return radius, ratio * z * common, -ratio * r * common
 
     def limit(self, k: Array) -> float:
-        """All around for w > 0, in front of the camera for w = 0."""
+        """All directions for w > 0, those in front of the camera for w = 0."""
         return ALMOST_PI if k[0] > 0 else np.pi / 2
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:

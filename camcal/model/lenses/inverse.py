@@ -1,4 +1,4 @@
-"""Lenses that state the ray of a pixel, X(p, q), and not the pixel of a ray.
+"""Lenses defined by the ray of a pixel, X(p, q), rather than by the pixel of a ray.
 
 Projection solves X(p, q) = λ x, λ > 0, for (p, q, λ) by Newton, which needs no division by z and so holds all
 around. With a = dX/dp, b = dX/dq and D = X · (a x b), the implicit function theorem gives
@@ -34,7 +34,7 @@ LONG, SPAN = 0.1, 0.2
 
 
 class InverseLens(Lens):
-    """A lens of equation (1); (p, q) are pixels with the camera matrix taken off."""
+    """A lens of equation (1); (p, q) are pixels with the camera matrix removed."""
 
     # ------------------------------------------------------------------ what a model states
     @abstractmethod
@@ -46,13 +46,15 @@ class InverseLens(Lens):
         """Write normal · dX/dk into rows (V, Q, N), for normal (3, V, N)."""
 
     def farthest(self, k: Array) -> float:
-        """How far out, in units of the focal length, the domain is followed: 87 degrees of a perspective lens."""
+        """How far out the domain is traced, in focal lengths: 87 degrees of a perspective lens."""
         return 20.0
 
     # ------------------------------------------------------------------ projection
     @cached
     def _extent(self, k: Array) -> tuple[Array, Array]:
-        """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of even mean angles, (CELLS + 1,)."""
+        """The radius up to which D > 0 on each spoke, (SPOKES,), and radii of equally spaced mean angles, (CELLS +
+        1,).
+        """
         radius = np.tan(np.linspace(0, np.arctan(self.farthest(k)), STEPS))
         coarse = np.broadcast_to(radius[:, None], (STEPS, SPOKES))
         ends, x, known = self._until_fold(k, coarse)
@@ -71,7 +73,7 @@ class InverseLens(Lens):
         return reach, np.interp(even, np.maximum.accumulate(mean[used]), radius[used])
 
     def _until_fold(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """How many of the radii (R, SPOKES) lie before the fold; the rays there, and where they are known."""
+        """Return how many of the radii (R, SPOKES) lie before the fold; the rays there, and where they are known."""
         turn = np.arange(SPOKES) * (2 * np.pi / SPOKES)
         p, q = radius * np.cos(turn), radius * np.sin(turn)
         x, a, b = self.ray(k, p, q)
@@ -80,11 +82,11 @@ class InverseLens(Lens):
         return np.where(ahead.all(0), len(radius), ahead.argmin(0)), x, known
 
     def pixel_inside(self, p: Array, q: Array, k: Array) -> Array:
-        """Where the model says anything; everywhere, unless it has borders."""
+        """Return where the model is defined: everywhere, unless it has borders."""
         return np.ones(np.broadcast(p, q).shape, bool)
 
     def _solve(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-        """p, q, and which points are found within the domain."""
+        """Solve for p, q; also return which points were found within the domain."""
         _, radii = self._extent(k)
         r = np.sqrt(x * x + y * y) + 1e-200
         place = np.arctan2(r, z) * (CELLS / np.pi)
@@ -116,7 +118,7 @@ class InverseLens(Lens):
         return size <= LAST_STEP, ahead > 0
 
     def _within(self, k: Array, p: Array, q: Array) -> Array:
-        """Which pixels lie within the extent and the borders."""
+        """Return which pixels lie within the extent and the borders."""
         reach, _ = self._extent(k)
         radius = np.sqrt(p * p + q * q)
         inside = self.pixel_inside(p, q, k)
@@ -128,16 +130,16 @@ class InverseLens(Lens):
 
     # ------------------------------------------------------------------ map
     def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-        """Newton."""
+        """Solve for the pixel by Newton's method."""
         p, q, _ = self._solve(k, x, y, z)
         return p, q
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """Where Newton ends within the domain."""
+        """Return for which points Newton's method ends within the domain."""
         return self._solve(k, x, y, z)[2]
 
     def _project(self, params: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-        """Solves once for pixel and domain."""
+        """Solve once for both the pixel and the domain."""
         x, y = self._centred(params, x, y, z)
         p, q, valid = self._solve(params[self._own :], x, y, z)
         return *self._pixels(params, p, q), valid
@@ -154,7 +156,9 @@ class InverseLens(Lens):
     def _implicit(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool, tuple[Array, Array]]:
-        """p, q, whether all are inside, and the vectors (3, V, N) whose products with dX/dk are d(fx p, fy q)/dk."""
+        """Return p, q, whether all are inside, and the vectors (3, V, N) whose products with dX/dk are d(fx p, fy
+        q)/dk.
+        """
         p, q, valid = self._solve(k, x, y, z)
         ray, a, b = self.ray(k, p, q)
         length = np.sqrt((ray * ray).sum(0) / (x * x + y * y + z * z))
@@ -166,7 +170,7 @@ class InverseLens(Lens):
         return p, q, bool(valid.all()), normals
 
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
-        """As stated."""
+        """The ray of the pixel, by definition."""
         ray, a, b = self.ray(k, mx, my)
         valid = self._within(k, mx, my) & (_triple(ray, a, b) > 0)
         x, y, z = ray
@@ -194,7 +198,7 @@ def _triple(x: Array, a: Array, b: Array) -> Array:
 
 
 def _newton_step(state: Array, target: Array) -> tuple[Array, Array, Array]:
-    """Solve X + a dp + b dq = λ target for dp, dq; and target · (a x b), of the sign of D."""
+    """Solve X + a dp + b dq = λ target for dp, dq; also return target · (a x b), which has the sign of D."""
     x, a, b = state
     across, along = _cross(b, target), _cross(target, a)
     d = _dot(a, across)

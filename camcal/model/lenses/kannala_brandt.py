@@ -39,7 +39,7 @@ class KannalaBrandt(RadialLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> KannalaBrandt:
-        """`kb4` has no options; `kb:n` takes the number of terms, 4 without one."""
+        """Parse `kb4` (no options) or `kb:n` with n terms; 4 by default."""
         if name == "kb4":
             no_options(name, plain, named)
             return cls(name, 4, skew)
@@ -65,7 +65,7 @@ class KannalaBrandt(RadialLens):
             yield Reading(matrix | {"w": w})
 
     def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
-        """Close to a pinhole camera near the axis: the series of the tangent, as far as there are terms.
+        """Close to a pinhole camera near the axis: the series of the tangent, truncated to the available terms.
 
         With coefficients of 0 the lens is equidistant (`neutral`).
         """
@@ -75,7 +75,7 @@ class KannalaBrandt(RadialLens):
         return params
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """Equidistant, near stereographic, near equisolid, near perspective."""
+        """Equidistant, nearly stereographic, nearly equisolid, nearly perspective."""
         series = (
             (0.0, 0.0),
             (1 / 12, 1 / 120),
@@ -94,7 +94,7 @@ class KannalaBrandt(RadialLens):
         return OpenCVForm("fisheye.calibrate", k, flags, self.names[self._own :])
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A lens of 150 degrees and one of 195."""
+        """A lens of 150 degrees and one of 195 degrees."""
         skew = [0.8] if self.has_skew else []
         wide = [0.02, -0.004, 0.001, -3e-4, 4e-5, -2e-6, *[0.0] * MOST]
         fish = [-0.015, 0.004, -0.003, 4e-4, -2e-5, 1e-6, *[0.0] * MOST]
@@ -148,7 +148,9 @@ class KannalaBrandt(RadialLens):
         return min(float(np.sqrt(first_root(slope))), ALMOST_PI)
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """Newton in θ; sine and cosine from the tangent of half of it, which is cheaper than both."""
+        """Newton's method in θ; sine and cosine come from the tangent of θ/2, which is cheaper than computing
+        both.
+        """
         half, solved = self._inverse(k)(radius)
         half *= 0.5
         np.tan(half, out=half)

@@ -1,4 +1,5 @@
-"""Mei & Rives' omnidirectional model: the unit sphere seen from a point ξ above its centre, then distortion.
+"""Mei & Rives' omnidirectional model: the unit sphere seen from a point at distance ξ above its centre, then
+distortion.
 
 C. Mei, P. Rives, Single view point omnidirectional camera calibration from planar grids, ICRA (2007),
 section II; cv2.omnidir. With d = |(x, y, z)|:
@@ -32,7 +33,7 @@ class Mei(Lens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Mei:
-        """No options."""
+        """Reject any option."""
         no_options(name, plain, named)
         own = [Parameter("xi", "distortion", lower=0.0)]
         return cls(name, own + [Parameter(n, "distortion") for n in ("k1", "k2", "p1", "p2")], skew)
@@ -42,15 +43,15 @@ class Mei(Lens):
         return ("ucm",)
 
     def terms(self) -> dict[str, str]:
-        """ξ and those of the plane."""
+        """ξ and the terms of the plane distortion."""
         return {"xi": "xi"} | dict(zip(self.plane.terms, self.names[self._own + 1 :], strict=True))
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """From a pinhole camera over the stereographic one (ξ = 1) on."""
+        """From a pinhole camera to the stereographic one (ξ = 1) and beyond."""
         return [{"xi": xi} for xi in (0.0, 0.5, 1.0, 1.6, 2.5)]
 
     def opencv(self, params: Array) -> OpenCVForm:
-        """cv2.omnidir, whose matrix holds the skew."""
+        """cv2.omnidir, whose matrix contains the skew."""
         xi, *bend = params[self._own :].tolist()
         return OpenCVForm("omnidir.calibrate", np.array(bend), (), self.names[self._own :], xi)
 
@@ -93,7 +94,7 @@ class Mei(Lens):
 
     @cached
     def _limit(self, k: Array) -> float:
-        """Angle of the fold of (1), of its pole, or of the fold of the distortion, rad."""
+        """The angle of the fold of (1), of its pole, or of the fold of the distortion, whichever comes first, rad."""
         xi = float(k[0])
         limit = float(np.arccos(-min(xi, 1 / xi if xi > 0 else 0.0)))
         fold = self.plane.fold(k[1:])
@@ -109,11 +110,13 @@ class Mei(Lens):
         return self._limit(params[self._own :])
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """At a smaller angle than the limit."""
+        """Return which points lie at a smaller angle than the limit."""
         return within_cone(self._limit(k), x, y, z)
 
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
-        """Newton on the distortion, then the sphere (Mei & Rives, eq. 4), scaled to keep small ξ exact."""
+        """Invert the distortion by Newton's method, then the sphere (Mei & Rives, eq. 4), scaled to stay exact for
+        small ξ.
+        """
         xi = float(k[0])
         a, b, solved = self.plane.invert(k[1:], mx, my)
         s = a * a + b * b

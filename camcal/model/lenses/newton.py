@@ -1,4 +1,4 @@
-"""The inverse of a distortion of the plane: two equations in two unknowns, for every point at once."""
+"""The inverse of a plane distortion: two equations in two unknowns, for all points at once."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _step(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array,
 
 
 def _slowly(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """As long as the residual halves for any point."""
+    """Iterate while the residual of any point is halved."""
     best = np.full(a.shape, np.inf)
     for _ in range(SLOW):
         size = _residual(function, x, y, a, b)
@@ -89,7 +89,7 @@ def _residual(function: Map, x: Array, y: Array, a: Array, b: Array) -> Array:
 
 
 class RadialStart:
-    """(a, b) by the inverse of the radial part r f(r²) alone, in t = atan r.
+    """The inverse (a, b) of the radial part r f(r²) alone, in t = atan r.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class RadialStart:
         self._inverse = Inverse(in_t, min(float(np.arctan(limit)) * (1 - 1e-9), WIDEST))
 
     def __call__(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """New arrays a, b of distorted x, y."""
+        """Return new arrays a, b of distorted x, y."""
         distorted = x * x
         distorted += y * y
         np.sqrt(distorted, out=distorted)

@@ -1,4 +1,4 @@
-"""OpenCV's polynomial and rational model with 0 to 14 coefficients (docs.opencv.org, camera calibration).
+"""OpenCV's polynomial and rational models with 0 to 14 coefficients (docs.opencv.org, camera calibration).
 
 Equations (1) and (2) of `plane` at (a, b) = (x/z, y/z), and with 14 coefficients a tilted sensor (`tilt`).
 """
@@ -47,14 +47,16 @@ class PlaneLens(Lens):
         super().__init__(name, [Parameter(n, "distortion") for n in names], skew, free_centre)
 
     def terms(self) -> dict[str, str]:
-        """Those of the plane, and the distortion centre."""
+        """The terms of the plane distortion, and the distortion centre."""
         own = self.names[self._own :][: len(self.plane.terms)]
         return {n: n for n in self.names[self._bend : self._own]} | dict(
             zip(self.plane.terms, own, strict=True)
         )
 
     def limit_angle(self, params: Array) -> float:
-        """The angle of the radial part's fold, π/2 without one; about a free centre, what is left of it."""
+        """The angle at which the radial part folds, π/2 if it does not; about a free centre, reduced by its
+        offset.
+        """
         if self.free_centre:
             return super().limit_angle(params)
         return float(np.arctan(self.plane.fold(params[self._own :])))
@@ -80,12 +82,12 @@ class PlaneLens(Lens):
         return xd, yd, grows and bool(z.min(initial=np.inf) > 0)
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """In front of the camera, before the radial part folds back."""
+        """Return which points lie in front of the camera and before the radial part folds back."""
         fold = self.plane.fold(k)
         return z > 0 if np.isinf(fold) else (z > 0) & (x * x + y * y < (fold * z) ** 2)
 
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
-        """Newton."""
+        """Invert by Newton's method."""
         if not len(k):
             return mx, my, np.ones_like(mx), np.isfinite(mx) & np.isfinite(my)
         a, b, solved = self.plane.invert(k, mx, my)
@@ -101,7 +103,7 @@ class OpenCV(PlaneLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> OpenCV:
-        """Make the model; it has no options."""
+        """Make the model; it takes no options."""
         no_options(name, plain, named)
         name = ALIASES.get(name, name)
         return (Tilted if name == "opencv14" else OpenCV)(name, skew)
@@ -111,7 +113,7 @@ class OpenCV(PlaneLens):
         return tuple(n for n, c in reversed(_COUNTS.items()) if c < self.count)
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """Without distortion, and with radial terms found linearly from the angles that the radii have."""
+        """Without distortion, and with radial terms computed linearly from the angles at the radii."""
         if not self.count:
             return [{}]
         radius, theta = image_radii(rays, uv, None)
@@ -124,13 +126,13 @@ class OpenCV(PlaneLens):
         return [{}, dict(zip([*numerator, *denominator], np.concatenate(fit).tolist(), strict=True))]
 
     def opencv(self, params: Array) -> OpenCVForm:
-        """The coefficients in cv2's order, and its flags for the same free ones."""
+        """The coefficients in cv2's order, and cv2's flags that free the same coefficients."""
         flags = [f for n, names in _FLAGS.items() if self.count >= n for f in names]
         free = self.names[self._own :]
         return OpenCVForm("calibrateCamera", params[self._own :].copy(), tuple(flags), free)
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A usual webcam lens, a longer one, and for the larger models their own terms."""
+        """A typical webcam lens, a longer one, and for the larger models their additional terms."""
         webcam = [-0.28, 0.1, 1e-3, -5e-4, -0.02, 0.02, 0.01, 1e-3, 2e-3, -1e-3, -1.5e-3, 1e-3, 0.01, -0.015]
         mild = [0.05, -0.08, -4e-4, 6e-4, 0.02, 0.01, -0.02, 5e-3, -1e-3, 5e-4, 1e-3, -5e-4, -0.02, 0.01]
         skew = [0.7] if self.has_skew else []
@@ -141,18 +143,18 @@ class OpenCV(PlaneLens):
 
 
 class Tilted(OpenCV):
-    """`opencv14` = `tilted`: then (xd, yd, 1) ~ tilt(tauX, tauY) (xd, yd, 1)."""
+    """`opencv14` = `tilted`: `opencv12`, then (xd, yd, 1) ~ tilt(tauX, tauY) (xd, yd, 1)."""
 
     def terms(self) -> dict[str, str]:
-        """With the two angles."""
+        """The terms of `opencv12` and the two angles."""
         return super().terms() | {"tauX": "tauX", "tauY": "tauY"}
 
     def limit_angle(self, params: Array) -> float:
-        """That of the lens in front of the sensor."""
+        """The limit of the lens in front of the sensor."""
         return super().limit_angle(params[:-2])
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """That of the lens in front of the sensor."""
+        """The domain of the lens in front of the sensor."""
         return super().in_domain(k[:-2], x, y, z)
 
     def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
@@ -161,14 +163,14 @@ class Tilted(OpenCV):
         return _projected(tilt_matrix(*k[-2:]), xd, yd)[:2]
 
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
-        """The inverse homography, then Newton."""
+        """Invert the homography, then the distortion by Newton's method."""
         xd, yd, _ = _projected(np.linalg.inv(tilt_matrix(*k[-2:])), mx, my)
         return super().undistort(k[:-2], xd, yd)
 
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
-        """Those of the lens through the homography, and those by the angles."""
+        """The derivatives of the lens through the homography, and those with respect to the angles."""
         xd, yd, inside = super().derivatives(k[:-2], x, y, z, d_xyz, d_k[:, :-2], 1.0, 1.0)
         tilt = tilt_matrix(*k[-2:])
         xt, yt, w = _projected(tilt, xd, yd)
@@ -187,6 +189,6 @@ class Tilted(OpenCV):
 
 
 def _projected(h: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """A homography (3, 3) applied to points, and the reciprocal of its third coordinate."""
+    """Apply a homography (3, 3) to points; also return the reciprocal of the third coordinate."""
     w = 1.0 / (h[2, 0] * x + h[2, 1] * y + h[2, 2])
     return (h[0, 0] * x + h[0, 1] * y + h[0, 2]) * w, (h[1, 0] * x + h[1, 1] * y + h[1, 2]) * w, w

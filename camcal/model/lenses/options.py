@@ -8,7 +8,7 @@ from camcal.errors import UsageError
 
 
 def no_options(name: str, plain: Sequence[str], named: dict[str, str], known: Sequence[str] = ()) -> None:
-    """Refuse options that a model does not know."""
+    """Reject options that a model does not know."""
     unknown = [*plain, *(k for k in named if k not in known)]
     if unknown:
         raise UsageError(
@@ -40,7 +40,7 @@ def whole_number(name: str, named: dict[str, str], key: str, default: int, most:
 
 
 def choice(name: str, named: dict[str, str], key: str, words: Sequence[str]) -> str:
-    """The word in `key=word`, the first by default; UsageError for any other."""
+    """The word in `key=word`, by default the first; UsageError for any other."""
     text = named.get(key, words[0])
     if text not in words:
         raise UsageError(f"model '{name}': {key}={text} is neither {' nor '.join(repr(w) for w in words)}.")

@@ -27,7 +27,7 @@ SCATTER = 0.01
 
 @dataclass(frozen=True)
 class PairFit:
-    """A lens, and how well it takes the ideal points to the distorted ones.
+    """A lens, and how well it maps the ideal points to the distorted ones.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def fit_pairs(
 
 
 def _check_a_map(ideal: Array, distorted: Array) -> None:
-    """Refuse ideal points that are seen in places farther apart than measurements scatter."""
+    """Reject ideal points whose distorted positions are farther apart than measurement noise explains."""
     points, which, counts = np.unique(ideal, axis=0, return_inverse=True, return_counts=True)
     which = which.reshape(-1)
     centres = np.stack([np.bincount(which, c) / counts for c in distorted.T], 1)
@@ -108,7 +108,7 @@ def _check_a_map(ideal: Array, distorted: Array) -> None:
 
 
 def _ideal_camera(ideal: Array) -> Array:
-    """The identity for points on the plane; for pixels a camera of 53 degrees over their extent."""
+    """The identity for points on the plane; for pixels, a camera of 53 degrees over their extent."""
     low, high = ideal.min(0), ideal.max(0)
     extent = float((high - low).max())
     if extent <= PLANE:

@@ -32,7 +32,7 @@ CENTRE = (Parameter("xc", "distortion"), Parameter("yc", "distortion"))
 
 
 class Parameters:
-    """What a lens knows about its parameter vector.
+    """The parameter vector of a lens: names, bounds and conversions.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Parameters:
         return np.array([p.neutral for p in self.parameters])
 
     def index(self, name: str) -> int:
-        """Where a parameter stands; UsageError for an unknown name."""
+        """The index of a parameter; UsageError for an unknown name."""
         if name not in self.names:
             raise UsageError(
                 f"model '{self.name}' has no parameter '{name}'.", "It has: " + ", ".join(self.names) + "."
@@ -72,7 +72,7 @@ class Parameters:
         return self.names.index(name)
 
     def check_value(self, name: str, value: float) -> None:
-        """UsageError where a parameter cannot have this value."""
+        """Raise a UsageError if a parameter cannot have this value."""
         p = self.parameters[self.index(name)]
         if not (p.lower <= value <= p.upper and np.isfinite(value)):
             raise UsageError(
@@ -93,12 +93,12 @@ class Parameters:
         return params
 
     def from_matrix(self, matrix: Array) -> Array:
-        """The parameters (P,) of a camera matrix (3, 3) without distortion; a model without skew drops it."""
+        """The parameters (P,) of a camera matrix (3, 3) without distortion; a model without skew ignores the skew."""
         k = matrix / matrix[2, 2]
         return self.pinhole(k[0, 0], k[1, 1], k[0, 2], k[1, 2], k[0, 1])
 
     def from_values(self, values: Mapping[str, float]) -> Array:
-        """The parameters (P,) with those of the given names set and the rest neutral."""
+        """The parameters (P,) with the named ones set and the rest neutral."""
         params = self.neutral
         for name, value in values.items():
             if name in self.names:

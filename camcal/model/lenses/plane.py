@@ -55,7 +55,7 @@ class PlaneDistortion:
 
     @cached_property
     def _at(self) -> dict[str, list[int]]:
-        """Where the coefficients of each kind stand."""
+        """The indices of the coefficients of each kind."""
         found = {kind: [i for i, t in enumerate(self.terms) if t[0] == kind] for kind in "ndpxy"}
         return {kind: sorted(at, key=lambda i: int(self.terms[i][1:])) for kind, at in found.items()}
 
@@ -66,7 +66,7 @@ class PlaneDistortion:
         return _Coefficients(n, d, p1, p2, p[2:], x, y)
 
     def apply(self, c: Array, a: Array, b: Array) -> tuple[Array, Array]:
-        """(xd, yd) of (2)."""
+        """The distorted point (xd, yd) by (2)."""
         k, s = self._split(c), a * a + b * b
         common = _series(k.n, s)
         if k.d:
@@ -87,7 +87,7 @@ class PlaneDistortion:
     def linearise(
         self, c: Array, a: Array, b: Array, rows: Array, fx: float, fy: float
     ) -> tuple[tuple[Array, ...], bool]:
-        """(2) with derivatives.
+        """The distorted point by (2), with derivatives.
 
         Parameters
         ----------
@@ -156,11 +156,11 @@ class PlaneDistortion:
     # ------------------------------------------------------------------ domain and inverse
     @cached
     def fold(self, c: Array) -> float:
-        """The radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf where it does neither."""
+        """The radius sqrt(a² + b²) at which r f(r²) folds back or has a pole; inf if there is none."""
         return float(np.sqrt(min(first_root(p) for p in _must_be_positive(self._split(c)))))
 
     def _grows(self, c: Array, k: _Coefficients, s: float) -> bool:
-        """Whether r f(r²) grows without a pole all the way to r² = s; False for NaN.
+        """Return whether r f(r²) increases without a pole up to r² = s; False for NaN.
 
         Mostly the Bernstein coefficients over [0, s], which bound a polynomial from below, settle it without its roots.
         """
@@ -169,7 +169,9 @@ class PlaneDistortion:
         return s < self.fold(c) ** 2
 
     def invert(self, c: Array, xd: Array, yd: Array) -> tuple[Array, Array, Array]:
-        """(a, b) of (xd, yd) within the fold, and which were found: Newton from the radial part's inverse."""
+        """(a, b) of (xd, yd) within the fold, and which were found: Newton's method from the inverse of the radial
+        part.
+        """
         a, b = self._start(c)(xd, yd)
         a, b, solved = newton.solve(lambda a, b: self.derivatives(c, a, b), xd, yd, a, b)
         return a, b, solved & (a * a + b * b < self.fold(c) ** 2)
@@ -180,8 +182,8 @@ class PlaneDistortion:
 
 
 def _must_be_positive(k: _Coefficients) -> list[list[float]]:
-    """Polynomials in s, ascending, that are positive where r f(r²) grows: its slope times the squared denominator, and
-    the denominator.
+    """Polynomials in s, ascending, that are positive where r f(r²) increases: its slope times the squared
+    denominator, and the denominator.
     """
     if not k.d:
         return [[1.0, *((2 * i + 3) * n for i, n in enumerate(k.n))]]
@@ -193,7 +195,7 @@ def _must_be_positive(k: _Coefficients) -> list[list[float]]:
 
 
 def _radial(k: _Coefficients, s: Array) -> tuple[Array, Array, Array | None]:
-    """f of (1), df/ds, and the inverse of the denominator where there is one."""
+    """f of (1), df/ds, and the reciprocal of the denominator where there is one."""
     f, slope = _series_and_slope(k.n, s)
     if not k.d:
         return f, slope, None

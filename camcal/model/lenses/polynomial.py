@@ -40,7 +40,7 @@ class Polynomial(InverseLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Polynomial:
-        """`bicubic` has no options; `polynomial:n` takes its order, 3 without one."""
+        """Parse `bicubic` (no options) or `polynomial:n` of order n; 3 by default."""
         if name == "bicubic":
             no_options(name, plain, named)
             return cls(name, 3, skew)
@@ -49,7 +49,7 @@ class Polynomial(InverseLens):
         return cls(f"polynomial:{order}", order, skew)
 
     def smaller(self) -> tuple[str, ...]:
-        """Lower orders; of the high ones every other."""
+        """Lower orders; every other one of the high orders."""
         orders = [n for n in (12, 10, 8, 6, 5, 4, 3, 2) if n < self.order]
         return tuple("bicubic" if n == 3 else f"polynomial:{n}" for n in orders)
 
@@ -59,7 +59,7 @@ class Polynomial(InverseLens):
         return {f"{c}{i},{j}": n for (c, i, j), n in zip(powers, self.names[self._own :], strict=True)}
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """The linear solution; without distortion where there are too few rays."""
+        """The linear solution; no distortion if there are too few rays."""
         found = direct.polynomial(rays, uv, self.order)
         if found is None:
             return [{}]
@@ -69,7 +69,7 @@ class Polynomial(InverseLens):
         return [dict(zip(self.names, params.tolist(), strict=True)), {}]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A usual lens with some asymmetry, and a long one."""
+        """A typical lens with some asymmetry, and a long one."""
         skew = [0.7] if self.has_skew else []
 
         def values(k1: float, a20: float, a11: float, k2: float) -> list[float]:
@@ -85,7 +85,7 @@ class Polynomial(InverseLens):
 
     # ------------------------------------------------------------------ InverseLens
     def farthest(self, k: Array) -> float:
-        """79 degrees: a polynomial over the plane z = 1 is not for more."""
+        """79 degrees: a polynomial over the plane z = 1 is unsuitable for wider lenses."""
         return 5.0
 
     def _tables(self, p: Array, q: Array) -> tuple[list[Array], list[Array]]:
@@ -118,7 +118,7 @@ class Polynomial(InverseLens):
         return out
 
     def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
-        """X and Y are linear in the coefficients."""
+        """The derivatives: X and Y are linear in the coefficients."""
         ps, qs = self._tables(p, q)
         half = len(self.powers)
         np.multiply(normal[1], p, out=rows[:, 0])

@@ -31,7 +31,7 @@ class RadialLens(Lens):
     # ------------------------------------------------------------------ what a model states
     @abstractmethod
     def curve(self, k: Array, r: Array, z: Array) -> Array:
-        """The image radius R of rays, without a look at the domain."""
+        """The image radius R of rays, without a domain check."""
 
     @abstractmethod
     def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
@@ -39,21 +39,21 @@ class RadialLens(Lens):
 
     @abstractmethod
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """The ray (r, z) of any length of an image radius, and which radii have one."""
+        """The ray (r, z), of any length, of an image radius, and which radii have one."""
 
     @abstractmethod
     def limit(self, k: Array) -> float:
-        """Angle of the first fold or pole, rad, at most `ALMOST_PI`."""
+        """The angle of the first fold or pole, rad, at most `ALMOST_PI`."""
 
     # ------------------------------------------------------------------ map
     def limit_angle(self, params: Array) -> float:
-        """The curve's own limit; with a distortion centre apart, what is left of it about the axis."""
+        """The limit of the curve; with a free distortion centre, reduced by the centre's offset."""
         if self.free_centre:
             return super().limit_angle(params)
         return self.limit(params[self._own :])
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
-        """At a smaller angle than the limit."""
+        """Return which points lie at a smaller angle than the limit."""
         return within_cone(self.limit(k), x, y, z)
 
     def distort(self, k: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ class RadialLens(Lens):
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
     ) -> tuple[Array, Array, bool]:
-        """Along the radius by dR/dr, across it by R / r: no cancellation next to the axis."""
+        """dR/dr along the radius and R / r across it, which avoids cancellation near the axis."""
         r = np.sqrt(x * x + y * y)
         r += TINY
         c, s = x / r, y / r
@@ -95,12 +95,12 @@ class RadialLens(Lens):
 
 
 def within_cone(limit: float, x: Array, y: Array | float, z: Array) -> Array:
-    """Which points lie at a smaller angle from the axis than a limit, rad."""
+    """Return which points lie at a smaller angle from the axis than a limit, rad."""
     return np.asarray(np.sqrt(x * x + y * y) * np.cos(limit) < z * np.sin(limit))
 
 
 class InverseRadialLens(RadialLens):
-    """A radial lens that states the angle of a ray as a function of its image radius."""
+    """A radial lens defined by the angle of a ray as a function of its image radius."""
 
     @abstractmethod
     def ray_angle(self, k: Array, radius: Array) -> tuple[Array, Array]:
@@ -112,11 +112,11 @@ class InverseRadialLens(RadialLens):
 
     @abstractmethod
     def reach(self, k: Array) -> float:
-        """The image radius up to which θ grows and stays below π; may be inf."""
+        """The image radius up to which θ increases and stays below π; may be inf."""
 
     @cached
     def limit(self, k: Array) -> float:
-        """The angle of `reach`."""
+        """The angle at `reach`."""
         return min(float(self.ray_angle(k, np.array([self.reach(k)]))[0][0]), ALMOST_PI)
 
     def curve(self, k: Array, r: Array, z: Array) -> Array:
@@ -126,7 +126,7 @@ class InverseRadialLens(RadialLens):
 
     @cached
     def _inverse(self, k: Array) -> Inverse:
-        """In t = atan R, in which θ is close to linear."""
+        """Invert in t = atan R, in which θ is nearly linear."""
 
         def in_t(t: Array) -> tuple[Array, Array]:
             radius = np.tan(t)
@@ -139,7 +139,7 @@ class InverseRadialLens(RadialLens):
         return Inverse(in_t, min(np.arctan(self.reach(k)), np.pi / 2 - 1e-9))
 
     def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
-        """The implicit function theorem on θ(R; k) = atan2(r, z)."""
+        """The derivatives by the implicit function theorem on θ(R; k) = atan2(r, z)."""
         radius = self.curve(k, r, z)
         _, slope = self.ray_angle(k, radius)
         self.ray_angle_rows(k, radius, d_k)
@@ -148,6 +148,6 @@ class InverseRadialLens(RadialLens):
         return radius, z * scale, -r * scale
 
     def angle(self, k: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """As stated, up to `reach`."""
+        """The ray of an image radius by definition, up to `reach`."""
         theta, _ = self.ray_angle(k, radius)
         return np.sin(theta), np.cos(theta), (radius < self.reach(k)) & (theta < np.pi)

@@ -1,4 +1,4 @@
-"""A radial lens without a formula: a smooth, growing curve, as the data draw it.
+"""A radial lens without a fixed formula: a smooth, increasing spline whose shape the data determine.
 
 R. Hartley, S. B. Kang, Parameter-free radial distortion correction with centre of distortion estimation,
 ICCV (2005) and PAMI 29 (2007): the radius is any monotone function, the centre of distortion is estimated.
@@ -56,7 +56,7 @@ class RadialProfile(InverseRadialLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> RadialProfile:
-        """8 intervals about the principal point without options."""
+        """Parse the options; by default 8 intervals about the principal point."""
         no_options(name, plain[1:], named, ("centre",))
         intervals = count_option(name, plain, INTERVALS, 2, MOST)
         centre = choice(name, named, "centre", ("principal", "free"))
@@ -65,14 +65,14 @@ class RadialProfile(InverseRadialLens):
         return cls(spec, intervals, centre == "free", skew)
 
     def smaller(self) -> tuple[str, ...]:
-        """About the principal point; with as many intervals as divide these, the most first."""
+        """Models about the principal point whose interval count divides this one's, the largest first."""
         centre = ",centre=free" * self.free_centre
         fewer = [n for n in range(self.intervals // 2, 1, -1) if self.intervals % n == 0]
         own = [f"radial-profile:{self.intervals}"] * self.free_centre
         return (*own, *(f"radial-profile:{n}{centre}" for n in fewer))
 
     def from_coarser(self, inner: Lens, params: Array) -> Array | None:
-        """A spline of fewer intervals is one of any multiple of them; the centre may be free."""
+        """Refine a spline to a multiple of its intervals, exactly; the centre may become free."""
         if not isinstance(inner, RadialProfile) or inner.free_centre > self.free_centre:
             return None
         times, rest = divmod(self.intervals, inner.intervals)
@@ -83,7 +83,7 @@ class RadialProfile(InverseRadialLens):
         return out
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """`reach` from the data; the curve from the angles that the radii have, by least squares."""
+        """`reach` from the data; the curve by least squares from the angles at the radii."""
         radius, theta = image_radii(rays, uv, image_size)
         reach = MARGIN * float(radius.max())
         used = np.isfinite(theta)
@@ -106,7 +106,9 @@ class RadialProfile(InverseRadialLens):
         )
 
     def prior(self, params: Array) -> tuple[Array, Array] | None:
-        """`SMOOTH` · fx times every third difference of the coefficients, px: settles those without data."""
+        """`SMOOTH` · fx times every third difference of the coefficients, px; determines coefficients without
+        data.
+        """
         differences = SMOOTH * np.diff(np.eye(self.intervals + 1), 3, axis=0)
         residuals = differences @ params[self._own + 1 :]
         jacobian = np.zeros((len(differences), self.size))
@@ -148,7 +150,7 @@ class RadialProfile(InverseRadialLens):
         return np.arctan(radius) + radius * value, 1 / (1 + radius * radius) + value + t * slope
 
     def ray_angle_rows(self, k: Array, radius: Array, d_k: Array) -> None:
-        """Derivatives of (1); a wider reach reads the spline nearer to the centre."""
+        """Derivatives of (1); increasing `reach` evaluates the spline nearer to the centre."""
         t = radius / float(k[0])
         _, slope = self._spline(k, t)
         np.multiply(slope, -t * t, out=d_k[:, 0])
@@ -156,7 +158,9 @@ class RadialProfile(InverseRadialLens):
 
     @cached
     def reach(self, k: Array) -> float:
-        """`reach`, or where the curve turns or gets to π before: looked for in places ever closer together."""
+        """`reach`, or the radius where the curve turns or reaches π if that is smaller, found by repeated
+        subdivision.
+        """
         low, high = 0.0, float(k[0])
         for places in (SAMPLES * self.intervals, *[SAMPLES] * CLOSER):
             radius = np.linspace(low, high, places + 1)

@@ -1,4 +1,4 @@
-"""A rational radial curve through given points, linearly: where OpenCV's models begin on wide lenses."""
+"""A linear fit of a rational radial curve to given points: the start for OpenCV's models on wide lenses."""
 
 from __future__ import annotations
 

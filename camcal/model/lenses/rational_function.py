@@ -42,7 +42,7 @@ class RationalFunction(InverseLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> RationalFunction:
-        """No options."""
+        """Reject any option."""
         no_options(name, plain, named)
         return cls(name, [Parameter(n, "distortion") for n in NAMES], skew)
 
@@ -51,7 +51,7 @@ class RationalFunction(InverseLens):
         return dict(zip(TERMS, NAMES, strict=True))
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """The linear solution, and division models from a pinhole camera to 180 degrees and more."""
+        """The linear solution, and division models from a pinhole camera to 180 degrees and beyond."""
         found = direct.rational_function(rays, uv)
         divisions = [{"c1": v, "c3": v} for v in (0.0, -0.1, -0.25, -0.45)]
         if found is None:
@@ -85,7 +85,7 @@ class RationalFunction(InverseLens):
         return out
 
     def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
-        """X is linear in A."""
+        """The derivatives: X is linear in A."""
         monomials = (p * p, p * q, q * q, p, q)
         for n, (row, m) in enumerate(
             [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (1, 3), (2, 0), (2, 1), (2, 2), (2, 3), (2, 4)]

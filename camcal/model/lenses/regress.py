@@ -1,4 +1,4 @@
-"""Fit a lens model to pairs of rays and pixels: the way from a rough camera, or another model, to this one.
+"""Fit a lens model to pairs of rays and pixels, starting from a rough camera or another model.
 
 BabelCalib's idea (Lochman et al., ICCV 2021): solve for one general model, then regress to each target model.
 """
@@ -80,7 +80,7 @@ def regress(
     hold: Sequence[str] | None = None,
     start: Array | None = None,
 ) -> Regression:
-    """Find the parameters with which a lens projects given rays to given pixels.
+    """Find the parameters with which a lens projects the given rays to the given pixels.
 
     Least squares in px. Without a start, from the shapes that the model suggests, each with its camera matrix found
     linearly, and from the optimum of a smaller model of its family.
@@ -118,7 +118,7 @@ def minima(
     image_size: tuple[int, int] | None = None,
     hold: Sequence[str] | None = None,
 ) -> list[Array]:
-    """Parameters (P,) of all minima that `regress` meets from its several starts, the best first."""
+    """Parameters (P,) of all minima that `regress` finds from its starts, the best first."""
     rays, uv = _thinned(rays / np.linalg.norm(rays, axis=1, keepdims=True), uv)
     held = lens.default_fixed if hold is None else hold
     free = np.array([n not in held for n in lens.names])
@@ -131,7 +131,7 @@ def minima(
 
 
 def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
-    """As many pairs as are enough, the outermost always among them."""
+    """Thin the pairs to a sufficient number, always keeping the outermost."""
     order = np.argsort(rays[:, 2])  # from the rim inwards
     even = (np.arange(ENOUGH - OUTERMOST) * len(rays) / (ENOUGH - OUTERMOST)).astype(int)
     chosen = np.unique(np.r_[order[:OUTERMOST], order[even]])
@@ -167,12 +167,12 @@ def _starts(
 
 
 def _near(start: Regression, uv: Array) -> bool:
-    """Whether a start is as near as an ordinary lens is to a pinhole camera."""
+    """Return whether a start is as close to a pinhole camera as an ordinary lens is."""
     return bool(start.covered.mean() > COVERED and start.rms < NEAR * float(np.ptp(uv, axis=0).max()))
 
 
 def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) -> Array:
-    """The parameters of a shape, with the camera matrix by linear least squares unless the shape has one."""
+    """The parameters of a shape; the camera matrix by linear least squares unless the shape includes one."""
     params = lens.from_values(shape)
     if "fx" in shape:
         return params
@@ -193,7 +193,7 @@ def _with_matrix(lens: Lens, shape: dict[str, float], rays: Array, uv: Array) ->
 
 
 def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Regression:
-    """Fit to the rays within widening cones, as far as the model holds them; the best on the way."""
+    """Fit to the rays within widening cones while the model covers them; return the best fit on the way."""
     angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
     best = result = measure(lens, params, rays, uv)
     for part in CONES[-1:] if result.covered.all() else CONES:
@@ -213,14 +213,14 @@ def _grow(lens: Lens, params: Array, rays: Array, uv: Array, free: Array) -> Reg
 
 
 def _fit(lens: Lens, params: Array, rays: Array, uv: Array, free: Array, steps: int) -> Array:
-    """Least squares from a start at which all rays are in the domain; they stay there."""
+    """Least squares from a start at which all rays are in the domain; steps that leave it are rejected."""
     problem = _Pairs(lens, params, rays, uv, free)
     found = minimise(problem, params[None, free], Options(SETTLED, steps)).state[0]
     return problem.whole(found)
 
 
 class _Pairs(Small):
-    """Rays and pixels as a batch of one; its state (1, F) holds the free parameters, which stay in their ranges."""
+    """Rays and pixels as a batch of one; the state (1, F) holds the free parameters, clipped to their ranges."""
 
     count = 1
 
@@ -233,13 +233,13 @@ class _Pairs(Small):
         self.upper = np.array([p.upper for p in lens.parameters])[free]
 
     def whole(self, own: Array) -> Array:
-        """All parameters (P,) from the free ones."""
+        """Return all parameters (P,) from the free ones."""
         params = self.params.copy()
         params[self.free] = own
         return params
 
     def linearise(self, state: Array, members: Array) -> Normal:
-        """Residuals in px, and the lens's prior."""
+        """Residuals in px, and those of the lens's prior."""
         n, count, params = len(self.uv), state.shape[1], self.whole(state[0])
         out, d_xyz, rows = np.empty((1, 2, n)), np.empty((1, 3, 2, n)), np.empty((1, self.lens.size, 2, n))
         with np.errstate(all="ignore"):
@@ -253,5 +253,5 @@ class _Pairs(Small):
         return Normal.of(r[None], j[None])
 
     def retract(self, state: Array, step: Array) -> Array:
-        """Within the parameters' ranges."""
+        """Clip the parameters to their ranges."""
         return np.clip(state + step, self.lower, self.upper)

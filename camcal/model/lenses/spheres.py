@@ -1,4 +1,4 @@
-"""Projections by way of spheres: the unified model, the enhanced one, and the double sphere.
+"""Projections via spheres: the unified model, the enhanced unified model, and the double sphere.
 
 C. Geyer, K. Daniilidis, A unifying theory for central panoramic systems (2000); B. Khomutenko, G. Garcia,
 P. Martinet, An enhanced unified camera model, RA-L 1 (2016); V. Usenko, N. Demmel, D. Cremers, The double sphere
@@ -51,7 +51,7 @@ class Spheres(RadialLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Lens:
-        """No options."""
+        """Reject any option."""
         no_options(name, plain, named)
         return cls(name, skew)
 
@@ -60,7 +60,7 @@ class Spheres(RadialLens):
         return {"spheres" if p is XI else p.name: p.name for p in OWN[self.name]}
 
     def readings(self, values: Values) -> Iterator[Reading]:
-        """`ucm` is also `mei`'s sphere, seen from a distance of ξ = α / (1 - α), with longer focal lengths."""
+        """`ucm` is also `mei`'s sphere, seen from a distance ξ = α / (1 - α), with longer focal lengths."""
         yield from super().readings(values)
         if values.get("beta", 1.0) == 1.0 and values.get("xi", 0.0) == 0.0:
             rest = 1 - min(values["alpha"], HIGHEST_ALPHA)
@@ -68,13 +68,15 @@ class Spheres(RadialLens):
             yield Reading({"cx": values["cx"], "cy": values["cy"], "xi": 1 / rest - 1} | longer)
 
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """From a pinhole camera over the stereographic one (α = 1/2) to the widest; spheres apart by some steps."""
+        """From a pinhole camera via the stereographic one (α = 1/2) to the widest; for `ds`, several sphere
+        distances.
+        """
         if self.name == "ds":
             return [{"xi": x, "alpha": a} for x in (-0.2, 0.0, 0.3) for a in (0.05, 0.5, 0.65)]
         return [{"alpha": a} for a in (0.0, 0.3, 0.5, 0.6, 0.7, 0.85)]
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A pole at 132 degrees from the axis, and a fold at 116; `ds`: two lenses of the size of the paper's."""
+        """A pole at 132 degrees from the axis, and a fold at 116; for `ds`, two lenses like those of the paper."""
         skew = [0.8] if self.has_skew else []
         if self.name == "ds":
             return example_list(
@@ -123,7 +125,7 @@ class Spheres(RadialLens):
         return radius, inverse - slope * by_r, -slope * by_z
 
     def limit(self, k: Array) -> float:
-        """Where (2) holds, a quadratic equation for cos θ.
+        """The limit where (2) holds: a quadratic equation for cos θ.
 
         The bound of Usenko et al. for `ds` (eqs. 43 to 45) lies up to 4 degrees before it.
         """

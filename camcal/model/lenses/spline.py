@@ -63,7 +63,7 @@ class Spline(InverseLens):
 
     @classmethod
     def parse(cls, name: str, plain: list[str], named: dict[str, str], skew: bool) -> Spline:
-        """8 x 6 control points without options."""
+        """Parse the options; by default 8 x 6 control points."""
         no_options(name, plain[1:], named, ("smooth",))
         found = re.fullmatch(r"(\d+)x(\d+)", plain[0] if plain else "8x6")
         counts = [int(n) for n in found.groups()] if found else [0]
@@ -82,7 +82,7 @@ class Spline(InverseLens):
         return cls(counts[0], counts[1], smooth, skew)
 
     def smaller(self) -> tuple[str, ...]:
-        """As many intervals in each direction as divide these, the most first."""
+        """Models whose interval counts divide this one's in each direction, the largest first."""
         columns, rows = self.columns - 3, self.rows - 3
         smooth = self.name.partition(",")[2]
         counts = [(c, r) for c in _divisors(columns) for r in _divisors(rows) if (c, r) != (columns, rows)]
@@ -90,7 +90,7 @@ class Spline(InverseLens):
         return tuple(f"spline:{c + 3}x{r + 3}" + f",{smooth}" * bool(smooth) for c, r in sizes)
 
     def from_coarser(self, inner: Lens, params: Array) -> Array | None:
-        """A spline of fewer intervals is one of any multiple of them."""
+        """Refine a spline to multiples of its intervals, exactly."""
         if not isinstance(inner, Spline):
             return None
         (across, rest), (down, more) = (
@@ -106,7 +106,7 @@ class Spline(InverseLens):
         return out
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:
-        """A barrel-shaped lens with a wave in it, and a fisheye lens of 160 degrees."""
+        """A barrel-shaped lens with a ripple in it, and a fisheye lens of 160 degrees."""
         skew = [0.8] if self.has_skew else []
         out = []
         for f, bend, rectangle, centre, size in (
@@ -122,7 +122,7 @@ class Spline(InverseLens):
 
     # ------------------------------------------------------------------ start
     def shapes(self, rays: Array, uv: Array, image_size: tuple[int, int] | None) -> list[Values]:
-        """A nominal camera matrix, the image's rectangle, and the control points by linear least squares."""
+        """A nominal camera matrix, the rectangle of the image, and the control points by linear least squares."""
         f, centre = rough_pinhole(rays, uv)
         low, high = uv.min(0), uv.max(0)
         if image_size is not None:
@@ -144,7 +144,7 @@ class Spline(InverseLens):
         return [dict(zip(self.names, params.tolist(), strict=True))]
 
     def prior(self, params: Array) -> tuple[Array, Array] | None:
-        """Third differences and the turn, see above."""
+        """Third differences and the turn; see the module's docstring."""
         fx, count = float(params[0]), self.columns * self.rows
         gx, gy = (g.ravel() for g in np.meshgrid(np.arange(self.columns), np.arange(self.rows)))
         gx, gy = gx - gx.mean(), gy - gy.mean()
@@ -195,7 +195,7 @@ class Spline(InverseLens):
         return out
 
     def _basis(self, k: Array, p: Array, q: Array) -> tuple[Array, Array]:
-        """The control points (16, ...) that each pixel feels, row by row, and their basis functions."""
+        """The control points (16, ...) on which each pixel depends, row by row, and their basis functions."""
         i, f, j, g, *_ = self._cells(k, p, q)
         across, down = np.stack(weights(f)), np.stack(weights(g))
         basis = (down[:, None] * across[None]).reshape(16, *np.shape(p))
@@ -209,7 +209,7 @@ class Spline(InverseLens):
         return float(np.hypot(np.abs(k[[0, 2]]).max(), np.abs(k[[1, 3]]).max()))
 
     def pixel_inside(self, p: Array, q: Array, k: Array) -> Array:
-        """In the rectangle."""
+        """Return which pixels lie in the rectangle."""
         left, top, right, bottom = k[:4].tolist()
         return np.asarray((p >= left) & (p <= right) & (q >= top) & (q <= bottom))
 
@@ -232,7 +232,7 @@ class Spline(InverseLens):
         return out
 
     def ray_rows(self, k: Array, p: Array, q: Array, normal: Array, rows: Array) -> None:
-        """Through w: normal · dX/dw, times the basis; the rectangle by moving the place in its cell."""
+        """Derivatives via w: normal · dX/dw times the basis; those by the rectangle via the position in its cell."""
         along = self._rectangle_rows(k, p, q, normal, rows[:, :4])
         rows[:, 4:] = 0.0
         columns, basis = (np.moveaxis(a, 0, 1) for a in self._basis(k, p, q))  # (V, 16, N)
@@ -258,7 +258,7 @@ class Spline(InverseLens):
     def linearise_locally(
         self, params: Array, xyz: Array, uv: Array, d_xyz: Array, d_dense: Array
     ) -> LocalRows | None:
-        """See `Lens.linearise_locally`: a point feels 4 x 4 control points, by both components of w."""
+        """See `Lens.linearise_locally`: a point depends on 4 x 4 control points, through both components of w."""
         k = params[self._own :]
         p, q, inside, normals = self._implicit(k, xyz[0], xyz[1], xyz[2], d_xyz, 1.0, 1.0)
         if not (inside and self.within_bounds(params)):
@@ -276,7 +276,9 @@ class Spline(InverseLens):
 
 
 def _stereographic(p: Array, q: Array) -> tuple[Array, ...]:
-    """Of (p, q) 2 / (1 + sqrt(1 + p² + q²)): wx, wy, d(wx)/dp, d(wx)/dq = d(wy)/dp, d(wy)/dq."""
+    """The stereographic (wx, wy) = 2 / (1 + sqrt(1 + p² + q²)) (p, q), then d(wx)/dp, d(wx)/dq = d(wy)/dp,
+    d(wy)/dq.
+    """
     n = np.sqrt(1 + p * p + q * q)
     g = 2 / (1 + n)
     h = -2 / (n * (1 + n) ** 2)

@@ -1,4 +1,4 @@
-"""Rough figures of a camera from rays and pixels, for models that must know where to begin."""
+"""Rough camera parameters from rays and pixels, for models that need a starting point."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = 1.2
 
 
 def rough_pinhole(rays: Array, uv: Array) -> tuple[float, Array]:
-    """The focal length and the pixel (2,) of the axis, from the rays nearest to it.
+    """The focal length and the pixel (2,) of the optical axis, from the rays nearest to the axis.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def rough_pinhole(rays: Array, uv: Array) -> tuple[float, Array]:
 
 
 def image_radii(rays: Array, uv: Array, image_size: tuple[int, int] | None) -> tuple[Array, Array]:
-    """Distances of the pixels, and of the image's corners, from the axis in focal lengths, and their angles.
+    """Distances of the pixels and of the image corners from the axis, in focal lengths, and the angles of the pixels.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""OpenCV's tilted sensor (Scheimpflug): its homography and the derivatives by the two angles."""
+"""OpenCV's tilted sensor (Scheimpflug): its homography and the derivatives with respect to the two angles."""
 
 from __future__ import annotations
 

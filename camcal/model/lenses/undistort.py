@@ -1,4 +1,4 @@
-"""Where the pixels of an undistorted picture come from: the map for a resampling, for every model."""
+"""The resampling map of an undistorted picture, for every lens model."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def undistortion(
     size: tuple[int, int] | None = None,
     projection: str = "perspective",
 ) -> Undistortion:
-    """Lay out a picture without distortion.
+    """Lay out an undistorted picture.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def undistortion(
 
 
 def _sources(camera: Camera, target: Camera, pixels: Array) -> tuple[Array, Array]:
-    """Where pixels (..., 2) of the new picture lie in the old one, and which do."""
+    """The source pixels of pixels (..., 2) of the new picture, and which of them exist."""
     assert camera.image_size is not None
     seen = camera.project(target.unproject(pixels))
     return seen, in_picture(seen, camera.image_size)
@@ -130,7 +130,7 @@ def _given_field(field: float, size: tuple[int, int], projection: str) -> Camera
 
 
 def _all_pixels(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
-    """The largest focal length at which every pixel of the old picture is in the new one, square pixels."""
+    """The largest focal length at which the new picture contains every pixel of the old one; square pixels."""
     rays = camera.unproject(border_grid(camera.image_size or size))
     rays = rays[np.isfinite(rays).all(1)]
     rays = rays[np.arccos(np.clip(rays[:, 2], -1, 1)) <= WIDEST[projection]]
@@ -159,7 +159,7 @@ def _no_black(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
 
 
 def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The smallest value found at which `holds`, which it does at `high`; to a thousandth of a percent."""
+    """The smallest value, to a thousandth of a percent, at which `holds` is true; it must be true at `high`."""
     while high > low * (1 + 1e-5):
         middle = np.sqrt(low * high)
         low, high = (low, middle) if holds(middle) else (middle, high)
@@ -167,7 +167,7 @@ def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def border_grid(size: tuple[int, int], along: int = SIDE, down: int = SIDE) -> Array:
-    """Pixels (N, 2) on the sides of a picture, so many along and down them, and more coarsely across it."""
+    """Pixels (N, 2) along the sides of a picture, so many along and down, and a coarser grid across it."""
     w, h = size[0] - 1.0, size[1] - 1.0
     a, b = np.linspace(0, w, along), np.linspace(0, h, down)
     u, v = np.meshgrid(np.linspace(0, w, INSIDE), np.linspace(0, h, INSIDE))
