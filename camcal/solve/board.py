@@ -1,4 +1,4 @@
-"""The board's shape estimated along with camera and poses.
+"""A board's shape, estimated together with the camera and the poses.
 
 Print and paper are never perfect: the board's points X = X₀ + B θ, linear in a few or in all coordinates,
 replace the ideal grid X₀ (Strobl & Hirzinger, More Accurate Pinhole Camera Calibration with Imperfect Planar
@@ -31,7 +31,7 @@ LEAST_VIEWS = 3
 
 @dataclass(frozen=True)
 class Board:
-    """The points of a target that all views share, and how they may move.
+    """The points of a target, common to all views, and the deformations of their shape.
 
     Attributes
     ----------
@@ -67,11 +67,11 @@ class Board:
         return flat.reshape(-1, 3)
 
     def fold(self, columns: Array) -> Array:
-        """Derivatives by θ (..., B) from those by all coordinates (..., 3 M)."""
+        """Convert derivatives with respect to all coordinates (..., 3 M) into those with respect to θ (..., B)."""
         return columns[..., self.basis] if self.basis.ndim == 1 else columns @ self.basis
 
     def fold_blocks(self, blocks: Array) -> Array:
-        """The second moments by θ (B, B) from those of each point's coordinates (M, 3, 3)."""
+        """Convert second moments of each point's coordinates (M, 3, 3) into those of θ (B, B)."""
         if self.basis.ndim == 2:
             basis = self.basis.reshape(-1, 3, self.size)
             return np.tensordot(basis, blocks @ basis, ([0, 1], [0, 1]))
@@ -82,7 +82,9 @@ class Board:
 
 
 def point_slots(coordinates: Array, points: int) -> tuple[Array, Array, Array]:
-    """Where the blocks of points stand among free coordinates (B,): rows, columns and which exist, (M, 3, 3)."""
+    """The positions of the blocks of points among the free coordinates (B,): rows, columns and which exist, (M, 3,
+    3).
+    """
     slots = np.full(3 * points, -1)
     slots[coordinates] = np.arange(len(coordinates))
     of_point: Array = slots.reshape(points, 3)
@@ -129,7 +131,7 @@ def _bowl(points: Array, counts: Array) -> Array:
 
 
 def _print(points: Array, counts: Array) -> Array:
-    """The bowl, y stretched against x, and the two sides not at right angles."""
+    """The bowl, a stretch of y against x, and a shear between the two sides."""
     basis = np.zeros((len(points), 3, 2))
     centred = points[:, :2] - points[:, :2].mean(0)
     basis[:, 1, 0] = centred[:, 1]
@@ -138,7 +140,7 @@ def _print(points: Array, counts: Array) -> Array:
 
 
 def _free(points: Array, counts: Array) -> Array:
-    """Every coordinate of every point, less the seven of the gauge: a, b fixed and c kept at its height.
+    """Every coordinate of every point, less the seven of the gauge: a and b are fixed and c keeps its height.
 
     a and b are far apart and c is far from their line, so that none of them amplifies the others' noise.
     """
@@ -166,7 +168,9 @@ PLACED = "placed"
 
 
 def _placed(points: Array, part: Array) -> Array:
-    """(3 M, 6 K): each of K parts turned about the mean of its points by a small vector, and shifted; part -1 stays."""
+    """(3 M, 6 K): each of K parts rotated about the mean of its points by a small vector, and shifted; part -1 is
+    fixed.
+    """
     count = int(part.max(initial=-1)) + 1
     basis = np.zeros((len(points), 3, 6 * count))
     for k in range(count):
@@ -178,7 +182,7 @@ def _placed(points: Array, part: Array) -> Array:
 
 
 def motions_of(shape: Array, points: Array, part: Array) -> list[Pose]:
-    """How each part moves by the variables (6 K,) of `_placed`, exactly rigid: points (M, 3) of the parts (M,)."""
+    """The displacement of points (M, 3) in parts (M,) by the variables (6 K,) of `_placed`, exactly rigid."""
     found = []
     for k, (turn, shift) in enumerate(shape.reshape(-1, 2, 3)):
         own = points[part == k]
@@ -193,7 +197,7 @@ KINDS: dict[str, Callable[[Array, Array], Array]] = {"bowl": _bowl, "print": _pr
 
 
 def check_kind(kind: str) -> None:
-    """Raise a UsageError for a kind of shape that is none of `flat`, those of `KINDS`, and `auto`."""
+    """Raise a UsageError for a kind of shape other than `flat`, those of `KINDS`, and `auto`."""
     if kind not in ("flat", *KINDS, "auto"):
         raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
 
@@ -232,7 +236,7 @@ def make_board(views: Sequence[View], kind: str, part: Array | None = None) -> B
 
 
 class BoardProblem(Problem):
-    """A calibration whose board has a shape of its own; see `Problem`."""
+    """A calibration whose board's shape is estimated; see `Problem`."""
 
     def __init__(
         self,
@@ -255,7 +259,7 @@ class BoardProblem(Problem):
 
     @property
     def point_coordinates(self) -> Array | None:
-        """Those of a free shape; see `Problem.point_coordinates`."""
+        """The free coordinates of a free shape; see `Problem.point_coordinates`."""
         return self.board.basis if self.board.basis.ndim == 1 else None
 
     @property
@@ -264,18 +268,18 @@ class BoardProblem(Problem):
         return self.rigid + self.board.size
 
     def _padded_ids(self, group: Group) -> Array:
-        """(G, N) ids; points that only fill a view up go to a slot of their own, M."""
+        """(G, N) ids; padding points get an extra id, M."""
         ids = np.full((len(group.members), group.xyz.shape[2]), len(self.board.points))
         for row, member in zip(ids, group.members, strict=True):
             row[: len(self.board.ids[member])] = self.board.ids[member]
         return ids
 
     def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:
-        """Begin with the ideal board."""
+        """Start with the ideal board."""
         return replace(super().state(params, poses, rig), shape=np.zeros(self.board.size))
 
     def points(self, group: Group, state: State) -> Array:
-        """Ideal points and their offsets."""
+        """Ideal points plus their offsets."""
         offsets = np.r_[self.board.expand(state.shape), np.zeros((1, 3))]
         return group.xyz + offsets[group.ids].transpose(0, 2, 1)
 
@@ -307,7 +311,7 @@ class BoardProblem(Problem):
 
 
 def _alike(ids: Array) -> list[Array]:
-    """Which rows of ids (G, N) are equal, as groups of their numbers."""
+    """Group equal rows of ids (G, N); return the groups of row indices."""
     groups: dict[bytes, list[int]] = {}
     for row, at in enumerate(ids):
         groups.setdefault(at.tobytes(), []).append(row)
@@ -315,7 +319,7 @@ def _alike(ids: Array) -> list[Array]:
 
 
 class _PointSums:
-    """The blocks of JᵀJ that involve the board's points, added up over the views."""
+    """The blocks of JᵀJ that involve the board's points, summed over the views."""
 
     def __init__(self, problem: BoardProblem, state: State):
         self.problem, self.state = problem, state
@@ -327,7 +331,7 @@ class _PointSums:
         self.own = np.zeros((3, 3, slots))
 
     def add(self, group: Group, block: Array) -> None:
-        """Take a group's rows (G, P + 6 + 1, 2, N); d X = Rᵀ d x_cam."""
+        """Add a group's rows (G, P + 6 + 1, 2, N) by d X = Rᵀ d x_cam."""
         assert group.ids is not None
         camera, instants = self.problem.cameras[group.camera], self.problem.seen.instant[group.members]
         p, params, rig = camera.lens.size, self.params[camera.params], self.rig[camera.index]
@@ -356,7 +360,7 @@ class _PointSums:
         return self.problem.board.fold(np.swapaxes(a[..., :m], -1, -2).reshape(*a.shape[:-2], 3 * m))
 
     def extend(self, found: Assembly) -> None:
-        """Write what involves the shape's parameters, which are the last."""
+        """Write the blocks of the shape's parameters, which come last."""
         problem, rigid = self.problem, self.problem.rigid
         shape, m = slice(rigid, None), len(problem.board.points)
         rig = self._flat(self.rig[1:]).reshape(-1, problem.board.size)
@@ -368,7 +372,7 @@ class _PointSums:
 
 
 def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses, float]:
-    """Move a board to where it is nearest to the ideal one, and the poses with it; no projection changes.
+    """Move a board to its best fit with the ideal one, and the poses with it; no projection changes.
 
     The similarity s Q X + c nearest to the ideal points in least squares (Umeyama 1991): a camera sees
     neither where the board's frame lies nor how large the board is.

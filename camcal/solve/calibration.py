@@ -1,4 +1,4 @@
-"""What one fit gives: the camera or the rig, the poses, the board, and how the search went."""
+"""The result of a fit: the camera or the rig, the poses, the board, and statistics of the search."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Stage:
-    """One attempt on the way to a solution, with its own figures.
+    """One attempt of the plan, with its own figures.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Fit:
-    """How the search for a minimum went."""
+    """Statistics of the search for a minimum."""
 
     optimizer: str
     loss: str
@@ -71,7 +71,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)  # told apart as objects: what follows from one is kept with it
 class NormalBlocks:
-    """The blocks of JᵀJ at the solution: what a covariance needs, without the matrix that is zero elsewhere.
+    """The blocks of JᵀJ at the solution, which suffice for a covariance; the rest of the matrix is zero.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class NormalBlocks:
 
 @dataclass(frozen=True)
 class ShapedBoard:
-    """A board whose shape was estimated along with the camera.
+    """A board whose shape was estimated together with the camera.
 
     Attributes
     ----------
@@ -111,14 +111,14 @@ class ShapedBoard:
     basis: Array | None = None
 
     def directions(self) -> Array:
-        """d X / d θ (3 M, B) in full."""
+        """d X / d θ (3 M, B) as a full matrix."""
         assert self.basis is not None
         return self.basis if self.basis.ndim == 2 else np.eye(3 * len(self.points))[:, self.basis]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """What a fit of one camera and one of a rig have in common.
+    """The common part of a fit of one camera and of a rig.
 
     Attributes
     ----------
@@ -148,39 +148,39 @@ class Estimate:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras, in the order of the observations'."""
+        """The cameras, in the order of the observations."""
         raise NotImplementedError
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all parameters; of a rig `left.fx`."""
+        """The names of all parameters; for a rig `left.fx`."""
         raise NotImplementedError
 
     @property
     def used(self) -> Array:
-        """Which rows (N,) the fit rests on."""
+        """Return which rows (N,) the fit used."""
         return self.observations.used
 
     @property
     def used_residuals(self) -> Array:
-        """Residuals (M, 2) of the points that the fit rests on, px."""
+        """Residuals (M, 2) of the points used in the fit, px."""
         return self.residuals[self.used]
 
     @property
     def rms_point(self) -> float:
-        """sqrt(Σ |r|² / N) over the used points, px: the figure cv2 and Zhang print."""
+        """sqrt(Σ |r|² / N) over the used points, px: the rms as reported by cv2 and Zhang."""
         r = self.used_residuals
         return float(np.sqrt(np.einsum("ij,ij->", r, r) / max(len(r), 1)))
 
     @property
     def free_count(self) -> int:
-        """Number of estimated parameters, poses and the board's shape included."""
+        """Number of estimated parameters, including poses and the board's shape."""
         return self.free.shape[1] + 6 * len(self.poses)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration(Estimate):
-    """A fit of one camera with all that a later stage needs; `start` is where the search began."""
+    """A fit of one camera, with everything that later stages need; `start` is the starting point of the search."""
 
     camera: Camera
     start: Camera
@@ -201,7 +201,7 @@ class Calibration(Estimate):
 
 @dataclass(frozen=True, kw_only=True)
 class RigCalibration(Estimate):
-    """A fit of a rig; `start` is where the search began.
+    """A fit of a rig; `start` is the starting point of the search.
 
     The cameras stand in the order of the observations', the reference first. The variables are the free parameters of
     all cameras, six for each cam_from_rig but the reference's (rotation on the left, rad; translation), then the
@@ -227,7 +227,7 @@ class RigCalibration(Estimate):
 
     @property
     def extrinsics(self) -> Mapping[str, slice]:
-        """Where the variables of each cam_from_rig are; none of the reference, nor where they were held."""
+        """The variables of each cam_from_rig; none for the reference or for poses that were held."""
         size, own = 0 if self.board is None else self.board.size, int(self.free.any(0).sum())
         begin = self.free.shape[1] - size - 6 * (len(self.cameras) - 1)
         if begin < own:

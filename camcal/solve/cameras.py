@@ -1,4 +1,4 @@
-"""The cameras of a problem, and how a rig's unknowns move what each of them sees.
+"""The cameras of a problem, and how a rig's unknowns affect the view of each.
 
 A point reaches camera c through the composite pose cam_from_board = cam_from_rig · rig_from_board alone,
 
@@ -59,7 +59,7 @@ class CameraPart:
     instants: Array | slice
 
     def placed(self, state: State, instants: Array | slice) -> tuple[Array, Array]:
-        """Rotations and centres of (1) at some instants."""
+        """Rotations and centres of (1) at the given instants."""
         turned, centres = state.rotations[instants], state.centres[instants]
         if self.index == 0:
             return turned, centres
@@ -67,7 +67,7 @@ class CameraPart:
         return own @ turned, centres @ own.T + shift
 
     def maps(self, state: State, instants: Array | slice) -> Maps | None:
-        """(2) at some instants; None for the reference."""
+        """The maps of (2) at the given instants; None for the reference."""
         if self.index == 0:
             return None
         own = state.rig.rotations[self.index]
@@ -87,7 +87,7 @@ class Maps(NamedTuple):
 
 
 class Assembly:
-    """The normal equations, added up camera by camera."""
+    """The normal equations, accumulated camera by camera."""
 
     def __init__(self, variables: int, instants: int, views: int):
         self.intrinsics, self.gradient = np.zeros((variables, variables)), np.zeros(variables)
@@ -96,7 +96,7 @@ class Assembly:
         self.view_costs, self.prior_cost = np.zeros(views), 0.0
 
     def add(self, camera: CameraPart, state: State, intrinsics: Array, coupling: Array, poses: Array) -> None:
-        """Take a camera's sums of products.
+        """Add a camera's sums of products.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Assembly:
     def _add_extrinsics(
         self, camera: CameraPart, maps: Maps, across: Array, own: Array, pull: Array
     ) -> tuple[Array, Array, Array]:
-        """Pass on to cam_from_rig; what is left to pass on to the instants."""
+        """Add the contribution to cam_from_rig; return the remainder for the instants."""
         by_instant, by_rig = maps
         back, e = by_rig.transpose(0, 2, 1), camera.extrinsics
         mixed = (across @ by_rig).sum(0)
@@ -140,7 +140,7 @@ class Assembly:
         return across @ by_instant, by_instant.T @ moved, pull @ by_instant
 
     def blocks(self) -> Blocks | None:
-        """All together; None where the cost is not finite."""
+        """Return the assembled blocks; None if the cost is not finite."""
         cost = float(self.view_costs.sum()) + self.prior_cost
         if not np.isfinite(cost):
             return None

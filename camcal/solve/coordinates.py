@@ -1,4 +1,4 @@
-"""Other coordinates of rotations, to be compared with perturbations on the left; nothing else uses them.
+"""Alternative coordinates of rotations, used only for comparison with perturbations on the left.
 
 The unknowns of a pose become the rotation vector itself, the three Euler angles, or the four numbers of a
 quaternion, to which steps are added. The optimum is the same; the path to it is not, and the equations get
@@ -20,7 +20,7 @@ KINDS = ("left", "vector", "quaternion", "euler")
 
 
 class OtherRotations:
-    """A problem in which poses have other coordinates; poses are V rows of 6, or 7 with quaternions.
+    """A problem with other coordinates of poses; poses are V rows of 6, or of 7 with quaternions.
 
     For methods that see no more of a problem than its linearisations and retractions.
     """
@@ -32,7 +32,7 @@ class OtherRotations:
         self.point_coordinates = None  # for comparisons: always the poses first
 
     def linearise(self, state: State) -> Blocks | None:
-        """The normal equations by the other coordinates."""
+        """The normal equations with respect to the other coordinates."""
         blocks = self.problem.linearise(state)
         if blocks is None:
             return None

@@ -1,4 +1,4 @@
-"""Views of one camera that are worked on together, so that their rows stay in the processor's cache."""
+"""Views of one camera that are processed together so that their rows stay in the processor's cache."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROW_BUDGET = 120_000
 
 @dataclass(frozen=True)
 class Group:
-    """Views of a camera; shorter ones are filled up with points of weight 0."""
+    """Views of a camera, padded to equal length with points of weight 0."""
 
     camera: int  #: which of the problem's
     members: Array  #: (G,) indices of the views
@@ -28,7 +28,7 @@ class Group:
     ids: Array | None = None  #: (G, N) which point of the board each is, where that has a shape
 
     def alone(self, index: int) -> Group:
-        """One of the views as a group."""
+        """Return a single view as a group."""
         at = slice(index, index + 1)
         return Group(
             self.camera,
@@ -112,7 +112,7 @@ def products(block: Array) -> Array:
 
 
 def _stacked(arrays: list[Array], counts: Array) -> Array:
-    """Arrays (N, d) of views as one (G, max N, d), the shorter ones filled up with their first row."""
+    """Stack arrays (N, d) of views as (G, max N, d), padded with each view's first row."""
     if (counts == counts[0]).all():
         return np.stack(arrays)
     return np.stack([np.r_[a, np.repeat(a[:1], counts.max() - len(a), 0)] for a in arrays])

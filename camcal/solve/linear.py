@@ -1,4 +1,4 @@
-"""The damped linear least squares problem of an iteration, by normal equations or by orthogonal factors.
+"""The damped linear least-squares problem of an iteration, by normal equations or by orthogonal factors.
 
 Normal equations square the condition number. That costs nothing as long as a step has digits to spare, for
 the gradient, which decides where the iteration ends, is not affected. Where the pivots of the Cholesky
@@ -25,7 +25,7 @@ WEAK = 2e-14
 
 
 class Linear:
-    """Solves for steps of one problem; counts the passes over the data that orthogonal factors took."""
+    """Computes steps of one problem; counts the passes over the data for orthogonal factors."""
 
     def __init__(self, problem: Problem, form: str = ""):
         self.problem, self.form = problem, form or FORMS[0]
@@ -35,7 +35,7 @@ class Linear:
     def step(
         self, state: State, blocks: Blocks, damping: float, more: Array | None = None
     ) -> tuple[Step, float] | None:
-        """The step at a state, and the decrease of the cost that the linear model predicts for it.
+        """The step at a state, and the decrease of the cost predicted by the linear model.
 
         None where the equations cannot be solved at this damping (Marquardt's, see `Reduced`). `more` (F, F)
         is curvature that JᵀJ does not have; orthogonal factors do without.
@@ -49,7 +49,7 @@ class Linear:
         return self._factors(state).step(blocks, damping, self.problem.normalise)
 
     def _reduced(self, blocks: Blocks, damping: float, more: Array | None) -> Reduced | PointsFirst:
-        """The elimination that leaves fewer unknowns: of the poses, or of the points of a free board."""
+        """Eliminate either the poses or the points of a free board, whichever leaves fewer unknowns."""
         points = self.problem.point_coordinates
         if (
             points is not None
@@ -67,6 +67,6 @@ class Linear:
         return self._root[1]
 
     def info(self) -> dict[str, Any]:
-        """What to say in `Result.info`."""
+        """The entries for `Result.info`."""
         said = {"variables": "camera and poses"}
         return said if not self.solved else {**said, "solved_by_qr": self.solved}

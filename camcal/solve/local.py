@@ -1,4 +1,4 @@
-"""Normal equations of lens models with many coefficients of which each point feels a few (`Lens.local`).
+"""Normal equations of lens models in which each point depends on few of many coefficients (`Lens.local`).
 
 A spline's Jacobian has hundreds of columns, but 32 entries in each row. The block of the coefficients is added up cell
 by cell of the spline, whose points all feel the same ones; their coupling with the poses is a product of a sparse
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Points:
-    """The points of all views in a row.
+    """The points of all views, concatenated.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Points:
 
     @classmethod
     def of(cls, xyz: Sequence[Array], uv: Sequence[Array], weights: Sequence[Array] | None) -> Points:
-        """From arrays (N, 3), (N, 2), (N,) by view."""
+        """Concatenate arrays (N, 3), (N, 2), (N,) of each view."""
         view = np.repeat(np.arange(len(xyz)), [len(x) for x in xyz])
         root = None if weights is None else np.sqrt(np.concatenate(weights))
         return cls(view, np.concatenate(xyz).T.copy(), np.concatenate(uv).T.copy(), root)
@@ -109,7 +109,7 @@ def _summed(rows: Array, local: LocalRows, view: Array, half: int) -> tuple[Arra
 
 
 def _by_cell(local: LocalRows, half: int) -> Array:
-    """The block (2 h, 2 h) of the local coefficients: points that feel the same ones are taken together."""
+    """The block (2 h, 2 h) of the local coefficients; points that depend on the same ones are summed together."""
     out = np.zeros((2, half, 2, half))
     first = local.columns[:, 0]
     order = np.argsort(first, kind="stable")

@@ -1,4 +1,4 @@
-"""Losses by name, as weights of iteratively reweighted least squares.
+"""Robust losses by name, as weights of iteratively reweighted least squares.
 
 A loss acts on the length of a point's residual vector, u = |r| / (c σ), with weight w(u) = ρ'(u) / u
 (Holland & Welsch 1977; Zhang, Parameter estimation techniques, 1997, table 1). The constants c give an
@@ -22,7 +22,7 @@ from camcal.model.pose import Array
 
 @dataclass(frozen=True)
 class Loss:
-    """A loss: `weight` of u >= 0, the constant c of (1); `redescends` where far points count for nothing."""
+    """A loss: `weight` of u >= 0, the constant c of (1); `redescends` if the weight tends to zero for large u."""
 
     name: str
     weight: Callable[[Array], Array]
@@ -30,7 +30,7 @@ class Loss:
     redescends: bool = False
 
     def weights(self, lengths: Array, sigma: float) -> Array:
-        """Weights of points whose residuals have these lengths, σ being that of one coordinate."""
+        """Weights of points with residuals of these lengths; σ is the standard deviation of one coordinate."""
         return self.weight(lengths / (self.constant * max(sigma, np.finfo(float).tiny)))
 
 

@@ -1,4 +1,4 @@
-"""How far given sigmas tell of the residuals: their scale, and what they leave out.
+"""How well given sigmas describe the residuals: a scale factor and an additional variance.
 
 The sigma of a corner fit knows the picture's noise, not the board's print nor the lens model's faults.
 Taken as it is, it gives the sharpest pictures nearly all the weight although all are equally far from the
@@ -40,13 +40,13 @@ EVIDENCE = 9.549536
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """κ, a pure number, and τ, px, of equation (1)."""
+    """κ (dimensionless) and τ (px) of equation (1)."""
 
     scale: float
     floor: float
 
     def sigmas(self, given: Array) -> Array:
-        """σ (N,), px, of given sigmas (N,)."""
+        """σ (N,), px, for given sigmas (N,)."""
         return np.sqrt((self.scale * given) ** 2 + self.floor**2)
 
 
@@ -84,7 +84,7 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
 
 
 def _likeliest(logs: Array, s: Array, squares: Array) -> tuple[float, Array]:
-    """The least value of (2) and the logarithms (2,) of κ and τ there, by Fisher scoring with steps of at most 1."""
+    """The minimum of (2) and the logarithms (2,) of κ and τ there, by Fisher scoring with steps of at most 1."""
 
     def unlikelihood(logs: Array) -> tuple[float, Array, Array]:
         parts = np.exp(2 * logs)[:, None] * np.stack([s * s, np.ones_like(s)])

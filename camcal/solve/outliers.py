@@ -1,4 +1,4 @@
-"""Which points and views do not belong: a stated test on the residuals.
+"""Outliers among points and views, by a test on the residuals.
 
 With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
 A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
@@ -38,7 +38,7 @@ _ROUNDING = 1e-7
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the test says.
+    """The result of the test.
 
     Attributes
     ----------
@@ -58,12 +58,12 @@ class Verdict:
 
     @property
     def rejected(self) -> int:
-        """Number of points that are not kept."""
+        """Number of rejected points."""
         return int((~self.used).sum())
 
 
 def test(calibration: Estimate) -> Verdict:
-    """Test the residuals of all rows of a fit, those included that it does not rest on."""
+    """Test the residuals of all rows of a fit, including those that it did not use."""
     data, parameters = calibration.observations, calibration.free_count
     lengths = standardised(calibration)
     every = data.split(lengths)
@@ -92,7 +92,7 @@ def test(calibration: Estimate) -> Verdict:
 
 
 def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, share: float) -> float:
-    """The scale of a view's points after its own outliers, which are more than half of them where it is bad.
+    """The scale of a view's points without its own outliers; in a bad view these are more than half of them.
 
     `share` is the number of parameters that a point pays for.
     """
@@ -108,7 +108,7 @@ def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, 
 
 
 def _undetermined(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
-    """The views that lost points and whose other points no closed form can take."""
+    """The views that lost points and whose remaining points suffice for no closed form."""
     touched = [i for i, m in enumerate(masks) if not m.all()]
     if not touched:
         return set()
@@ -117,13 +117,13 @@ def _undetermined(views: Sequence[View], masks: Sequence[Array]) -> set[int]:
 
 
 def cut(points: int, parameters: int) -> float:
-    """The largest |r| / s that the test lets pass, for so many points and parameters."""
+    """The largest |r| / s that passes the test, for the given numbers of points and parameters."""
     freedom = max(_MEDIAN_EFFICIENCY * (2 * points - parameters), 2.0)
     return float(np.sqrt(2 * f_bound(ALPHA / points, 2, freedom)))
 
 
 def looks_gaussian(lengths: Array, sigma: float) -> bool:
-    """Whether root mean square and median of residuals of these lengths (N,) give the same σ, within 4 deviations.
+    """Return whether the rms and the median of residuals of these lengths (N,) give the same σ within 4 deviations.
 
     Contamination that hides its own points by widening the median shows here.
     """
@@ -134,13 +134,13 @@ def looks_gaussian(lengths: Array, sigma: float) -> bool:
 
 
 def is_clean(calibration: Estimate) -> bool:
-    """Whether the residuals show no outlier and are Gaussian as far as median and root mean square tell."""
+    """Return whether the residuals show no outlier and are Gaussian as far as their median and rms show."""
     verdict = test(calibration)
     return not verdict.rejected and looks_gaussian(standardised(calibration), verdict.sigma)
 
 
 def standardised(calibration: Estimate) -> Array:
-    """Lengths (N,) of the residuals in units of what is stated of the points, as far as that is known."""
+    """Lengths (N,) of the residuals in units of the stated sigmas, as far as these are known."""
     data = calibration.observations
     lengths = data.standardised(calibration.residuals)
     return lengths if data.sigma is not None else lengths / data.allowance()

@@ -1,4 +1,4 @@
-"""The poses that three points and their rays leave open: Grunert's solution (1841), many samples at once.
+"""The poses that are consistent with three points and their rays: Grunert's solution (1841), many samples at once.
 
 In the form of Haralick, Lee, Ottenberg & Nölle, Review and analysis of solutions of the three point
 perspective pose estimation problem, IJCV 13 (1994), section 3.1: with the distances a = |X₂X₃|, b = |X₁X₃|,

@@ -1,4 +1,4 @@
-"""Which parameters are estimated: from `--fix` to the matrix d params / d free parameters."""
+"""The estimated parameters: from `--fix` to the matrix d params / d free parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ASPECT = "aspect"
 
 
 def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:
-    """The start with the values that `fix` gives (name -> value, or None = as it is).
+    """The start with the values of `fix` applied (name -> value; None keeps the current value).
 
     `aspect` without a value means fy = fx: both become their mean.
 
@@ -48,7 +48,7 @@ def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> A
 
 
 def free_matrix(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> Array:
-    """d params / d free parameters, (P, F): one column a free parameter, fx and fy sharing one for `aspect`.
+    """d params / d free parameters, (P, F): one column per free parameter; with `aspect`, fx and fy share one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The damped normal equations of a calibration with a free board, its points eliminated before the poses.
+"""The damped normal equations of a calibration with a free board, eliminating its points before the poses.
 
 A point of the board touches no other point's equations, as a pose touches no other pose's, so either kind can be
 eliminated block by block (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section 6.1). Poses first
@@ -22,7 +22,7 @@ Array = np.ndarray
 
 
 class PointsFirst:
-    """One linearisation, factored for one damping; see `camcal.solve.schur.Reduced`.
+    """One linearisation, factored for one damping value; see `camcal.solve.schur.Reduced`.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class PointsFirst:
         self.half = (self.inverse @ self._mixed(points)).reshape(3 * points, -1)
 
     def _own_blocks(self, points: int) -> tuple[Array, Array]:
-        """The diagonal (B,) of the points' part, and its damped blocks (M, 3, 3); 1 where a coordinate is held."""
+        """The diagonal (B,) of the points' block, and its damped blocks (M, 3, 3); 1 for held coordinates."""
         rows, columns, there = point_slots(self.coordinates, points)
         shape = self.blocks.intrinsics[self.own :, self.own :]
         found: Array = np.where(there, shape[rows, columns], np.eye(3))

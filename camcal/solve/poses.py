@@ -1,4 +1,4 @@
-"""Poses alone, the camera held: every view is a problem of six unknowns, all of them a batch of the loop."""
+"""Refinement of poses with the camera held: each view is a problem of six unknowns, solved as a batch."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def refine_poses(
     weights: list[Array] | None = None,
     max_iterations: int = 100,
 ) -> tuple[Poses, Array, Array]:
-    """Minimise each view's reprojection error over its pose, each by itself.
+    """Minimise the reprojection error of each view over its pose, independently.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def refine_poses(
 
 
 def poses_before(fit: Estimate, observations: Observations, poses: Poses) -> Poses:
-    """The poses of views that a fit has not seen, its camera or rig held, from starts."""
+    """The poses of views that were not in a fit, with its camera or rig held, from given starts."""
     frees = [np.zeros((c.lens.size, 0)) for c in fit.cameras]
     kept = observations.kept()
     weights = None if kept.precision is None else kept.split(kept.precision)
@@ -62,7 +62,7 @@ def poses_before(fit: Estimate, observations: Observations, poses: Poses) -> Pos
 
 @dataclass(frozen=True)
 class Solved:
-    """Poses at their minima, the rest of the state as it was; `passes` counts evaluations of the longest view."""
+    """Poses at their minima, the rest of the state unchanged; `passes` counts evaluations of the longest view."""
 
     state: State
     costs: Array
@@ -71,7 +71,7 @@ class Solved:
 
 
 def solve_poses(problem: Problem, state: State, max_iterations: int = 100) -> Solved:
-    """Minimise over the poses of a state alone; costs are inf where a view's start leaves the lens's domain."""
+    """Minimise over the poses of a state alone; costs are inf where a view's start is outside the lens's domain."""
     start = _Placed(state.rotations, state.centres)
     found, normal, stats = minimise(_PosesAlone(problem, state), start, Options(_TOLERANCE, max_iterations))
     moved = replace(state, rotations=found.rotations, centres=found.centres)
@@ -79,7 +79,7 @@ def solve_poses(problem: Problem, state: State, max_iterations: int = 100) -> So
 
 
 class _Placed(NamedTuple):
-    """Rotations (M, 3, 3) and centres (M, 3) of some instants, as in `State`."""
+    """Rotations (M, 3, 3) and centres (M, 3) of the given instants, as in `State`."""
 
     rotations: Array
     centres: Array

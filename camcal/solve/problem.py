@@ -1,4 +1,4 @@
-"""The calibration as a least squares problem: residuals, Jacobian blocks, retraction.
+"""The calibration as a least-squares problem: residuals, Jacobian blocks, retraction.
 
     minimise  ½ Σ_views Σ_points w |project(params, exp(δ) R x + t) − u|²                                 (1)
 
@@ -37,7 +37,7 @@ OnRows = Callable[[Group, Array], None]
 
 
 class Problem:
-    """Correspondences and a lens model, or several, as a least squares problem.
+    """Correspondences and one or more lens models as a least-squares problem.
 
     A camera alone is a rig of one; there is no other code for it. A rig solver makes
 
@@ -115,7 +115,7 @@ class Problem:
         return sums / counts
 
     def _like(self, **changes: Any) -> Problem:
-        """The same problem with other arguments."""
+        """Return the same problem with other arguments."""
         lenses, frees = [c.lens for c in self.cameras], [c.free for c in self.cameras]
         return Problem(lenses, self.views, frees, **(self._arguments() | changes))
 
@@ -128,48 +128,48 @@ class Problem:
         }
 
     def reweighted(self, weights: Sequence[Array]) -> Problem:
-        """The same problem with other weights."""
+        """Return the same problem with other weights."""
         return self._like(weights=weights)
 
     def normalised(self) -> Problem:
-        """The same problem with `normalise`."""
+        """Return the same problem with `normalise`."""
         return self._like(normalise=True)
 
     @property
     def lens(self) -> Lens:
-        """That of the only camera; ValueError for a rig, whose lenses are those of `cameras`."""
+        """The lens of the only camera; ValueError for a rig, whose lenses are in `cameras`."""
         (only,) = self.cameras
         return only.lens
 
     @property
     def parameters(self) -> list[Parameter]:
-        """What each of the parameters of all cameras is."""
+        """The names of the parameters of all cameras."""
         return [p for camera in self.cameras for p in camera.lens.parameters]
 
     @property
     def point_coordinates(self) -> Array | None:
-        """Which coordinates of a board's points are free (B,), where these are the last of the variables; else None."""
+        """The indices of a board's free coordinates (B,) if these are the last of the variables; otherwise None."""
         return None
 
     @property
     def rigid(self) -> int:
-        """Number of the variables of cameras and rig."""
+        """Number of variables of cameras and rig."""
         return self.free.shape[1] + (0 if self.hold_rig else 6 * (len(self.cameras) - 1))
 
     @property
     def variables(self) -> int:
-        """Number F of the variables, those of the board's shape included and those of the instants' poses not."""
+        """Number F of variables, including those of the board's shape and excluding those of the instants' poses."""
         return self.rigid
 
     # ------------------------------------------------------------------ states
     def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:
-        """Begin at the parameters of all cameras, poses rig_from_board of the instants and cam_from_rig."""
+        """The state at the parameters of all cameras, the poses rig_from_board of the instants and cam_from_rig."""
         centres = np.einsum("vij,vj->vi", poses.rotations, self.offsets) + poses.translations
         begin = State(np.array(params, float), np.array(poses.rotations, float), centres)
         return begin if rig is None else replace(begin, rig=rig)
 
     def poses(self, state: State) -> Poses:
-        """The poses of a state's instants: rig_from_board, of a camera alone cam_from_board."""
+        """The poses of a state's instants: rig_from_board, for a single camera cam_from_board."""
         shift = np.einsum("vij,vj->vi", state.rotations, self.offsets)
         return Poses(state.rotations, state.centres - shift)
 
@@ -178,7 +178,7 @@ class Problem:
         return [state.params[c.params] for c in self.cameras]
 
     def retract(self, state: State, step: Step) -> State:
-        """Move: params + T δ, exp(δ) R, t + δ."""
+        """Apply a step: params + T δ, exp(δ) R, t + δ."""
         own = self.free.shape[1]
         rig = state.rig
         if self.rigid > own:
@@ -195,12 +195,12 @@ class Problem:
 
     # ------------------------------------------------------------------ evaluation
     def linearise(self, state: State) -> Blocks | None:
-        """The normal equations at a state; None where a point leaves a lens's domain."""
+        """The normal equations at a state; None if a point leaves a lens's domain."""
         found = self.assembled(state)
         return None if found is None else found.blocks()
 
     def assembled(self, state: State, each: OnRows | None = None) -> Assembly | None:
-        """The normal equations before they are handed out; `each` gets the rows of every group on the way."""
+        """The accumulated normal equations; `each` receives the rows of every group during accumulation."""
         assembly = Assembly(self.variables, self.instants, len(self.views))
         scratch = self.scratch()
         for camera in self.cameras:
@@ -214,7 +214,7 @@ class Problem:
     def _sums(
         self, camera: CameraPart, state: State, scratch: Array, each: OnRows | None
     ) -> tuple[Array, Array, Array] | None:
-        """What `Assembly.add` takes, from the rows of the camera's views."""
+        """The input of `Assembly.add` from the rows of the camera's views."""
         normal, p = self._normals(camera, state, scratch, each), camera.lens.size
         return None if normal is None else (normal[:, :p, :p].sum(0), normal[:, :p, p:], normal[:, p:, p:])
 
@@ -259,7 +259,7 @@ class Problem:
         return self._normals(only, state, self.scratch())
 
     def pose_normals(self, state: State, members: Array) -> Array:
-        """Products of the rows (rotation, translation, residual) of some instants (M,), (M, 7, 7).
+        """Products of the rows (rotation, translation, residual) of the given instants (M,), (M, 7, 7).
 
         NaN for an instant at which a point leaves a lens's domain.
         """
@@ -274,7 +274,9 @@ class Problem:
         return normal[members]
 
     def _by_instant(self, group: Group, state: State, scratch: Array) -> Array:
-        """Products (G, 7, 7) of the pose's and the residual's rows of a group's views, by the instants' poses."""
+        """Products (G, 7, 7) of the pose's and the residual's rows of a group's views, with respect to the
+        instants' poses.
+        """
         camera, found = self.cameras[group.camera], np.full((len(group.members), 7, 7), np.nan)
         block = self.fill(group, state, scratch)
         if block is not None:
@@ -295,7 +297,7 @@ class Problem:
         return group.xyz
 
     def scratch(self) -> Array:
-        """Memory for the rows of any one group, to be written by `fill`: one piece for a whole pass."""
+        """A buffer for the rows of any one group, to be written by `fill`; one buffer serves a whole pass."""
         return np.empty(self._largest)
 
     def fill(self, group: Group, state: State, scratch: Array | None = None) -> Array | None:
@@ -343,7 +345,9 @@ class Problem:
         return rows.reshape(len(block), self.rigid + 7, -1)
 
     def prior(self, state: State) -> tuple[Array, Array] | None:
-        """Residuals (K,) of the lenses' own and their derivatives (K, F) by the variables; None without any."""
+        """Residuals (K,) of the lenses' priors and their derivatives (K, F) by the variables; None if there are
+        none.
+        """
         found = [(c, c.lens.prior(state.params[c.params])) for c in self.cameras]
         parts = [(c, *prior) for c, prior in found if prior is not None]
         if not parts:
@@ -380,7 +384,7 @@ def _parts(
 
 
 def _diagonal(matrices: Sequence[Array]) -> Array:
-    """Matrices along the diagonal of one, zeros elsewhere."""
+    """Return the block-diagonal matrix."""
     ends = np.cumsum([m.shape for m in matrices], axis=0)
     found = np.zeros(ends[-1])
     for m, (row, column) in zip(matrices, ends, strict=True):

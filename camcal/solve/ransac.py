@@ -1,4 +1,4 @@
-"""Which points of a view agree with one model of it: LO-RANSAC with the noise found along (LMedS).
+"""The points of a view that agree with one model: LO-RANSAC with the noise estimated alongside (LMedS).
 
 Fischler & Bolles 1981; the scale from the least median of squares (Rousseeuw & Leroy 1987, section 5.1),
 because the noise is seldom known in advance and a pinhole map leaves the lens's distortion in the residuals;
@@ -40,7 +40,7 @@ _FLOOR = 1e-6
 
 
 class Model(Protocol):
-    """What RANSAC asks of a model; a hypothesis is a matrix (3, d + 1).
+    """The model interface of RANSAC; a hypothesis is a matrix (3, d + 1).
 
     Errors are lengths, px, those of points with given sigmas divided by sigma over the view's median sigma.
     """
@@ -52,17 +52,17 @@ class Model(Protocol):
         ...
 
     def hypotheses(self, picks: Array) -> tuple[Array, Array]:
-        """Matrices (H, 3, d + 1) of samples (H, n) of point numbers, and errors (H, N)."""
+        """Matrices (H, 3, d + 1) from samples (H, n) of point indices, and errors (H, N)."""
         ...
 
     def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
-        """The matrix (3, d + 1) that fits the points `rows` (K,), and errors (N,)."""
+        """The matrix (3, d + 1) fitted to the points `rows` (K,), and errors (N,)."""
         ...
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The largest part of the points that agrees.
+    """The largest consistent subset of the points.
 
     Attributes
     ----------
@@ -120,14 +120,16 @@ def agreeing(
 
 
 def _scores(errors: Array, sigma: float | None) -> Array:
-    """What is to be small (H,) of errors (H, N)."""
+    """The scores (H,), to be minimised, of errors (H, N)."""
     if sigma is None:
         return np.median(errors, axis=1)
     return np.square(np.minimum(errors, _REACH * sigma)).mean(1)
 
 
 def _optimise(model: Model, matrix: Array, error: Array, sigma: float | None) -> tuple[Agreement, float]:
-    """Fit to what agrees with a hypothesis, a few times; the last agreement and the least score."""
+    """Refit to the points that agree with a hypothesis, a few times; return the last agreement and the lowest
+    score.
+    """
     n, least = len(model), np.inf
     best = Agreement(np.ones(n, bool), float("nan"), None)
     for _ in range(4):
@@ -145,12 +147,12 @@ def _optimise(model: Model, matrix: Array, error: Array, sigma: float | None) ->
 
 
 def _relative(sigma: Array | None, count: int) -> Array:
-    """Sigmas (N,) over their median; ones where there are none."""
+    """Sigmas (N,) divided by their median; ones if there are none."""
     return np.ones(count) if sigma is None else sigma / np.median(sigma)
 
 
 class Map:
-    """A homography of points of a plane (N, 2), or a projection matrix of points in space (N, 3)."""
+    """A homography of points in a plane (N, 2), or a projection matrix of points in space (N, 3)."""
 
     def __init__(self, points: Array, uv: Array, sigma: Array | None = None):
         self.points, self.uv, self.relative = points, uv, _relative(sigma, len(uv))
@@ -166,7 +168,7 @@ class Map:
         return matrices, self._errors(matrices)
 
     def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
-        """See `Model`; linear, without a start."""
+        """See `Model`; linear, without a starting value."""
         matrices, errors = self.hypotheses(rows[None])
         return matrices[0], errors[0]
 
@@ -187,7 +189,7 @@ class Map:
 
 
 class PoseModel:
-    """The pose of a view before a known camera; its matrix is [R | t], cam_from_board."""
+    """The pose of a view with respect to a known camera; its matrix is [R | t], cam_from_board."""
 
     sample = 3
 
@@ -201,7 +203,7 @@ class PoseModel:
         return len(self.view)
 
     def hypotheses(self, picks: Array) -> tuple[Array, Array]:
-        """See `Model`; of the up to four poses of a sample, the one with the least median error."""
+        """See `Model`; of the up to four poses of a sample, the one with the lowest median error."""
         matrices = p3p.poses(self.view.xyz[picks], self.rays[picks])
         errors = self._errors(matrices.reshape(-1, 3, 4)).reshape(*matrices.shape[:2], -1)
         best = np.median(errors, axis=2).argmin(1)
@@ -209,7 +211,7 @@ class PoseModel:
         return matrices[each, best], errors[each, best]
 
     def fit(self, rows: Array, start: Array) -> tuple[Array, Array]:
-        """See `Model`: the least squares pose, from the start."""
+        """See `Model`: the least-squares pose, from the start."""
         view = self.view.take(rows)
         poses, _, _ = refine_poses(self.camera, [view], Poses(start[None, :, :3], start[None, :, 3]))
         matrix = np.c_[poses.rotations[0], poses.translations[0]]
@@ -252,7 +254,7 @@ def of_maps(views: Sequence[View], planar: Sequence[bool], seed: int = 0) -> lis
 def of_poses(
     views: Sequence[View], camera: Camera, seed: int = 0, sigma: float | None = None
 ) -> list[Agreement]:
-    """The points of each view that agree with one pose before a known camera (PnP).
+    """The points of each view that agree with one pose with respect to a known camera (PnP).
 
     Parameters
     ----------

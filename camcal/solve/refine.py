@@ -36,7 +36,7 @@ POINTS_AT_A_TIME = 16_000
 
 @dataclass(frozen=True)
 class How:
-    """How a fit is made, the same for every fit of a calibration.
+    """The settings of a fit, the same for every fit of a calibration.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ def _placed(
     frees: Sequence[Array],
     how: How,
 ) -> tuple[Problem, Result, Observations]:
-    """The fit of boards that are rigid, from one in which their turns were small: boards moved, and fitted again.
+    """The fit with rigid boards, from one whose rotations were linearised: the boards are moved and the fit repeated.
 
     The turns of a round are of second order in those of the one before.
     """
@@ -185,7 +185,7 @@ E = TypeVar("E", bound=Estimate)
 
 
 def subject_of(fit: Estimate) -> Camera | Rig:
-    """What a fit estimated."""
+    """A description of what a fit estimated."""
     if isinstance(fit, RigCalibration):
         return fit.rig
     assert isinstance(fit, Calibration)
@@ -193,19 +193,19 @@ def subject_of(fit: Estimate) -> Camera | Rig:
 
 
 def refit(fit: E, observations: Observations, how: How, poses: Poses | None = None) -> E:
-    """Fit again from where a fit stands, to other rows; `poses` where other views are left than it has."""
+    """Fit again from a fit to other rows; `poses` if the views differ from the fit's."""
     poses = fit.poses if poses is None else poses
     found = refine(subject_of(fit), poses, observations, how)  # type: ignore[call-overload]
     return cast(E, found)
 
 
 def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:
-    """The one camera, or those of a rig."""
+    """The single camera, or those of a rig."""
     return tuple(start.cameras.values()) if isinstance(start, Rig) else (start,)
 
 
 def _fixes(start: Camera | Rig, how: How) -> list[dict[str, float | None]]:
-    """What `how` holds of each camera."""
+    """The fixed parameters of each camera in `how`."""
     if isinstance(start, Camera):
         return [dict(how.fix)]
     return [
@@ -215,7 +215,7 @@ def _fixes(start: Camera | Rig, how: How) -> list[dict[str, float | None]]:
 
 
 def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
-    """The start with the values that are held."""
+    """The start with the held values applied."""
     made = [
         replace(c, params=apply_fixed(c.lens, c.params, fix))
         for c, fix in zip(cameras_of(start), _fixes(start, how), strict=True)
@@ -228,12 +228,12 @@ def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
 
 
 def rig_poses(start: Camera | Rig) -> Poses | None:
-    """cam_from_rig of all cameras; None of a camera alone."""
+    """cam_from_rig of all cameras; None for a single camera."""
     return Poses.stack(list(start.cam_from_rig.values())) if isinstance(start, Rig) else None
 
 
 def _found(start: Camera | Rig, params: Sequence[Array], rig: Poses, scale: float) -> Camera | Rig:
-    """The start with other parameters, and other poses of its cameras, whose translations are scaled."""
+    """The start with other parameters and other poses of its cameras, with translations scaled."""
     made = [replace(c, params=p) for c, p in zip(cameras_of(start), params, strict=True)]
     if isinstance(start, Camera):
         return made[0]
@@ -245,7 +245,7 @@ def _found(start: Camera | Rig, params: Sequence[Array], rig: Poses, scale: floa
 def make_problem(
     cameras: Sequence[Camera], observations: Observations, frees: Sequence[Array], how: How
 ) -> Problem:
-    """The least squares problem of the used rows; with a board's shape where `how` says so.
+    """The least-squares problem of the used rows; with a board's shape if `how` asks for one.
 
     Parameters
     ----------
@@ -270,12 +270,12 @@ def make_problem(
 
 
 def board_kind(observations: Observations) -> str:
-    """The kind of shape that observations of one board as designed, or of several boards, are fitted with."""
+    """The kind of shape fitted to observations of one board as designed, or of several boards."""
     return "flat" if parts(observations) is None else PLACED
 
 
 def placed_boards(observations: Observations) -> ShapedBoard | None:
-    """The boards of observations that were placed along with the cameras, as they stand; None where none was."""
+    """The current points of boards that were placed together with the cameras; None if none was."""
     kept = observations.kept()
     part = parts(kept)
     if part is None:
@@ -285,7 +285,7 @@ def placed_boards(observations: Observations) -> ShapedBoard | None:
 
 
 def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
-    """The observations with the ideal points (M, 3) replaced by those found (M, 3).
+    """The observations with the ideal points (M, 3) replaced by the estimated ones (M, 3).
 
     Points that are none of the ideal ones (no view that was used shows them) stay where they are.
     """
@@ -296,13 +296,13 @@ def on_board(observations: Observations, ideal: Array, points: Array) -> Observa
 
 
 def as_designed(calibration: Estimate) -> Observations:
-    """The observations of a calibration with the board as it was given to it."""
+    """The observations of a calibration with the original board."""
     board, data = calibration.board, calibration.observations
     return data if board is None else on_board(data, board.points, board.ideal)
 
 
 def residuals(camera: Camera | Rig, poses: Poses, observations: Observations) -> Array:
-    """Predicted - observed (N, 2) of every row, px; NaN outside the lens's domain. Poses are those of the views."""
+    """Predicted - observed (N, 2) of every row, px; NaN outside the lens's domain. `poses` are those of the views."""
     found = np.empty_like(observations.uv)
     if isinstance(camera, Camera):
         _fill(found, camera, poses, observations, 0)
@@ -317,7 +317,7 @@ def residuals(camera: Camera | Rig, poses: Poses, observations: Observations) ->
 
 
 def _fill(found: Array, camera: Camera, poses: Poses, observations: Observations, first: int) -> None:
-    """The residuals of a run of blocks (B,) from the one numbered `first` on, by their poses (B,)."""
+    """The residuals of a run of blocks (B,) from index `first` on, by their poses (B,)."""
     here = slice(first, first + len(poses))
     counts, slices = observations.blocks.counts[here], observations.slices[here]
     rotations, translations = poses.rotations, poses.translations
@@ -335,7 +335,7 @@ def _fill(found: Array, camera: Camera, poses: Poses, observations: Observations
 
 
 def _portions(counts: Sequence[int]) -> Iterator[int]:
-    """Where to cut views into portions whose points fit into a cache: their ends."""
+    """The ends of portions of views whose points fit into the cache."""
     points = 0
     for index, count in enumerate(counts):
         if points and points + count > POINTS_AT_A_TIME:
@@ -361,7 +361,7 @@ def _check_count(kept: Observations, frees: Sequence[Array], places: int) -> Non
 
 
 def _normal(problem: Problem, result: Result) -> NormalBlocks:
-    """The blocks at the solution, with poses about the centroids also where the search had them elsewhere."""
+    """The blocks at the solution, with poses about the centroids even if the search used other coordinates."""
     if problem.normalise:
         return result.blocks.normal()
     usual = problem.normalised()

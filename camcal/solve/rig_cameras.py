@@ -1,4 +1,4 @@
-"""One camera of a rig, as a calibration by itself."""
+"""One camera of a rig as a calibration of its own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from camcal.solve.problem import Problem
 
 
 def within(solution: RigCalibration, name: str) -> Calibration:
-    """A camera of a rig with its own pictures, at the joint estimate.
+    """Return a camera of a rig with its own pictures, at the joint estimate.
 
     Its normal equations are those of its own pictures alone, each with a free pose: what the other cameras add to the
     knowledge of its intrinsics is not in them, so that standard deviations made from them are not too small. The

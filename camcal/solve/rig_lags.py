@@ -1,4 +1,4 @@
-"""Whether the cameras of a rig took their pictures at the same instants.
+"""Test whether the cameras of a rig took their pictures at the same instants.
 
 A camera that lags by k frames shows at its picture v + k the board that the others show at v. Then the relative poses
 from pictures k apart agree with one another, and those from pictures of the same number do not, as far as the board
@@ -28,7 +28,7 @@ NEARER = 0.4
 def lags(
     pictures: Pictures, found: Links, tree: Sequence[tuple[int, int]], turns: Sequence[Pose], corners: Array
 ) -> dict[int, int]:
-    """By how many frames cameras lag behind most of the others: camera -> frames; empty where all are in step.
+    """The lag, in frames, of cameras behind the majority: camera -> frames; empty if all are synchronous.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def lags(
 
 
 def _lag(pictures: Pictures, a: int, b: int, known: Link, turns: Sequence[Pose], corners: Array) -> int:
-    """By how many frames camera b lags behind a; 0 where no lag is believed."""
+    """The lag of camera b behind camera a in frames; 0 if none is significant."""
     best, least = 0, NEARER * known.scatter
     if least < known.expected:  # nothing can be nearer together than noise lets it
         return 0

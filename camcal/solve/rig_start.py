@@ -1,4 +1,4 @@
-"""Where the cameras of a rig stand to each other, from the poses of boards before each of them.
+"""Relative poses of the cameras of a rig, from the poses of boards with respect to each.
 
 Two cameras that saw a board at the same instant give their relative pose, a_from_b = P_a P_b⁻¹. A board that looks the
 same after half a turn (or a quarter) may have been read the other way round by one of them: P_a s P_b⁻¹ with a
@@ -32,7 +32,7 @@ FAR = 5.0
 
 @dataclass(frozen=True)
 class Pictures:
-    """The pictures of a rig, one a block of its observations, each with the pose of the board before its camera.
+    """The pictures of a rig, one per block of its observations, each with its cam_from_board.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Pictures:
 
 @dataclass(frozen=True)
 class Link:
-    """What two cameras know of each other.
+    """The relative pose of two cameras, and the evidence for it.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def corners_of(data: Observations) -> Array:
 
 
 def _distances(a: Poses, b: Poses, relative: Poses, turns: Sequence[Pose], corners: Array) -> Array:
-    """How far apart the boards of two cameras are (K, S, W), in parts of their distance from camera a.
+    """The distance between the boards of two cameras (K, S, W), relative to their distance from camera a.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def _distances(a: Poses, b: Poses, relative: Poses, turns: Sequence[Pose], corne
 
 
 def link(a: Poses, b: Poses, variance: Array, turns: Sequence[Pose], corners: Array) -> Link:
-    """The relative pose of two cameras from W instants that both saw, with the variance (W,) of each."""
+    """The relative pose of two cameras from W shared instants, with the variance (W,) of each."""
     tried = np.unique(np.linspace(0, len(a) - 1, min(len(a), TRIED)).round().astype(int))
     back = b[tried].inverse()
     found = []
@@ -137,7 +137,7 @@ def _averaged(
 
 
 def _nearest(apart: Array) -> Array:
-    """Which symmetry (W,) brings two boards together; the first, the identity, unless another is much nearer."""
+    """The symmetry (W,) that aligns two boards: the identity, unless another fits much better."""
     best = apart.argmin(0)
     return np.where(apart.min(0) < NEARER * apart[0], best, 0)
 
@@ -145,7 +145,7 @@ def _nearest(apart: Array) -> Array:
 def links(
     pictures: Pictures, turns: Sequence[Pose], corners: Array, cameras: int
 ) -> dict[tuple[int, int], Link]:
-    """What each two cameras (a < b) with shared instants know of each other."""
+    """The link of each pair of cameras (a < b) that share instants."""
     found = {}
     for a in range(cameras):
         for b in range(a + 1, cameras):
@@ -157,7 +157,7 @@ def links(
 
 
 def shared(pictures: Pictures, a: int, b: int, lag: int = 0) -> tuple[Array, Array]:
-    """The blocks of camera a at each instant that b saw too, and those of b, which may be `lag` instants later."""
+    """The blocks of camera a at each instant that b also saw, and those of b, which may be `lag` instants later."""
     i, j = np.flatnonzero(pictures.camera == a), np.flatnonzero(pictures.camera == b)
     _, first, second = np.intersect1d(pictures.view[i] + lag, pictures.view[j], return_indices=True)
     return i[first], j[second]
@@ -189,7 +189,7 @@ def spanning_tree(found: Links, names: Sequence[str]) -> tuple[Poses, list[tuple
 
 
 def _not_connected(found: Links, names: Sequence[str]) -> EstimationError:
-    """The error that names the parts of a rig which no instant connects, and what would."""
+    """The error that names the parts of a rig which no instant connects, and a remedy."""
     group = list(range(len(names)))
     for a, b in found:
         group = [group[a] if g == group[b] else g for g in group]
@@ -207,7 +207,7 @@ def _not_connected(found: Links, names: Sequence[str]) -> EstimationError:
 def placed(
     pictures: Pictures, rig: Poses, data: Observations, turns: Sequence[Pose], corners: Array
 ) -> tuple[Observations, Poses, int]:
-    """The boards before a rig whose poses are known.
+    """The boards of a rig whose relative poses are known.
 
     At each instant the picture with which the others agree best gives the board; those that were read the other way
     round get their points renamed.
@@ -239,7 +239,7 @@ def placed(
 
 
 def _agreement(boards: Poses, anchor: int, turns: Sequence[Pose], corners: Array) -> tuple[float, Array]:
-    """How far the boards (B,) of an instant are from one of them, added up, and the symmetries (B,) to get there."""
+    """The summed distance of the boards (B,) of an instant from one of them, and the symmetries (B,) applied."""
     there = boards[anchor].apply(corners)
     apart = np.array(
         [

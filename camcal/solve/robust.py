@@ -1,4 +1,4 @@
-"""Estimation with outliers: reweighting by a loss, rejection by a stated test, poses found again.
+"""Estimation with outliers: reweighting by a loss, rejection by a test, repeated pose estimation.
 
 Each function takes a fit and gives another one. Which of them a calibration goes through, and in which order, is
 said in `camcal.plan`.
@@ -32,7 +32,7 @@ GAIN = 1.1
 
 
 def check_method(method: str) -> None:
-    """Raise a UsageError for a method that is none of `METHODS`."""
+    """Raise a UsageError for a method that is not in `METHODS`."""
     if method not in METHODS:
         raise UsageError(
             f"unknown robust method '{method}'.",
@@ -41,7 +41,8 @@ def check_method(method: str) -> None:
 
 
 def spread(calibration: Estimate) -> float:
-    """The median length of all residuals, px or given sigmas; of two fits to contaminated points, the smaller wins.
+    """The median length of all residuals, in px or given sigmas; of two fits to contaminated points, the smaller
+    is better.
 
     Points that a fit does not project count as infinitely far off, so that leaving points out is no gain.
     """
@@ -70,7 +71,7 @@ def reweight(calibration: E, how: How, loss: Loss, rounds: int = 60) -> E:
 
 
 def reject(calibration: E, how: How) -> E:
-    """Reject by `outliers.test` and fit the rest, until no point changes sides; without weights of a loss."""
+    """Reject by `outliers.test` and refit without loss weights, until no point changes status."""
     current, seen = calibration, set()
     for _ in range(ROUNDS):
         verdict = outliers.test(current)
@@ -91,7 +92,7 @@ def reject(calibration: E, how: How) -> E:
 
 
 def _reasons(calibration: Estimate, bad: tuple[int, ...]) -> dict[int, str]:
-    """Why pictures are rejected as a whole, by the index of their block."""
+    """The reasons for rejecting whole pictures, by the index of their block."""
     data = calibration.observations
     lengths = data.standardised(calibration.residuals)
     usual = np.median(lengths)
@@ -105,7 +106,7 @@ def _reasons(calibration: Estimate, bad: tuple[int, ...]) -> dict[int, str]:
 def with_poses(
     calibration: Calibration, found: dict[int, tuple[Pose, Array]], data: Observations, how: How
 ) -> Calibration:
-    """A fit to the views of `data` that have a pose and a mask (N,) of their points; the others are rejected."""
+    """A fit to the views of `data` that have a pose and a mask (N,) of their points; other views are rejected."""
     used = np.zeros(data.point_count, bool)
     for i, (_, mask) in found.items():
         used[data.slices[i]] = mask
@@ -116,7 +117,9 @@ def with_poses(
 
 
 def find_poses(calibration: Calibration, data: Observations, how: How, seed: int) -> Calibration:
-    """A fit to all views of `data` that have a pose before the camera of a part of them (RANSAC)."""
+    """A fit to all views of `data` for which RANSAC finds a pose with respect to the camera fitted to some of
+    them.
+    """
     agreed = ransac.of_poses(data.views, calibration.camera, seed)
     found = {i: (_pose(a.matrix), a.mask) for i, a in enumerate(agreed) if a.matrix is not None}
     return with_poses(calibration, found, data, how)
@@ -125,7 +128,7 @@ def find_poses(calibration: Calibration, data: Observations, how: How, seed: int
 def find_better_poses(
     calibration: Calibration, data: Observations, how: How, seed: int
 ) -> Calibration | None:
-    """A fit with other poses of views that lost much or were rejected; None where RANSAC finds none.
+    """A fit with new poses of views that lost many points or were rejected; None if RANSAC finds none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The rows of the Jacobian themselves, for those who do without normal equations.
+"""The rows of the Jacobian, for methods that do not use normal equations.
 
 Points of weight 0, which only fill up shorter views, come along as rows of zeros. A lens model's prior adds
 rows of its own at the end.
@@ -24,12 +24,12 @@ def by_group(problem: Problem, state: State) -> Iterator[tuple[Group, Array | No
 
 
 def count(problem: Problem) -> int:
-    """Number of rows, those of the prior left out."""
+    """Number of rows, excluding those of the prior."""
     return sum(2 * g.uv.shape[0] * g.uv.shape[2] for g in problem.groups)
 
 
 def residuals(problem: Problem, state: State) -> Array | None:
-    """All weighted residuals in the order of `jacobian`; None where a point leaves the lens's domain."""
+    """All weighted residuals in the order of `jacobian`; None if a point leaves the lens's domain."""
     parts = []
     for _, rows in by_group(problem, state):
         if rows is None or not np.isfinite(rows[:, -1]).all():
@@ -40,7 +40,7 @@ def residuals(problem: Problem, state: State) -> Array | None:
 
 
 def jacobian(problem: Problem, state: State, turn: Array | None = None, sparse: bool = False) -> Any:
-    """The Jacobian (M, F + 6 V) of `residuals`; None where a point leaves the lens's domain.
+    """The Jacobian (M, F + 6 V) of `residuals`; None if a point leaves the lens's domain.
 
     Parameters
     ----------

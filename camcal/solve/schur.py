@@ -68,7 +68,7 @@ def back_substitution(factor: Array, right: Array) -> Array:
 
 
 class Reduced:
-    """The normal equations of one linearisation, factored for one damping.
+    """The normal equations of one linearisation, factored for one damping value.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class Reduced:
         self.gradient = blocks.gradient - product[:count, count]
 
     def step(self, more: Array | None = None) -> tuple[Step, float] | None:
-        """The step of (1) and (2), and the decrease of the cost that the linear model predicts.
+        """The step of (1) and (2), and the decrease of the cost predicted by the linear model.
 
         None where the equations cannot be solved at this damping. `more` (F, F) is added to S: curvature
         that JᵀJ does not have.
@@ -140,7 +140,9 @@ class Reduced:
         return Step(own, np.ascontiguousarray(poses.T)), float(0.5 * (self.damping * damp - slope))
 
     def _weakest(self, pivots: Array) -> float:
-        """Over the poses, whose factors hold reciprocal pivots, and the camera's columns as they were."""
+        """The smallest pivot, over the poses (whose factors hold reciprocal pivots) and the camera's original
+        columns.
+        """
         diagonal = np.arange(len(self.factor))
         lengths = self.pose_diagonal * (1.0 + self.damping)
         poses = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
@@ -149,7 +151,8 @@ class Reduced:
 
 
 def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Array, Array] | None:
-    """Solve a symmetric positive definite system after scaling its diagonal to 1; None where it is not one.
+    """Solve a symmetric positive definite system after scaling its diagonal to 1; None if it is not positive
+    definite.
 
     Returns
     -------
@@ -174,7 +177,9 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
 
 
 def _positive_definite(matrix: Array, right: Array) -> tuple[Array, Array] | None:
-    """The solution (F,) of a system, and the pivots (F,) of its Cholesky factor; None where it is not one."""
+    """The solution (F,) of a system, and the pivots (F,) of its Cholesky factor; None if it is not positive
+    definite.
+    """
     if len(right) > MANY:
         from scipy.linalg.lapack import dposv  # see above
 

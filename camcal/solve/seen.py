@@ -11,7 +11,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Seen:
-    """Which camera took each of B views, and when.
+    """The camera and the instant of each of B views.
 
     Attributes
     ----------
@@ -27,5 +27,5 @@ class Seen:
 
     @classmethod
     def alone(cls, views: int) -> Seen:
-        """Of one camera, each view at an instant of its own."""
+        """The views of a single camera, each at its own instant."""
         return cls(np.zeros(views, int), np.arange(views))

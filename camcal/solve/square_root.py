@@ -1,4 +1,4 @@
-"""Steps from orthogonal factors of the Jacobian's stacked blocks: no product JᵀJ is formed.
+"""Steps from orthogonal factors of the Jacobian's stacked blocks; the product JᵀJ is never formed.
 
     Q_vᵀ [B_v A_v r_v] = [R_v  S_v  q_v]     B_v: pose, A_v: camera                                       (1)
                          [ 0   T_v  c_v]
@@ -42,7 +42,7 @@ class SquareRoot:
 
     @classmethod
     def of(cls, problem: Problem, state: State) -> SquareRoot:
-        """Factor the rows at a state that projects."""
+        """Factor the rows at a state where all points project."""
         free = problem.variables
         size = free + 7
         order = np.r_[free : free + 6, :free, free + 6]
@@ -60,7 +60,7 @@ class SquareRoot:
         return cls(views, prior)
 
     def step(self, blocks: Blocks, damping: float, scaled: bool = True) -> tuple[Step, float] | None:
-        """The damped step and the decrease that the linear model predicts; None where J is singular.
+        """The damped step and the decrease predicted by the linear model; None if J is singular.
 
         `blocks` belong to the same state; damping and `scaled` are those of `Reduced`.
         """
@@ -103,13 +103,13 @@ class SquareRoot:
 
 
 def damping_weights(blocks: Blocks, scaled: bool) -> Array:
-    """D² of the damping, (F + 6 V,): squared lengths of the columns, or their largest throughout."""
+    """D² of the damping, (F + 6 V,): squared lengths of the columns, or the largest of them for all."""
     squares = tangent.diagonal(blocks)
     return squares if scaled else np.full_like(squares, squares.max())
 
 
 def triangles(stacked: Array) -> Array:
-    """Upper triangular factors (V, K, K) of matrices (V, M, K), also where M < K."""
+    """Upper triangular factors (V, K, K) of matrices (V, M, K), even if M < K."""
     count, length, size = stacked.shape
     if length < size:
         stacked = np.concatenate([stacked, np.zeros((count, size - length, size))], 1)

@@ -1,4 +1,4 @@
-"""Where a refinement begins when a pinhole camera is no good start: wide lenses, and larger models.
+"""Starts of the refinement where a pinhole camera is too far away: wide lenses, and larger models.
 
 A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
 alignment constraint gives poses and a rough lens of any width, and the model at hand is fitted to its rays. A
@@ -42,12 +42,12 @@ GENERAL = "kb4"
 
 
 def poor(rms_point: float, observations: Observations) -> bool:
-    """Whether a start is too far away to begin from."""
+    """Return whether a start is too far from the data for refinement."""
     return not rms_point <= POOR_START * _half_diagonal(observations)
 
 
 def doubtful(calibration: Calibration) -> bool:
-    """Whether a fit may have ended in a wrong minimum."""
+    """Return whether a fit may have ended in a wrong local minimum."""
     lengths = np.linalg.norm(calibration.used_residuals, axis=1)
     bound = POOR_END * _half_diagonal(calibration.observations)
     return not calibration.fit.converged or not np.median(lengths) <= bound
@@ -60,7 +60,7 @@ def _half_diagonal(observations: Observations) -> float:
 def from_radial(
     lens: Lens, rough: RadialStart, observations: Observations, fix: Mapping[str, float | None]
 ) -> list[tuple[Camera, Poses]]:
-    """Starts for a model from what the radial alignment constraint gives.
+    """Starts for a model from the solution of the radial alignment constraint.
 
     A model that cannot hold rays as far from the axis as there are gets views pushed away from the
     camera until it can.
@@ -93,7 +93,7 @@ def from_radial(
 
 
 def _pushed(poses: Poses, observations: Observations, angle: float) -> Poses:
-    """The poses, moved away along the axis until no point is farther from it than an angle, rad."""
+    """The poses, moved away along the axis until no point is at a larger angle from it, rad."""
     moved = poses.translations.copy()
     for view, r, t in zip(observations.views, poses.rotations, moved, strict=True):
         x, y, z = (view.xyz @ r.T + t).T
@@ -125,7 +125,7 @@ def regressed(
 
 
 def _holds(camera: Camera, poses: Poses, observations: Observations) -> bool:
-    """Whether all points project; without it a refinement cannot begin."""
+    """Return whether all points project; otherwise a refinement cannot start."""
     return bool(np.isfinite(residuals(camera, poses, observations)).all())
 
 
@@ -140,7 +140,7 @@ def adopted(lens: Lens, inner: Calibration, fix: Mapping[str, float | None]) -> 
 def about(
     calibration: Calibration, sigmas: Mapping[str, float], fix: Mapping[str, float | None]
 ) -> list[tuple[Camera, Poses]]:
-    """Starts with principal points all over their joint interval, without distortion, poses found anew.
+    """Starts with principal points across their joint interval, without distortion, with poses recomputed.
 
     Parameters
     ----------
@@ -180,5 +180,5 @@ def other_minima(calibration: Calibration) -> list[Camera]:
 
 
 def has(lens: Lens, name: str) -> bool:
-    """Whether `--fix NAME` means something to a lens."""
+    """Return whether `--fix NAME` applies to a lens."""
     return name == ASPECT or name in lens.names

@@ -1,4 +1,4 @@
-"""Where an iteration stands, how it moves, and the normal equations there."""
+"""The state of an iteration, its steps, and the normal equations there."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _alone() -> Poses:
 
 @dataclass(frozen=True)
 class State:
-    """Where the iteration stands.
+    """The state of an iteration.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Blocks:
-    """The normal equations at a state, by blocks: `JᵀJ` and the gradient `Jᵀr` of half the cost's square.
+    """The normal equations at a state, by blocks: `JᵀJ` and the gradient `Jᵀr` of half the squared cost.
 
     Attributes
     ----------
@@ -86,5 +86,5 @@ class Blocks:
     view_costs: Array
 
     def normal(self) -> NormalBlocks:
-        """The part that a covariance needs."""
+        """The part needed for a covariance."""
         return NormalBlocks(self.intrinsics, self.coupling, self.poses)

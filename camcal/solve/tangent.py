@@ -19,12 +19,12 @@ def flat(step: Step) -> Array:
 
 
 def unflat(vector: Array, free: int, width: int = 6) -> Step:
-    """The step of a vector whose first `free` entries are those of the free parameters."""
+    """The step of a vector whose first `free` entries belong to the free parameters."""
     return Step(vector[:free], vector[free:].reshape(-1, width))
 
 
 def sizes(blocks: Blocks) -> tuple[int, int]:
-    """Number of free parameters and of numbers a pose."""
+    """Number of free parameters and of pose coordinates."""
     return len(blocks.gradient), blocks.poses.shape[2]
 
 
@@ -48,5 +48,5 @@ def multiply(blocks: Blocks, vector: Array) -> Array:
 
 
 def inverse_lengths(squares: Array) -> Array:
-    """1 / sqrt of squared lengths; 1 for a column of zeros, which nothing moves."""
+    """1 / sqrt of squared lengths; 1 for a zero column."""
     return 1.0 / np.sqrt(np.where(squares > 0, squares, 1.0))

@@ -1,4 +1,4 @@
-"""A calibration whose views each pass through a small map of the image: zoomed, resized, moved while it was read.
+"""A calibration in which each view has a small image deformation: zoom, resizing, motion during readout.
 
 The prediction p of a point of view v becomes
 
@@ -39,7 +39,7 @@ def _affine(linear: Sequence[Sequence[float]], shift: Sequence[float] = (0.0, 0.
 
 
 def _radial(q: Array) -> tuple[Array, Array]:
-    """q |q|²: a change of the distortion."""
+    """q |q|²: a change of the radial distortion."""
     square = np.square(q).sum(-2)[..., None, :]
     slope = 2 * q[..., :, None, :] * q[..., None, :, :]
     return q * square, slope + np.eye(2)[:, :, None] * square[..., None, :, :]
@@ -121,11 +121,11 @@ class WarpedProblem(Problem):
         return self.rigid + self.warp.design.shape[2]
 
     def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:
-        """Begin without a map."""
+        """Start without a deformation."""
         return replace(super().state(params, poses, rig), shape=np.zeros(self.warp.design.shape[2]))
 
     def fill(self, group: Group, state: State, scratch: Array | None = None) -> Array | None:
-        """Rows of the mapped prediction; see `Problem.fill`."""
+        """Rows of the deformed prediction; see `Problem.fill`."""
         block = super().fill(group, state, scratch)
         if block is None:
             return None
@@ -139,7 +139,7 @@ class WarpedProblem(Problem):
         return block
 
     def _predicted(self, group: Group, block: Array) -> Array:
-        """Predictions (G, 2, N) before the map, px, from the rows of the problem without it."""
+        """Predictions (G, 2, N) before the deformation, px, from the rows of the undeformed problem."""
         residual = block[:, -1]
         if group.weights is not None:
             root = group.weights[:, 0]
@@ -152,7 +152,7 @@ class WarpedProblem(Problem):
         return self._filled
 
     def linearise(self, state: State) -> Blocks | None:
-        """The normal equations of camera, β and poses; None where a point leaves the lens's domain."""
+        """The normal equations of camera, β and poses; None if a point leaves the lens's domain."""
         p, rigid, design = self.cameras[0].lens.size, self.rigid, self.warp.design
         views, k = len(self.views), len(self.warp.fields)
         cross, own = np.zeros((views, k, p + 7)), np.zeros((views, k, k))

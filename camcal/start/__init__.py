@@ -1,4 +1,4 @@
-"""Closed-form estimates: where a calibration starts, each a stage with its own figures.
+"""Closed-form estimates, the starting points of a calibration; each is a stage with its own figures.
 
 A new one is one file that offers `estimate(correspondences, skew=False, normalise=True) -> ClosedForm`, and
 one line here.

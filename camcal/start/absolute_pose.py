@@ -62,7 +62,7 @@ def candidates(xyz: Array, rays: Array, weights: Array | None = None) -> Poses:
 
 
 def _system(x: Array, rays: Array, w: Array) -> tuple[Array, Array]:
-    """Ω (9, 9), for r by rows, and the matrix (3, 9) that gives t of r."""
+    """Ω (9, 9), for r by rows, and the matrix (3, 9) that maps r to t."""
     q = (np.eye(3) - rays[:, :, None] * rays[:, None]) * w[:, None, None]
     q = q.reshape(-1, 9)
     squares = (q.T @ (x[:, :, None] * x[:, None]).reshape(-1, 9)).reshape(3, 3, 3, 3)  # i j a b
@@ -74,7 +74,9 @@ def _system(x: Array, rays: Array, w: Array) -> tuple[Array, Array]:
 
 
 def _starts(omega: Array) -> Array:
-    """Rotations (H, 3, 3): nearest to the eigenvectors of Ω and of its part for points with z = 0; the cube's."""
+    """Rotations (H, 3, 3) nearest to the eigenvectors of Ω and of its part for points with z = 0, and those of the
+    cube.
+    """
     vectors = np.linalg.eigh(omega)[1][:, :EIGENVECTORS].T.reshape(-1, 3, 3)
     flat = np.linalg.eigh(omega.reshape(3, 3, 3, 3)[:, :2, :, :2].reshape(6, 6))[1][:, :3].T.reshape(-1, 3, 2)
     full = np.concatenate([flat, np.cross(flat[..., 0], flat[..., 1])[..., None]], -1)
@@ -123,7 +125,7 @@ def _cost(omega: Array, r: Array) -> Array:
 
 
 def _distinct(r: Array, order: Array) -> Array:
-    """The members of `order` whose rotation differs from all before it."""
+    """The members of `order` whose rotation differs from all before them."""
     kept: list[int] = []
     for i in order:
         angles = np.linalg.norm(rotations.log(r[kept] @ r[i].T), axis=-1) if kept else np.array([np.inf])

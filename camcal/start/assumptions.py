@@ -1,4 +1,4 @@
-"""Assumptions on K, from the fewest to the most, and the search for the first that gives a camera.
+"""Assumptions on K, from the fewest to the most, and the search for the first set that yields a camera.
 
 Coordinates are the unit ones of `unit_coordinates`: origin at the image's centre, half its diagonal long.
 """
@@ -35,7 +35,7 @@ class Assumed:
 
     @property
     def unknowns(self) -> int:
-        """How many entries of K it leaves free."""
+        """The number of entries of K that remain free."""
         return self.basis.shape[1] - 1
 
 
@@ -58,7 +58,7 @@ SETS = (
 
 @dataclass(frozen=True)
 class Found:
-    """K in unit coordinates, or None, and how it was come by.
+    """K in unit coordinates, or None, and how it was obtained.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Found:
 
 
 def unit_coordinates(correspondences: Correspondences) -> tuple[Array, str]:
-    """The matrix (3, 3) from pixels to unit coordinates, and in words what its origin is."""
+    """The matrix (3, 3) from pixels to unit coordinates, and a description of its origin."""
     if correspondences.image_size is not None:
         size = np.array(correspondences.image_size, float)
         centre, where = (size - 1) / 2, "the centre of the image"
@@ -97,7 +97,7 @@ def unit_coordinates(correspondences: Correspondences) -> tuple[Array, str]:
 
 
 def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 1.0) -> Found:
-    """K from homographies (V, 3, 3) with the fewest assumptions that leave a real, plausible, certain camera.
+    """K from homographies (V, 3, 3) with the fewest assumptions that give a real, plausible, well-determined camera.
 
     Where none is certain, the least uncertain one is taken; where none is real, `matrix` is None.
     `covariances` (V, 9, 9) are those of the entries of h by rows; `where` says what the origin is. A `length`
@@ -127,7 +127,7 @@ def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 
 
 
 def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Found:
-    """The same with each view's equations weighted by the inverse of their noise.
+    """As `climb`, with each view's equations weighted by the inverse of their noise.
 
     Worth a second attempt where views of little weight (small, far boards) drown the others. Not the first
     choice: with an undistorted model of a distorting lens, the noise is not what the views differ in.
@@ -139,7 +139,7 @@ def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Foun
 
 
 def _plausible(b: Array, singular: Array, assumed: Assumed, count: int) -> tuple[Array | None, str]:
-    """K of a conic where it is determined, real and has its principal point near the image; else why not."""
+    """K of a conic if it is determined, real and has its principal point near the image; otherwise the reason."""
     if 2 * count < assumed.unknowns:
         return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
     if singular[-2] < UNDETERMINED * np.sqrt(count):

@@ -1,4 +1,4 @@
-"""What a closed-form estimate returns."""
+"""The result of a closed-form estimate."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Estimator(Protocol):
     def __call__(
         self, correspondences: Correspondences, skew: bool = False, normalise: bool = True
     ) -> ClosedForm:
-        """Estimate from all views; `skew` says whether the camera's matrix may have one.
+        """Estimate from all views; `skew` allows a skew in the camera matrix.
 
         `normalise=False` leaves coordinates and columns as they are, to show what their scaling is worth.
         """
@@ -58,7 +58,7 @@ class Estimator(Protocol):
 
 
 def scaled(matrix: Array) -> Array:
-    """A projection matrix (3, 4) with m34 = 1 where that is possible, else of unit norm.
+    """A projection matrix (3, 4) with m34 = 1 if possible, otherwise of unit norm.
 
     m34 counts as zero below 1e-9 of the matrix's largest entry: dividing would leave fewer than 7 digits.
     """

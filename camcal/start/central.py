@@ -50,7 +50,7 @@ def Central(X: Array, Y: Array) -> Array:
 
 
 def Column(M: Array, order: str = "rows") -> Array:
-    """The entries of a matrix in one vector.
+    """The entries of a matrix as one vector.
 
     The paper's listing of `Column` runs down the columns of its argument, while its `Central` has the
     entries of the projection matrix by rows. With points as rows (`Central` here), Column(Y, "rows") is u1
@@ -101,7 +101,7 @@ def projection_matrix(
 
 
 def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
-    """K and the pose of a single view of points in space. The skew of M is kept in K, whatever `skew` says.
+    """K and the pose of a single view of points in space. The skew of M is kept in K, whatever `skew` is.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
 
 
 def _require_m34(view: View) -> None:
-    """Raise where the world's origin has no depth, so that M cannot be scaled to m34 = 1.
+    """Raise an error if the world's origin has zero depth, since M cannot be scaled to m34 = 1 then.
 
     m34 comes from the homogeneous solution, its standard deviation from the residuals of that. Both are
     compared with the root mean square of the points' m3·(x, y, z, 1): these are depths, so the ratios depend

@@ -1,4 +1,4 @@
-"""Rays as a rational function of the pixel, linear in its coefficients: no lens model and no guess is needed.
+"""Rays as a rational function of the pixel, linear in its coefficients: needs neither a lens model nor a guess.
 
 D. Claus, A. Fitzgibbon, A rational function lens distortion model for general cameras, CVPR (2005), sections 2
 and 3. With the lifted pixel χ = (u², uv, v², u, v, 1), the ray of a pixel is
@@ -52,7 +52,7 @@ LEAST_NOISE = 1e-7
 
 
 def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:
-    """K, poses and a division model regressed to the rays, of one view of a plane or more.
+    """K, poses and a division model regressed to the rays, from one or more views of a plane.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: 
 
 
 def _common_rows(views: Sequence[_View]) -> Array:
-    """The three orthonormal rows (3, 6) that the maps of all views have in common."""
+    """The three orthonormal rows (3, 6) that the maps of all views share."""
     bases = [np.linalg.qr(_map(v).T)[0].T * np.sqrt(len(v.points)) for v in views]
     return np.linalg.svd(np.concatenate(bases))[2][:3]
 
@@ -138,7 +138,7 @@ def _map(view: _View) -> Array:
 
 
 def _least(rows: Array, quadratic: Array) -> Array:
-    """The unit vector of the least sum of squares, quadratic terms held by the prior."""
+    """The unit vector with the smallest sum of squares; the prior holds the quadratic terms."""
     normal = rows.T @ rows
     floor = max(np.linalg.eigvalsh(normal)[0], LEAST_NOISE**2 * float(np.trace(normal)))
     return np.asarray(np.linalg.eigh(normal + PRIOR * floor * np.diag(quadratic))[1][:, 0])
@@ -152,7 +152,7 @@ def _derivatives(q: Array) -> tuple[Array, Array]:
 
 
 def _pinhole_at_centre(rows: Array) -> Array:
-    """A (3, 6) of the homography's choice for which pixels near the centre are those of a pinhole camera: [Q, I]."""
+    """A (3, 6) of the homography that makes pixels near the centre those of a pinhole camera: [Q, I]."""
     if not np.linalg.cond(rows[:, 3:]) < 1e6:
         raise EstimationError(
             "the lifted homographies leave the rays near the image's centre undetermined.",

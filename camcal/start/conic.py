@@ -1,4 +1,4 @@
-"""The image of the absolute conic: what homographies say about it, K from it, and how well they determine it.
+"""The image of the absolute conic: its constraints from homographies, K from it, and the uncertainty of K.
 
 Numbers in parentheses are those of docs/closed-forms.md.
 """
@@ -40,7 +40,7 @@ def smallest(equations: Array) -> tuple[Array, Array]:
 
 
 def _padded(a: Array) -> Array:
-    """Zero rows below A (M, k) where there are fewer rows than columns."""
+    """Append zero rows to A (M, k) if it has fewer rows than columns."""
     return np.concatenate([a, np.zeros((max(a.shape[1] - len(a), 0), a.shape[1]))])
 
 
@@ -65,7 +65,7 @@ def equation_noise(b: Array, h: Array, covariances: Array) -> Array:
 
 
 def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> float:
-    """How far the less certain focal length may be off, relative to it: standard deviation and bias together.
+    """The relative uncertainty of the less certain focal length: standard deviation and bias combined.
 
     Both to first order (13), of the b that minimises |A b| with |b| = 1: the noise of the homographies gives
     the equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which drags b by -(AᵀA)⁺ M b:

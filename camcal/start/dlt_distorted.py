@@ -1,4 +1,4 @@
-"""The DLT of the laboratories with distortion: 12, 14 or 16 coefficients.
+"""The DLT with distortion as used in biomechanics laboratories: 12, 14 or 16 coefficients.
 
 Y. Abdel-Aziz, H. Karara, Direct linear transformation from comparator coordinates into object space coordinates
 in close-range photogrammetry (1971), with the distortion terms of Karara & Abdel-Aziz, Accuracy aspects of
@@ -89,7 +89,7 @@ def _estimate(data: Observations, count: int) -> ClosedForm:
 
 
 def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:
-    """M (3, 4), the principal point (2,), L12 and on, the leave-one-out rms_point (px), the condition number."""
+    """M (3, 4), the principal point (2,), L12 and above, the leave-one-out rms_point (px), the condition number."""
     roots = np.ones(len(view)) if view.sigma is None else 1 / view.sigma
     to_xyz, to_uv = projective.normalisation(view.xyz[None])[0], projective.normalisation(view.uv[None])[0]
     x = projective.homogeneous(view.xyz) @ to_xyz.T
@@ -122,7 +122,7 @@ def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:
 
 
 def _equations(coefficients: Array, x: Array, q: Array, roots: Array) -> tuple[Array, Array, Array]:
-    """(1) as rows (2N, C) and right sides (2N,) in normalised px, with R and the principal point (2,) given before."""
+    """(1) as rows (2N, C) and right sides (2N,) in normalised px, with R and the principal point (2,) given."""
     m = np.r_[coefficients[:11], 1.0].reshape(3, 4)
     depth = x @ m[2]
     centre = m[:2, :3] @ m[2, :3] / (m[2, :3] @ m[2, :3])

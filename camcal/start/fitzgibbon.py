@@ -1,4 +1,4 @@
-"""Homography and division model at once: a quadratic eigenvalue problem for each view, one distortion for all.
+"""Homography and division model together: a quadratic eigenvalue problem per view, one distortion for all views.
 
 A. Fitzgibbon, Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR (2001), sections 2
 and 3. With image points p = (u, v, 1 + λ ρ²) about the image's centre, ρ the distance from there, the homography
@@ -40,7 +40,7 @@ FLATTEST = 0.1
 
 
 def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:
-    """K, poses and the first coefficient of the division model, whose centre is the image's.
+    """K, poses and the first coefficient of the division model about the image centre.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _prepared(view: View, form: shape.Shapes, index: int, centre: Array, scale: 
 
 
 def _candidate(views: Sequence[Equations]) -> float:
-    """The λ of any view that leaves the least median error over all views."""
+    """Among the λ of the views, the one with the lowest median error over all views."""
     some = views[:: max(1, -(-len(views) // CANDIDATE_VIEWS))]
     found = [0.0]
     for view in some:
@@ -99,7 +99,7 @@ def _candidate(views: Sequence[Equations]) -> float:
 
 
 def _error(view: Equations, value: float) -> tuple[float, Array]:
-    """The least |(D1 + λ D2) h|² over |h| = 1, divided by what h gives alone, and h."""
+    """The smallest |(D1 + λ D2) h|² over |h| = 1, divided by its value for h alone, and h."""
     d1, d2 = view.flat
     a = d1 + value * d2
     values, vectors = np.linalg.eigh(a.T @ a)
@@ -109,7 +109,7 @@ def _error(view: Equations, value: float) -> tuple[float, Array]:
 
 
 def _refined(views: Sequence[Equations], value: float) -> float:
-    """λ of the least sum over all views, by λ and the h of the views in turn."""
+    """The λ with the smallest sum over all views, alternating between λ and the h of the views."""
     for _ in range(ROUNDS):
         upper = lower = 0.0
         for view in views:
@@ -129,7 +129,7 @@ def _refined(views: Sequence[Equations], value: float) -> float:
 def _undistorted(
     data: Observations, agree: Sequence[Array], centre: Array, scale: float, value: float
 ) -> Observations:
-    """The points that agree as a pinhole camera sees them, weighted by how far the map magnifies their noise."""
+    """The inliers as a pinhole camera would see them, weighted by the magnification of their noise."""
     views = []
     for whole, chosen in zip(data.views, agree, strict=True):
         view = whole.take(chosen)

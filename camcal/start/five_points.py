@@ -1,4 +1,4 @@
-"""Which points of a view agree on a homography and a division model: samples of five, then all that agree.
+"""The points of a view that agree on a homography and a division model: samples of five, then all inliers.
 
 A. Fitzgibbon (2001), section 3: five points of a plane give ten equations for the nine unknowns of H and λ (six
 points in space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h takes in
@@ -31,7 +31,7 @@ OPTIMISED = 3
 
 @dataclass(frozen=True)
 class Equations:
-    """D1 and D2 of a view, three rows a point, weighted.
+    """D1 and D2 of a view, three rows per point, weighted.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Equations:
     d2: Array
 
     def take(self, chosen: Array) -> Equations:
-        """Only some of the points."""
+        """Select some of the points."""
         return Equations(self.x[chosen], self.pixels[chosen], self.d1[chosen], self.d2[chosen])
 
     @property
@@ -59,7 +59,7 @@ class Equations:
 
 
 def agreeing(view: Equations, seed: int = 0) -> Array:
-    """The points (N,) that agree; all of them where there are too few to tell or no sample gives a real λ."""
+    """The points (N,) that agree; all of them if there are too few to decide or no sample gives a real λ."""
     count, size = len(view.x), view.d1.shape[2]
     everybody = np.ones(count, bool)
     least = size // 3 + 2  # 5 of a plane, 6 in space
@@ -86,7 +86,7 @@ def _near(squares: Array) -> Array:
 
 
 def _best(view: Equations, samples: Array) -> Array | None:
-    """Squared distances (N,) of the solution of samples (S, K) with the least median; None without a real λ."""
+    """Squared distances (N,) for the sample (S, K) with the lowest median; None without a real λ."""
     values, h = _solutions(view, samples)
     if not len(values):
         return None

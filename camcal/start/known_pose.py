@@ -1,4 +1,4 @@
-"""Poses before a known camera: the start of their refinement."""
+"""Poses with respect to a known camera, as starts of their refinement."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
 
 
 def few_in_space(views: Sequence[View]) -> Array:
-    """Which views (V,) hold points in space that are enough for a pose, and too few for a projection matrix."""
+    """Return which views (V,) have enough points in space for a pose but too few for a projection matrix."""
     counts = np.array([len(v) for v in views])
     return np.asarray(~shapes(views).planar & (counts >= LEAST) & (counts < shape.LEAST_3D))
 
 
 def _best(view: View, rays: Array, ab: Array) -> Pose:
-    """The candidate with the least error in normalised coordinates."""
+    """The candidate with the smallest error in normalised coordinates."""
 
     def error(pose: Pose) -> float:
         x = pose.apply(view.xyz)

@@ -11,8 +11,8 @@ FOLLOWED = 1e-9
 
 
 def rms_point(residual: Array, jacobian: Array, roots: Array) -> float:
-    """rms_point of each point predicted without it, to first order (I - H_ii)⁻¹ r_i with H = J J⁺; inf of points that
-    nothing else determines.
+    """rms_point with each point predicted without it, to first order (I - H_ii)⁻¹ r_i with H = J J⁺; inf for
+    points that nothing else determines.
 
     Parameters
     ----------

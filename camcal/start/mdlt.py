@@ -60,7 +60,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
 
 
 def constrained(view: View) -> tuple[Array, int, float, float]:
-    """The projection matrix (3, 4) of least Σ |r|² / sigma² under (1).
+    """The projection matrix (3, 4) that minimises Σ |r|² / sigma² under (1).
 
     Returns
     -------
@@ -97,7 +97,7 @@ def constrained(view: View) -> tuple[Array, int, float, float]:
 
 
 def _taken(m: Array, step: Array, x: Array, y: Array, roots: Array) -> Array:
-    """M after the step, shortened while both the cost and the condition get worse."""
+    """M after the step, which is shortened while both the cost and the constraint get worse."""
 
     def figures(n: Array) -> tuple[float, float]:
         r, _ = _equations(n, x, y, roots)
@@ -138,7 +138,9 @@ def _condition(m: Array) -> tuple[float, Array]:
 
 
 def _leave_one_out(m: Array, x: Array, y: Array, roots: Array) -> float:
-    """rms_point of each point predicted without it, normalised px, along the changes that (1) and the scale allow."""
+    """rms_point with each point predicted without it, normalised px, along the changes that (1) and the scale
+    allow.
+    """
     residual, jacobian = _equations(m, x, y, roots)
     held = np.stack([_condition(m)[1].ravel(), m.ravel()])
     return leave_one_out.rms_point(residual, jacobian @ np.linalg.svd(held)[2][2:].T, roots)

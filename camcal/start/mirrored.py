@@ -1,4 +1,4 @@
-"""Points that a camera sees only with a reflection: which of three causes it is.
+"""Points that a camera sees only after a reflection: which of three causes applies.
 
 Images whose v is counted upwards, exchanged u and v, and a left-handed frame of the points give the same equations.
 What tells them apart is how cameras are held: v grows downwards, and down is against Y or Z of most frames.
@@ -23,7 +23,7 @@ _CAUSES = {
 
 
 def mirrored_error(rotation: Array) -> DataError:
-    """The error of points that lie in front of the camera only with a reflection.
+    """The error for points that lie in front of the camera only after a reflection.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def mirrored_error(rotation: Array) -> DataError:
 
 
 def which(reflected: Array) -> tuple[str, str]:
-    """The likely cause and what shows it; empty where nothing does.
+    """The likely cause and the evidence for it; empty if there is none.
 
     Parameters
     ----------

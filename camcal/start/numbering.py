@@ -1,4 +1,4 @@
-"""Points of a grid that are numbered as another grid: 9x6 read as 6x9, by columns in place of by rows.
+"""Grid points numbered in another order: 9x6 read as 6x9, by columns instead of by rows.
 
 A plane is seen through a homography, and a lens bends that by less than the points' spacing. Where it leaves more in
 most views, the points are not where the table says; the numberings of a grid of as many points are tried in their
@@ -28,7 +28,7 @@ LOOKED_AT = 5
 
 
 def check_numbering(data: Observations) -> None:
-    """Raise a DataError where the points fit another numbering of the grid in every view, and this one in none."""
+    """Raise a DataError if in every view the points fit another numbering of the grid and not this one."""
     whole, left = [], []
     for view in (v for v in data.views if _grid(v) is not None):
         whole.append(view)
@@ -50,7 +50,7 @@ def check_numbering(data: Observations) -> None:
 
 
 def _grid(view: View) -> tuple[int, int] | None:
-    """Columns and rows of a view that holds all points of a grid in the plane z = 0, row by row; else None."""
+    """Columns and rows of a view that holds all points of a grid in the plane z = 0, row by row; otherwise None."""
     if len(view) < 6 or np.ptp(view.xyz[:, 2]) > 0:
         return None
     size = float(np.abs(view.xyz).max())
@@ -59,7 +59,7 @@ def _grid(view: View) -> tuple[int, int] | None:
 
 
 def _numberings(count: int) -> Iterator[tuple[str, Array]]:
-    """Every other grid of as many points, with where its points are (N, 2)."""
+    """Every other grid with the same number of points, with their coordinates (N, 2)."""
     for columns in range(2, count // 2 + 1):
         if count % columns == 0:
             rows = count // columns
@@ -69,7 +69,7 @@ def _numberings(count: int) -> Iterator[tuple[str, Array]]:
 
 
 def _left(view: View, plane: Array) -> float:
-    """The median distance of a view's points from a homography of points (N, 2), in parts of their spacing."""
+    """The median distance of a view's points from a homography of points (N, 2), relative to their spacing."""
     h = homography.homographies(plane[None], view.uv[None])[0]
     seen = np.c_[plane, np.ones(len(plane))] @ h.T
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""A camera of the table from the rays of pixels that a closed form found."""
+"""A camera of the lens table, from rays of pixels that a closed form found."""
 
 from __future__ import annotations
 

@@ -44,13 +44,13 @@ class Polished:
 
     @classmethod
     def none(cls, count: int) -> Polished:
-        """Poses of no use, of infinite cost."""
+        """Placeholder poses with infinite cost."""
         return cls(
             Poses(np.tile(np.eye(3), (count, 1, 1)), np.full((count, 3), np.nan)), np.full(count, np.inf)
         )
 
     def or_better(self, other: Polished, rows: Array | slice = slice(None)) -> Polished:
-        """Take over `other`, which holds the views `rows`, wherever its cost is lower."""
+        """Take over the poses of `other`, which holds the views `rows`, wherever their cost is lower."""
         r, t, cost = self.poses.rotations.copy(), self.poses.translations.copy(), self.cost.copy()
         rows = np.arange(len(cost))[rows]
         better = other.cost < cost[rows]
@@ -155,7 +155,7 @@ def second_solution(poses: Poses) -> Poses:
 def _group(
     xyz: Array, ab: Array, w: Array, form: shape.Shapes, which: Array, planar: bool, steps: int
 ) -> tuple[Array, Array]:
-    """Poses of views with equally many points, all planar or all in space."""
+    """Poses of views with the same number of points, all planar or all in space."""
     origins, axes = form.origins[which], form.axes[which]
     local = (xyz - origins[:, None]) @ axes
     starts = []
@@ -173,7 +173,7 @@ def _group(
 
 
 def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: int) -> Polished:
-    """Take the second planar solution where it is the better one.
+    """Use the second planar solution where it is better.
 
     A few steps tell the views where it stands a chance; only these are followed to the end.
     """
@@ -186,7 +186,7 @@ def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: in
 
 
 def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 20) -> Poses:
-    """The lower of the two minima of each plane's pose, from a start near one of them.
+    """The lower of the two minima of each plane's pose, starting near one of them.
 
     A few steps in both tell most of them apart; only where they do not are both followed to the end.
 
@@ -256,7 +256,7 @@ class _Placed(NamedTuple):
 
 
 class _Views(Small):
-    """Views of equally many points, each with its pose; residuals in normalised coordinates."""
+    """Views with the same number of points, each with its pose; residuals in normalised coordinates."""
 
     def __init__(self, xyz: Array, ab: Array, w: Array):
         self.count = len(xyz)
@@ -266,7 +266,7 @@ class _Views(Small):
         self.left, self.some = np.arange(self.count), self.data
 
     def linearise(self, state: _Placed, members: Array) -> Normal:
-        """The cost is inf behind the camera, where the equations are those of the same formulas."""
+        """The equations; behind the camera the cost is inf and the equations follow the same formulas."""
         if len(members) != len(self.left):
             self.left = members
             self.some = tuple(None if a is None else a[members] for a in self.data)
@@ -288,7 +288,8 @@ class _Views(Small):
 def _rows(
     turned: Array, predicted: Array, residual: Array, inverse: Array, root: Array | None
 ) -> tuple[Array, Array]:
-    """Residuals (V, 2 N) and their derivatives (V, 6, 2 N), times the roots of the weights (V, N), None = 1.
+    """Residuals (V, 2 N) and their derivatives (V, 6, 2 N), multiplied by the square roots of the weights (V, N),
+    None = 1.
 
     From R x over the depth (V, 3, N), predictions and residuals (V, 2, N), and inverse depths (V, N).
     """

@@ -1,4 +1,4 @@
-"""The start for every lens, wide ones included: the radial alignment constraint, no guess needed.
+"""A closed form for every lens, including wide ones: the radial alignment constraint, without an initial guess.
 
 A lens that is symmetric about its axis moves image points only along lines through the distortion centre: the
 direction from there to an image point is the direction of (x, y) in the camera's frame, whatever the lens.
@@ -78,7 +78,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Lens:
-    """f(ρ) = Σ a ρ^e, ρ in half diagonals, with what else `depths` finds."""
+    """f(ρ) = Σ a ρ^e, ρ in half diagonals, with the other results of `depths`."""
 
     exponents: tuple[int, ...]
     coefficients: Array
@@ -89,7 +89,7 @@ class _Lens:
 
 
 def estimate(correspondences: Correspondences) -> RadialStart:
-    """Camera and poses from views of planes or of points in space, the lens of any width.
+    """Camera and poses from views of planes or of points in space, for lenses of any width.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def estimate(correspondences: Correspondences) -> RadialStart:
 def prepared(
     correspondences: Correspondences, form: shape.Shapes, centre: Array, half_diagonal: float
 ) -> tuple[list[_View], Array]:
-    """Views in coordinates of their own, and the scale (V,) of each.
+    """Views in their own coordinates, and the scale (V,) of each.
 
     Raises
     ------
@@ -188,13 +188,13 @@ def _groups(views: Sequence[_View]) -> list[tuple[Array, Array]]:
 
 
 def _tangential_rms(views: Sequence[_View], offset: Array) -> float:
-    """Root mean square distance of the image points from their radial lines, half diagonals."""
+    """The rms distance of the image points from their radial lines, half diagonals."""
     total = sum(_alignments(*group, offset)[0].sum() for group in _groups(views))
     return float(np.sqrt(total / sum(len(v.points) for v in views)))
 
 
 def distortion_centre(views: Sequence[_View], half_diagonal: float) -> Array:
-    """The point (2,), from the image's centre in half diagonals, about which the points align best.
+    """The point (2,), from the image centre in half diagonals, about which the points align best.
 
     The sum of squared distances from the radial lines, in px, and the distance from the image's centre in
     standard deviations (`CENTRE_SPREAD`), by Nelder & Mead from the image's centre.
@@ -224,7 +224,7 @@ def distortion_centre(views: Sequence[_View], half_diagonal: float) -> Array:
 
 
 def partial_pose(view: _View, offset: Array) -> tuple[Array, Array]:
-    """The rotation (3, 3) and t1, t2 of a view, of a plane up to the sign of the third row's first entries.
+    """The rotation (3, 3) and t1, t2 of a view; for a plane, up to the sign of the first entries of the third row.
 
     The homogeneous equations v (g1·h) = u (g2·h) about the centre give (g1, g2) up to scale. For a plane,
     the first two columns of the rotation are completed to orthonormal ones (Scaramuzza et al. 2006, eqs. 9 to
@@ -346,7 +346,7 @@ def _monotone(
     half_diagonal: float,
     correspondences: Correspondences,
 ) -> tuple[_Lens, Camera]:
-    """The richest lens that does not fold back among the data."""
+    """The lens with the most terms that does not fold back among the data."""
     rim = max(float(np.hypot(*(v.uv - offset).T).max()) for v in views)
     model = make("scaramuzza")
     for exponents in SERIES:

@@ -1,4 +1,4 @@
-"""The shape of the points of each view, and which closed form it allows."""
+"""The shape of the points of each view, and the closed forms that it allows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matri
 def unusable(
     correspondences: Observations, form: Shapes | None = None, least_3d: int = LEAST_3D
 ) -> dict[int, str]:
-    """The views no closed form can take, by index, each with what was found and what is needed."""
+    """The views that no closed form can use, by index, each with what was found and what is needed."""
     form = form or correspondences.shapes
     counts = np.array([len(v) for v in correspondences.views])
     few = counts < LEAST_PLANAR
@@ -45,18 +45,18 @@ def unusable(
 
 
 def distinct(views: Sequence[View]) -> int:
-    """Number of views that are not an exact repetition of another."""
+    """The number of views that are not exact repetitions of another."""
     return len({(v.xyz.tobytes(), v.uv.tobytes()) for v in views})
 
 
 def all_same(views: Sequence[View]) -> bool:
-    """Whether every view is an exact repetition of the first."""
+    """Return whether every view is an exact repetition of the first."""
     first = views[0]
     return all(np.array_equal(v.uv, first.uv) and np.array_equal(v.xyz, first.xyz) for v in views[1:])
 
 
 def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
-    """The shapes of views that can all be used.
+    """Return the shapes of the views after checking that all can be used.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
 
 
 def view_in_space(correspondences: Observations, what: str) -> View:
-    """The only view, of points in space, that a closed form takes; `what` is its name in the message.
+    """The only view, of points in space, that a closed form accepts; `what` is its name in the message.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def view_in_space(correspondences: Observations, what: str) -> View:
 
 
 def behind_camera(view: str, behind: int, count: int) -> EstimationError:
-    """The error of a view whose points cannot all be seen by the estimated camera."""
+    """The error for a view whose points cannot all be in front of the estimated camera."""
     return EstimationError(
         f"view '{view}': {behind} of {count} points come out behind the camera; all must lie in front of it.",
         "Check that each image point belongs to its object point, and the order of the columns.",
@@ -104,7 +104,7 @@ def behind_camera(view: str, behind: int, count: int) -> EstimationError:
 
 
 def choose(correspondences: Observations) -> tuple[list[str], str]:
-    """The closed forms that suit the data, best last, and why.
+    """The closed forms that suit the data, the best last, and the reason.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def choose(correspondences: Observations) -> tuple[list[str], str]:
 
 
 def require_determined(correspondences: Observations, free: Sequence[str]) -> None:
-    """Check that the views determine the free entries of the camera's matrix.
+    """Check that the views determine the free entries of the camera matrix.
 
     A view of a plane gives two constraints on them (Zhang 2000, section 2.3), a view of points in space all
     five.

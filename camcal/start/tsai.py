@@ -35,7 +35,7 @@ FRONTO_PARALLEL = 10.0
 
 
 def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:
-    """K with square pixels and the image's centre, and the poses, of one view or more of planes or points in space.
+    """K with square pixels and the image centre, and the poses, from one or more views of planes or points in space.
 
     Raises
     ------

@@ -36,7 +36,7 @@ UNKNOWN_NOISE = 0.1
 
 @dataclass(frozen=True)
 class Planes:
-    """Homographies of all views from their own planes, with what is known of their errors.
+    """Homographies of all views from their own planes, with their estimated errors.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Planes:
 
     @property
     def visible(self) -> float:
-        """The perspective of all views together."""
+        """The combined perspective of all views."""
         return float(np.sqrt((self.perspective**2).mean()))
 
 
@@ -118,7 +118,9 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
 def _choose_minima(
     poses: Poses, weak: Array, k: Array, correspondences: Correspondences, form: shape.Shapes
 ) -> Poses:
-    """Search both minima of the poses of planes with little perspective; homographies take either by noise."""
+    """Search both minima of the poses of planes with little perspective, where noise decides which one
+    homographies give.
+    """
     r, t, inverse = poses.rotations.copy(), poses.translations.copy(), np.linalg.inv(k)
     for index, xyz, uv, w in shape.batches([correspondences.views[i] for i in weak]):
         which = weak[index]
@@ -171,7 +173,7 @@ def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
 
 
 def _perspective(h: Array, covariances: Array) -> Array:
-    """How far the planes' vanishing lines stand out of the noise; about 1 for fronto-parallel planes."""
+    """The significance of the planes' vanishing lines above the noise; about 1 for fronto-parallel planes."""
     slope = h[:, 2, :2] / h[:, 2, 2:]
     jacobian = np.zeros((len(h), 2, 9))
     jacobian[:, 0, 6] = jacobian[:, 1, 7] = 1 / h[:, 2, 2]
@@ -182,7 +184,7 @@ def _perspective(h: Array, covariances: Array) -> Array:
 
 
 def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
-    """Raise where a plane's points come to lie on both sides of the camera."""
+    """Raise an error if a plane's points end up on both sides of the camera."""
     depth = np.einsum("vnk,vk->vn", local, h[:, 2, :2]) + h[:, 2, 2:]
     behind = (depth <= 0).sum(1)
     bad = np.flatnonzero(behind > shape.BEHIND * local.shape[1])
@@ -193,7 +195,7 @@ def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
 def _intrinsics(
     planes: Planes, correspondences: Correspondences, skew: bool, normalise: bool = True
 ) -> tuple[Array, dict[str, Any]]:
-    """K with the fewest assumptions that leave a real, plausible and determined camera, and its figures."""
+    """K with the fewest assumptions that give a real, plausible and determined camera, and its figures."""
     count = len(planes.h)
     if planes.visible < VISIBLE:
         found = f"their perspective is {planes.visible:.1f} times its noise, at least {VISIBLE:g} is needed"

@@ -1,4 +1,4 @@
-"""Checkpoint files: all that a run needs to go on after a kill as if nothing had happened, to the last bit.
+"""Checkpoint files: a run continues after it was killed, with bit-identical results.
 
 The first line names the schema and the SHA-256 of the second, which is one JSON document (camcal.track.keep).
 """
@@ -26,14 +26,14 @@ LARGEST = 256 << 20
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically: a reader sees the old one or the new one."""
+    """Write a checkpoint atomically: a reader sees either the old one or the new one."""
     body = json.dumps(pack(content))
     head = json.dumps({"schema": SCHEMA, "sha256": _digest(body)})
     atomic_write(path, f"{head}\n{body}\n", force=True)
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Read a checkpoint, and remove temporary files of a run that was killed while it wrote one.
+    """Read a checkpoint, and remove temporary files that a killed run left behind.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def load(path: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def damage(path: Path) -> Iterator[None]:
-    """Say of any error of what a state holds that it is damaged: its checksum only proves that it is complete."""
+    """Report any error in the contents of a state as damage: its checksum proves only that it is complete."""
     try:
         yield
     except CamcalError:
@@ -75,7 +75,7 @@ def _damaged(path: Path, error: Exception) -> DataError:
 
 
 def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Refuse options that differ from those that the checkpoint was made with."""
+    """Reject options that differ from those of the checkpoint."""
     saved, now = (json.loads(json.dumps(pack(options))) for options in (saved, now))
     for name, value in now.items():
         if saved.get(name) != value:

@@ -1,4 +1,4 @@
-"""Projection matrices of many frames at once into K, R, t, and their first derivatives.
+"""Projection matrices of many frames at once into K, R, t, with first derivatives.
 
 Physical coordinates of a camera, eleven numbers, are in this order:
 

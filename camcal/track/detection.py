@@ -1,4 +1,4 @@
-"""Has the camera changed? Two tests on the innovations, with a stated rate of false alarms.
+"""Detection of changes of the camera: two tests on the innovations, with a stated false-alarm rate.
 
 The innovation of a frame, reduced to what a change of the camera's p parameters can explain, gives the
 normalised innovation squared (NIS): chi-squared with p degrees of freedom while the camera does what the
@@ -35,7 +35,7 @@ LARGEST = 37.0
 
 
 def normal_deviate(nis: float, dof: int, noise_dof: float) -> float:
-    """The standard normal deviate that is exceeded as rarely as `nis` is.
+    """The standard normal deviate with the same tail probability as `nis`.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def normal_deviate(nis: float, dof: int, noise_dof: float) -> float:
 
 
 def mean_time_to_alarm(threshold: float, shift: float = 0.0, nodes: int = 80) -> float:
-    """Frames until the cumulative sum crosses its threshold, on average, starting from zero.
+    """The mean number of frames until the cumulative sum, starting from zero, crosses its threshold.
 
     Solves L(s) = 1 + Φ(k - s - μ) L(0) + ∫ φ(x - s + k - μ) L(x) dx over (0, h), Gauss-Legendre (Nyström).
 
@@ -74,7 +74,7 @@ def mean_time_to_alarm(threshold: float, shift: float = 0.0, nodes: int = 80) ->
 
 @lru_cache(maxsize=16)
 def cusum_threshold(false_alarm: float) -> float:
-    """The threshold with a false alarm in 1 / false_alarm frames on average."""
+    """The threshold with one false alarm in 1 / false_alarm frames on average."""
     if false_alarm < EXPONENTIAL:
         return cusum_threshold(EXPONENTIAL) + float(np.log(EXPONENTIAL / false_alarm))
     wanted = np.log(1 / false_alarm)
@@ -110,7 +110,7 @@ class ChangeTest(Kept):
         self.since: int | None = None
 
     def step(self, frame: int, score: float, allowance: float = 0.0) -> str | None:
-        """Take a frame's deviate; the test that raises an alarm, `nis` or `cusum`, or None.
+        """Process a frame's deviate; return the test that raises an alarm, `nis` or `cusum`, or None.
 
         Parameters
         ----------
@@ -127,5 +127,5 @@ class ChangeTest(Kept):
         return "cusum" if self.sum > self.threshold else None
 
     def reset(self) -> None:
-        """Begin anew, after an alarm."""
+        """Restart after an alarm."""
         self.sum, self.since = 0.0, None

@@ -1,4 +1,4 @@
-"""What an estimator is, and what it says after each frame."""
+"""The interface of estimators, and their output after each frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = np.ndarray
 @stored
 @dataclass(slots=True)
 class TrackState:
-    """What is known after a frame.
+    """The estimate after a frame.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class TrackState:
 
 
 class Estimator(Kept, ABC):
-    """Takes frames in ascending order and says after each what the camera is.
+    """Processes frames in ascending order and returns the camera after each.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Estimator(Kept, ABC):
             )
 
     def update(self, frame: Frame) -> TrackState | None:
-        """Take a frame; None where it is late or repeated and was ignored."""
+        """Process a frame; return None if it is late or repeated and was ignored."""
         step = self._step(frame)
         if step is None:
             self.ignored += 1
@@ -114,7 +114,7 @@ class Estimator(Kept, ABC):
         return self._update(frame, step)
 
     def _step(self, frame: Frame) -> float | None:
-        """How many frames have passed since the last one; None where the frame is not newer."""
+        """The number of frames since the last one; None if the frame is not newer."""
         if self.last is None:
             return 1.0
         if frame.number <= self.last:
@@ -125,8 +125,8 @@ class Estimator(Kept, ABC):
 
     @abstractmethod
     def _update(self, frame: Frame, step: float) -> TrackState:
-        """Take a frame that came `step` frames after the one before."""
+        """Process a frame that is `step` frames after the previous one."""
 
     def finish(self) -> Iterable[TrackState]:
-        """The states that were held back until the end of the stream, in order."""
+        """Return the states that were held back until the end of the stream, in order."""
         return ()

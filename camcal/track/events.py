@@ -1,4 +1,4 @@
-"""What has changed when the alarm goes: the simplest motion that explains the difference, in words."""
+"""Explanation of a change after an alarm: the simplest motion that explains the difference, in words."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Alarm:
 @stored
 @dataclass(frozen=True)
 class Change:
-    """What an alarm amounts to.
+    """The explanation of an alarm.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ def _in_words(kind: str, frame: int, change: Array, sigma: Array) -> tuple[str, 
 
 
 def axis(vector: Array) -> str:
-    """The direction of a vector: `y`, `-x`, or three numbers where none of the axes is within 15 degrees."""
+    """The direction of a vector: `y`, `-x`, or three numbers if no axis is within 15 degrees."""
     unit = vector / max(float(np.linalg.norm(vector)), 1e-300)
     main = int(np.abs(unit).argmax())
     if abs(unit[main]) > np.cos(np.deg2rad(15)):

@@ -1,4 +1,4 @@
-"""The camera that a track starts from, outliers or not, and the reasons not to start."""
+"""The camera at the start of a track, robust against outliers, and the reasons not to start."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLIND = 0.2
 
 
 def fit(model: Model, frame: Frame, known: float | None, probability: float) -> robust.FrameFit:
-    """Fit a camera to the first frame, or to the first few joined.
+    """Fit a camera to the first frame, or to the first few frames joined.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ PLANE_HINT = (
 
 
 def projection_matrix(xyz: Array, uv: Array) -> Array:
-    """M (3, 4) of points xyz (N, 3) and images uv (N, 2), outliers among them.
+    """M (3, 4) of points xyz (N, 3) and images uv (N, 2), robust against outliers.
 
     Least quantile of squares over samples of six points (Rousseeuw 1984), the same samples on every run. The
     centroid of the points lies at a positive depth.
@@ -132,7 +132,7 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
 
 
 def is_flat(xyz: Array) -> bool:
-    """Whether points (N, 3) lie on a plane."""
+    """Return whether points (N, 3) lie on a plane."""
     spread = projective.fit_plane(xyz)[2]
     return bool(spread[2] <= FLAT * spread[0])
 

@@ -28,7 +28,7 @@ KEPT = 1000
 @stored
 @dataclass
 class Summary:
-    """What a run amounts to.
+    """The summary of a run.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Follower(Kept):
 
     # ------------------------------------------------------------------ the run
     def run(self, frames: Iterable[Frame]) -> Summary:
-        """Take all frames, then finish.
+        """Process all frames, then finish.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class Follower(Kept):
             yield frame
 
     def _take(self, frame: Frame) -> None:
-        """Pass a frame on, or hold it back and pass the oldest that is held."""
+        """Pass a frame on, or hold it back and pass on the oldest held frame."""
         if not self.hold:
             self._step(frame)
             return
@@ -204,7 +204,7 @@ class Follower(Kept):
 
     # ------------------------------------------------------------------ changes
     def _describe(self) -> None:
-        """Describe the last change finally, by the present camera where that has not moved since."""
+        """Write the final description of the last change, by the current camera if it has not moved since."""
         if self._alarm is None:
             return
         alarm, last, options = self._alarm, self.summary.last, self.estimator.options
@@ -219,13 +219,13 @@ class Follower(Kept):
 
     # ------------------------------------------------------------------ checkpoints
     def _checkpoint(self) -> None:
-        """Write the rows, then the state, which says how many bytes of them belong to it."""
+        """Write the rows, then the state, which records how many bytes of them belong to it."""
         if self.state_file is not None:
             rows = self.output.flush()
             checkpoint.save(self.state_file, {"options": self.options, "rows": rows, "run": self.state()})
 
     def resume(self) -> None:
-        """Go on from the checkpoint where there is one; without, write the first one.
+        """Continue from the checkpoint if there is one; otherwise write the first one.
 
         The first one is written before the table is begun, so that a run that is killed at any moment can be
         started again.

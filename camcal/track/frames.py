@@ -1,4 +1,4 @@
-"""Frames: the correspondences of one moment each."""
+"""Frames: the correspondences of one instant each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = np.ndarray
 @stored
 @dataclass(slots=True)
 class Frame:
-    """The correspondences of one moment.
+    """The correspondences of one instant.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ def join(frames: Sequence[Frame]) -> Frame:
 
 
 def from_pictures(correspondences: Correspondences) -> Iterator[Frame]:
-    """Pictures as frames, numbered from 0 in their order; one without the target has no points.
+    """Pictures as frames, numbered from 0 in order; a picture without the target gives a frame without points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Gains: how much of a frame's own correction is taken.
+"""Gains: the fraction of a frame's own correction that is applied.
 
 A frame reduces to z = A δ + noise of unit variance, δ being the error of the prediction (linear.compress);
 the estimate moves by G z. The covariance that goes with *any* G is Joseph's (linear.joseph), so that the
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class Gain(Kept):
-    """A rule for G; this one is Kalman's, of least variance.
+    """A rule for G; the base class is Kalman's, of minimum variance.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Gain(Kept):
         del factor
 
     def inflate(self, factor: Array, a: Array, z: Array) -> Array:
-        """The predicted factor that the gain works with; most leave it as it is."""
+        """The predicted factor that the gain uses; most gains leave it unchanged."""
         del a, z
         return factor
 
@@ -64,7 +64,7 @@ def kalman(factor: Array, a: Array, innovation: Array) -> Array:
 
 
 class ForgettingGain(Gain):
-    """Exponentially weighted least squares: G = (Σ λᵏ AᵀA)⁻¹ Aᵀ, the sum carried as a triangle by QR.
+    """Exponentially weighted least squares: G = (Σ λᵏ AᵀA)⁻¹ Aᵀ, the sum stored as a triangular factor by QR.
 
     Björck, Numerical Methods for Least Squares Problems (1996), section 3.3: nothing is ever squared or
     subtracted, so that rounding errors do not build up over any number of frames.
@@ -79,7 +79,7 @@ class ForgettingGain(Gain):
         self.root = np.zeros((0, 0))
 
     def begin(self, factor: Array) -> None:
-        """The sum is that of the estimate's information."""
+        """Start with the information of the estimate as the sum."""
         self.root = linear.triangle(np.ascontiguousarray(np.linalg.inv(factor).T)).T
 
     def __call__(self, factor: Array, a: Array, innovation: Array, step: float) -> Array:
@@ -94,7 +94,7 @@ class ForgettingGain(Gain):
 
 
 class MeanGain(ForgettingGain):
-    """The mean over all points so far, each of the same weight: nothing is forgotten.
+    """The mean over all points so far with equal weights: nothing is forgotten.
 
     The paper's theorem, Column(M) = E{CᵀC}⁻¹ E{CᵀY}, with its expectation taken over the points of all
     frames since the start or the last change.
@@ -106,17 +106,17 @@ class MeanGain(ForgettingGain):
 
 
 class FixedGain(Gain):
-    """G = α A⁻¹: the constant fraction α of the way to the frame's own least squares estimate."""
+    """G = α A⁻¹: a constant fraction α of the way to the frame's own least-squares estimate."""
 
     tracks_velocity = False
 
     def __call__(self, factor: Array, a: Array, innovation: Array, step: float) -> Array:
-        """See `Gain`; directions that the frame does not determine are left alone."""
+        """See `Gain`; directions that the frame does not determine are unchanged."""
         return self.options.alpha * np.linalg.pinv(a, rcond=1e-10)
 
 
 class AdaptiveGain(Gain):
-    """The Kalman gain with the covariance inflated as far as the innovations are larger than predicted.
+    """The Kalman gain with the covariance inflated by the ratio of observed to predicted innovations.
 
     An adaptive fading memory (Xia, Rao, Ying & Shen, Automatica 30, 1994): the mean of zᵀz / p over the last
     frames is 1 + tr(A P Aᵀ) / p while the motion is as stated; P is multiplied by what is missing
@@ -132,7 +132,7 @@ class AdaptiveGain(Gain):
         self.mean, self.weight = 0.0, 0.0
 
     def begin(self, factor: Array) -> None:
-        """Forget the innovations before the change."""
+        """Discard the innovations before the change."""
         self.mean, self.weight = 0.0, 0.0
 
     def inflate(self, factor: Array, a: Array, z: Array) -> Array:

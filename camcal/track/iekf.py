@@ -13,7 +13,7 @@ from camcal.track.robust import FrameFit
 
 
 def physical_model(options: TrackOptions) -> PhysicalModel:
-    """The model that the options ask for: that of the given camera, or of its own lens.
+    """The model that the options request: the given camera's, or one with its own lens.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class IteratedKalman(Recursive):
         )
 
     def _first(self, frame: Frame) -> FrameFit:
-        """Refuse what would look like a result: intrinsics from one view of a plane."""
+        """Reject intrinsics from a single view of a plane, which would look like a result."""
         lens = self.model.lens.parameters[: 5 if self.model.has_skew else 4]
         held = all(p.name in self.model.fix for p in lens)
         still = all(self.figures[group] < least for group, least in MOVES.items())

@@ -1,4 +1,4 @@
-"""What a checkpoint stores: objects name the attributes that make up their state, and these become JSON.
+"""The contents of checkpoints: objects name the attributes that make up their state, stored as JSON.
 
 Arrays are stored as the base64 text of their bytes, floats as the shortest text that reads back as the same
 number, so that a restored run gives the same bits.
@@ -20,7 +20,7 @@ T = TypeVar("T", bound=type)
 
 
 def stored(cls: T) -> T:
-    """Let a checkpoint hold values of a dataclass or a NamedTuple (a class decorator)."""
+    """Class decorator that lets a checkpoint store values of a dataclass or a NamedTuple."""
     names = getattr(cls, "_fields", None) or tuple(f.name for f in dataclasses.fields(cls))
     _VALUES[cls.__name__] = cls, names
     return cls
@@ -43,7 +43,7 @@ class Kept:
         return {name: v.state() if isinstance(v, Kept) else v for name, v in values.items()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over a state of `state`."""
+        """Restore a state returned by `state`."""
         if set(state) != set(self._names()):
             raise ValueError(f"{', '.join(sorted(set(state) ^ set(self._names())))} of {type(self).__name__}")
         for name in self._names():
@@ -61,7 +61,7 @@ class Kept:
 
 
 def _alike(own: Any, given: Any) -> bool:
-    """Whether a value may stand where `own` stands in an object that has seen no frame."""
+    """Return whether a value may replace `own` in an object that has not seen a frame."""
     if own is None or given is None:
         return True
     for kind in ((bool, int, float, np.generic), str, (list, tuple), Mapping, np.ndarray):
@@ -71,7 +71,7 @@ def _alike(own: Any, given: Any) -> bool:
 
 
 def pack(value: Any) -> Any:
-    """Turn a value into what `json.dumps` takes.
+    """Convert a value into one that `json.dumps` accepts.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def pack(value: Any) -> Any:
 
 
 def unpack(packed: dict[str, Any]) -> Any:
-    """Rebuild one JSON object that `pack` made; the `object_hook` of `json.loads`."""
+    """Rebuild one JSON object made by `pack`; the `object_hook` of `json.loads`."""
     if _ARRAY in packed:
         kind = np.dtype(packed["dtype"])
         if kind.kind not in "biuf":

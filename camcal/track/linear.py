@@ -1,4 +1,4 @@
-"""Small dense steps in square-root form, on which every recursion of this room rests.
+"""Small dense steps in square-root form, the basis of every recursion in this package.
 
 A covariance P is kept as a factor L with P = L Lᵀ. Orthogonal transformations alone carry it from frame to
 frame, so that it can neither lose its symmetry nor become indefinite, however long the stream
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 class Compressed(NamedTuple):
-    """What a frame says about p parameters, r = J δ + noise of unit variance, in p equations.
+    """The information of a frame about p parameters, r = J δ + noise of unit variance, in p equations.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def _mask(n: int) -> Array:
 
 
 def solve_upper(r: Array, b: Array, transposed: bool = False) -> Array:
-    """Solve r x = b (or rᵀ x = b) with r upper triangular; LinAlgError where r is singular."""
+    """Solve r x = b (or rᵀ x = b) with r upper triangular; LinAlgError if r is singular."""
     x, info = lapack.dtrtrs(r, b, trans=int(transposed))
     if info:
         raise np.linalg.LinAlgError("singular triangular matrix")
@@ -87,7 +87,7 @@ def solve_upper(r: Array, b: Array, transposed: bool = False) -> Array:
 
 
 def cholesky(matrix: Array) -> Array:
-    """The lower factor of a positive definite matrix; LinAlgError where it is not."""
+    """The lower factor of a positive definite matrix; LinAlgError if it is not positive definite."""
     factor, info = lapack.dpotrf(matrix, lower=1)
     if info:
         raise np.linalg.LinAlgError("not positive definite")
@@ -111,7 +111,7 @@ def solve_factored(factor: Array, b: Array) -> Array:
 
 
 def joseph(gain: Array, a: Array, factor: Array) -> Array:
-    """The covariance factor after x += gain (z - a δ), for any gain, the best or not.
+    """The covariance factor after x += gain (z - a δ), for any gain, optimal or not.
 
     P⁺ = (I - G A) P (I - G A)ᵀ + G Gᵀ (Bucy & Joseph, 1968), by QR of [(I - G A) L, G].
 

@@ -1,4 +1,4 @@
-"""The estimators on the 11 numbers of the projection matrix: `kalman`, `rls` and `batch`."""
+"""The estimators on the 11 entries of the projection matrix: `kalman`, `rls` and `batch`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Kalman(Recursive):
 
 
 class RecursiveLeastSquares(Recursive):
-    """Weighted least squares over all frames so far, the weight of a frame falling with its age.
+    """Weighted least squares over all frames so far; the weight of a frame decreases with its age.
 
     It knows no motion: what follows a moving camera is the forgetting, and the covariance is that of the
     noise alone, without the lag behind a camera that moves.
@@ -46,7 +46,7 @@ class RecursiveLeastSquares(Recursive):
 
 
 class Batch(Recursive):
-    """Each frame alone: Column(M) = Central⁺ Column(Y) (Barranco & Medel, eq. 4) on normalised coordinates.
+    """Each frame separately: Column(M) = Central⁺ Column(Y) (Barranco & Medel, eq. 4) in normalised coordinates.
 
     The estimates have no memory. What has one is the reference against which points are gated and changes
     tested: the mean over all frames since the start or the last change.
@@ -60,7 +60,7 @@ class Batch(Recursive):
         self.own: list[Array] | None = None
 
     def _report(self, frame: Frame, status: str, keep: Array | None = None, **more: Any) -> TrackState:
-        """Give the frame's own estimate in place of the reference; a frame without one keeps the last."""
+        """Report the frame's own estimate instead of the reference; a frame without one keeps the last."""
         state = super()._report(frame, status, keep, **more)
         if keep is not None and np.count_nonzero(keep) >= self.model.start_points:
             self.own = self._theorem(frame, keep)

@@ -1,4 +1,4 @@
-"""The projection matrix itself: the 11 numbers of Column(M), as Barranco & Medel track them.
+"""The model of the projection matrix: the 11 entries of Column(M), as Barranco & Medel track them.
 
 Their equation Y = Central(X, Y) Column(M) + W has measured image points in its rows, so that least squares
 on it is biased, and the noise of a row is the noise of a pixel times the depth of the point. Both are put
@@ -29,7 +29,7 @@ Array = np.ndarray
 
 
 class MatrixModel(Model):
-    """M with m34 = 1 in normalised coordinates; an estimate is the (11,) array of the rest, by rows."""
+    """M with m34 = 1 in normalised coordinates; an estimate is the (11,) array of the other entries, by rows."""
 
     size = 11
     min_points = 6
@@ -40,7 +40,7 @@ class MatrixModel(Model):
         self._set(np.eye(4), np.eye(3))
 
     def _set(self, world: Array, image: Array) -> None:
-        """Take the similarities: normalised = T @ homogeneous."""
+        """Set the similarities: normalised = T @ homogeneous."""
         self.world, self.image = world, image
         self._scale, self._shift = world[0, 0], world[:3, 3:]
         self._px = 1.0 / image[0, 0]
@@ -75,12 +75,14 @@ class MatrixModel(Model):
 
     @property
     def per_pixel(self) -> float:
-        """Normalised image units in a pixel."""
+        """The size of a pixel in normalised image units."""
         return 1.0 / self._px
 
     # ------------------------------------------------------------------ what a model has to say
     def linearise(self, x: Array, frame: Frame) -> tuple[Array, Array]:
-        """See `Model.linearise`: Central's rows over the depth, with the projected for the measured point."""
+        """See `Model.linearise`: Central's rows divided by the depth, with the projected instead of the measured
+        point.
+        """
         n = len(frame.xyz)
         points = np.empty((4, n))
         np.multiply(frame.xyz.T, self._scale, out=points[:3])
@@ -103,15 +105,15 @@ class MatrixModel(Model):
         return design, valid
 
     def retract(self, x: Array, delta: Array) -> Array:
-        """A sum."""
+        """Return the sum."""
         return x + delta
 
     def local(self, origin: Array, x: Array) -> Array:
-        """A difference."""
+        """Return the difference."""
         return x - origin
 
     def motion(self, x: Array, figures: Mapping[str, float]) -> Array:
-        """The physical motion carried over by the derivative of M."""
+        """The physical motion, transformed by the derivative of M."""
         tangent, k, pose = self._tangent_at(x)
         centroid = np.linalg.solve(self.world, [0.0, 0.0, 0.0, 1.0])
         distance = float(np.linalg.norm(pose @ centroid))
@@ -119,7 +121,7 @@ class MatrixModel(Model):
         return tangent @ columns
 
     def _tangent_at(self, x: Array) -> tuple[Array, Array, Array]:
-        """d x / d physical coordinates, K and [R | t]; the last two estimates are remembered."""
+        """d x / d physical coordinates, K and [R | t]; the last two estimates are cached."""
         for known, found in self._tangents:
             if known is x:
                 return found
@@ -130,11 +132,12 @@ class MatrixModel(Model):
         return found
 
     def moved(self, origin: Array, x: Array) -> bool:
-        """By a hundredth of the entries' size, which is 1."""
+        """Return whether the estimate moved by a hundredth of the entries' size, which is 1."""
         return bool(np.abs(x - origin).max() > 0.01)
 
     def carry(self, x: Array, walked: Array) -> Array | None:
-        """See `Model.carry`: an error of the principal point is another error of M once the camera turned.
+        """See `Model.carry`: after a rotation of the camera, an error of the principal point is a different error
+        of M.
 
         What the frames have said is linear in M itself, so that the covariance follows the motion of the
         camera only, not the corrections of its estimate.
@@ -145,7 +148,7 @@ class MatrixModel(Model):
         return np.linalg.solve(old.T, new.T).T
 
     def settle(self, frame: Frame) -> None:
-        """Hartley's normalisation."""
+        """Set Hartley's normalisation."""
         self._set(projective.normalisation(frame.xyz), projective.normalisation(frame.uv))
 
     def start(self, frame: Frame) -> Array:
@@ -160,5 +163,5 @@ class MatrixModel(Model):
         return Cameras(k, rotation, translation, factor, np.zeros((len(k), 0)))
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take up the normalisation."""
+        """Restore the normalisation."""
         self._set(state["world"], state["image"])

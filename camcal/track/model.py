@@ -1,4 +1,4 @@
-"""What an estimate is made of: the quantity that is tracked and how points depend on it."""
+"""The interface of models: the quantity that is tracked and how points depend on it."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ class Model(Kept, ABC):
 
     @abstractmethod
     def moved(self, origin: Any, x: Any) -> bool:
-        """Whether x is so far from the origin that its derivatives are others."""
+        """Return whether x is so far from the origin that the derivatives have changed."""
 
     def carry(self, x: Any, walked: Array) -> Array | None:
-        """The map (p, p) that keeps the physical meaning of uncertainties and velocities as the camera moves.
+        """The map (p, p) that preserves the physical meaning of uncertainties and velocities as the camera moves.
 
         None where there is nothing to do: where the local coordinates are physical already, or the camera has
         hardly moved.
@@ -86,11 +86,11 @@ class Model(Kept, ABC):
 
     @abstractmethod
     def settle(self, frame: Frame) -> None:
-        """Take from the first frame what stays for good: where the points are, and how large."""
+        """Take constants from the first frame: the position and size of the set of points."""
 
     @abstractmethod
     def start(self, frame: Frame) -> Any:
-        """A rough estimate from one frame that outliers do not spoil.
+        """A rough estimate from one frame, robust against outliers.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Model(Kept, ABC):
         """
 
     def prior(self, x: Any) -> Array | None:
-        """A factor (p, p) of what is known before the first frame, or None for nothing."""
+        """A factor (p, p) of the prior covariance before the first frame, or None for no prior."""
         return None
 
     @abstractmethod

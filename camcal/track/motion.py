@@ -1,4 +1,4 @@
-"""How a camera moves between frames: process noise in the parameters that have a physical meaning.
+"""Models of camera motion between frames: process noise in the parameters with a physical meaning.
 
 Figures are standard deviations per square root of a frame (of a random walk), or of the change of velocity
 where the velocity is tracked:
@@ -53,7 +53,7 @@ RESET = {
 
 
 def figures(motion: str, drift: Mapping[str, float]) -> dict[str, float]:
-    """The noise of each group: those of the motion, replaced by those given.
+    """The noise of each group: the motion's, overridden by given values.
 
     Raises
     ------

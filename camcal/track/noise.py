@@ -1,4 +1,4 @@
-"""The standard deviation of the image points, known or learnt from what no camera explains."""
+"""The standard deviation of the image points, given or estimated from residuals that no camera explains."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def gate(probability: float, dof: float) -> float:
 
 
 class Noise(Kept):
-    """Pooled variance of the residuals that a frame's own best camera leaves.
+    """Pooled variance of the residuals of each frame's own best camera.
 
     This part of a frame is independent of whether, and how well, the camera is tracked, so that the figure
     stays true while the camera moves.
@@ -52,7 +52,7 @@ class Noise(Kept):
 
     @property
     def ready(self) -> bool:
-        """Whether `sigma` is more than a placeholder."""
+        """Return whether `sigma` is an estimate rather than a placeholder."""
         return self.dof > 0
 
     def add(self, squares: float, dof: int) -> None:
@@ -64,11 +64,11 @@ class Noise(Kept):
         self.dof = min(self.dof + dof, MEMORY)
 
     def gate(self, probability: float) -> float:
-        """The squared distance, in sigmas, that a good point exceeds with a probability; see `gate`."""
+        """The squared distance, in sigmas, that an inlier exceeds with a probability; see `gate`."""
         return gate(probability, self.dof)
 
     def tail(self, squares: float, dof: int) -> float:
-        """The probability that a sum of `dof` squares, in units of `sigma`, is as large as this."""
+        """The probability that a sum of `dof` squares, in units of `sigma`, is at least this large."""
         if dof <= 0:
             return 1.0
         if math.isinf(self.dof):

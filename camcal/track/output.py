@@ -1,4 +1,4 @@
-"""Where the rows go: a file that appears when it is complete, one that grows, or stdout."""
+"""The destination of the rows: a file that appears when it is complete, one that grows, or stdout."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from camcal.track.table import Table
 
 
 class Output:
-    """Collects states and writes their rows, some at a time.
+    """Collects states and writes their rows in blocks.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Output:
             self.flush()
 
     def flush(self) -> int:
-        """Write what there is; the number of bytes in the file so far, 0 for stdout, devices and pipes."""
+        """Write the collected rows; return the number of bytes in the file, 0 for stdout, devices and pipes."""
         text = ""
         if not self._begun:
             self._begun = True
@@ -85,7 +85,7 @@ class Output:
         return contextlib.nullcontext() if self.path is None else refusals(self.path)
 
     def _open(self, size: int = 0) -> None:
-        """Open the file, once; of a growing one the first `size` bytes are kept."""
+        """Open the file, once; for a growing one, keep the first `size` bytes."""
         if self.path is None or self._handle >= 0 or self._part is not None:
             return
         if self.special:
@@ -99,8 +99,8 @@ class Output:
             self._part = PartFile(self.path)
 
     def resume(self, size: int) -> None:
-        """Go on with a file of which the first `size` bytes count; with stdout, a device or a pipe, go on
-        without a header.
+        """Continue a file whose first `size` bytes are valid; on stdout, a device or a pipe, continue without a
+        header.
 
         Raises
         ------
@@ -122,7 +122,7 @@ class Output:
             self._open(size)
 
     def finish(self) -> None:
-        """Close the file; it takes its name.
+        """Close the file and rename it to its final name.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The camera in its physical parameters: a lens, R on SO(3), t; the residual is the true projective one.
+"""The model in physical parameters: a lens, R on SO(3), t; the residual is the exact projective one.
 
 Local coordinates: the free parameters of the lens, then δ (3) and τ (3) of x_cam -> exp(δ) x_cam + τ.
 """
@@ -115,7 +115,7 @@ class PhysicalModel(Model):
         return design, valid
 
     def retract(self, x: Physical, delta: Array) -> Physical:
-        """Add to the lens, turn and move the pose; R is kept orthonormal by one Newton step."""
+        """Add to the lens, rotate and move the pose; one Newton step keeps R orthonormal."""
         f = self.count
         turn = _exp(delta[f : f + 3])
         rotation = turn @ x.rotation
@@ -129,7 +129,7 @@ class PhysicalModel(Model):
         return np.concatenate([lens, _log(turn), x.translation - turn @ origin.translation])
 
     def motion(self, x: Physical, figures: Mapping[str, float]) -> Array:
-        """Each group in its own coordinates; what is held does not move."""
+        """Each group in its own coordinates; held parameters do not move."""
         fx, fy = x.params[:2]
         distance = float(np.linalg.norm(x.rotation @ self.centroid + x.translation))
         columns = decompose.noise_columns(scaled(figures, fx, distance), fy / fx, len(self.extra_names))
@@ -137,7 +137,9 @@ class PhysicalModel(Model):
         return rows[:, rows.any(0)]
 
     def moved(self, origin: Physical, x: Physical) -> bool:
-        """By a hundredth of the focal length or of the distance, to which the figures of a motion refer."""
+        """Return whether the estimate moved by a hundredth of the focal length or the distance, the scales of a
+        motion's noise.
+        """
         change = x.translation - origin.translation
         return bool(
             abs(x.params[0] - origin.params[0]) > 0.01 * abs(x.params[0])
@@ -154,11 +156,11 @@ class PhysicalModel(Model):
         return np.concatenate([self.inverse @ params, columns[5:11]])
 
     def settle(self, frame: Frame) -> None:
-        """Where the points are."""
+        """Record the position and size of the points."""
         self.centroid = frame.xyz.mean(0)
 
     def start(self, frame: Frame) -> Physical:
-        """From a projection matrix, or where the camera is given from poses of samples of the points."""
+        """The start from a projection matrix, or for a given camera from poses of samples of the points."""
         if self.params is None:
             matrix = first.projection_matrix(frame.xyz, frame.uv)
             k, rotation, translation = decompose.split(matrix)
@@ -169,7 +171,7 @@ class PhysicalModel(Model):
         return Physical(np.array(self.params, float), pose.rotation, pose.translation)
 
     def _pose(self, frame: Frame) -> Pose:
-        """The pose with which most points agree; with fewer than six points, that of all."""
+        """The pose with which most points agree; with fewer than six points, the pose of all."""
         assert self.params is not None
         ray, valid = self.lens.unproject(self.params, frame.uv)
         valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
@@ -194,7 +196,7 @@ class PhysicalModel(Model):
             ) from None
 
     def prior(self, x: Physical) -> Array:
-        """What is believed of the lens; of the pose nothing that would matter."""
+        """The prior of the lens; that of the pose is negligibly weak."""
         beliefs = UNKNOWN if self.params is None else GIVEN
         focal = x.params[0]
         groups = [p.group for p in self.lens.parameters]
@@ -204,7 +206,7 @@ class PhysicalModel(Model):
         return np.diag(np.concatenate([lens, np.full(3, 10.0), np.full(3, 10.0 * distance)]))
 
     def describe(self, estimates: Sequence[Physical], factors: Sequence[Array]) -> Cameras:
-        """Already physical: the rows are put in order."""
+        """Reorder the rows, which are physical already."""
         params = np.stack([x.params for x in estimates])
         k = np.stack([self.lens.matrix(p) for p in params])
         factor = np.stack(factors)[:, : self.size]
@@ -220,7 +222,7 @@ class PhysicalModel(Model):
         return Cameras(k, rotation, translation, rows, params[:, self.bend :])
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take up where the points are, and how fy is tied to fx."""
+        """Restore the position of the points and the ratio of fy to fx."""
         self.centroid = state["centroid"]
         self._take(state["free"])
 

@@ -1,4 +1,4 @@
-"""Drawings of a table: parameters with bands, the matrix beside its reference, innovations, gain.
+"""Plots of a table: parameters with bands, the matrix beside its reference, innovations, gain.
 
 Needs matplotlib (the extra `report`).
 """
@@ -36,7 +36,7 @@ PANELS = {
 
 
 def require_matplotlib() -> None:
-    """Raise a UsageError where matplotlib is not installed."""
+    """Raise a UsageError if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise UsageError("plots need matplotlib, which is not installed.", "pip install 'camcal[report]'")
 
@@ -121,7 +121,7 @@ def _mark(axis: Any, columns: dict[str, Array]) -> None:
 
 
 def parameters(columns: dict[str, Array]) -> Any:
-    """K, R, t and distortion over time, each with its band of two sigmas."""
+    """K, R, t and distortion over time, each with a band of two sigmas."""
     panels = {title: [n for n in names if np.nanmax(columns[n]) != 0] for title, names in PANELS.items()}
     known = {*MATRIX, *PARAMETERS}
     bent = [n.removeprefix("sigma_") for n in columns if n.startswith("sigma_")]
@@ -151,12 +151,12 @@ def parameters(columns: dict[str, Array]) -> Any:
 
 
 def _less(name: str, middle: float) -> str:
-    """What is drawn, in words: `fx - 900.1`."""
+    """The label of a curve drawn relative to a value: `fx - 900.1`."""
     return f"{name} {'-' if middle >= 0 else '+'} {abs(middle):.6g}"
 
 
 def _limit(axis: Any, columns: dict[str, Array], names: list[str]) -> None:
-    """Limits that the first frames' wide bands do not rule."""
+    """Axis limits that ignore the wide bands of the first frames."""
     low, high = [], []
     for name in names:
         middle = np.nanmedian(columns[name])
@@ -169,7 +169,7 @@ def _limit(axis: Any, columns: dict[str, Array], names: list[str]) -> None:
 
 
 def innovations(columns: dict[str, Array]) -> Any:
-    """How far the points lie from their predictions, and what the change tests make of it."""
+    """The distances of the points from their predictions, and the statistics of the change tests."""
     figure, axes = _panels(3)
     names = ("innovation", "score", "cusum")
     labels = ("innovation (px)", "score (sigmas)", "cumulative sum")
@@ -181,7 +181,7 @@ def innovations(columns: dict[str, Array]) -> Any:
 
 
 def gains(columns: dict[str, Array]) -> Any:
-    """The gain, and how many frames the estimate is worth."""
+    """The gain, and the number of frames that the estimate is equivalent to."""
     figure, axes = _panels(2)
     for axis, name, label in zip(axes, ("gain", "effective"), ("gain", "effective frames"), strict=True):
         axis.semilogy(columns["frame"], columns[name], color=BLUE, lw=1)

@@ -1,4 +1,4 @@
-"""A frame at its prediction: its equations, and what the change tests make of them."""
+"""A frame at its prediction: its equations, and the results of the change tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 @dataclass(slots=True)
 class Reading:
-    """A frame at the prediction: its equations, the points in them, and its own fit where one was made."""
+    """A frame at its prediction: its equations, the points in them, and its own fit if one was made."""
 
     equations: Compressed
     keep: Array
@@ -26,7 +26,7 @@ class Reading:
 
 @dataclass(slots=True)
 class Verdict:
-    """What the change tests make of a frame; `innovation` is the lower Cholesky factor of S."""
+    """The results of the change tests for a frame; `innovation` is the lower Cholesky factor of S."""
 
     nis: float
     dof: int
@@ -46,7 +46,7 @@ def whitened_rows(design: Array, keep: Array, whitening: Any) -> Array:
 
 
 def near_prediction(design: Array, valid: Array, whitening: Any, factor: Array, limit: float) -> Array:
-    """Which points lie within the gate of their prediction, the prediction's own uncertainty included.
+    """Return which points lie within the gate of their prediction, including the prediction's own uncertainty.
 
     Parameters
     ----------

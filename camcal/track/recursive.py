@@ -1,4 +1,4 @@
-"""The recursion that the filters share: predict, gate, test, correct; begin anew after a change."""
+"""The recursion that the filters share: predict, gate, test, correct; restart after a change."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Recursive(Estimator):
         return first.fit(self.model, frame, self.noise.known, self.options.gate)
 
     def _adopt(self, found: robust.FrameFit) -> None:
-        """Go on from a camera fitted to one frame."""
+        """Continue from a camera fitted to one frame."""
         p = self.model.size
         self.x, self.factor = found.estimate, linear.triangle(found.factor.copy())
         self.gain.begin(self.factor)
@@ -146,7 +146,7 @@ class Recursive(Estimator):
         )
 
     def _refresh(self) -> None:
-        """Let the process noise, and what the covariance refers to, follow the camera."""
+        """Update the process noise and the reference of the covariance to the current camera."""
         turn = self.model.carry(self.x, self._walked)
         if turn is not None:
             p = self.model.size
@@ -160,7 +160,7 @@ class Recursive(Estimator):
             self._origin = self.x
 
     def _predict(self, step: float) -> None:
-        """Let `step` frames pass: random walk, or constant velocity with white acceleration."""
+        """Advance by `step` frames: random walk, or constant velocity with white acceleration."""
         self._refresh()
         q, p = self._process, self.model.size
         if self.velocity is None:
@@ -178,7 +178,7 @@ class Recursive(Estimator):
         self.factor = linear.triangle(np.hstack([moved, self._pushed]))
 
     def _read(self, frame: Frame) -> Reading | None:
-        """Gate the points; None where they fit neither the prediction nor a camera of their own."""
+        """Gate the points; return None if they fit neither the prediction nor a camera of their own."""
         design, valid = self.model.linearise(self.x, frame)
         sigma = self.noise.sigma
         whitening = 1.0 / (sigma if frame.sigma is None else sigma * frame.sigma)
@@ -205,11 +205,11 @@ class Recursive(Estimator):
         return Reading(equations, keep, whitening, innovation, alone)
 
     def _most(self, frame: Frame) -> float:
-        """How many points of a frame have to agree on a camera."""
+        """The number of points of a frame that must agree on a camera."""
         return max(self.min_points, len(frame) / 2)
 
     def _examine(self, frame: Frame, reading: Reading) -> Verdict:
-        """Test the innovation; the covariance is inflated before where the gain asks for it."""
+        """Test the innovation; inflate the covariance first if the gain asks for it."""
         a, z = reading.equations.a, reading.equations.z
         p = len(a)
         self.factor = self.gain.inflate(self.factor, a, z)
@@ -226,7 +226,9 @@ class Recursive(Estimator):
         return Verdict(nis, dof, score, self.test.sum, test, since, half)
 
     def _correct(self, frame: Frame, reading: Reading, verdict: Verdict, step: float) -> float:
-        """Take the frame's correction, relinearised until it settles; the fraction of it that was granted."""
+        """Apply the frame's correction, relinearised until it converges; return the fraction of it that was
+        applied.
+        """
         p = self.model.size
         a, z, half = reading.equations.a, reading.equations.z, verdict.innovation
         gain = self.gain(self.factor, a, half, step)
@@ -254,7 +256,7 @@ class Recursive(Estimator):
 
     # ------------------------------------------------------------------ after a change
     def _alone(self, frame: Frame) -> robust.FrameFit | None:
-        """The camera of this frame alone, near the prediction or anywhere; None where there is none."""
+        """The camera of this frame alone, near the prediction or anywhere; None if there is none."""
         reset = self.model.motion(self.x, motion.RESET)
         prior = linear.triangle(np.hstack([self.factor[: self.model.size], reset]))
         needed = self._most(frame)
@@ -300,7 +302,7 @@ class Recursive(Estimator):
         gain: float = 0.0,
         a: Array | None = None,
     ) -> TrackState:
-        """The state after a frame; its estimate is the filter's of now."""
+        """The state after a frame, with the filter's current estimate."""
         p = self.model.size
         used = 0 if keep is None else int(np.count_nonzero(keep))
         state = TrackState(frame.number, status, self.x, self.factor[:p], len(frame), used)
@@ -314,7 +316,7 @@ class Recursive(Estimator):
         return state
 
     def finish(self) -> list[TrackState]:
-        """Nothing is held back; a stream that never showed a camera is an error."""
+        """Return no states; raise an error if the stream never showed a camera."""
         if self.x is None and self.waiting:
             self._first(join(self.waiting))  # raises what stood in the way
         return []

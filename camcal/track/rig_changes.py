@@ -1,4 +1,4 @@
-"""Whether a camera of a rig was knocked, and when: a test over windows of instants.
+"""Whether and when a camera of a rig was knocked out of place: a test over windows of instants.
 
 For a window of instants with normal equations N δ = g (added up) and one camera k that may have moved, the score g_k
 has the covariance
@@ -40,7 +40,7 @@ _MEDIAN = float(stats.chi2.median(6))
 
 @dataclass(frozen=True)
 class Test:
-    """What a window says of one camera.
+    """The result for one camera over a window.
 
     `step` is δ (6,) of cam_from_rig, rotation (rad) and translation, `sigma` its standard deviations, `pixels` the root
     mean square shift of the image points, the board's pose fitted anew, `freedom` the degrees of freedom of the noise.
@@ -55,7 +55,7 @@ class Test:
 
     @property
     def probability(self) -> float:
-        """Of so large a figure without a change."""
+        """The probability of a statistic this large without a change."""
         return float(stats.f.sf(self.chi2 / 6, 6, self.freedom))
 
 
@@ -100,7 +100,7 @@ class Row:
 
 
 class RigFollower:
-    """Takes the instants of a rig in their order.
+    """Processes the instants of a rig in order.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class RigFollower:
         self.rows: list[Row] = []
 
     def take(self, instant: Instant) -> Knock | None:
-        """Test an instant; the change, where there is an alarm."""
+        """Test an instant; return the change if there is an alarm."""
         if self.settling is not None:
             self._settle(instant)
             return None
@@ -153,7 +153,7 @@ class RigFollower:
         return self._add([instant])
 
     def finish(self) -> None:
-        """After the last instant: what is held is an outlier as nothing confirms it."""
+        """Finish after the last instant: an unconfirmed change is an outlier."""
         if self.pending is not None:
             self._note(self.pending, "rejected")
             self.pending = None
@@ -185,7 +185,9 @@ class RigFollower:
         return Test(camera, chi2, self.freedom, step, sigma, shift)
 
     def _alike(self, a: Instant, b: Instant) -> bool:
-        """Whether two instants tell the same change, of the camera that both say most of."""
+        """Return whether two instants show the same change of the camera for which both have the strongest
+        evidence.
+        """
         common = [k for k in a.cameras if k in b.cameras]
         if not common:
             return False
@@ -223,7 +225,7 @@ class RigFollower:
         return None if best is None else self._knock(best.camera)
 
     def _knock(self, camera: int) -> Knock:
-        """The change of a camera, from the start that explains most."""
+        """The change of a camera, starting at the instant that explains most."""
         tests = [self.test(self.kept[-n:], camera) for n in range(1, len(self.kept) + 1)]
         length = 1 + int(np.argmax([t.chi2 for t in tests]))
         window = self.kept[-length:]
@@ -253,7 +255,7 @@ class RigFollower:
             self._renew()
 
     def _renew(self) -> None:
-        """Go on from the camera's new place."""
+        """Continue from the camera's new position."""
         assert self.settling is not None
         camera = self.names.index(self.settling[0].camera)
         own = slice(6 * camera, 6 * camera + 6)
@@ -275,7 +277,7 @@ def _sum(arrays: Sequence[Array]) -> Array:
 
 
 def disagreement(a: Instant, b: Instant, camera: int) -> float:
-    """χ² (6) of the difference of what two instants say of a camera."""
+    """χ² (6) of the difference between two instants' estimates of a camera."""
     own = slice(6 * camera, 6 * camera + 6)
     covariances, steps = [], []
     for i in (a, b):
@@ -290,7 +292,7 @@ def disagreement(a: Instant, b: Instant, camera: int) -> float:
 
 
 def excess(instants: Sequence[Instant], calibration: Sequence[Instant]) -> tuple[float, float]:
-    """By how much instants scatter more than their noise says, as a factor of the variance, and its degrees of freedom.
+    """The excess scatter of instants over their noise, as a factor of the variance, and its degrees of freedom.
 
     Lenses and boards that are not quite as modelled put a board a little elsewhere at each place. Seen from neighbours,
     of which a change of the rig moves one pair only (the median), and from the instants of the calibration (the mean);
@@ -311,7 +313,7 @@ def excess(instants: Sequence[Instant], calibration: Sequence[Instant]) -> tuple
 
 
 def in_words(test: Test) -> str:
-    """How far a camera moved."""
+    """Describe how far a camera moved."""
     angle, shift = np.degrees(test.step[:3]), test.step[3:]
     return (
         f"{np.linalg.norm(angle):.2g} deg about {axis(angle)} (± {np.degrees(test.sigma[:3]).max():.1g}), "

@@ -1,4 +1,4 @@
-"""What one instant says of the places of a rig's cameras.
+"""The information of one instant about the poses of a rig's cameras.
 
 Camera c has the place R_c = cam_from_rig; if it has moved to exp(δ_c) R_c, the board that it sees is off from where the
 others and the rig put it by
@@ -25,7 +25,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Picture:
-    """The board before one camera.
+    """The board in the view of one camera.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def instant(name: str, seen: Sequence[Picture], rig: Sequence[Pose], by_rig: Arr
 
 
 def _moved(point: Array) -> Array:
-    """d (rotation, place of a point) by (rotation about the origin, translation), (6, 6)."""
+    """d (rotation, position of a point) by (rotation about the origin, translation), (6, 6)."""
     out = np.eye(6)
     out[3:, :3] = -so3.skew(point)
     return out

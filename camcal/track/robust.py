@@ -1,4 +1,4 @@
-"""The camera of a single frame, outliers or not: where a track starts, and goes on after a change."""
+"""The camera of a single frame, robust against outliers: the start of a track, also after a change."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _finish(
     prior: Array | None,
     own: Array,
 ) -> FrameFit:
-    """Gate the points at the solution and take one unweighted step with those that are left."""
+    """Gate the points at the solution and take one unweighted step with the remaining ones."""
     design, valid = model.linearise(x, frame)
     distance = _distances(design, valid, own)
     scale = _scale(distance, model.size, sigma)
@@ -115,7 +115,7 @@ def _finish(
 
 
 def _distances(design: Array, valid: Array, own: Array) -> Array:
-    """Residual lengths in units of the points' sigmas; inf for points that the camera cannot see."""
+    """Residual lengths in units of the points' sigmas; inf for points outside the camera's domain."""
     if not valid.any():
         raise EstimationError("no point lies in front of the camera.", "Check the points of the frame.")
     r = design[-1]
@@ -123,7 +123,7 @@ def _distances(design: Array, valid: Array, own: Array) -> Array:
 
 
 def _scale(distance: Array, size: int, sigma: float | None) -> float:
-    """The noise, not below what is known of it; a quantile, corrected for the parameters that were fitted."""
+    """The noise, at least its known part; a quantile corrected for the number of fitted parameters."""
     count = len(distance)
     rank = majority(count, size)
     spare = max(2 * count - size, 1) / (2 * count)
@@ -136,7 +136,7 @@ def _scale(distance: Array, size: int, sigma: float | None) -> float:
 
 
 def majority(count: int, size: int) -> int:
-    """The rank of the residual that robust fits of `size` parameters to `count` points go by.
+    """The rank of the residual that robust fits of `size` parameters to `count` points minimise.
 
     Half of the points that a fit does not pass through of itself, and those (Rousseeuw & Leroy, Robust
     Regression and Outlier Detection 1987, section 3.4): with few points the median would be zero.
@@ -148,7 +148,7 @@ def majority(count: int, size: int) -> int:
 def _equations(
     design: Array, weights: Array, model: Model, start: Any, x: Any, prior: Array | None
 ) -> tuple[Array, Array]:
-    """Triangular equations of the weighted points, and of the prior where there is one."""
+    """Triangular equations of the weighted points, and of the prior if there is one."""
     rows = np.where(weights > 0, design * weights, 0.0).reshape(len(design), -1)
     if prior is not None:
         inverse = np.linalg.inv(prior)

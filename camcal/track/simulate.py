@@ -1,4 +1,4 @@
-"""Streams of frames whose truth is known: a camera that stands, warms up, is knocked, turns, or zooms."""
+"""Streams of frames with known truth: a camera that is still, warms up, is knocked, turns, or zooms."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Scene:
-    """What is simulated, besides the motion.
+    """The simulated scene, except for the motion.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def _seen(number: int, xyz: Array, truth: Truth, scene: Scene, rng: np.random.Ge
 
 
 def frame_rows(frames: Iterable[Frame]) -> str:
-    """The table `frame,X,Y,Z,u,v` of frames, to a millionth of a unit and a ten thousandth of a pixel."""
+    """The table `frame,X,Y,Z,u,v` of frames, to 1e-6 of a unit and 1e-4 px."""
     lines = ["frame,X,Y,Z,u,v\n"]
     for frame in frames:
         for x, y, z, u, v in np.hstack([frame.xyz, frame.uv]).tolist():
@@ -134,7 +134,7 @@ def frame_rows(frames: Iterable[Frame]) -> str:
 
 
 def truth_rows(pairs: Iterable[tuple[Frame, Truth]]) -> str:
-    """The true cameras as a table with the columns that a track has for them; m34 = 1."""
+    """The true cameras as a table with the same columns as a track; m34 = 1."""
     lines = [",".join(["frame", *MATRIX, *PARAMETERS]) + "\n"]
     for frame, true in pairs:
         k, matrix = true.k, true.matrix / true.matrix[2, 3]

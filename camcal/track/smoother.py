@@ -1,4 +1,4 @@
-"""The Rauch-Tung-Striebel smoother: each frame's camera from the frames before it and after it; off-line."""
+"""The Rauch-Tung-Striebel smoother: each frame's camera from earlier and later frames, off-line."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Smoother(IteratedKalman):
         }
 
     def finish(self) -> list[TrackState]:
-        """All frames, smoothed."""
+        """Return all frames, smoothed."""
         super().finish()
         after: tuple[Any, Array, Array | None] | None = None
         for state, own, later in zip(
@@ -83,7 +83,7 @@ class Smoother(IteratedKalman):
         later: dict[str, Any],
         after: tuple[Any, Array, Array | None],
     ) -> tuple[Any, Array, Array | None]:
-        """One step backward: the filter's camera here, the step to the next frame, that frame smoothed."""
+        """One step backward: the filter's camera here, the step to the next frame, and that frame smoothed."""
         x, factor, velocity = here
         p, n = self.model.size, len(factor)
         forward = np.eye(n)
@@ -105,7 +105,7 @@ class Smoother(IteratedKalman):
 
 
 def _scaled_inverse(factor: Array) -> Array:
-    """The pseudo-inverse of L, rows scaled to unit length; velocities may have no variance."""
+    """The pseudo-inverse of L, with rows scaled to unit length; velocities may have no variance."""
     size = np.linalg.norm(factor, axis=1)
     scale = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
     return np.linalg.pinv(factor * scale[:, None], rcond=1e-10) * scale

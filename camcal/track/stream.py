@@ -1,4 +1,4 @@
-"""Frames out of a table of points, read block by block: a file of any length, or a pipe as it fills.
+"""Frames from a table of points, read in blocks: a file of any length, or a pipe as it fills.
 
 Columns `frame,X,Y,Z,u,v[,sigma][,t]`, named by a header in any order (camcal.data.columns knows their other
 names), or these six without one. The rows of a
@@ -74,7 +74,7 @@ class FrameReader:
 
     # ------------------------------------------------------------------ lines
     def _line_blocks(self) -> Iterator[list[str]]:
-        """Whole lines, as many as have come."""
+        """Whole lines, as many as have arrived."""
         read = getattr(self.stream, "read1", self.stream.read)
         rest = b""
         while True:
@@ -121,7 +121,7 @@ class FrameReader:
 
     # ------------------------------------------------------------------ the header
     def _header(self, first: int, lines: list[str]) -> tuple[int, list[str]]:
-        """Read the columns from the first line that says something; the lines after it."""
+        """Read the columns from the first non-empty line; return the lines after it."""
         for index, line in enumerate(lines):
             if not line.strip() or line.startswith("#"):
                 continue
@@ -163,7 +163,7 @@ class FrameReader:
 
     # ------------------------------------------------------------------ the rows
     def _rows(self, lines: list[str], first: int) -> Iterator[Frame]:
-        """Take consecutive rows: the frames that they complete."""
+        """Process consecutive rows; return the frames that they complete."""
         if not lines:
             return
         table = self._parse(lines, first)
@@ -197,7 +197,7 @@ class FrameReader:
         return (self.delimiter or " ").join(lines).split(self.delimiter)
 
     def _parse_slowly(self, lines: list[str], first: int) -> Array:
-        """Row by row: an empty field is NaN, anything wrong an error with its line."""
+        """Parse row by row: an empty field is NaN, and invalid text is an error with its line."""
         rows = []
         for index, line in enumerate(lines):
             fields = line.split(self.delimiter)

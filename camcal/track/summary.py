@@ -1,4 +1,4 @@
-"""The summary of a run as plain data: what the report says."""
+"""The summary of a run as plain data for the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The output: a row a frame, as CSV or JSON lines.
+"""The output table: one row per frame, as CSV or JSON lines.
 
 `COLUMNS` says what each column is; docs/tracking.md is made from it.
 """
@@ -127,12 +127,12 @@ class Table:
         return ",".join(self.names) + "\n"
 
     def csv(self, states: Sequence[TrackState]) -> str:
-        """Rows as CSV, 12 significant digits; an empty field is a number that does not exist."""
+        """Rows as CSV with 12 significant digits; an empty field is a number that does not exist."""
         lines = [self._csv % tuple(row) for row in self.rows(states)]
         return "".join(line.replace("nan", "") + "\n" for line in lines)
 
     def jsonl(self, states: Sequence[TrackState]) -> str:
-        """Rows as JSON, one object a line, all digits; null is a number that does not exist."""
+        """Rows as JSON, one object per line, with all digits; null is a number that does not exist."""
         lines = []
         for row in self.rows(states):
             row = [None if isinstance(x, float) and x != x else x for x in row]
@@ -144,7 +144,7 @@ _AS_TEXT = frozenset(("frame", "changed", "nis_dof", "points", "used", "status")
 
 
 def _scaled(cameras: Cameras) -> tuple[Array, Array]:
-    """M (F, 12) with m34 = 1 where that is possible, and its derivative (F, 12, 11)."""
+    """M (F, 12) with m34 = 1 if possible, and its derivative (F, 12, 11)."""
     matrix = cameras.matrix.reshape(-1, 12)
     derivative = decompose.tangent(cameras.k, cameras.pose)
     last, size = matrix[:, 11], np.linalg.norm(matrix, axis=1)

@@ -22,7 +22,9 @@ Array = np.ndarray
 @stored
 @dataclass(slots=True)
 class WindowFrame:
-    """A frame in the window: its kept points, the noise of the step to it, its camera as last adjusted."""
+    """A frame in the window: its kept points, the noise of the step to it, and its camera after the last
+    adjustment.
+    """
 
     frame: Frame
     keep: Array
@@ -32,7 +34,7 @@ class WindowFrame:
 
 
 class Window(IteratedKalman):
-    """All cameras of the last frames adjusted together, linked by the motion, at each new frame.
+    """Adjusts all cameras of the last frames together, linked by the motion, at each new frame.
 
     Gauss-Newton on the sum of the squared residuals of all frames in the window, of the steps between them,
     and of what the frames that have left it say about the oldest. Each iteration is a Kalman filter forward
@@ -95,7 +97,7 @@ class Window(IteratedKalman):
         return x, linear.joseph(gain, a, predicted), predicted, a, gain
 
     def _adjust(self) -> tuple[float, float]:
-        """One iteration; the gain of the newest frame and the largest move, in its standard deviations."""
+        """One iteration; return the gain of the newest frame and the largest move, in its standard deviations."""
         x, factor = self.anchor, self.anchor_factor
         passes = []
         for entry in self.entries:

@@ -104,7 +104,7 @@ class InverseLens(Lens):
         return p, q, solved & ahead & self._within(k, p, q)
 
     def _iterate(self, k: Array, p: Array, q: Array, target: Array, most: int) -> tuple[Array, Array]:
-        """Newton on p, q in place: which have arrived, and which with D > 0."""
+        """Newton's method on p, q in place; return which points converged, and which of them with D > 0."""
         for _ in range(most):
             dp, dq, ahead = _newton_step(self.ray(k, p, q), target)
             size = np.abs(dp) + np.abs(dq)

@@ -41,7 +41,7 @@ SUMMARIES = {
 
 
 def make(spec: str) -> Callable[..., Result]:
-    """The optimiser of a spec such as `lm` or `lbfgs:scaled`, called like the entries of the table.
+    """Make the optimiser of a spec such as `lm` or `lbfgs:scaled`; it is called like the entries of the table.
 
     Raises
     ------

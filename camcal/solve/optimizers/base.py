@@ -1,4 +1,4 @@
-"""What every optimiser takes and gives.
+"""The common input and output of all optimisers.
 
 The one problem interface is `camcal.solve.problem.Problem`: `linearise` (cost, Jacobian blocks, gradient at
 a state), `retract` (a step in the free parameters and in the poses), `rounding` (a cost that rounding alone
@@ -24,7 +24,7 @@ OnStep = Callable[[int, float], None]
 
 @dataclass(frozen=True)
 class Options(least_squares.Options):
-    """When to stop, and which variant of a method.
+    """The stopping criteria, and the variant of the method.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """Where an optimiser ended.
+    """The result of an optimiser.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Result:
 
 
 class Recorder:
-    """Keeps the samples of a run, tells the caller of each, and looks at the clock."""
+    """Records the samples of a run, reports each to the caller, and checks the time limit."""
 
     def __init__(
         self, cost: float, evaluations: int, on_step: OnStep | None = None, options: Options | None = None
@@ -91,18 +91,18 @@ class Recorder:
         self.samples = [Sample(0, cost, evaluations, 0.0)]
 
     def late(self) -> bool:
-        """Whether `Options.max_seconds` have passed."""
+        """Return whether `Options.max_seconds` have passed."""
         return self.limit is not None and time.perf_counter() - self.begin > self.limit
 
     def add(self, iteration: int, cost: float, evaluations: int) -> None:
-        """Note a step that was kept."""
+        """Record an accepted step."""
         self.samples.append(Sample(iteration, cost, evaluations, time.perf_counter() - self.begin))
         if self.on_step:
             self.on_step(iteration, cost)
 
 
 def begin(problem: Problem, state: State) -> Blocks:
-    """The normal equations at the start.
+    """Return the normal equations at the start.
 
     Raises
     ------

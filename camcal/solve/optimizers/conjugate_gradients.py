@@ -1,4 +1,4 @@
-"""Nonlinear conjugate gradients: d = -g + β d; how β is chosen is what the methods differ in.
+"""Nonlinear conjugate gradients: d = -g + β d; the methods differ in the choice of β.
 
 Restarts along the gradient after n steps and where two successive gradients are far from orthogonal (M. J. D.
 Powell, Math. Programming 12, 1977): |gᵀ g'| ≥ 0.2 |g'|².
@@ -43,7 +43,7 @@ def conjugate_gradients(
 
 
 def _first_length(line: Line | None, place: Place, direction: Array) -> float:
-    """As large a first-order change as in the last step (Nocedal & Wright, section 3.5)."""
+    """The length with the same first-order change as the last step (Nocedal & Wright, section 3.5)."""
     if line is None:
         return gradient_length(place)
     last, now = line.before.gradient @ line.step, place.gradient @ direction

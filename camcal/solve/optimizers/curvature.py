@@ -1,4 +1,4 @@
-"""The part of the Hessian that Gauss-Newton leaves out, learnt from how the gradient changes.
+"""The part of the Hessian that Gauss-Newton omits, estimated from changes of the gradient.
 
     C ≈ Σ r ∇²r of the reduced problem (poses eliminated), C s = g' - g - S' s                            (1)
 
@@ -18,18 +18,18 @@ Array = np.ndarray
 
 
 class Curvature:
-    """C (F, F), and whether the last step speaks for it."""
+    """C (F, F), and whether the last step supports its use."""
 
     def __init__(self, size: int):
         self.matrix = np.zeros((size, size))
         self.trusted = False
 
     def along(self, step: Array) -> float:
-        """½ sᵀ C s: how much more the model with C foretells to remain."""
+        """½ sᵀ C s: the additional decrease that the model with C predicts."""
         return float(0.5 * step @ self.matrix @ step)
 
     def learn(self, step: Array, before: Reduced, after: Reduced) -> None:
-        """Take in a step (F,) of the camera between two undamped reductions."""
+        """Update C by a step (F,) of the camera between two undamped reductions."""
         change = after.gradient - before.gradient
         along = float(step @ change)
         if not along > 0:

@@ -1,4 +1,4 @@
-"""The loop that methods of descent along a line share; they differ in the direction only."""
+"""The common loop of line-search methods, which differ only in the direction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TEST_EVERY = 5
 
 @dataclass
 class Line:
-    """What a method may look at when it chooses its direction: the last step and both its ends."""
+    """The information from which a method chooses its direction: the last step and both its ends."""
 
     before: Place
     after: Place
@@ -46,7 +46,7 @@ def descend(
     first_length: FirstLength,
     curvature: float,
 ) -> Result:
-    """Minimise along lines, each searched for the strong Wolfe conditions with `curvature` = c2.
+    """Minimise by line searches for the strong Wolfe conditions with `curvature` = c2.
 
     Converged where the decrease that the Gauss-Newton model predicts is below `options.tolerance`, or
     `LEAST_TOLERANCE`, of the cost.
@@ -93,6 +93,6 @@ def descend(
 
 
 def gradient_length(place: Place) -> float:
-    """The first length along a gradient: a step that moves one residual's worth, |g| = sqrt(2 cost)."""
+    """The first length along a gradient: a first-order change of the cost by its own size, |g| = sqrt(2 cost)."""
     size = float(np.linalg.norm(place.gradient))
     return min(1.0, np.sqrt(2 * place.cost) / size) if size > 0 else 1.0

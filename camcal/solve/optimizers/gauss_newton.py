@@ -20,7 +20,7 @@ _NOISE = 1e-12
 def minimise(
     problem: Problem, state: State, options: Options | None = None, on_step: OnStep | None = None
 ) -> Result:
-    """Minimise by undamped steps; fails with `singular` where these are not determined."""
+    """Minimise by undamped steps; fails with `singular` if the step is not determined."""
     options = options or Options()
     linear = Linear(problem, options.variant)
     blocks, evaluations = begin(problem, state), 1

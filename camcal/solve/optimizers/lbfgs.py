@@ -43,7 +43,9 @@ def minimise(
 
 
 def _product(pairs: deque[tuple[Array, Array, float]], gradient: Array) -> Array:
-    """The inverse Hessian's estimate times the gradient, by the two loops (Nocedal & Wright, alg. 7.4)."""
+    """The estimate of the inverse Hessian times the gradient, by the two-loop recursion (Nocedal & Wright, alg.
+    7.4).
+    """
     q, factors = gradient.copy(), []
     for step, change, along in reversed(pairs):
         factor = step @ q / along

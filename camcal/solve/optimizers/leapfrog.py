@@ -1,4 +1,4 @@
-"""The leap-frog method: the path of a particle in the field of force -∇f, slowed where it climbs.
+"""The leap-frog method: the path of a particle in the force field -∇f, decelerated when it climbs.
 
 J. A. Snyman, A new and dynamic method for unconstrained minimization, Appl. Math. Modelling 6 (1982) 449, and
 An improved version of the original leap-frog dynamic method: LFOP1(b), Appl. Math. Modelling 7 (1983) 216;
@@ -39,7 +39,7 @@ _TEST_EVERY = 10
 
 @dataclass
 class _Particle:
-    """Position, velocity and what the step control remembers."""
+    """Position, velocity and the memory of the step control."""
 
     place: Place
     longest: float  #: δ
@@ -73,14 +73,14 @@ class _Particle:
             self.turned = 0
 
     def back_half(self, variables: Variables) -> None:
-        """Go back half of the last step."""
+        """Go back by half of the last step."""
         assert self.last is not None
         back = variables.move(self.place, -0.5 * self.last)
         if back is not None:
             self.place, self.last = back, 0.5 * self.last
 
     def leap(self, variables: Variables) -> None:
-        """One step of (1)."""
+        """Take one step of (1)."""
         step = self.velocity * self.interval
         reached = variables.move(self.place, step)
         if reached is None:  # the lens's domain ends: rest, and go on in smaller steps
@@ -92,7 +92,7 @@ class _Particle:
         self.settle(variables, before)
 
     def settle(self, variables: Variables, before: Place) -> None:
-        """Gain speed at a new place; while it falls instead, take the particle back."""
+        """Gain speed at a new position; if speed decreases instead, move the particle back."""
         while True:
             velocity = self.velocity - self.interval * self.place.gradient
             if self.place.gradient @ before.gradient > 0:
@@ -116,7 +116,7 @@ class _Particle:
 def minimise(
     problem: Problem, state: State, options: Options | None = None, on_step: OnStep | None = None
 ) -> Result:
-    """Minimise by LFOP1(b); the lowest place on the path is what counts and what the trace shows.
+    """Minimise by LFOP1(b); the result and the trace are those of the lowest point on the path.
 
     δ is the step that changes the residuals by their own length (`Variables.reach`).
     """

@@ -26,7 +26,7 @@ _TRIALS = 30
 
 @dataclass(frozen=True)
 class _Trial:
-    """A step length with φ and φ'; no place where the step leaves the domain (φ = inf)."""
+    """A step length with φ and φ'; φ = inf where the step leaves the domain."""
 
     length: float
     cost: float
@@ -74,12 +74,12 @@ class _Search:
         return _Trial(length, reached.cost, float(reached.gradient @ self.direction), reached)
 
     def decreases(self, t: _Trial) -> bool:
-        """The first of (1), or no change beyond rounding."""
+        """Return whether the first of (1) holds, or the change is within rounding."""
         enough = self.zero.cost + SUFFICIENT * t.length * self.zero.slope
         return t.cost <= enough or abs(t.cost - self.zero.cost) <= self.noise
 
     def run(self, first: float) -> tuple[Place, float] | None:
-        """Algorithm 3.5: lengthen until a minimum is bracketed."""
+        """Algorithm 3.5: increase the length until a minimum is bracketed."""
         previous, trial = self.zero, self.try_(first)
         while self.trials < _TRIALS:
             if not self.decreases(trial) or (
@@ -94,7 +94,7 @@ class _Search:
         return self.taken(trial)
 
     def zoom(self, low: _Trial, high: _Trial) -> tuple[Place, float] | None:
-        """Algorithm 3.6: `low` has the lower cost, a minimum lies between."""
+        """Algorithm 3.6: `low` has the lower cost, and a minimum lies between."""
         while self.trials < _TRIALS and abs(high.length - low.length) > 1e-12 * max(low.length, high.length):
             trial = self.try_(_inside(low, high))
             if not self.decreases(trial) or trial.cost >= low.cost + self.noise:
@@ -114,13 +114,13 @@ class _Search:
 
 
 def _growth(a: _Trial, b: _Trial) -> float:
-    """How many times longer the next trial is: by the secant of the slopes, at least twice."""
+    """The growth factor of the next trial: by the secant of the slopes, at least 2."""
     bend = (b.slope - a.slope) / (b.length - a.length)
     return max(2.0, 1.0 - b.slope / bend / b.length) if bend > 0 else 4.0
 
 
 def _inside(a: _Trial, b: _Trial) -> float:
-    """A length between two: the minimum of the cubic through both (their eq. 3.59), kept off the ends."""
+    """A length between two: the minimum of the cubic through both (their eq. 3.59), kept away from the ends."""
     width = b.length - a.length
     middle = a.length + 0.5 * width
     if not np.isfinite(b.cost):

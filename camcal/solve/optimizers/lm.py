@@ -71,7 +71,7 @@ def _descend(problem: Problem, state: State, options: Options, on_step: OnStep |
 
 
 class _Linearised(NamedTuple):
-    """What `Problem.linearise` gives; infinitely dear without blocks."""
+    """The output of `Problem.linearise`; infinite cost if it has no blocks."""
 
     cost: Array
     blocks: Blocks | None
@@ -82,7 +82,7 @@ class _Linearised(NamedTuple):
 
 
 class _Whole:
-    """A calibration as the one member of a batch; it learns curvature from the steps that were taken."""
+    """A calibration as the only member of a batch; it learns curvature from the accepted steps."""
 
     count = 1
 
@@ -104,7 +104,9 @@ class _Whole:
         return _Linearised.of(self.problem.linearise(state))
 
     def solve(self, state: State, equations: _Linearised, damping: Array) -> tuple[Step | None, Array]:
-        """With the learnt curvature where that is trusted, save for the undamped model, which says what remains."""
+        """Solve with the learnt curvature where it is trusted, except for the undamped model, which predicts what
+        remains.
+        """
         blocks, value = equations.blocks, float(damping[0])
         assert blocks is not None
         solved, self.used_curvature = None, self.curvature.trusted and value > 0
@@ -126,7 +128,7 @@ class _Whole:
         self.recorder.add(trial.iteration, cost, trial.evaluations + self.linear.passes)
 
     def learn(self, trial: Trial) -> None:
-        """Update the curvature, and use it where it would have foretold this decrease better."""
+        """Update the curvature, and use it if it would have predicted this decrease better."""
         scaled, own = self.problem.normalise, trial.step.intrinsics
         before = self.undamped or Reduced(trial.before.blocks, 0.0, scaled)
         after = Reduced(trial.after.blocks, 0.0, scaled)
@@ -145,7 +147,7 @@ class _Whole:
 
 
 def _elsewhere(problem: Problem, state: State) -> Iterator[State]:
-    """Starts on the other side, for a run that a fold or a pole of the lens has stopped.
+    """Starts beyond a fold or a pole of the lens that stopped a run.
 
     Distortion that pushes its pole against the outermost points is an over-parameterised model's; with its
     sign turned, poles are gone or lie elsewhere, and so does the minimum that is reached from there.
@@ -160,7 +162,7 @@ def _elsewhere(problem: Problem, state: State) -> Iterator[State]:
 
 
 def _joined(first: Result, second: Result) -> Result:
-    """The better of two runs, with the work of both in its figures."""
+    """The better of two runs, with the combined work of both."""
     better = second if second.blocks.cost < first.blocks.cost else first
     if second.converged and second.blocks.cost <= (1 + _NEARLY) * first.blocks.cost:
         better = second

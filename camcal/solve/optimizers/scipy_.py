@@ -1,4 +1,4 @@
-"""scipy.optimize.least_squares as a reference that shares nothing with the other methods but the residuals.
+"""scipy.optimize.least_squares, a reference that shares only the residuals with the other methods.
 
 Its variables are the free parameters and, for each pose, a rotation vector on top of the start's rotation and
 a translation. Steps come from an SVD of the dense Jacobian, or by LSMR from a sparse one where that is too
@@ -26,11 +26,11 @@ _MOST_EVALUATIONS = 1000
 
 
 class _LateError(Exception):
-    """`Options.max_seconds` have passed."""
+    """Raised when `Options.max_seconds` have passed."""
 
 
 class _Function:
-    """Residuals and Jacobian over a vector; remembers the last state and counts."""
+    """Residuals and Jacobian as functions of a vector; remembers the last state and counts evaluations."""
 
     def __init__(self, problem: Problem, state: State, recorder: Recorder):
         self.problem, self.start, self.recorder = problem, state, recorder
@@ -40,11 +40,11 @@ class _Function:
         self.sparse = rows.count(problem) * (self.free + 6 * problem.instants) > _DENSE
 
     def state(self, x: Array) -> State:
-        """The state of a vector."""
+        """The state at a vector."""
         return self.problem.retract(self.start, tangent.unflat(x, self.free))
 
     def residuals(self, x: Array) -> Array:
-        """NaN outside the lens's domain, which the trust region shrinks from."""
+        """Residuals; NaN outside the lens's domain, where the trust region shrinks."""
         if self.recorder.late():
             raise _LateError
         self.evaluations += 1
@@ -52,7 +52,7 @@ class _Function:
         return np.full(rows.count(self.problem), np.nan) if found is None else found
 
     def jacobian(self, x: Array) -> Any:
-        """By the vector: rotations compose, exp(x + dx) = exp(J(x) dx) exp(x)."""
+        """The Jacobian by the vector: rotations compose, exp(x + dx) = exp(J(x) dx) exp(x)."""
         self.evaluations += 1
         poses = x[self.free :].reshape(-1, 6)
         turn = np.zeros((len(poses), 6, 6))
@@ -73,7 +73,9 @@ class _Function:
 def minimise(
     problem: Problem, state: State, options: Options | None = None, on_step: OnStep | None = None
 ) -> Result:
-    """Minimise with columns scaled by the Jacobian; converged as the other methods are, by `remaining`."""
+    """Minimise with columns scaled by the Jacobian; convergence is judged as for the other methods, by
+    `remaining`.
+    """
     options = options or Options()
     first = begin(problem, state)
     recorder = Recorder(first.cost, 1, on_step, options)

@@ -1,4 +1,4 @@
-"""The variables in which a gradient method searches.
+"""The variables of a gradient method.
 
 A gradient's direction depends on the units of the variables, so for methods that know nothing else they have
 to be chosen. Three ways:
@@ -35,7 +35,7 @@ DESCRIBED = {
 
 @dataclass(frozen=True)
 class Place:
-    """A point of the search with its cost and its gradient (n,) by the variables."""
+    """A point of the search with its cost and its gradient (n,) with respect to the variables."""
 
     state: State
     blocks: Blocks
@@ -44,7 +44,7 @@ class Place:
 
 
 class Variables(ABC):
-    """A cost as a function of a vector around a place; counts the passes over the data.
+    """The cost as a function of a vector around a point; counts the passes over the data.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Variables(ABC):
 
     @abstractmethod
     def move(self, place: Place, step: Array) -> Place | None:
-        """The place that is reached by a step (n,); None where a point leaves the lens's domain."""
+        """The point after a step (n,); None if a point leaves the lens's domain."""
 
     def _evaluate(self, state: State) -> Blocks | None:
         self.evaluations += 1
@@ -73,7 +73,7 @@ class Variables(ABC):
 
 
 class AllUnknowns(Variables):
-    """Free parameters and poses."""
+    """Free parameters and poses as variables."""
 
     def __init__(self, problem: Problem, state: State, scaled: bool):
         super().__init__(problem)
@@ -98,7 +98,7 @@ class AllUnknowns(Variables):
 
 
 class WithoutPoses(Variables):
-    """The free parameters; every evaluation solves for the poses."""
+    """The free parameters alone as variables; every evaluation solves for the poses."""
 
     noise = 1e-12  # what the inner solves leave
 
@@ -130,7 +130,7 @@ class WithoutPoses(Variables):
         return Place(state, blocks, blocks.cost, self.scale * gradient)
 
     def move(self, place: Place, step: Array) -> Place | None:
-        """A step of the camera, with the poses first where the linear model puts them: -V⁻¹ (b + Wᵀ δa)."""
+        """Take a step of the camera; the poses start at their positions by the linear model: -V⁻¹ (b + Wᵀ δa)."""
         own = self.scale * step
         poses = np.zeros_like(place.blocks.pose_gradients)
         reduced = Reduced(place.blocks)
@@ -144,7 +144,7 @@ class WithoutPoses(Variables):
 
 
 def choose(problem: Problem, state: State, options: Options) -> tuple[Variables, dict[str, str]]:
-    """The variables of `options.variant`, and what to say of them in `Result.info`."""
+    """The variables of `options.variant`, and the entries for `Result.info`."""
     variant = options.variant or VARIANTS[0]
     made: Variables
     if variant == "varpro":
