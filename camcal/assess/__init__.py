@@ -1,1 +1,1 @@
-"""How good a calibration is: error figures, covariance, difference of two cameras, warnings."""
+"""The quality of a calibration: error figures, covariance, difference of two cameras, warnings."""

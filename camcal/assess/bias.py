@@ -1,4 +1,4 @@
-"""Whether the residuals look like noise: where they do not, something systematic is left.
+"""Tests whether the residuals look like noise; if they do not, a systematic error remains.
 
 Residuals are standardised by their own variance after the fit, sigma_0² (I - H) (`design.py`). Each test
 asks one question and gives a p-value; as many are asked, they are corrected together (Holm 1979). With
@@ -36,7 +36,7 @@ PIECE = 6
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """A test: what it asks, its p-value alone and after Holm's correction, and how large the effect is.
+    """A test: its question, its p-value alone and after Holm's correction, and the size of the effect.
 
     `effect` is the share of the residuals' variance that the question explains, or what `unit` says.
     """
@@ -116,7 +116,7 @@ def _whitened(design: Design, rows: Rows) -> tuple[Array, Array]:
 
 
 def _board_axes(design: Design, index: int) -> Array:
-    """Rotations or reflections (N, 2, 2) from the image's axes to the board's x and y at each point."""
+    """Rotations or reflections (N, 2, 2) from the image axes to the board's x and y at each point."""
     view, pose = design.views[index], design.calibration.poses[index]
     camera = design.calibration.camera
     by_xyz = camera.lens.jacobians(camera.params, pose.apply(view.xyz))[1]
@@ -125,7 +125,7 @@ def _board_axes(design: Design, index: int) -> Array:
 
 
 def _pairs(xyz: Array) -> tuple[Array, Array]:
-    """Each point with its nearest neighbour, each pair once."""
+    """Pairs of each point and its nearest neighbour, each pair once."""
     if len(xyz) < 2:
         return np.zeros(0, int), np.zeros(0, int)
     gaps = np.linalg.norm(xyz[:, None] - xyz[None], axis=2) if len(xyz) <= 2000 else None
@@ -163,7 +163,7 @@ def residual_tests(found: Standardised) -> list[ResidualTest]:
 
 
 def _rings(radius: Array) -> Array:
-    """Number of the ring of equal count that each radius falls in."""
+    """The index of the ring of each radius; the rings hold equal counts."""
     rings = max(2, min(RINGS, len(radius) // 10))
     return np.argsort(np.argsort(radius)) * rings // max(len(radius), 1)
 
@@ -171,7 +171,7 @@ def _rings(radius: Array) -> Array:
 def _means(
     name: str, question: str, values: Array, group: Array, unit: str = "share of variance"
 ) -> ResidualTest:
-    """One-way analysis of variance of values (M, K), all columns together; groups of two and more."""
+    """One-way analysis of variance of values (M, K), all columns together; only groups of at least two."""
     _, label, count = np.unique(group, return_inverse=True, return_counts=True)
     keep = count[label] >= 2
     values, label = values[keep], np.unique(label[keep], return_inverse=True)[1].reshape(-1)
@@ -217,7 +217,7 @@ def _gaussian(found: Standardised) -> ResidualTest:
 
 
 def holm(found: list[ResidualTest]) -> list[ResidualTest]:
-    """Holm's correction: p-values that hold for all tests together."""
+    """Holm's correction: p-values that are valid for all tests together."""
     order = sorted(range(len(found)), key=lambda i: ranked(found[i].p_value))
     corrected, worst = [0.0] * len(found), 0.0
     for rank, i in enumerate(order):
@@ -228,7 +228,7 @@ def holm(found: list[ResidualTest]) -> list[ResidualTest]:
 
 # ------------------------------------------------------------------ bias ratio
 def bias_ratio(design: Design) -> BiasRatio | None:
-    """Equation (1); None where no view can be cut into pieces."""
+    """Equation (1); None if no view can be divided into pieces."""
     square, freedom, pieces, covered, points = 0.0, 0, 0, 0.0, 0
     for rows in design.rows():
         covered += float((rows.residuals**2).sum())
@@ -247,7 +247,7 @@ def bias_ratio(design: Design) -> BiasRatio | None:
 
 
 def cut(xyz: Array, least: int = PIECE) -> Iterator[Array]:
-    """Indices of neighbouring points, `least` to twice as many: halved along the longer side again and again."""
+    """Indices of neighbouring points, `least` to twice as many, by repeatedly halving the longer side."""
     stack = [np.arange(len(xyz))]
     while stack:
         index = stack.pop()
@@ -260,7 +260,7 @@ def cut(xyz: Array, least: int = PIECE) -> Iterator[Array]:
 
 
 def _without_pose(rows: Rows, piece: Array) -> tuple[float, int]:
-    """The sum of squares that a pose of its own leaves of a piece, and its degrees of freedom."""
+    """The sum of squares of a piece after fitting its own pose, and its degrees of freedom."""
     basis, _ = np.linalg.qr(
         rows.pose[piece].reshape(-1, 6) / np.linalg.norm(rows.pose.reshape(-1, 6), axis=0)
     )

@@ -1,4 +1,4 @@
-"""Whether a board has a shape of its own: a significance test, and what the report says of the shape.
+"""A board's own shape: a significance test, and its description in the report.
 
 Against the flat board, with C the weighted sums of squares and B the parameters of the shape,
 
@@ -32,7 +32,7 @@ CANDIDATES = ("bowl", "print", "free")
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of board: its fit, the p-value of (1), its hold-out, and what it does to the camera.
+    """One kind of board: its fit, the p-value of (1), its hold-out, and its effect on the camera.
 
     `change` is against the simpler board that was best till then; None where that is not asked.
     """
@@ -50,7 +50,7 @@ class Trial:
 
 
 def p_value(flat: Estimate, shaped: Estimate) -> float:
-    """The p-value of (1): how likely a flat board would lower the cost as much."""
+    """The p-value of (1): the probability that a flat board's noise would lower the cost as much."""
     assert shaped.board is not None
     freedom = figures.redundancy(shaped)
     if freedom <= 0 or shaped.fit.cost <= 0:
@@ -63,7 +63,7 @@ def p_value(flat: Estimate, shaped: Estimate) -> float:
 def described(
     calibration: Estimate, p_value: float, trials: Sequence[Trial], square: float
 ) -> dict[str, Any]:
-    """What the report says under `target.shape`; lengths in units of the square (or of the data).
+    """The entry `target.shape` of the report; lengths in units of the square (or of the data).
 
     Returns
     -------
@@ -92,7 +92,7 @@ def described(
 
 
 def _of_trial(trial: Trial, square: float) -> dict[str, Any]:
-    """The errors of a kind of board; with a change, the camera's expected errors and the offsets assumed."""
+    """The errors of a kind of board; with a change, the expected errors of the camera and the assumed offsets."""
     said: dict[str, Any] = {
         "kind": trial.kind,
         "rms_point": trial.calibration.rms_point,
@@ -118,7 +118,7 @@ def printed(board: ShapedBoard) -> tuple[float, float]:
 
 
 def words(board: ShapedBoard, square: float) -> str:
-    """The shape in a sentence: how far it bends out of its plane and how uneven the print is."""
+    """Describe the shape in a sentence: how far the board bends out of its plane and how uneven the print is."""
     offset = (board.points - board.ideal) / square
     plane = np.c_[board.ideal[:, :2], np.ones(len(offset))]
     out = offset[:, 2] - plane @ np.linalg.lstsq(plane, offset[:, 2], rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Poses in which a target could be held in front of a camera, all of it in the picture."""
+"""Poses in which a target can be held in front of a camera with all of it in the picture."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FITS = 25
 
 
 class Candidates:
-    """Where a target could be held.
+    """Candidate poses of a target.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Candidates:
         self.size = np.array(self.camera.image_size, float)
 
     def spread(self, count: int, rng: np.random.Generator) -> Poses:
-        """At most `count` poses over the whole picture, tilts and sizes; fewer where the lens does not see them.
+        """At most `count` poses over the whole picture, tilts and sizes; fewer if the lens does not see them all.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class Candidates:
         return placed
 
     def _placed(self, turned: Array, pixels: Array, fill: Array) -> Poses:
-        """The target at pixels (K, 2), so far away that it fills so much, pulled into the picture."""
+        """The target at pixels (K, 2), at the distance of the given size, moved into the picture."""
         offset, low = self.points.mean(0), SPREAD.margin * self.size - 0.5
         high = self.size - 1 - low
         extent = float(np.linalg.norm(self.edge - offset, axis=1).max())
@@ -92,7 +92,7 @@ class Candidates:
         return poses
 
     def around(self, poses: Poses, rng: np.random.Generator, scale: float) -> Poses:
-        """Each pose moved by chance, `scale` times MOVE; only those that keep the limits."""
+        """Randomly perturbed poses, by `scale` times MOVE; only those within the limits."""
         turn, shift = (rng.normal(0, scale * s, (len(poses), 3)) for s in MOVE)
         offset = self.points.mean(0)
         centres = poses.rotations @ offset + poses.translations
@@ -102,7 +102,7 @@ class Candidates:
         return moved[self.allowed(moved)]
 
     def allowed(self, poses: Poses) -> Array:
-        """Which poses (K,) keep the target in the picture, within the limits of tilt and size."""
+        """Return which poses (K,) keep the target in the picture, within the limits of tilt and size."""
         uv = self.images(poses, self.edge)
         low, high = uv.min(1), uv.max(1)
         inside = in_picture(np.stack([low, high], 1), self.size, SPREAD.margin * self.size).all(1)
@@ -114,12 +114,12 @@ class Candidates:
         return np.asarray(inside & upright & (fill <= SPREAD.fill[1]) & (fill >= SPREAD.fill[0]))
 
     def images(self, poses: Poses, points: Array) -> Array:
-        """Where poses show points (N, 3), as (K, N, 2) px; NaN where the lens does not see them."""
+        """The images of points (N, 3) in each pose, (K, N, 2) px; NaN where the lens does not see them."""
         xyz = points @ poses.rotations.transpose(0, 2, 1) + poses.translations[:, None]
         return np.asarray(self.camera.project(xyz.reshape(-1, 3)).reshape(len(poses), len(points), 2))
 
     def unlike(self, poses: Poses, taken: Poses) -> Array:
-        """Which poses (K,) repeat none that is taken already."""
+        """Return which poses (K,) do not repeat one that is already taken."""
         own, others = (self.images(p, self.points) for p in (poses, taken))
         apart = [np.linalg.norm(own - one, axis=2).mean(1) for one in others]
         least = SAME_VIEW * float(np.linalg.norm(self.size))
@@ -135,7 +135,7 @@ def rotations_onto(rays: Array) -> Array:
 
 
 def target_points(solution: Calibration) -> Array:
-    """The points (N, 3) that a whole picture of the target shows: all of it, or the fullest view's."""
+    """The points (N, 3) of a complete picture of the target: all of them, or those of the fullest view."""
     common = common_points(solution.observations.views)
     if common is not None and len(common[0]) < 4 * max(len(v) for v in solution.observations.views):
         return common[0]
@@ -143,19 +143,19 @@ def target_points(solution: Calibration) -> Array:
 
 
 def lattice(points: Array) -> tuple[Array, Array]:
-    """Columns x (C,) and rows y (R,) on which the points (N, 3) of a grid lie, up to a bend or a bad print."""
+    """Columns x (C,) and rows y (R,) of a grid of points (N, 3), up to a bend or an inaccurate print."""
     gap = UNEVEN * spacing(points)
     return _levels(points[:, 0], gap), _levels(points[:, 1], gap)
 
 
 def _levels(values: Array, gap: float) -> Array:
-    """The means of the groups of values that lie within `gap` of the next."""
+    """The means of groups of values in which neighbours are within `gap`."""
     values = np.sort(values)
     return np.array([g.mean() for g in np.split(values, np.flatnonzero(np.diff(values) > gap) + 1)])
 
 
 def surround(points: Array) -> Array:
-    """The outline (K, 3) of a flat grid with one cell more on each side; none where there is no flat grid.
+    """The outline (K, 3) of a flat grid extended by one cell on each side; empty if there is no flat grid.
 
     A checkerboard's outermost corners are found only where the squares beyond them are in the picture.
     """

@@ -1,4 +1,4 @@
-"""Two cameras compared for a decision: how far apart in px, and against what their uncertainties allow.
+"""Comparison of two cameras: their difference in px, relative to their uncertainties.
 
 The difference is that of `difference.py`, after the transformation that a calibration leaves open. Where a
 camera comes with its data, its projection uncertainty (`uncertainty.py`) stands beside: the difference d of
@@ -37,7 +37,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Side:
-    """A camera to compare, with what is known of its accuracy.
+    """A camera to compare, with its known accuracy.
 
     `sigmas` are those of the parameters, where they were estimated; `points` (N, 2) are the image points that it
     was calibrated with.
@@ -50,14 +50,16 @@ class Side:
     points: Array | None = None
 
     def has_data(self, pixels: Array) -> Array:
-        """Which pixels (N, 2) lie within the convex hull of its image points, (N,) bool; all where none are known."""
+        """Return which pixels (N, 2) lie within the convex hull of its image points, (N,) bool; all if none are
+        known.
+        """
         if self.points is None:
             return np.ones(len(pixels), bool)
         return hull.within(self.points, pixels)
 
     @classmethod
     def of(cls, name: str, solution: Calibration) -> Side:
-        """A calibration; one of which nothing was estimated counts as exact."""
+        """Make a side of a calibration; one without estimated parameters counts as exact."""
         if not solution.free.shape[1] or not len(solution.poses):
             return cls(name, solution.camera)
         accuracy = accuracy_of(solution)
@@ -87,12 +89,12 @@ class Apart:
 
     @property
     def max_sigma(self) -> float | None:
-        """The largest of (1) in the whole picture; None where no uncertainty is known."""
+        """The largest value of (1) in the whole picture; None if no uncertainty is known."""
         return None if self.sigmas is None else _largest(self.sigmas, np.ones(len(self.sigmas), bool))[0]
 
     @property
     def inside(self) -> Inside:
-        """The figures of the part that both cameras have data for."""
+        """The figures of the part of the picture for which both cameras have data."""
         lengths = self.difference.lengths
         known = lengths[self.supported & ~np.isnan(lengths)]
         nothing = float("nan")
@@ -113,7 +115,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Inside:
-    """The difference over the part of the picture that both cameras have data for; NaN where there is no such part.
+    """The difference over the part of the picture for which both cameras have data; NaN if there is none.
 
     `worst` and `worst_sigma` are the pixels (u, v) of the largest difference in px and in standard deviations.
     """
@@ -128,7 +130,7 @@ class Inside:
 
 
 def _largest(values: Array, where: Array) -> tuple[float, int | None]:
-    """The largest of the values (N,) that are numbers, and its index; NaN and None without any."""
+    """The largest finite value of (N,), and its index; NaN and None if there is none."""
     found = np.flatnonzero(where & ~np.isnan(values))
     if not len(found):
         return float("nan"), None
@@ -138,7 +140,7 @@ def _largest(values: Array, where: Array) -> tuple[float, int | None]:
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """A parameter that both cameras have; `sigma` is that of the difference, 0 where none is known."""
+    """A parameter that both cameras have; `sigma` is that of the difference, 0 if unknown."""
 
     name: str
     a: float
@@ -147,7 +149,7 @@ class ParameterChange:
 
     @property
     def change(self) -> float:
-        """B less A."""
+        """B minus A."""
         return self.b - self.a
 
 
@@ -178,7 +180,7 @@ def common_bounds(a: Side, b: Side, size: tuple[int, int] | None = None) -> tupl
 
 
 def compare(a: Side, b: Side, bounds: tuple[Array, Array], distance: float = np.inf) -> Apart:
-    """How far B projects from A between two corners (2,) of the picture, at a distance."""
+    """The difference of the projections of B and A between two corners (2,) of the picture, at a distance."""
     pixels = image_grid(*bounds)
     known = [s for s in (a, b) if s.uncertainty is not None]
     supported = a.has_data(pixels) & b.has_data(pixels)
@@ -222,7 +224,7 @@ def parameters(a: Side, b: Side) -> list[ParameterChange]:
 
 @dataclass(frozen=True)
 class Gate:
-    """A bound and what was found, with the pixel (u, v) where it was found; NaN falls."""
+    """A bound and the value found, with its pixel (u, v); NaN fails."""
 
     name: str
     value: float
@@ -245,7 +247,7 @@ def gates(
     max_rms_px: float | None = None,
     max_p95_px: float | None = None,
 ) -> list[Gate]:
-    """The gates that were asked for; those of projections are on the part that both cameras have data for.
+    """The requested gates; those of projections apply to the part for which both cameras have data.
 
     Raises
     ------

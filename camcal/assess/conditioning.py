@@ -1,4 +1,4 @@
-"""Condition numbers of every stage's equations, before and after the normalisation of their coordinates.
+"""Condition numbers of the equations of every stage, before and after normalisation of their coordinates.
 
 A condition number κ costs log10 κ of the 16 digits of a float64; where normal equations are formed, it costs
 twice as many.
@@ -57,7 +57,7 @@ def _pair(before: float, after: float, normalise: bool) -> dict[str, float]:
 
 
 def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
-    """cond J at the solution: poses about the data's origin and columns as they are, and normalised."""
+    """cond J at the solution: with poses about the data's origin and unscaled columns, and normalised."""
     views = solution.observations.kept().unweighted().views
     camera = solution.camera
     free = solution.free[:, solution.free.any(0)]
@@ -81,7 +81,7 @@ def _central(data: Correspondences, normalise: bool) -> dict[str, float]:
 
 
 def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
-    """The worst of the views of points in space; of 12 singular values the last belongs to the solution."""
+    """The worst over views of points in space; the last of 12 singular values belongs to the solution."""
     planar = data.shapes.planar
     views = [v for v, flat in zip(data.views, planar, strict=True) if not flat]
     both = [
@@ -92,7 +92,7 @@ def _dlt(data: Correspondences, normalise: bool) -> dict[str, float]:
 
 
 def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
-    """The worst of the views; of 9 singular values the last belongs to the solution."""
+    """The worst over the views; the last of 9 singular values belongs to the solution."""
     form, lengths = data.shapes, np.array([len(v) for v in data.views])
     both = np.zeros(2)
     for length in np.unique(lengths):  # views of one length at once
@@ -137,7 +137,7 @@ def _conic(stage: Stage, data: Correspondences, normalise: bool) -> dict[str, fl
 
 
 def _ratio(a: Array, last: int) -> float:
-    """The largest singular value over the one of index `last`; inf where that is 0 or does not exist."""
+    """The largest singular value divided by that of index `last`; inf if that is 0 or does not exist."""
     return float(_ratios(a, last))
 
 

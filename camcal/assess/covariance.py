@@ -1,4 +1,4 @@
-"""Covariance of the parameters and poses from the blocks of JᵀJ, never from the matrix as a whole.
+"""Covariance of the parameters and poses from the blocks of JᵀJ, without forming the whole matrix.
 
 With U, W_v, A_v the blocks of `NormalBlocks` (camera; coupling; pose of view v), all of the weighted problem:
 
@@ -39,7 +39,7 @@ STRONG = 0.95
 
 @dataclass(frozen=True)
 class ReducedPoses:
-    """What eliminating the poses leaves.
+    """The result of eliminating the poses.
 
     `inverse` is A_v⁻¹ (V, 6, 6), `gain` is B_v of (4) as (V, 6, F), `columns` the lengths of the pose columns
     of the Jacobian (V, 6), `undetermined` (V, 6) what the view's own points leave open.
@@ -53,7 +53,7 @@ class ReducedPoses:
 
 @dataclass(frozen=True)
 class End:
-    """Where the 95 % interval along a curved direction ends (`curvature.py`).
+    """The end of the 95 % interval along a curved direction (`curvature.py`).
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class End:
 
 @dataclass(frozen=True)
 class Covariance:
-    """What the data say on the accuracy of a solution.
+    """The covariance of a solution.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where sigmas do not hold because the parameters that fit do not lie on a straight line.
+"""Invalid sigmas: parameters that fit equally well but do not lie on a straight line.
 
 A covariance takes the sum of squares for a parabola. A model with more coefficients than the lens needs is not
 like that: the denominator of a rational model can cancel its numerator, and then k1 = -0.3 fits as well as
@@ -78,7 +78,7 @@ _known: WeakKeyDictionary[NormalBlocks, tuple[float, Covariance]] = WeakKeyDicti
 
 
 def accuracy(solution: Calibration) -> Covariance:
-    """The covariance with what the curvature does to it; computed once for a fit, whoever asks.
+    """The covariance corrected for curvature; computed once per fit.
 
     Fits that share their normal equations and their sigma_0 are one fit, whatever a solution says besides.
     """
@@ -90,7 +90,7 @@ def accuracy(solution: Calibration) -> Covariance:
 
 
 def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
-    """The covariance with the variances that the profile of (1) gives, infinite where it has no end.
+    """The covariance with the variances from the profile of (1), infinite where it has no end.
 
     `free` and `null` stay as they are; `ends` hold the cameras at the ends of the curved directions, which projections
     take into account. A board whose shape was estimated counts as known.
@@ -128,7 +128,7 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
 
 
 def _widen(matrix: Array, variances: Array, some: Array) -> None:
-    """Scale some rows and columns to other variances, where correlations stay, or make them infinite."""
+    """Scale some rows and columns to other variances, keeping correlations, or make them infinite."""
     endless = some & ~np.isfinite(variances)
     finite = some & ~endless
     scale = np.ones(len(variances))
@@ -139,7 +139,7 @@ def _widen(matrix: Array, variances: Array, some: Array) -> None:
 
 
 def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | None:
-    """The optimum of the smallest model inside that fits as well, and the sigmas (P,) of the larger model there.
+    """The optimum of the smallest nested model that fits as well, and the sigmas (P,) of the larger model there.
 
     None where the data need what the larger model has more, or parameters are tied to one another.
     """
@@ -174,7 +174,8 @@ def _inside(solution: Calibration, linear: Covariance) -> tuple[End, Array] | No
 
 
 def _curved(solution: Calibration, linear: Covariance) -> Iterator[tuple[Array, Array, list[End]]]:
-    """Of each direction whose interval is longer than (1) says, its share (F,) of each free parameter's variance.
+    """For each direction whose interval is longer than (1) predicts, its share (F,) of each free parameter's
+    variance.
 
     With it how far each parameter (P,) goes until the sum of squares has grown as said, or as far as was looked, and
     the cameras at the ends. Nothing where a used point lies outside the lens's domain.
@@ -214,12 +215,14 @@ class _Valley:
         return self.design.problem.retract(state or self.design.state, Step(step, -self.gain @ step))
 
     def grown(self, step: Array) -> float:
-        """How much the cost has grown after a step, poses following, against what it should have; inf outside."""
+        """The growth of the cost after a step, with poses following, relative to the prediction; inf outside the
+        domain.
+        """
         assert self.begin is not None
         return (_settled(self.design.problem.linearise(self._moved(step))) - self.begin.cost) / self.wanted
 
     def reached(self, sides: list[Array], direction: int) -> tuple[Array, list[End]]:
-        """How far each parameter (P,) goes along some sides before the cost has grown by what is wanted.
+        """The distance of each parameter (P,) along given sides at which the cost has grown by the target.
 
         And where that is, or the last place looked at.
         """
@@ -232,7 +235,7 @@ class _Valley:
         return np.max(ways, axis=0), ends
 
     def _followed(self, end: Array) -> tuple[State, float]:
-        """The state where the cost has grown enough, or the last one, and by how much in roots."""
+        """The state where the cost has grown enough, or the last one, and the growth in roots."""
         begin, design = self.begin, self.design
         assert begin is not None
         across = np.linalg.svd(end[None])[2][1:].T  # the directions at right angles to the step, (F, F - 1)
@@ -258,7 +261,7 @@ class _Valley:
 
 
 def _settled(blocks: Blocks | None) -> float:
-    """The cost once the poses have followed, by the Gauss-Newton step of each; infinite without blocks."""
+    """The cost after one Gauss-Newton step of each pose; infinite without blocks."""
     if blocks is None:
         return float("inf")
     inverse = eliminate_poses(blocks.normal()).inverse

@@ -33,7 +33,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of one view's used points, weighted by 1 / sigma and the root of a robust weight.
+    """The rows of one view's used points, weighted by 1 / sigma and the square root of a robust weight.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Rows:
 
 
 class Design:
-    """What (1) and (2) need of a solution; everything is computed on first use."""
+    """The quantities of (1) and (2) for a solution; each is computed on first use."""
 
     def __init__(self, calibration: Calibration):
         self.calibration = calibration
@@ -116,7 +116,7 @@ class Design:
         return invert_determined(total, np.diag(self.normal.intrinsics))[0]
 
     def rows(self) -> Iterator[Rows]:
-        """The rows of each view, in groups of the problem's making."""
+        """The rows of each view, in the groups of the problem."""
         lens, f = self.problem.lens, self.transform
         for group in self.problem.groups:
             block = self.problem.fill(group, self.state)
@@ -134,11 +134,11 @@ class Design:
                 )
 
     def of_camera(self, rows: Rows) -> Array:
-        """F_v - P_v B_v (N, 2, F): what the camera moves once the pose has followed."""
+        """F_v - P_v B_v (N, 2, F): the effect of the camera once the pose has followed."""
         return np.asarray(rows.free - rows.pose @ self.poses.gain[rows.view])
 
     def hat(self, rows: Rows, first: Array | None = None, second: Array | None = None) -> Array:
-        """Blocks (K, 2, 2) of H_v of (2) between points `first` and `second` (K,); without, the diagonal."""
+        """Blocks (K, 2, 2) of H_v of (2) between points `first` and `second` (K,); by default the diagonal."""
         own = self.of_camera(rows)
         a, b = (slice(None) if i is None else i for i in (first, second))
         by_camera = own[a] @ self.inverse @ own[b].transpose(0, 2, 1)

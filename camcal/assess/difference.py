@@ -1,4 +1,4 @@
-"""How differently two cameras project: over the image, after the best-fitting rotation.
+"""The difference in projection between two cameras over the image, after the best-fitting rotation.
 
 Parameters of different values can mean the same camera, so cameras are compared by what they do (mrcal's
 differencing). A grid of pixels is unprojected with camera A; the rays are turned by the rotation that fits
@@ -37,7 +37,7 @@ COLUMNS = 40
 
 @dataclass(frozen=True)
 class Difference:
-    """What (1) leaves.
+    """The residuals of (1).
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Difference:
 
     @property
     def outside(self) -> int:
-        """How many pixels have no difference because a camera does not see them."""
+        """The number of pixels without a difference because a camera does not see them."""
         return int(np.isnan(self.vectors).any(1).sum())
 
     @property

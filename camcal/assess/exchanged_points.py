@@ -1,4 +1,4 @@
-"""Points that were taken for others: swapped corners, shifted rows.
+"""Points that were mistaken for others: swapped corners, shifted rows.
 
 A rejected point that lies where another point of its view is predicted was taken for that one.
 """
@@ -26,7 +26,7 @@ LEAST_SHIFTED = 3
 
 @dataclass(frozen=True)
 class Exchanged:
-    """Rejected points of a view that were taken for others.
+    """Rejected points of a view that were mistaken for others.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ def exchanged_points(solution: Calibration) -> Iterator[Exchanged]:
 
 
 def in_view(view: View, predicted: Array, wrong: Array) -> Exchanged:
-    """What the rows `wrong` (K,) of a view were taken for, from where its points are predicted (N, 2), px."""
+    """The points for which the rows `wrong` (K,) of a view were mistaken, from the predictions (N, 2), px."""
     known = np.flatnonzero(np.isfinite(predicted).all(1))
     tree = Neighbours(predicted[known])
     apart = spacing(predicted[known])
@@ -80,7 +80,7 @@ def in_view(view: View, predicted: Array, wrong: Array) -> Exchanged:
 
 
 def describe(found: Exchanged, view: View) -> str:
-    """Exchanged points in words; points by their number on the target, else by their row in the view."""
+    """Describe exchanged points by their number on the target, otherwise by their row in the view."""
 
     def name(row: int) -> str:
         return str(int(view.point_ids[row]) if view.point_ids is not None else row)

@@ -1,4 +1,4 @@
-"""Every definition of an error figure, in one place.
+"""Every definition of an error figure.
 
 With residuals r_i (predicted - observed, px) of the N points that a solution rests on, and p free parameters
 (poses included):
@@ -65,7 +65,7 @@ def rms_point(residuals: Array) -> float:
 
 
 def ranked(value: float | None) -> float:
-    """A figure that is the better the smaller it is, for a ranking: inf where there is none or it is NaN.
+    """A figure for a ranking in which smaller is better: inf if it is missing or NaN.
 
     Comparisons with NaN are all false, so that one NaN upsets any sort, min or max.
     """
@@ -73,7 +73,7 @@ def ranked(value: float | None) -> float:
 
 
 def redundancy(solution: Estimate) -> int:
-    """2N - p: observed coordinates less free parameters; the degrees of freedom of the residuals."""
+    """2N - p: observed coordinates minus free parameters; the degrees of freedom of the residuals."""
     return 2 * int(solution.used.sum()) - solution.free_count
 
 
@@ -99,7 +99,7 @@ def sigma_0(solution: Estimate) -> float:
 
 
 def standard_lengths(solution: Estimate) -> Array:
-    """Lengths (N,) of the residuals of the used points, each in units of its given sigma (else px)."""
+    """Lengths (N,) of the residuals of the used points, each in units of its given sigma (otherwise px)."""
     return solution.observations.standardised(solution.residuals)[solution.used]
 
 
@@ -109,7 +109,7 @@ def _per_redundancy(solution: Estimate, squares: float) -> float:
 
 
 def overall(solution: Estimate) -> Figures:
-    """The figures of the points the solution rests on."""
+    """The figures of the points used by the solution."""
     return of(solution.used_residuals)
 
 

@@ -1,4 +1,4 @@
-"""How far the cameras of the folds lie apart, against what their uncertainty allows.
+"""The difference between the cameras of the folds, relative to their uncertainty.
 
 A camera estimated without some of the views differs from that of all views. Least squares being efficient,
 the covariance of the difference is the difference of the covariances (Hausman 1978, lemma 2.1):
@@ -34,7 +34,7 @@ COLUMNS = 12
 
 
 def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, Any] | None:
-    """Equation (2) at infinity over the part of the picture that points cover; None where it cannot be had.
+    """Equation (2) at infinity over the part of the picture that points cover; None if it cannot be computed.
 
     Outside of it the lens is extrapolated, and its uncertainty no longer linear.
 
@@ -93,14 +93,15 @@ def covered_pixels(solution: Estimate, camera: int = 0) -> Array:
 
 
 def covered_grid(solution: Estimate, camera: int = 0) -> tuple[Array, Array]:
-    """A grid (N, 2) over the box of the used points, row by row, and which of it lies within their hull."""
+    """A grid (N, 2) over the bounding box of the used points, row by row, and which of it lies within their hull."""
     uv = solution.observations.uv[solution.used & (solution.observations.camera == camera)]
     pixels = image_grid(uv.min(0), uv.max(0), columns=COLUMNS)
     return pixels, hull.within(uv, pixels)
 
 
 def seen_by_fold(solution: Calibration, fit: Calibration, views: Array, pixels: Array) -> Array:
-    """Where the camera of a fold sees (N, 2) what the camera of all views sees at pixels (N, 2), at infinity.
+    """The pixels (N, 2) at which the camera of a fold sees the directions of the full camera's pixels (N, 2), at
+    infinity.
 
     The directions are held to the boards of the fold's views and averaged over them.
     """

@@ -1,4 +1,4 @@
-"""Hold-out: cameras estimated from some of the views, judged on the others with only their poses refitted.
+"""Hold-out: cameras estimated from some of the views and tested on the others, with only their poses refitted.
 
 The residuals of views that took no part show what those of the fit hide: parameters that follow the noise, a
 model that does not hold (Arlot & Celisse, A survey of cross-validation procedures, 2010).
@@ -43,7 +43,7 @@ TRUSTED = 0.1
 
 @dataclass(frozen=True)
 class HoldOut:
-    """What the folds gave.
+    """The results of the folds.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
 
 
 def residuals_of(fit: Estimate, held: Observations, poses: Poses) -> Array:
-    """Residuals (N, 2) of views that a fit has not seen, their poses refitted, px."""
+    """Residuals (N, 2) of views not used in a fit, with their poses refitted, px."""
     if fit.board is not None:
         held = on_board(held, fit.board.ideal, fit.board.points)
     return residuals(subject_of(fit), poses_before(fit, held, poses), held)
@@ -137,7 +137,7 @@ def residuals_of(fit: Estimate, held: Observations, poses: Poses) -> Array:
 
 @dataclass(frozen=True)
 class _Step:
-    """What (1) gives: the fit to some views, and the poses of others before its camera."""
+    """The result of (1): the fit to some views, and the poses of the others with respect to its camera."""
 
     design: Design
     step: Array
@@ -149,7 +149,7 @@ class _Step:
 
 
 def _moved(design: Design, views: Array, step: Array) -> Poses:
-    """The poses of views (T,) that are best for the camera after a step (F,)."""
+    """The poses of views (T,) that are optimal for the camera after a step (F,)."""
     f = design.transform.shape[1]
     pull = design.products[views, f : f + 6, -1]
     turn = -np.einsum("vij,vj->vi", design.poses.inverse[views], pull) - design.poses.gain[views] @ step
@@ -157,7 +157,7 @@ def _moved(design: Design, views: Array, step: Array) -> Poses:
 
 
 def _one_step(design: Design, train: Array) -> _Step | None:
-    """The fit to the views `train` (T,) by (1); None where the cost does not follow the prediction."""
+    """The fit to the views `train` (T,) by (1); None if the cost does not follow the prediction."""
     whole, f = design.calibration, design.transform.shape[1]
     information, pull = design.information[train].sum(0), design.pull[train].sum(0)
     if not f:
@@ -200,7 +200,7 @@ def _one_step(design: Design, train: Array) -> _Step | None:
 
 # ------------------------------------------------------------------------------------------------- for the report
 def folds_wanted(calibration: Estimate, folds: int | None) -> int:
-    """How many folds are held out: as asked for, or 4 where that is cheap, else 0.
+    """The number of folds: as requested, or 4 where that is cheap, otherwise 0.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def folds_wanted(calibration: Estimate, folds: int | None) -> int:
 
 
 def described(held: HoldOut, difference: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What the report says of a hold-out; `difference` is that of the folds' cameras."""
+    """The report's entry of a hold-out; `difference` is that of the folds' cameras."""
     found = held.figures
     return {
         "views": len(held.view_ids),

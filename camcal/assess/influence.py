@@ -1,4 +1,4 @@
-"""What each view does to the camera, by block formulae instead of new solutions.
+"""The influence of each view on the camera, by block formulae instead of new solutions.
 
 With S_v, g_v, S of `design.py`, leaving view v out moves the free parameters, to first order, by
 
@@ -32,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Influence:
-    """What leaving out each view would do.
+    """The effect of leaving out each view.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def influence(design: Design) -> Influence:
 
 
 def _p_value(move: Array, spread: Array, freedom: int) -> float:
-    """Of (2), over the directions on which the view has a say."""
+    """The p-value of (2), over the directions that the view affects."""
     d = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     values, vectors = np.linalg.eigh(spread / np.outer(d, d))
     good = values > 1e-8 * values[-1]
@@ -84,7 +84,7 @@ def _p_value(move: Array, spread: Array, freedom: int) -> float:
 
 
 def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertainty, pixels: Array) -> Array:
-    """How far leaving out each view moves the projections at infinity of pixels (N, 2), at most: (V,), px."""
+    """The largest movement of the projections at infinity of pixels (N, 2) when each view is left out: (V,), px."""
     rays = design.calibration.camera.unproject(pixels)
     by_params, by_frame = uncertainty.jacobians(rays[np.isfinite(rays).all(1)], at_infinity=True)
     own = design.transform.shape[1]
@@ -94,14 +94,14 @@ def shift_px(design: Design, found: Influence, uncertainty: ProjectionUncertaint
 
 
 def jackknife(found: Influence) -> Array:
-    """The covariance (F, F) of the free parameters by leaving out views; NaN where a view cannot be spared."""
+    """The jackknife covariance (F, F) of the free parameters over views; NaN if a view is indispensable."""
     count = len(found.moves)
     d = found.moves - found.moves.mean(0)
     return (count - 1) / count * d.T @ d
 
 
 def bootstrap(design: Design, replicates: int = 200, seed: int = 0) -> Array:
-    """The covariance (F, F) of the free parameters over views drawn with replacement, in one Newton step."""
+    """The bootstrap covariance (F, F) of the free parameters over views, with one Newton step each."""
     rng = np.random.default_rng(seed)
     views, count = len(design.views), design.transform.shape[1]
     times = rng.multinomial(views, np.full(views, 1 / views), replicates).astype(float)

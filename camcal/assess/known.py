@@ -1,4 +1,4 @@
-"""A known camera on new data: whether it fits them as well as its report promises, and if not, what was exchanged.
+"""A known camera on new data: whether it fits them as its report predicts, and if not, what was exchanged.
 
 Its residuals are judged by the median over all points, rejected ones included: what robust estimation leaves looks as
 good as it may. Where the points do not fit, each of a few transformations is tried on
@@ -48,14 +48,14 @@ CHECKS = (
 
 @dataclass(frozen=True)
 class Promise:
-    """What the camera's own report says of its residuals, px: the median length over its points."""
+    """The prediction of the camera's own report for its residuals, px: the median length over its points."""
 
     median: float
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A way in which data are not what they are taken for.
+    """A possible misinterpretation of the data.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ SUSPICIONS: tuple[Suspicion, ...] = (
 def check_known(
     solution: Calibration, given: Observations, promise: Promise | None = None
 ) -> tuple[CalibrationWarning, ...]:
-    """All warnings on a known camera's fit to data.
+    """All warnings about a known camera's fit to data.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def check_known(
 
 
 def _worse(facts: Facts, promise: Promise | None) -> Iterator[CalibrationWarning]:
-    """Residuals that are larger than the camera's report promises."""
+    """Residuals larger than the camera's report predicts."""
     found = median_of(facts.solution)
     if promise is None or not promise.median > 0 or not found > WORSE * promise.median:
         return
@@ -152,7 +152,7 @@ def _worse(facts: Facts, promise: Promise | None) -> Iterator[CalibrationWarning
 
 
 def median_of(solution: Calibration) -> float:
-    """The median length of the residuals of all points, rejected ones included, px."""
+    """The transformation of the points that explains them; None if there is none."""
     lengths = np.linalg.norm(solution.residuals, axis=1)
     return float(np.median(np.where(np.isfinite(lengths), lengths, np.inf))) if len(lengths) else float("nan")
 
@@ -179,7 +179,7 @@ def _named(solution: Calibration, given: Observations) -> CalibrationWarning | N
 
 
 def _median_after(changed: Sequence[View], camera: Camera) -> float:
-    """The median residual of changed views, their poses found anew; inf where these are none."""
+    """The median residual of changed views with re-estimated poses; inf if there are none."""
     try:
         views_ = [v.take(np.ones(len(v), bool)) for v in changed]
         poses, _, _ = refine_poses(camera, views_, start_poses(camera, views_))

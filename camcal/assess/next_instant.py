@@ -1,4 +1,4 @@
-"""Where to hold the board so that the distances of a rig's cameras are best known.
+"""Where to hold the board so that the baselines of a rig become best determined.
 
 An instant adds its information before it is taken, as a view does to one camera (`next_view.py`): with C the covariance
 of the variables of cameras and rig, and S_k what the reduced normal equations of a candidate are,
@@ -41,7 +41,7 @@ LEAST_POINTS = 8
 
 @dataclass(frozen=True)
 class Suggestion:
-    """An instant to take next.
+    """A suggested next instant.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ Relative = dict[tuple[str, str], float]
 
 
 def suggest(solution: RigCalibration, count: int = 1, seed: int = 0) -> tuple[Relative, list[Suggestion]]:
-    """The relative standard deviations now, and the instants to take next, each as if those before it were taken.
+    """The current relative standard deviations, and suggested instants, each given those before it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def suggest(solution: RigCalibration, count: int = 1, seed: int = 0) -> tuple[Re
 
 
 def _relative(solution: RigCalibration, accuracy: Covariance, information: Array) -> Relative:
-    """The standard deviation of each distance, as a part of it, with an information (F, F)."""
+    """The relative standard deviation of each baseline, with an information (F, F)."""
     size = accuracy.free.shape[0]
     free = np.zeros((size, size))
     rigid = len(information)
@@ -118,7 +118,9 @@ def _relative(solution: RigCalibration, accuracy: Covariance, information: Array
 
 
 def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, tuple[str, ...]]]:
-    """What instants add (F, F), their boards and the cameras that see them; those that one camera sees add nothing."""
+    """The information of instants (F, F), their boards and the cameras that see them; none if only one camera sees
+    them.
+    """
     rng, made = np.random.default_rng(seed), []
     several = solution.board is not None and solution.board.kind == PLACED
     for name in solution.rig.cameras:
@@ -153,7 +155,7 @@ def _all_points(solution: RigCalibration) -> Array:
 
 
 def _turned(solution: RigCalibration, rng: np.random.Generator) -> Poses:
-    """Poses of boards that stand fast to each other: those of instants with the rig turned, as it may be turned there.
+    """Poses of rigidly connected boards: those of instants with the rig rotated within the allowed range.
 
     Boards on all sides of a rig fit before no camera as a whole, so that poses before one camera say nothing.
     """
@@ -163,7 +165,7 @@ def _turned(solution: RigCalibration, rng: np.random.Generator) -> Poses:
 
 
 def _added(solution: RigCalibration, pose: Pose, points: Array) -> tuple[Array, tuple[str, ...]] | None:
-    """S_k of a board, and who sees it; None where fewer than two cameras do."""
+    """S_k of a board, and the cameras that see it; None if fewer than two do."""
     views, cameras = [], []
     for index, (name, camera) in enumerate(solution.rig.cameras.items()):
         uv = camera.project((solution.rig.cam_from_rig[name] @ pose).apply(points))

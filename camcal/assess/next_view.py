@@ -1,4 +1,4 @@
-"""Which pose of the target would make the camera better known: the next best view.
+"""The next best view: the pose of the target that improves the camera most.
 
 A view adds its information before it is taken: with S the reduced normal matrix of the views that are there and
 S_c that of a candidate pose (`design.py` (1); only the Jacobian at the pose is needed, no observation),
@@ -48,7 +48,7 @@ _RIDGE = 1e-12
 
 @dataclass(frozen=True)
 class State:
-    """What views know together: information S (F, F), sums over the views of E B (6, F) and E A⁻¹ Eᵀ (6, 6).
+    """The joint information of views: S (F, F), sums over the views of E B (6, F) and E A⁻¹ Eᵀ (6, 6).
 
     Also stacked, one along the first axis for each choice of a further view.
     """
@@ -67,7 +67,7 @@ class State:
         )
 
     def stacked_with(self, other: State) -> State:
-        """The choices of both, one set after the other."""
+        """The candidates of both, one set after the other."""
         own, others = ((s.information, s.follow, s.own) for s in (self, other))
         information, follow, own_part = (np.concatenate(pair) for pair in zip(own, others, strict=True))
         return State(information, follow, own_part, self.views)
@@ -78,7 +78,7 @@ class State:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A pose to take next.
+    """A suggested pose.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class NextView:
 
     @cached_property
     def now(self) -> State:
-        """What the views that are there know."""
+        """The joint information of the existing views."""
         offsets = np.array([v.xyz.mean(0) for v in self.design.views])
         poses = self.solution.poses
         centres = poses.apply(offsets)
@@ -136,11 +136,11 @@ class NextView:
 
     @cached_property
     def added(self) -> State:
-        """What each candidate would add, stacked."""
+        """The additional information of each candidate, stacked."""
         return self.of(self.poses)
 
     def of(self, poses: Poses) -> State:
-        """What a view of the whole target in each pose would know, stacked."""
+        """The information of a view of the whole target in each pose, stacked."""
         camera, points = self.solution.camera, self.candidates.points
         offset, count = points.mean(0), len(poses)
         turned = np.einsum("kij,nj->kni", poses.rotations, points - offset)
@@ -164,7 +164,7 @@ class NextView:
 
     @cached_property
     def _sigma(self) -> float:
-        """The given sigma that a new point would have; 1 without sigmas."""
+        """The sigma that a new point would be given; 1 without sigmas."""
         given = [v.sigma for v in self.design.views if v.sigma is not None]
         return float(np.median(np.concatenate(given))) if given else 1.0
 
@@ -192,11 +192,11 @@ class NextView:
         return flat.reshape(found.shape[:-2])
 
     def best(self, count: int = 1) -> list[Suggestion]:
-        """The best `count` views, each taken for granted by the next."""
+        """The best `count` views, each given those before it."""
         return list(islice(self.steps(), count))
 
     def steps(self) -> Iterator[Suggestion]:
-        """The best view, the best after that, and so on without an end."""
+        """The best view, the best after that, and so on without end."""
         rng = np.random.default_rng(self.seed + 1)
         state, taken = self.now, Poses.stack([])
         while True:
@@ -212,7 +212,7 @@ class NextView:
     def _moved(
         self, state: State, poses: Poses, added: State, taken: Poses, rng: np.random.Generator
     ) -> tuple[Pose, State]:
-        """The best pose of those given and of what is found by moving the best about, with what it knows."""
+        """The best of the given poses and of perturbations of the best, with its information."""
         worst = self.sigmas(state + added).max(1)
         for i in range(ROUNDS if len(taken) < MOVED else 0):
             few = np.argsort(worst)[:BEST]
@@ -228,7 +228,9 @@ class NextView:
         return poses[best], added[best]
 
     def pictures_until(self, target: float, most: int = 100) -> int | None:
-        """How many pictures more until the worst uncertainty is `target` px; None where `most` do not do."""
+        """The number of further pictures until the worst uncertainty is `target` px; None if `most` are not
+        enough.
+        """
         if self.before[0] <= target:
             return 0
         found = (i for i, s in enumerate(islice(self.steps(), most), 1) if s.worst <= target)
@@ -236,6 +238,6 @@ class NextView:
 
     @property
     def before(self) -> tuple[float, float]:
-        """Worst and median sigma over the picture as it is, px."""
+        """The current worst and median sigma over the picture, px."""
         sigmas = self.sigmas(self.now)
         return float(sigmas.max()), float(np.median(sigmas))

@@ -1,4 +1,4 @@
-"""What is wrong with the points and views that were rejected, in words.
+"""Explanations of rejected points and views, in words.
 
 Points that were taken for others are named by `exchanged_points.py`. A rejected view whose points fit a plane of other
 proportions shows another board; one that fits the mirrored points holds them in mirrored order; one that fits
@@ -58,7 +58,7 @@ _HINTS = {
 
 
 def foreign_views(solution: Calibration) -> set[int]:
-    """Views that fit a pose well enough to be used, but bend the camera: mirror images, or of another board.
+    """Views that fit a pose well enough to be used but bias the camera: mirror images, or views of another board.
 
     None where too few views would be left.
     """
@@ -73,7 +73,7 @@ def foreign_views(solution: Calibration) -> set[int]:
 def named(
     solution: Calibration, given: Observations, robust: bool = True, found: Found | None = None
 ) -> tuple[Observations, tuple[CalibrationWarning, ...]]:
-    """A warning for each rejected view, and for points taken for others, that says so.
+    """Warnings that explain each rejected view, and points mistaken for others.
 
     The observations come with residuals and reasons of the rejected views.
 
@@ -120,7 +120,7 @@ def named(
 
 @dataclass(frozen=True)
 class _Suspect:
-    """A used view that fits better as another board: sigma of a coordinate as that and as it is, px."""
+    """A used view that fits better as another board: sigma of a coordinate as that board and as the given one, px."""
 
     index: int
     ratio: float
@@ -135,7 +135,7 @@ class _Suspect:
 
 
 def _suspects(solution: Calibration) -> list[_Suspect]:
-    """Used views that a plane of other proportions explains much better than the board does.
+    """Used views for which a plane of other proportions fits much better than the board.
 
     None where the model does not follow the lens: its errors look like other proportions.
     """
@@ -165,13 +165,13 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
 
 
 def _usual_scatter(solution: Calibration) -> float:
-    """The median length of the residuals that the solution rests on, px."""
+    """The median length of the residuals of the used points, px."""
     lengths = np.linalg.norm(solution.used_residuals, axis=1)
     return float(np.median(lengths)) if len(lengths) else float("nan")
 
 
 def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, float | None]:
-    """The pose with which most points agree, as the others do, and rms_point of all points there."""
+    """The pose with which most points agree, as in the other views, and the rms_point of all points there."""
     unit = 1.0 if view.sigma is None else float(np.median(view.sigma))
     agreed = ransac.of_poses([view], camera, sigma=usual / RAYLEIGH_MEDIAN / unit)[0]
     if agreed.matrix is None:
@@ -182,7 +182,7 @@ def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, f
 
 
 def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
-    """Whether a view of a plane, of this rms_point, fits much better as its own mirror image."""
+    """Return whether a view of a plane, with this rms_point, fits much better as its own mirror image."""
     if camera.image_size is None or not shapes([view]).planar[0]:
         return False
     _, other = _best_pose(mirror.mirrored(view, camera.image_size[0]), camera, usual)
@@ -190,7 +190,7 @@ def _is_mirrored(view: View, camera: Camera, rms: float, usual: float) -> bool:
 
 
 def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[str, str]:
-    """Code and words for a rejected view."""
+    """The code and description of a rejected view."""
     if shapes([view]).planar[0]:
         found = proportions(view, camera)
         if found is not None and found.median <= EXPLAINED * usual:
@@ -223,7 +223,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
 
 @dataclass(frozen=True)
 class Proportions:
-    """What a plane seen by a known camera measures, against the points that a view says it holds.
+    """The measured extent of a plane seen by a known camera, relative to the given points of the view.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class Proportions:
 
 
 def proportions(view: View, camera: Camera, every: bool = False) -> Proportions | None:
-    """The proportions of a view's plane; None where there are too few points.
+    """The proportions of a view's plane; None if there are too few points.
 
     The homography from the points' plane to the rays has columns h1, h2 of one length, at right angles, where
     the points are those of the plane that was seen (Zhang 2000, eqs. 3 and 4).

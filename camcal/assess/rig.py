@@ -1,4 +1,4 @@
-"""How well the places of a rig's cameras are known.
+"""The uncertainty of the relative poses of a rig's cameras.
 
 With cam_from_rig perturbed on the left, exp(δ_r) R and t + δ_t, the centre C = -Rᵀ t of a camera moves by
 
@@ -25,13 +25,13 @@ Array = np.ndarray
 
 
 def relative_sigmas(solution: RigCalibration, accuracy: Covariance, name: str) -> Array:
-    """Standard deviations (6,) of cam_from_rig: rotation (rad, on the left), translation; 0 of the reference."""
+    """Standard deviations (6,) of cam_from_rig: rotation (rad, on the left), translation; 0 for the reference."""
     rows = pose_rows(solution, name)
     return _sigmas(rows, accuracy)
 
 
 def baseline_sigma(solution: RigCalibration, accuracy: Covariance, a: str, b: str) -> float:
-    """The standard deviation of the distance of two cameras; inf where it is undetermined."""
+    """The standard deviation of the distance between two cameras; inf if it is undetermined."""
     rig = solution.rig
     apart = rig.cam_from_rig[a].centre - rig.cam_from_rig[b].centre
     length = float(np.linalg.norm(apart))
@@ -61,7 +61,7 @@ def pose_rows(solution: RigCalibration, name: str) -> Array:
 
 
 def board_sigmas(solution: RigCalibration, accuracy: Covariance) -> Array:
-    """Standard deviations (K, 6) of the poses group_from_board of the boards that are placed: rotation, translation.
+    """Standard deviations (K, 6) of the poses group_from_board of the estimated boards: rotation, translation.
 
     The variables turn a board about the mean c of its points (`camcal.solve.board`): δt = τ + ω x (t - c).
     """

@@ -1,4 +1,4 @@
-"""Conditions that make the calibration of a rig less than it seems: its own, and those of each of its cameras."""
+"""Conditions that reduce the value of a rig calibration: its own, and those of each of its cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OF_A_CAMERA = (
 
 
 def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[CalibrationWarning, ...]:
-    """All warnings on a rig, those of its cameras with their names in front.
+    """All warnings about a rig; those of its cameras are prefixed with their names.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[Calibratio
 
 
 def out_of_step(lags: Mapping[str, int]) -> CalibrationWarning:
-    """That cameras lag, by how much."""
+    """Cameras that lag behind the others, and by how much."""
     frames = [f"{n} by {abs(k)} frame{'s' * (abs(k) != 1)}" for n, k in lags.items() if k > 0]
     ahead = [f"{n} by {abs(k)} frame{'s' * (abs(k) != 1)}" for n, k in lags.items() if k < 0]
     said = [f"{' and '.join(frames)} late"] * bool(frames) + [f"{' and '.join(ahead)} early"] * bool(ahead)
@@ -96,7 +96,7 @@ def _few_instants(solution: RigCalibration) -> Iterator[CalibrationWarning]:
 
 
 def _loose(solution: RigCalibration, accuracy: Covariance) -> Iterator[CalibrationWarning]:
-    """Relative poses that are hardly known."""
+    """Poorly determined relative poses."""
     for name in list(solution.rig.cameras)[1:]:
         turn = float(np.degrees(np.linalg.norm(relative_sigmas(solution, accuracy, name)[:3])))
         if not turn <= LOOSE_DEG:

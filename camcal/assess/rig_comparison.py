@@ -1,4 +1,4 @@
-"""Two rigs compared: each camera by what it projects, and the relative poses with their standard deviations."""
+"""Comparison of two rigs: each camera by its projections, and the relative poses with their standard deviations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class RigSide:
-    """A rig to compare, with its calibration where that is known."""
+    """A rig to compare, with its calibration if available."""
 
     name: str
     rig: Rig
@@ -47,7 +47,7 @@ def common_cameras(a: RigSide, b: RigSide) -> list[str]:
 
 
 def places(a: RigSide, b: RigSide, names: Sequence[str]) -> dict[str, Any]:
-    """The difference of each camera's pose in the frame of the first one, B less A, and of the distances.
+    """The difference of each camera's pose in the frame of the first one, B minus A, and of the distances.
 
     Standard deviations are of the difference of two independent calibrations; null where one has none.
     """
@@ -82,7 +82,7 @@ def _together(sigmas: Sequence[Array | None]) -> Array | None:
 
 
 def _pose_sigma(side: RigSide, name: str, reference: str) -> Array | None:
-    """Of a calibration in the frame of its own reference only: elsewhere both poses take part."""
+    """The pose uncertainty; available only in the frame of the calibration's own reference."""
     if side.solution is None or not side.solution.extrinsics or side.rig.reference != reference:
         return None
     return relative_sigmas(side.solution, covariance(side.solution), name)

@@ -1,4 +1,4 @@
-"""How well two cameras of a rig work together: epipolar lines, and points found from both.
+"""The accuracy of pairs of cameras of a rig: epipolar lines, and points triangulated from both.
 
 A point at X in the frame of the rig is seen at u_c = π_c(R_c X + t_c) by camera c. With J_c = du_c/dX, P_c = du_c/dθ by
 all variables of the calibration, and C their covariance, a point that stays where camera a sees it moves in camera b by
@@ -36,7 +36,7 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class PairUncertainty:
-    """At one distance from the first camera.
+    """The uncertainty at one distance from the first camera.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def pair_uncertainty(
 
 
 def epipolar_residuals(solution: RigCalibration, a: str, b: str) -> Array:
-    """How far (N,) points that both cameras saw lie from their epipolar lines in camera b, px, with their sign.
+    """Signed distances (N,) of points seen by both cameras from their epipolar lines in camera b, px.
 
     Of the used points; a point is taken to be as far from camera a as the board.
     """
@@ -128,13 +128,13 @@ def _pixels(solution: RigCalibration, a: str) -> Array:
 
 
 def _points(solution: RigCalibration, a: str, pixels: Array, distances: Array) -> Array:
-    """Points (N, 3) of the rig's frame that camera a sees at pixels, so far away."""
+    """Points (N, 3) of the rig's frame at pixels of camera a and a given distance."""
     rays = solution.rig.cameras[a].unproject(pixels) * distances[:, None]
     return solution.rig.cam_from_rig[a].inverse().apply(rays)
 
 
 def _inside(solution: RigCalibration, b: str, xyz: Array) -> Array:
-    """Which points (N,) camera b has in its picture."""
+    """Return which points (N,) camera b has in its picture."""
     camera = solution.rig.cameras[b]
     with np.errstate(invalid="ignore"):
         uv = camera.project(solution.rig.cam_from_rig[b].apply(xyz))
@@ -145,7 +145,7 @@ def _inside(solution: RigCalibration, b: str, xyz: Array) -> Array:
 
 
 def _across(solution: RigCalibration, a: str, b: str, pixels: Array, distances: Array) -> Array:
-    """The direction (N, 2) across the epipolar line in camera b of pixels of camera a."""
+    """The direction (N, 2) perpendicular to the epipolar line in camera b, for pixels of camera a."""
     rig = solution.rig
     near, far = (
         rig.cameras[b].project(rig.cam_from_rig[b].apply(_points(solution, a, pixels, distances * k)))

@@ -1,4 +1,4 @@
-"""Whether a board of its own shape improves the camera, or only makes the residuals smaller.
+"""Whether estimating a board's shape improves the camera, or only reduces the residuals.
 
 A board whose every point is free fits better, and fits views held out better, as soon as its points are not quite
 where they should be. The camera need not gain: its own parameters get noisier, and with few views that can cost
@@ -39,7 +39,7 @@ COLUMNS = 20
 
 @dataclass(frozen=True)
 class Change:
-    """What a shape does to the camera.
+    """The effect of a shape on the camera.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Change:
 
     @property
     def better(self) -> bool:
-        """Whether the shape has the smaller expected error."""
+        """Return whether the shape has the smaller expected error."""
         return self.shaped_px < self.simple_px
 
 
@@ -92,28 +92,28 @@ def change(simple: Estimate, shaped: Estimate) -> Change:
 
 
 def _known(s: Array, f: int, inside: Array) -> Array:
-    """Columns (F + B, .) of the camera's parameters and of those of the shape that are not to be without."""
+    """Columns (F + B, .) of the camera's parameters and of the shape's indispensable ones."""
     known = np.zeros((len(s), f + inside.shape[1]))
     known[:f, :f], known[f:, f:] = np.eye(f), inside
     return known
 
 
 def _eliminated(s: Array, f: int, inside: Array) -> Array:
-    """S_θθ·c: what is left of S once the camera and a part of the shape are eliminated."""
+    """S_θθ·c: the remainder of S after eliminating the camera and a part of the shape."""
     known = _known(s, f, inside)
     left = s - s @ known @ np.linalg.lstsq(known.T @ s @ known, known.T @ s, rcond=None)[0]
     return np.asarray(left[f:, f:])
 
 
 def _without(s: Array, f: int, inside: Array, theta: Array) -> Array:
-    """The camera's part (F,) by which it moves if all of the shape but `inside` is left out."""
+    """The change (F,) of the camera if all of the shape except `inside` is omitted."""
     known = _known(s, f, inside)
     x = np.r_[np.zeros(f), theta]
     return np.asarray((known @ np.linalg.lstsq(known.T @ s @ known, known.T @ s @ x, rcond=None)[0])[:f])
 
 
 def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
-    """The camera's part (F,) of (1) less that of x̂."""
+    """The camera's part (F,) of (1) minus that of x̂."""
     f = len(s) - len(theta)
     prior = np.zeros_like(s)
     prior[f:, f:] = weight * q

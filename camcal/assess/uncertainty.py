@@ -1,4 +1,4 @@
-"""How far noise moves the projection of a point: the uncertainty of what a camera is for.
+"""Projection uncertainty: the effect of noise on the projection of a point.
 
 Single parameters can be uncertain and yet their camera good, because their errors cancel, and a camera moves
 together with the frame that its poses imply. So a point is held in the frame of the boards and asked where
@@ -58,7 +58,7 @@ COLUMNS = 20
 
 @dataclass(frozen=True)
 class ProjectionUncertainty:
-    """What equation (3) needs.
+    """The inputs of equation (3).
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class ProjectionUncertainty:
     ends: tuple[End, ...] = ()
 
     def at_pixels(self, pixels: Array, distance: float = np.inf) -> Array:
-        """Covariances (N, 2, 2), px², of what is seen at pixels (N, 2) at a distance from the camera.
+        """Covariances (N, 2, 2), px², at pixels (N, 2), for points at a distance from the camera.
 
         NaN outside the lens's domain, inf on the diagonal where the data leave the projection open.
         """
@@ -112,7 +112,9 @@ class ProjectionUncertainty:
         return np.asarray(found)
 
     def _of_ends(self, xyz: Array, at_infinity: bool, linear: Array) -> Array:
-        """What (4) adds at points (N, 3), (N, 2, 2) px²; infinite where the camera at an end does not see one."""
+        """The contribution of (4) at points (N, 3), (N, 2, 2) px²; infinite where the camera at an end does not
+        see one.
+        """
         total = np.zeros((len(xyz), 2, 2))
         if self.poses is None or not self.ends:
             return total
@@ -177,7 +179,7 @@ def projection_uncertainty(
 
 
 def _centroids(solution: Calibration) -> Array:
-    """The centroids (V, 3) of the used points, in the camera's frame: what the poses turn about."""
+    """The centroids (V, 3) of the used points in the camera's frame, about which the poses rotate."""
     offsets = np.array([v.xyz.mean(0) for v in solution.observations.kept().views]).reshape(-1, 3)
     poses = solution.poses
     return np.einsum("vij,vj->vi", poses.rotations, offsets) + poses.translations
@@ -191,7 +193,7 @@ def twists(centroids: Array) -> Array:
 
 
 def board_follow(solution: Calibration, views: Array) -> Array:
-    """The mean twist (6, F) by which the board's frame moves with its shape's parameters.
+    """The mean twist (6, F) of the board's frame under its shape parameters.
 
     The frame is settled on the points: offsets δX of theirs that look like a + b x X + s X are taken for a
     motion of the frame. In the camera's frame a point that is fixed to the board then moves by
@@ -241,13 +243,13 @@ class UncertaintyMap:
 
     @property
     def median(self) -> float:
-        """The median over the image, px; NaN where the lens sees none of it."""
+        """The median over the image, px; NaN if the lens sees none of it."""
         found = self.sigmas[~np.isnan(self.sigmas)]
         return float(np.median(found)) if len(found) else float("nan")
 
     @property
     def worst(self) -> tuple[float, float, float]:
-        """u, v and sigma where it is largest, px."""
+        """u, v and sigma at the maximum, px."""
         if np.isnan(self.sigmas).all():
             return (float("nan"),) * 3
         at = np.unravel_index(np.nanargmax(self.sigmas), self.sigmas.shape)

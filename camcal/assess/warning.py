@@ -1,4 +1,4 @@
-"""A warning: something that makes a result less than it seems, and how much."""
+"""A warning: a condition that reduces the value of a result, and its severity."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Grade = Literal["good", "doubtful", "wrong"]
 
 @dataclass(frozen=True)
 class CalibrationWarning:
-    """Something that makes the result less than it seems; `code` names it for programs."""
+    """A condition that reduces the value of the result; `code` names it for programs."""
 
     code: str
     message: str
@@ -25,6 +25,6 @@ class CalibrationWarning:
 
 
 def grade(warnings: Iterable[CalibrationWarning]) -> Grade:
-    """The worst severity among warnings; `good` where there are notes at most."""
+    """The worst severity among warnings; `good` if there are at most notes."""
     found = {w.severity for w in warnings}
     return "wrong" if "wrong" in found else "doubtful" if "doubtful" in found else "good"

@@ -1,1 +1,1 @@
-"""Files in and out: correspondences, pictures, the configuration, and writing without half-written files."""
+"""Input and output files: correspondences, pictures, the configuration, and atomic writing."""

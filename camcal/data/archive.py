@@ -1,4 +1,4 @@
-"""Correspondences from .npz archives: flat arrays with a view per row, or one array per view stacked up."""
+"""Correspondences from .npz archives: flat arrays with a view per row, or one stacked array per view."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def read_archive(path: str) -> tuple[Table, tuple[int, int] | None]:
 
 
 def _arrays(data: bytes, path: str) -> dict[str, Array]:
-    """The arrays by what they are; those with other names are left alone, unless they look misspelt."""
+    """The arrays by role; arrays with other names are ignored unless they look misspelt."""
     found: dict[str, str] = {}
     if data.startswith(np.lib.format.MAGIC_PREFIX):
         raise DataError(f"{path}: a single array; an archive is needed.", WRITE_IT)
@@ -126,7 +126,7 @@ def _bad_shapes(path: str, xyz: Array, uv: Array) -> DataError:
 
 
 def _per_point(array: Array, name: str, lead: tuple[int, ...], path: str) -> Array:
-    """A value for each point, (M, 1), from one value, one per point of the target, or all."""
+    """A value for each point, (M, 1), from a single value, one per point of the target, or all values."""
     values = array.astype(float) if array.dtype.kind in "iuf" else None
     if values is None or values.shape not in ((), lead, lead[-1:]):
         raise DataError(

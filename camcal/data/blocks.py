@@ -1,4 +1,4 @@
-"""A text file as blocks of whole lines, with the line numbers and the checksum kept on the way.
+"""A text file as blocks of whole lines, with line numbers and a running checksum.
 
 Memory stays at the size of a block however long the file is.
 """
@@ -44,7 +44,7 @@ class Block:
     comments: tuple[str, ...] = ()
 
     def after(self, count: int) -> Block:
-        """The block without its first `count` lines."""
+        """Return the block without its first `count` lines."""
         return Block(self.lines[count:], self.numbers[count:], self.quoted)
 
 
@@ -117,7 +117,7 @@ class TextFile:
 
 
 def open_binary(path: str) -> io.BufferedReader:
-    """Open a file for reading; a `DataError` where that cannot be."""
+    """Open a file for reading; a `DataError` if that fails."""
     if Path(path).is_dir():
         raise DataError(f"{path}: a folder; a file of points is needed.", "Name the files in it.")
     try:
@@ -129,7 +129,7 @@ def open_binary(path: str) -> io.BufferedReader:
 
 
 def read_bytes(stream: io.BufferedReader, size: int, path: str) -> bytes:
-    """Read up to `size` bytes (all with -1); a `DataError` where the system refuses."""
+    """Read up to `size` bytes (all with -1); a `DataError` if the system reports an error."""
     try:
         return stream.read(size)
     except OSError as error:
@@ -137,7 +137,7 @@ def read_bytes(stream: io.BufferedReader, size: int, path: str) -> bytes:
 
 
 def without_last_separator(block: Block) -> Block:
-    """The block without a separator that ends every line, as some programs write it."""
+    """Return the block without the trailing separator that some programs write on every line."""
     ending = block.lines[0].rstrip()[-1:]
     if ending not in (",", ";") or block.quoted or not all(x.rstrip().endswith(ending) for x in block.lines):
         return block
@@ -145,7 +145,7 @@ def without_last_separator(block: Block) -> Block:
 
 
 def _block(text: str, first: int) -> tuple[Block, int]:
-    """The block of a text that starts at line `first`, and how many lines it has."""
+    """The block of a text that starts at line `first`, and its number of lines."""
     raw = text.split("\n")
     if not raw[-1]:
         raw.pop()

@@ -1,4 +1,4 @@
-"""Several boards in one set of observations: which board a row shows, and which boards stand fast to each other.
+"""Several boards in one set of observations: the board of each row, and which boards are rigidly connected.
 
 The target of such observations has
 
@@ -27,7 +27,7 @@ Array = np.ndarray
 
 
 def names_of(target: Mapping[str, Any] | None) -> tuple[str, ...]:
-    """What the boards are called in the names of views: as in the table; those of pictures are counted from 1."""
+    """The names of the boards within view names: as in the table; those of pictures are numbered from 1."""
     target = target or {}
     boards = target.get("boards") or ()
     if "kind" in target:  # specs of boards in pictures
@@ -36,7 +36,7 @@ def names_of(target: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 
 def labels(data: Observations) -> Array | None:
-    """The board (N,) that each row shows, an index into the target's `boards`; None where there is one board."""
+    """The board (N,) of each row, an index into the target's `boards`; None if there is only one board."""
     first = (data.target or {}).get("first_ids") or ()
     if len(first) < 2 or data.point is None:
         return None
@@ -44,12 +44,12 @@ def labels(data: Observations) -> Array | None:
 
 
 def board_of_ids(target: Mapping[str, Any], ids: Array) -> Array:
-    """The board (N,) of each of the points' numbers (N,)."""
+    """The board (N,) of each of the point ids (N,)."""
     return np.searchsorted(np.asarray(target["first_ids"]), ids, "right") - 1
 
 
 def parts(data: Observations) -> Array | None:
-    """Which board that is placed along with the cameras a row (N,) shows, counted from 0; -1 of one that holds a frame.
+    """The estimated board (N,) of each row, counted from 0; -1 for boards that define a frame.
 
     None where no board is placed.
     """
@@ -65,13 +65,13 @@ def parts(data: Observations) -> Array | None:
 
 
 def movable(target: Mapping[str, Any]) -> list[int]:
-    """The boards that are placed along with the cameras, in their order: all but the first of each group."""
+    """The boards whose poses are estimated together with the cameras, in order: all but the first of each group."""
     groups = target.get("board_groups") or ()
     return [k for k, g in enumerate(groups) if g in groups[:k]]
 
 
 def moved(data: Observations, motions: Sequence[Pose]) -> Observations:
-    """The observations after each board that is placed was moved in the frame of its group, in their order."""
+    """The observations after moving each estimated board in the frame of its group."""
     part = parts(data)
     assert part is not None and data.target is not None
     xyz, poses = data.xyz.copy(), list(data.target["board_poses"])
@@ -82,7 +82,7 @@ def moved(data: Observations, motions: Sequence[Pose]) -> Observations:
 
 
 def entry(pose: Pose) -> dict[str, list[float]]:
-    """A pose as the target has it."""
+    """A pose in the form of the target's entry."""
     return {"rotation_vector": pose.rotation_vector.tolist(), "translation": pose.translation.tolist()}
 
 
@@ -92,17 +92,17 @@ def pose_of(found: Mapping[str, Any]) -> Pose:
 
 
 def view_name(view: str, board: str) -> str:
-    """The name of the view of one of the boards that a picture shows."""
+    """The name of the view of one board of a picture."""
     return f"{view} board {board}"
 
 
 def picture_name(view: str) -> str:
-    """The name of the picture of a view of `view_name`."""
+    """The name of the picture of a view named by `view_name`."""
     return view.rpartition(view_name("", ""))[0] or view
 
 
 def by_board(data: Observations) -> tuple[Observations, dict[str, str], dict[str, int]]:
-    """One camera's observations with a view for each board, with the picture and the board of each view.
+    """One camera's observations with a view per board, and the picture and board of each view.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def by_board(data: Observations) -> tuple[Observations, dict[str, str], dict[str
 
 
 def _in_views(data: Observations, order: Array, view: Array, ids: Sequence[str]) -> Observations:
-    """The rows in another order, with other views."""
+    """Reorder the rows into other views."""
     columns = ("xyz", "uv", "camera", "used", "reason", "point", "sigma", "set_aside", "weight")
     moved: dict[str, Any] = {
         c: None if getattr(data, c) is None else getattr(data, c)[order] for c in columns

@@ -1,4 +1,4 @@
-"""What the columns of a table of points are called, and which columns a table must have."""
+"""The names of the columns of a table of points, and the columns that a table must have."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BY_NAME = {alias: role for role, text in ALIASES.items() for alias in text.spli
 
 @dataclass(frozen=True)
 class Form:
-    """A kind of table: what it must have, and what its columns are where it has no header.
+    """A kind of table: its required columns, and its columns if there is no header.
 
     Attributes
     ----------
@@ -68,13 +68,13 @@ POINTS_2D = Form(("u", "v"), ("view", "id", "u", "v", "sigma"), {2: ("u", "v")},
 
 
 def shown(text: str) -> str:
-    """A field as a message shows it: one short line of printable signs."""
+    """A field as messages show it: one short line of printable characters."""
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text.strip())
     return text if len(text) <= 40 else text[:37] + "..."
 
 
 def plain(name: str) -> str:
-    """The name without case, blanks, signs, and a unit in brackets."""
+    """The name in lower case without blanks, punctuation, and a unit in brackets."""
     return re.sub(r"\(.*?\)|\[.*?\]|[^0-9a-z]", "", name.strip().lower())
 
 

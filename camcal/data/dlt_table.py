@@ -1,4 +1,4 @@
-"""The motion laboratories' files of DLT coefficients: a column a camera, L1 to L11 down.
+"""DLT coefficient files of motion laboratories: one column per camera, L1 to L11 down.
 
 u = (L1 X + L2 Y + L3 Z + L4) / (L9 X + L10 Y + L11 Z + 1), v with L5 to L8 (Abdel-Aziz & Karara 1971): a projection
 matrix with m34 = 1, by rows. DLTdv, Argus, easyWand, StereoMorph and Kinovea exchange these files. Their pixels
@@ -24,7 +24,7 @@ ROWS = 11
 
 
 def looks_like_dlt(text: str) -> bool:
-    """Whether a text is eleven rows of equally many numbers."""
+    """Return whether a text is eleven rows with the same number of numbers."""
     rows = _rows(text)
     return (
         len(rows) == ROWS
@@ -62,7 +62,7 @@ def matrices(text: str, source: Path) -> Array:
 
 
 def dlt_text(matrices: Sequence[Array]) -> str:
-    """The text of projection matrices (3, 4); every coefficient reads back to the last bit where m34 is 1.
+    """The text of projection matrices (3, 4); every coefficient reads back exactly if m34 is 1.
 
     Raises
     ------

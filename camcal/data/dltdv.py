@@ -1,4 +1,4 @@
-"""Digitised points of DLTdv, Argus and easyWand (xypts): a row for each frame, columns pt1_cam1_X, pt1_cam1_Y, ..."""
+"""Digitised points of DLTdv, Argus and easyWand (xypts): one row per frame, columns pt1_cam1_X, pt1_cam1_Y, ..."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _HEAD = re.compile(r"\s*pt(\d+)_cam(\d+)_([XY])\s*", re.I)
 
 
 def is_xypts(header: Sequence[str]) -> bool:
-    """Whether the header of a table is that of such a file."""
+    """Return whether the header of a table is that of such a file."""
     return len(header) >= 2 and all(_HEAD.fullmatch(h) for h in header if h.strip())
 
 
 def as_long(rows: Sequence[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
-    """The rows of a table camera,view,point,u,v; points that were not digitised (NaN) are left out.
+    """The rows of a table camera,view,point,u,v; points that were not digitised (NaN) are omitted.
 
     Parameters
     ----------

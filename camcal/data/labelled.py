@@ -121,7 +121,7 @@ def header(path: str | os.PathLike) -> list[str]:
 
 
 def _lines(source: Path) -> list[tuple[int, str]]:
-    """The lines with something on them, numbered from 1."""
+    """The non-empty lines, numbered from 1."""
     text = read_text(source, LARGEST, "a text table", "Give a CSV file.")
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
@@ -138,7 +138,7 @@ def _fields(line: str, separator: str) -> list[str]:
 def _columns(
     header: Sequence[str], needed: Sequence[str], known: Sequence[str], where: str
 ) -> dict[str, int]:
-    """Where each known column stands."""
+    """The position of each known column."""
     by_name = {alias: c for c in known for alias in ALIASES.get(c, "").split()}
     by_name |= {
         plain(c): c for c in known

@@ -1,4 +1,4 @@
-"""How a table of points is laid out: its separator, its header, and what its columns are."""
+"""The layout of a table of points: its separator, its header, and its columns."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Layout:
 
     @property
     def decimal_comma(self) -> bool:
-        """Whether a comma in a number is its decimal point."""
+        """Whether numbers have a decimal comma."""
         return self.separator in (";", "\t")
 
     def split(self, line: str) -> list[str]:
@@ -41,7 +41,7 @@ class Layout:
         return split(line, self.separator)
 
     def is_number(self, text: str) -> bool:
-        """Whether a field reads as a number, NaN and infinity included."""
+        """Return whether a field is a number, including NaN and infinity."""
         return is_number(text, self.separator)
 
 
@@ -70,7 +70,7 @@ def _unquoted(field: str) -> str:
 
 
 def is_number(text: str, separator: str | None) -> bool:
-    """Whether a field reads as a number; with `;` or tab as separators a comma is the decimal point."""
+    """Return whether a field is a number; with `;` or tab as separator a comma is the decimal point."""
     if separator in (";", "\t"):
         text = text.replace(",", ".")
     return _NUMBER.fullmatch(text.strip()) is not None
@@ -118,7 +118,7 @@ def _numeric(rows: list[list[str]], separator: str | None) -> list[list[bool]]:
 
 
 def _names_points(columns: tuple[str, ...], numeric: list[list[bool]]) -> bool:
-    """Whether the ids of the first rows are names: P1, P2."""
+    """Return whether the ids of the first rows are names: P1, P2."""
     if "id" not in columns:
         return False
     at = columns.index("id")
@@ -136,14 +136,14 @@ def find_separator(line: str) -> str | None:
 
 
 def _first_row(lines: list[str]) -> str:
-    """The first line that starts with a number, or the first."""
+    """The first line that starts with a number, otherwise the first line."""
     return next((x for x in lines if re.match(r"\s*[-+.]?\d", x)), lines[0])
 
 
 def _skip_header(
     rows: list[list[str]], numeric: list[list[bool]], form: Form
 ) -> tuple[int, tuple[str, ...] | None]:
-    """How many rows of header there are, and the columns if one of these rows names them all."""
+    """The number of header rows, and the columns if one of these rows names them all."""
     columns: tuple[str, ...] | None = None
     for index, (row, is_num) in enumerate(zip(rows, numeric, strict=True)):
         like_data = len(row) in form.headless and 2 * sum(is_num) >= len(row)  # perhaps with one wrong field
@@ -163,7 +163,7 @@ def _commented_header(comments: tuple[str, ...], count: int, form: Form) -> tupl
 
 
 def _known(names: list[str], form: Form) -> tuple[str, ...] | None:
-    """The columns where all names are known, differ, and are enough; None otherwise."""
+    """The columns if all names are known, distinct and sufficient; None otherwise."""
     roles = [role_of(name, form) for name in names]
     if None in roles or len(set(roles)) < len(roles) or not set(form.needed) <= set(roles):
         return None

@@ -1,4 +1,4 @@
-"""Archives of numpy arrays (.npz): nothing is inflated beyond a limit, or beyond what an array states."""
+"""Archives of numpy arrays (.npz): decompression is limited in total and by each array's stated size."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BROKEN = (
 
 
 def names(stream: BinaryIO) -> list[str]:
-    """The names of the arrays; an error of `BROKEN` where it is no archive."""
+    """The names of the arrays; an error of `BROKEN` if the file is not an archive."""
     with zipfile.ZipFile(stream) as archive:
         return [n.removesuffix(".npy") for n in archive.namelist()]
 

@@ -1,4 +1,4 @@
-"""Observations: which point of a target was seen where, by which camera, in which view; one flat table.
+"""Observations in one flat table: the pixel of each target point in each view of each camera.
 
 A row is one point in one picture. Rows are sorted by camera, then by view, so that the points of a picture are a
 run of rows (a block). One camera is the case of one camera: its blocks are its views.
@@ -26,7 +26,7 @@ KEPT, OUTLIER, OUTSIDE = range(len(REASONS))
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """A flat table of image points with what is known of each.
+    """A flat table of image points with their attributes.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Observations:
 
     @property
     def image_size(self) -> tuple[int, int] | None:
-        """(width, height) of the first camera's pictures; None where it is not known."""
+        """(width, height) of the first camera's pictures; None if unknown."""
         return self.image_sizes[0]
 
     @property
@@ -138,17 +138,17 @@ class Observations:
 
     @property
     def usual_board_shape(self) -> str:
-        """`auto` for points of a printed target, which may be shaped otherwise than designed; else `flat`."""
+        """`auto` for points of a printed target, whose shape may differ from the design; otherwise `flat`."""
         return "auto" if self.is_printed else "flat"
 
     @property
     def is_printed(self) -> bool:
-        """Whether the points are those of a printed target: found in pictures, or so called by their table."""
+        """Whether the points belong to a printed target: found in pictures, or declared so by their table."""
         return self.target is not None and ("kind" in self.target or bool(self.target.get("printed")))
 
     @cached_property
     def blocks(self) -> Blocks:
-        """The runs of rows of one picture each; with one camera, those of every view, empty ones included."""
+        """The runs of rows of one picture each; for one camera, those of every view, including empty ones."""
         count = len(self.view_ids)
         if len(self.cameras) == 1:
             starts = np.searchsorted(self.view, np.arange(count + 1))
@@ -171,12 +171,12 @@ class Observations:
         return tuple(slice(a, b) for a, b in pairwise(starts))
 
     def picture(self, block: int) -> str:
-        """What the picture of a block is called: the view's id unless it has a name of its own."""
+        """The name of the picture of a block: the view's id unless it has its own name."""
         view, camera = self.view_ids[self.blocks.view[block]], self.cameras[self.blocks.camera[block]]
         return self.pictures.get((camera, view), view)
 
     def split(self, values: Array) -> list[Array]:
-        """An array with a row for each of the table's, cut into blocks."""
+        """Split an array with one row per row of the table into blocks."""
         return [values[rows] for rows in self.slices]
 
     @cached_property
@@ -195,7 +195,7 @@ class Observations:
 
     @property
     def precision(self) -> Array | None:
-        """Weight of each row's squared residual (N,): weight / sigma², 1 where neither is given; None if all are 1.
+        """The weight of each row's squared residual (N,): weight / sigma², 1 if neither is given; None if all are 1.
 
         The only place that forms it.
         """
@@ -205,13 +205,13 @@ class Observations:
         return given if self.weight is None else given * self.weight
 
     def standardised(self, residuals: Array) -> Array:
-        """Lengths (N,) of residuals (N, 2) in units of sigma (px where none is given); inf where not finite."""
+        """Lengths (N,) of residuals (N, 2) in units of sigma (px if none is given); inf for non-finite ones."""
         lengths = np.sqrt(np.einsum("ij,ij->i", residuals, residuals))
         lengths = np.where(np.isfinite(lengths), lengths, np.inf)
         return lengths if self.sigma is None else lengths / np.where(np.isnan(self.sigma), 1.0, self.sigma)
 
     def allowance(self) -> Array:
-        """How many times as inexact as the middle one each row (N,) is stated to be, at least 1.
+        """The sigma of each row (N,) relative to the median sigma, at least 1.
 
         From the sigmas that `unweighted` took away; 1 where there are none.
         """
@@ -225,17 +225,17 @@ class Observations:
 
     # ------------------------------------------------------------------------------------- parts of it, changed
     def where(self, rows: Array) -> Observations:
-        """Only the rows of a mask (N,); every view stays, if without points."""
+        """Keep only the rows of a mask (N,); every view stays, even without points."""
         if rows.all():
             return self
         return self._rows(rows, self.view_ids)
 
     def kept(self) -> Observations:
-        """Only the rows that are used."""
+        """Keep only the used rows."""
         return self.where(self.used)
 
     def of_views(self, index: Array | Sequence[int]) -> Observations:
-        """Only some views, in the order of `index` (K,)."""
+        """Keep only some views, in the order of `index` (K,)."""
         index = np.asarray(index, int)
         if np.array_equal(index, np.arange(len(self.view_ids))):
             return self
@@ -247,7 +247,7 @@ class Observations:
         return replace(self._rows(rows, tuple(self.view_ids[i] for i in index)), view=moved[rows])
 
     def without(self, left_out: Mapping[int, str]) -> Observations:
-        """Without the blocks of these indices, which become `skipped` as rejected for the reasons given.
+        """Remove the blocks of these indices; they become `skipped` as rejected, with the given reasons.
 
         One camera's blocks are its views. An instant goes where no camera has a picture of it left.
         """
@@ -268,26 +268,28 @@ class Observations:
         return replace(rest, skipped=(*self.skipped, *said))
 
     def views_left(self, left_out: Collection[int]) -> Array:
-        """The indices of the views that stay without these blocks: those that another block shows, or none did."""
+        """The indices of the views that remain without these blocks: those with another block, or with none
+        before.
+        """
         touched = np.isin(np.arange(len(self.view_ids)), self.blocks.view[list(left_out)])
         shown = np.isin(np.arange(len(self.view_ids)), np.delete(self.blocks.view, list(left_out)))
         return np.flatnonzero(~touched | shown)
 
     def with_used(self, used: Array, reason: int = OUTLIER) -> Observations:
-        """With other rows used (N,); those that are not get the reason."""
+        """Replace the mask of used rows (N,); unused ones get the reason."""
         return replace(self, used=used, reason=np.where(used, KEPT, reason).astype(np.uint8))
 
     def with_views(self, views: Sequence[View]) -> Observations:
-        """With the rows of these views in place of all rows; whole views may be gone. One camera only."""
+        """Replace all rows by the rows of these views; whole views may be missing. One camera only."""
         nothing = np.zeros(0)
         return replace(self, weight=None, used=nothing, reason=nothing, **stacked(views))
 
     def map_views(self, change: Callable[[View], View]) -> Observations:
-        """With each view changed by a function that keeps its number of points; what is used stays."""
+        """Replace each view by a function of it that keeps its number of points; the used rows stay the same."""
         return replace(self.with_views([change(v) for v in self.views]), used=self.used, reason=self.reason)
 
     def unweighted(self) -> Observations:
-        """Without weights; the sigmas are set aside."""
+        """Remove weights and sigmas."""
         if self.sigma is None and self.weight is None:
             return self
         aside = self.set_aside if self.sigma is None else self.sigma
@@ -318,7 +320,7 @@ Correspondences = Observations
 
 
 def _known(values: Array | None, rows: slice) -> Array | None:
-    """The part of a column; None where it holds nothing."""
+    """Part of a column; None if it holds no values."""
     if values is None or np.isnan(values[rows]).all():
         return None
     return values[rows]

@@ -1,4 +1,4 @@
-"""A pair of tables, points in the world in one and their pixels in the other, row by row."""
+"""A pair of tables, world points in one and their pixels in the other, row by row."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def read_points(
 
 
 def _read_text(path: str, board: Board) -> tuple[Table, tuple[int, int] | None]:
-    """A table of points, or another program's file of points; `FILE#CAMERA` is one camera of several."""
+    """Read a table of points, or another program's point file; `FILE#CAMERA` selects one of several cameras."""
     file, camera = split_name(path)
     readers = _readers(file)
     source = Source(file) if readers else None
@@ -107,7 +107,7 @@ def _read_text(path: str, board: Board) -> tuple[Table, tuple[int, int] | None]:
 
 
 def _readers(path: Path) -> list[Reader]:
-    """The readers of other programs' points that a file may be for; a table is not read into memory for that."""
+    """The readers of other programs' points that a file may belong to; a table is not read into memory for this."""
     if path.suffix.lower() == ".txt" and path.is_file():
         with path.open("rb") as stream:
             start = Source(path, stream.read(HEAD))
@@ -129,7 +129,7 @@ def _same_size(
 
 
 def _collect(tables: list[Table], files: list[Table], size: tuple[int, int] | None) -> Correspondences:
-    """The views of all tables, checked, under names that differ."""
+    """The views of all tables, checked, with unique names."""
     views: list[View] = []
     sources: list[str] = []
     for table in tables:
@@ -144,7 +144,7 @@ def _collect(tables: list[Table], files: list[Table], size: tuple[int, int] | No
 
 
 def _is_printed(table: Table) -> bool:
-    """Whether a table says of all its points that they are those of a printed target."""
+    """Return whether a table declares all its points as those of a printed target."""
     said = table.column("printed")
     if said is None:
         return False
@@ -157,7 +157,7 @@ def _is_printed(table: Table) -> bool:
 
 
 def _told_apart(views: list[View], sources: list[str]) -> list[View]:
-    """The views with the file before a name that several files have: left.csv:1, right.csv:1."""
+    """Prefix names that occur in several files with the file: left.csv:1, right.csv:1."""
     for prefix in (lambda path: Path(path).name, str):
         count = Counter(view.id for view in views)
         views = [
@@ -168,7 +168,7 @@ def _told_apart(views: list[View], sources: list[str]) -> list[View]:
 
 
 def _prefixed(name: str, prefix: str) -> str:
-    """The name after its file; a view that is named by its file takes the longer name of the file."""
+    """The name with the file as a prefix; a view named after its file takes the file's longer name."""
     last = name.removeprefix(f"{Path(prefix).name}:")
     return prefix if last == Path(prefix).name else f"{prefix}:{last}"
 

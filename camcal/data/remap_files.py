@@ -1,4 +1,4 @@
-"""An undistortion as other programs take it: numpy archives, STMaps (EXR), ffmpeg's remap (PGM), GStreamer."""
+"""Undistortion maps for other programs: numpy archives, STMaps (EXR), ffmpeg's remap (PGM), GStreamer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTSIDE = 65535
 
 
 def check_ending(path: Path) -> None:
-    """UsageError where the ending of a name stands for none of the forms."""
+    """UsageError if a file name extension is not one of the known ones."""
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(
             f"'{path}': maps are written as .npz (numpy), .exr (STMap), .pgm (ffmpeg) or .gst (GStreamer).",
@@ -33,7 +33,7 @@ def check_ending(path: Path) -> None:
 
 
 def names(path: Path) -> list[Path]:
-    """The files that are written for a path: two for ffmpeg, NAME-x.pgm and NAME-y.pgm."""
+    """The files written for a path: for ffmpeg two, NAME-x.pgm and NAME-y.pgm."""
     if path.suffix.lower() != ".pgm":
         return [path]
     return [path.with_name(f"{path.stem}-{axis}{path.suffix}") for axis in "xy"]
@@ -79,7 +79,7 @@ def _outside(u: Array, v: Array, source: Size) -> Array:
 
 
 def pgm(values: Array, u: Array, v: Array, source: Size) -> bytes:
-    """A map for ffmpeg's filter remap: 16-bit PGM of whole px, up to half a px off; what lies outside is 65535."""
+    """A map for ffmpeg's remap filter: 16-bit PGM of whole px, rounded; pixels outside are 65535."""
     if max(source) >= OUTSIDE:
         raise UsageError("ffmpeg's maps end at 65534 px.", "Write .npz or .exr.")
     whole = np.where(_outside(u, v, source), OUTSIDE, np.rint(np.nan_to_num(values, nan=-1.0)))
@@ -109,7 +109,7 @@ def gstreamer(camera: Camera) -> bytes:
 
 
 def stmap(u: Array, v: Array, source: Size) -> bytes:
-    """An STMap: red and green are the place in the old picture, 0 to 1 from its lower left corner.
+    """An STMap: red and green are the position in the old picture, 0 to 1 from its lower left corner.
 
     As Nuke and its kin take it: the centre of the lower left pixel is (0.5 / width, 0.5 / height). What lies
     outside is -1.
@@ -122,7 +122,7 @@ def stmap(u: Array, v: Array, source: Size) -> bytes:
 
 
 def exr(channels: dict[str, Array]) -> bytes:
-    """An OpenEXR file of float channels (H, W), scan lines without compression (OpenEXR file layout)."""
+    """An OpenEXR file of float channels (H, W), uncompressed scan lines (OpenEXR file layout)."""
     ordered = sorted(channels)
     planes = np.stack([channels[n] for n in ordered]).astype("<f4")
     _, height, width = planes.shape
@@ -149,7 +149,7 @@ def exr(channels: dict[str, Array]) -> bytes:
 
 
 def crop_box(u: Array, v: Array, source: Size) -> tuple[int, int, int, int] | None:
-    """A rectangle of the new picture that is nowhere black: x, y, width, height; None where there is none.
+    """A rectangle of the new picture without black pixels: x, y, width, height; None if there is none.
 
     From the whole picture, the side with the largest part of black is moved in by one pixel until no side has any;
     for pictures of lenses, whose black lies along the borders, the rectangle cannot then grow on any side.

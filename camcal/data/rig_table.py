@@ -1,4 +1,4 @@
-"""Observations of several cameras: a table with a column `camera`, and single cameras put together and taken apart."""
+"""Observations of several cameras: tables with a column `camera`; joining and separating single cameras."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class RigViews:
-    """What each camera of a rig saw, and which of its views are of the same instant.
+    """The views of each camera of a rig, and which of them belong to the same instant.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class RigViews:
 
     @classmethod
     def of(cls, data: Observations | Mapping[str, Observations] | RigViews, least: int = 2) -> RigViews:
-        """Those of observations of several cameras, or of one each, in which the same view is the same instant.
+        """Make the views from observations of several cameras, or of one each; the same view is the same instant.
 
         Raises
         ------
@@ -71,16 +71,16 @@ class RigViews:
 
     @property
     def usual_board_shape(self) -> str:
-        """The default of `board_shape`: auto where all cameras saw a printed target, else flat."""
+        """The default of `board_shape`: auto if all cameras saw a printed target, otherwise flat."""
         return "auto" if all(part.is_printed for part in self.parts.values()) else "flat"
 
     def ordered(self, first: str) -> RigViews:
-        """The same with another camera first."""
+        """Return the same views with another camera first."""
         names = [first, *(n for n in self.parts if n != first)]
         return replace(self, parts={n: self.parts[n] for n in names})
 
     def apart(self, groups: Sequence[int]) -> RigViews:
-        """The same with an instant of its own for each group of boards that stand fast to each other.
+        """Return the same views with a separate instant for each group of rigidly connected boards.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class RigViews:
         return replace(self, instants=instants, order=order)
 
     def shifted(self, lags: Mapping[str, int]) -> RigViews:
-        """The same after cameras that lag are put in step: the k-th instant back takes the views of a camera k late."""
+        """Correct lags: the k-th instant back takes the views of a camera that is k frames late."""
         place = {instant: i for i, instant in enumerate(self.order)}
         moved: dict[str, dict[str, int]] = {
             name: {v: place[i] - lags.get(name, 0) for v, i in own.items()}
@@ -167,7 +167,7 @@ def read_rig(
 
 
 def _identified(found: Labelled) -> tuple[Array | None, dict[str, Any] | None]:
-    """The numbers of the points (N,), and the target's entries on its boards; None of what the table does not have.
+    """The ids of the points (N,), and the target's entries of its boards; None for what the table does not have.
 
     Points of several boards are counted: those of a board follow one another.
     """
@@ -186,7 +186,7 @@ def _identified(found: Labelled) -> tuple[Array | None, dict[str, Any] | None]:
 
 
 def _point_ids(found: Labelled) -> Array:
-    """The numbers of the points (N,): as they stand there, or counted where one is no whole number."""
+    """The ids of the points (N,): the table's, or counted if one is not a whole number."""
     names = found.names["point"]
     try:
         numbers = np.array([int(n) for n in names])
@@ -196,7 +196,7 @@ def _point_ids(found: Labelled) -> Array:
 
 
 def _check_once(made: Observations, found: Labelled, order: Array) -> None:
-    """Refuse a point that a picture has twice."""
+    """Reject a point that a picture has twice."""
     columns = made.xyz.T if made.point is None else made.point[None].astype(float)
     keys = np.column_stack([made.camera, made.view, *columns])
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
@@ -210,7 +210,7 @@ def _check_once(made: Observations, found: Labelled, order: Array) -> None:
 
 
 def of_camera(data: Observations, name: str) -> Observations:
-    """The observations of one of the cameras: only the views that it saw."""
+    """The observations of one camera: only the views that it saw."""
     index = data.cameras.index(name)
     rows = data.camera == index
     alone = replace(
@@ -227,7 +227,7 @@ def of_camera(data: Observations, name: str) -> Observations:
 def joined(
     parts: Mapping[str, Observations], instants: Mapping[str, Mapping[str, str]], order: Sequence[str]
 ) -> Observations:
-    """The observations of single cameras as those of a rig.
+    """Join the observations of single cameras into those of a rig.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def joined(
 def _pictures(
     parts: Mapping[str, Observations], instants: Mapping[str, Mapping[str, str]]
 ) -> dict[tuple[str, str], str]:
-    """What each picture is called, by camera and instant, where that is not the name of its instant."""
+    """The name of each picture, by camera and instant, if it differs from the name of its instant."""
     found: dict[tuple[str, str], str] = {}
     for name, part in parts.items():
         for view in part.view_ids:
@@ -292,5 +292,5 @@ def _pictures(
 
 
 def _files(parts: Sequence[Observations]) -> tuple[Mapping[str, str], ...]:
-    """The files of all, each once."""
+    """The files of all cameras, each once."""
     return tuple({f["path"]: f for p in parts for f in p.files}.values())

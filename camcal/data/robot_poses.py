@@ -41,7 +41,7 @@ UNIT_QUATERNION = 0.01
 
 @dataclass(frozen=True)
 class RobotPoses:
-    """Poses base_from_hand as they stand in a file, the rotation not yet understood.
+    """Poses base_from_hand as stored in a file, before the rotation is interpreted.
 
     Attributes
     ----------
@@ -71,20 +71,20 @@ class RobotPoses:
         return len(self.places)
 
     def poses(self, form: Form | None = None, inverse: bool = False) -> Poses:
-        """base_from_hand (N,), with the rotation in a form; `inverse` where the file holds hand_from_base."""
+        """base_from_hand (N,), with the rotation read in a given form; `inverse` if the file holds hand_from_base."""
         found = Poses((form or self.form).rotations(self.numbers), self.places)
         turned: Any = found.inverse() if inverse else found
         return turned
 
     def take(self, rows: Sequence[int] | Array) -> RobotPoses:
-        """Some of the poses, by their indices."""
+        """Select some of the poses by their indices."""
         at = np.asarray(rows, int)
         names = None if self.names is None else tuple(self.names[i] for i in at)
         times = None if self.times is None else self.times[at]
         return replace(self, names=names, times=times, places=self.places[at], numbers=self.numbers[at])
 
     def scaled(self, factor: float) -> RobotPoses:
-        """The same in another unit of length."""
+        """Return the same poses in another unit of length."""
         return replace(self, places=self.places * factor)
 
 
@@ -153,7 +153,7 @@ def _find(
 
 
 def _check(made: RobotPoses, rows: Array) -> None:
-    """Refuse what cannot be poses."""
+    """Reject values that cannot be poses."""
     if made.names is not None:
         seen: dict[str, int] = {}
         for name, row in zip(made.names, rows.tolist(), strict=True):
@@ -180,7 +180,7 @@ def _check(made: RobotPoses, rows: Array) -> None:
 
 
 def matched(poses: RobotPoses, views: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Which pose belongs to which view: by name, else by the file's name, else by that without its ending.
+    """The pose of each view: by name, otherwise by file name, otherwise by file name without extension.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def _stem(name: str) -> str:
 
 @dataclass(frozen=True)
 class Stream:
-    """Poses with times, between which the hand moves evenly: constant velocity, constant angular velocity.
+    """Poses with times, interpolated with constant velocity and constant angular velocity.
 
     Attributes
     ----------
@@ -238,5 +238,5 @@ class Stream:
         return moved, np.concatenate([turn, shift], 1) / span[:, None]
 
     def covers(self, times: Array) -> Array:
-        """Which times (V,) lie inside the stream."""
+        """Return which times (V,) lie within the stream."""
         return (times >= self.times[0]) & (times <= self.times[-1])

@@ -1,4 +1,4 @@
-"""How robots write a rotation: as a rotation vector, a quaternion, or three angles about axes in some order.
+"""Representations of a rotation by robots: a rotation vector, a quaternion, or three angles about axes in some order.
 
 A sequence such as `zyx` is R = Rz(first) Ry(second) Rx(third): turns about axes that move along. `fixed-xyz` is
 R = Rz(third) Ry(second) Rx(first): turns about axes that stay, with the numbers in the same order as the axes.
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Form:
-    """One way to write a rotation.
+    """One representation of a rotation.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Form:
 
     @property
     def count(self) -> int:
-        """How many numbers it takes."""
+        """The number of values."""
         return 4 if self.kind == "quaternion" else 3
 
     def rotations(self, numbers: Array) -> Array:
@@ -89,7 +89,7 @@ FORMS: dict[str, Form] = {
 
 
 def candidates(count: int, first: str | None = None) -> Sequence[Form]:
-    """The forms of `count` numbers, the one named `first` before the others."""
+    """The representations with `count` numbers, the one named `first` before the others."""
     found = [f for f in FORMS.values() if f.count == count]
     return sorted(found, key=lambda f: f.name != first)
 
@@ -107,5 +107,5 @@ VENDORS = {
 
 
 def form_of(name: str) -> Form:
-    """The form of that name, or that of a maker."""
+    """The representation of that name, or that of a manufacturer."""
     return FORMS[VENDORS.get(name, name)]

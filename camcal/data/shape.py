@@ -26,7 +26,7 @@ POINTS_AT_A_TIME = 8_000
 
 @dataclass(frozen=True)
 class Shapes:
-    """What each view's points look like.
+    """The shape of each view's points.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Shapes:
 
 
 def sides(found: Shapes, poses: Poses) -> Array:
-    """Which views (V,) of one planar target are seen from the other side than the rest, the fewer ones; all planar."""
+    """The views (V,) of one planar target seen from the minority side; all must be planar."""
     centres = -np.einsum("vji,vj->vi", poses.rotations, poses.translations)
     normals = found.axes[:, :, 2]
     # the normal of a fitted plane has no sign of its own
@@ -60,7 +60,7 @@ def sides(found: Shapes, poses: Poses) -> Array:
 
 
 def batches(views: Sequence[View]) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Stack the views that hold the same number of points, so many at a time that they fit into a cache.
+    """Stack views with the same number of points, in batches that fit into the cache.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""A text table of points to arrays: C code parses blocks of lines, Python only a block that fails."""
+"""A text table of points as arrays: C code parses blocks of lines, Python only a block that fails."""
 
 from __future__ import annotations
 
@@ -58,15 +58,15 @@ class Table:
     shape: tuple[int, ...] = ()
 
     def column(self, name: str) -> Array | None:
-        """Return the column (N,), or None where the table has none of that name."""
+        """Return the column (N,), or None if the table has none of that name."""
         return self.values[:, self.columns.index(name)] if name in self.columns else None
 
     def where(self, row: int) -> str:
-        """The file and the place of a row in it, for messages."""
+        """The file and the position of a row in it, for messages."""
         return f"{self.path}:{self.row_name(row).removeprefix('line ')}"
 
     def row_name(self, row: int) -> str:
-        """The place of a row: `line 7`, or `row [6]` of an archive's arrays, from 0."""
+        """The position of a row: `line 7`, or `row [6]` of an archive's arrays, from 0."""
         if not self.line_starts:
             return f"row {[int(i) for i in np.unravel_index(row, self.shape)]}"
         start, numbers = next(entry for entry in reversed(self.line_starts) if entry[0] <= row)
@@ -123,7 +123,7 @@ def read_table(path: str, form: Form = POINTS) -> Table:
 
 
 def _numbered(block: Block, layout: Layout, points: dict[str, int]) -> Block:
-    """The block with a number for each name of a point, counted from 0 in the order in which they appear."""
+    """The block with a number for each point name, counted from 0 in order of appearance."""
     at, lines = layout.columns.index("id"), []
     for line in block.lines:
         fields = layout.split(line)
@@ -157,12 +157,12 @@ def _parse(block: Block, layout: Layout, path: str) -> tuple[Array, list[str] | 
 
 
 def is_id(values: Array) -> Array:
-    """Where values are whole numbers that float64 holds exactly."""
+    """Return where values are whole numbers that float64 represents exactly."""
     return (np.rint(values) == values) & (np.abs(values) <= LARGEST_ID)
 
 
 def _split_lines(lines: list[str], layout: Layout, place: int | None) -> tuple[Array, list[str] | None]:
-    """Numbers and views of lines without quotes. Raises ValueError where a line is not as it should be."""
+    """Numbers and views of lines without quotes. Raises ValueError if a line is malformed."""
     separator, width = layout.separator, len(layout.columns)
     if separator is None:
         widths = set(map(len, map(str.split, lines)))
@@ -198,7 +198,7 @@ def _split_fields(lines: list[str], layout: Layout, place: int | None) -> tuple[
 
 
 def _diagnose(block: Block, layout: Layout, path: str) -> NoReturn:
-    """Find the first line of a block that is wrong, and say what is."""
+    """Find the first malformed line of a block, and describe the error."""
     for line, number in zip(block.lines, block.numbers, strict=True):
         fields = layout.split(line)
         where = f"{path}:{number}"

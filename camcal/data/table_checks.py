@@ -1,4 +1,4 @@
-"""What a table of numbers can have wrong as a whole: points given twice, pixels and board exchanged."""
+"""Checks of a table of numbers as a whole: duplicate points, exchanged pixels and board coordinates."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PIXELS_SPAN = 20.0  #: a board fills more of a picture than this, px
 
 
 def check_duplicates(table: Table) -> None:
-    """Refuse a point that one view has twice.
+    """Reject a point that one view has twice.
 
     With ids the same id is the same point; without, the same X, Y, Z.
 
@@ -55,7 +55,7 @@ def check_duplicates(table: Table) -> None:
 
 
 def check_not_swapped(table: Table) -> None:
-    """Refuse a table whose u, v are a board and whose X, Y are pixels.
+    """Reject a table whose u, v are board coordinates and whose X, Y are pixels.
 
     A board's points stand on a grid of few different coordinates; measured pixels hardly ever share one.
     Pixels on an exact grid do exist (a projector's pattern), so a header is believed unless the grid starts
@@ -98,7 +98,7 @@ def check_not_swapped(table: Table) -> None:
 
 
 def _pixels_first(table: Table) -> bool:
-    """Whether five columns without a header are u v X Y Z of points in space."""
+    """Return whether five columns without a header are u v X Y Z of points in space."""
     if table.view_index is not None or table.columns != ("X", "Y", "Z", "u", "v"):
         return False
     values = table.values
@@ -111,7 +111,7 @@ def _pixels_first(table: Table) -> bool:
 
 
 def _misfit(xyz: Array, uv: Array) -> float:
-    """What a projection matrix leaves of the scatter of image points, as a part of it."""
+    """The residual scatter of image points about a projection matrix, as a fraction of their scatter."""
     matrix = dlt.projection_matrices(xyz[None], uv[None])[0]
     seen = np.c_[xyz, np.ones(len(xyz))] @ matrix.T
     with np.errstate(all="ignore"):
@@ -126,7 +126,7 @@ def _exchange(table: Table) -> str:
 
 
 def _repeats(table: Table, names: str) -> bool:
-    """Whether the first two views hold the same set of values in these columns."""
+    """Return whether the first two views have the same set of values in these columns."""
     if table.view_index is None:
         return False
     columns = np.stack([_column_or_zero(table, c) for c in names], 1)
@@ -149,7 +149,7 @@ def _is_scatter(a: Array, b: Array) -> bool:
 
 
 def _keys(table: Table) -> list[Array]:
-    """What must differ between the rows of a table."""
+    """The values that must differ between the rows of a table."""
     ids = table.column("id")
     keys = [ids] if ids is not None else [_column_or_zero(table, c) for c in "XYZ"]
     keys = [(k + 0.0).view(np.uint64) for k in keys]  # + 0.0 makes -0.0 the same as 0.0

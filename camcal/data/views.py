@@ -18,7 +18,7 @@ NO_ID = int(np.iinfo(int).min)
 
 @dataclass(frozen=True)
 class View:
-    """The rows of one picture, for those who work picture by picture.
+    """The rows of one picture, for code that works picture by picture.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class View:
 
 @dataclass(frozen=True)
 class SkippedView:
-    """A picture or a view that gave no usable points, and why.
+    """A picture or a view without usable points, and the reason.
 
     `status` is one of the report's: `not_found`, `unreadable` or `rejected`. `rms_point`, px, is that of its
     points at the pose with which most of them agree, where there are points and a camera.
@@ -94,7 +94,7 @@ class Blocks:
 
 
 def named_view(name: str, item: Sequence[Any]) -> View:
-    """A view of (xyz, uv) or (xyz, uv, sigma); points of a plane may leave out Z."""
+    """A view of (xyz, uv) or (xyz, uv, sigma); planar points may omit Z."""
     xyz, uv = (_as_rows(a) for a in item[:2])
     if xyz.ndim == 2 and xyz.shape[1] == 2:
         xyz = np.c_[xyz, np.zeros(len(xyz))]
@@ -103,7 +103,7 @@ def named_view(name: str, item: Sequence[Any]) -> View:
 
 
 def _as_rows(values: Any) -> Array:
-    """Points as rows; cv2 keeps them as (N, 1, k)."""
+    """Points as rows; cv2 stores them as (N, 1, k)."""
     points = np.array(values, dtype=float, ndmin=2)
     return points[:, 0] if points.ndim == 3 and points.shape[1] == 1 else points
 
@@ -134,7 +134,7 @@ def stacked(views: Sequence[View]) -> dict[str, Any]:
 
 
 def check_view(view: View) -> None:
-    """Raise a DataError where the points of a view have another shape, or are not finite."""
+    """Raise a DataError if the points of a view have a wrong shape, or are not finite."""
     if view.xyz.ndim != 2 or view.xyz.shape[1] != 3 or view.uv.shape != (len(view.xyz), 2):
         raise DataError(
             f"view '{view.id}' holds points of shape {view.xyz.shape} and {view.uv.shape}; "

@@ -1,4 +1,4 @@
-"""Points as files; the calls that write any file, which `camcal.system.writing` has."""
+"""Writing points to files; `camcal.system.writing` has the functions that write any file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # numpy stays out: the commands check their output before the
 def write_points(
     path: str | os.PathLike, correspondences: Correspondences, force: bool = False, view_column: str = "view"
 ) -> None:
-    """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma,printed`; `id` and `sigma` where the views have them.
+    """Write correspondences as CSV, `view,id,X,Y,Z,u,v,sigma,printed`; `id` and `sigma` if the views have them.
 
     `printed` is 1 in every row of points that were found on a printed target; of others the column is left out.
 
@@ -67,7 +67,7 @@ def _rows(view: View) -> Iterator[list[float]]:
 
 
 def _quoted(name: str) -> str:
-    """The name as a CSV field; quoted also where a reader would strip it or take it for a comment."""
+    """The name as a CSV field; quoted also where a reader would strip it or treat it as a comment."""
     if not name.strip() or any(c in name for c in "\r\n\0"):
         raise UsageError(
             f"the view name {name!r} cannot be written to a CSV file.", "Names are one line and not empty."

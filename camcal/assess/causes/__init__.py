@@ -1,4 +1,4 @@
-"""Causes that the whole set of views has in common: found before single views are blamed.
+"""Causes that all views share, which are tested before single views are called wrong.
 
 A camera that zoomed, pictures that were resized, a rolling shutter, a badly printed board make views disagree, and
 single views that disagree most are then taken for mirror images or other boards. `find` asks first whether one small
@@ -40,7 +40,7 @@ _FLAT_RAY = 0.05
 
 @dataclass(frozen=True)
 class Found:
-    """What explains the views.
+    """The cause that explains the views.
 
     Attributes
     ----------
@@ -71,14 +71,14 @@ class Found:
 
     @property
     def common(self) -> bool:
-        """Whether something that all views share explains them better than that some do not belong."""
+        """Return whether a cause that all views share explains them better than a few outlying views do."""
         trial = self.trial
         parts = trial is not None and trial.how in ("split", "groups", "sides")
         return trial is not None and not self.views and (not parts or self.share > MOST_OF_IT)
 
     @property
     def cause(self) -> Trial | None:
-        """The candidate where it concerns all views and not the target, which has checks of its own."""
+        """The candidate if it concerns all views and not the target, which has its own checks."""
         trial = self.trial
         if trial is None or self.views or trial.kind in ("board", "circles"):
             return None
@@ -88,7 +88,7 @@ class Found:
 
 
 def find(solution: Calibration, given: Observations | None = None) -> Found:
-    """What explains the views of a solution.
+    """Find the cause that explains the views of a solution.
 
     Parameters
     ----------
@@ -118,13 +118,13 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
 
 
 def _noise(solution: Calibration) -> float:
-    """The robust scale of the points that a solution rests on, in the unit of its weights."""
+    """The robust scale of the points used by a solution, in the unit of its weights."""
     lengths = solution.observations.standardised(solution.residuals)[solution.used]
     return robust_sigma(lengths, solution.free_count)
 
 
 def _share(best: Trial, trials: Sequence[Trial], cost: float, freedom: int) -> float:
-    """What a candidate explains of the squares that numbers of each view do, less what noise lets either explain."""
+    """The squares that a candidate explains relative to separate numbers for each view, less what noise explains."""
     rivals = [t for t in trials if t.how == "each"]
     if not rivals:
         return 1.0
@@ -135,7 +135,7 @@ def _share(best: Trial, trials: Sequence[Trial], cost: float, freedom: int) -> f
 
 
 def _sigmas(data: Observations, rows: Observations) -> Array | None:
-    """The sigmas that the solution settled on, for views of it and others: these get the median."""
+    """The sigmas of the solution, for its views and others; the latter get the median."""
     if data.sigma is None:
         return None
     known = dict(zip(data.view_ids, data.slices, strict=True))
@@ -145,7 +145,7 @@ def _sigmas(data: Observations, rows: Observations) -> Array | None:
 
 
 def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
-    """The fit to the used points and all points of rejected views; the solution where none of these has a pose."""
+    """The fit to the used points and all points of rejected views; the solution if none of these has a pose."""
     data = solution.observations
     rejected = {s.id for s in data.skipped if s.status == "rejected"}
     if solution.board is not None:

@@ -1,4 +1,4 @@
-"""Circles whose centres were taken for the centroids of their images.
+"""Circles whose centroids in the image were used as the images of their centres.
 
 The image of a disc of radius r about a point X of a plane is not centred on the image of X: its centroid lies off by
 
@@ -31,7 +31,7 @@ OUTLINE, RADIUS = 12, 0.1
 
 @dataclass(frozen=True)
 class Circles:
-    """What (2) gives.
+    """The estimate of (2).
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Circles:
 
 
 def circles(solution: Calibration, design: Design | None = None) -> Circles | None:
-    """Circles behind the points of a solution; None where the target is known, has no plane or no neighbours."""
+    """Test the points of a solution for circles; None if the target is known, not planar, or has no neighbours."""
     data = solution.observations
     if (
         (data.target or {}).get("kind") is not None
@@ -92,12 +92,14 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
 
 
 def _spacing(xyz: Array) -> float:
-    """The median distance of a point to its nearest neighbour; 0 for a single point."""
+    """The median distance of a point from its nearest neighbour; 0 for a single point."""
     return float(np.median(Neighbours(xyz).query(xyz, 2)[0][:, 1])) if len(xyz) > 1 else 0.0
 
 
 def _centroid_offsets(camera: Camera, pose: Pose, xyz: Array, axes: Array, spacing: float) -> Array:
-    """b of (1) (N, 2), px for a radius of one spacing: the centroid of a small outline's image less its centre's."""
+    """b of (1) (N, 2), px for a radius of one spacing: the centroid of a small outline's image minus its centre's
+    image.
+    """
     around = np.arange(OUTLINE) * (2 * np.pi / OUTLINE)
     rim = RADIUS * spacing * (np.c_[np.cos(around), np.sin(around)] @ axes)
     points = xyz[:, None] + np.concatenate([rim, np.zeros((1, 3))])

@@ -1,4 +1,4 @@
-"""How far a cause puts the camera off, px."""
+"""The effect of a cause on the camera, px."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _SMALL = 1e-2
 
 
 def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
-    """How far the camera of all views projects from what a trial says, px: for the mean view, and rms over the views.
+    """The difference in projection between the camera of all views and a trial, px: for the mean view, and rms
+    over the views.
 
     At infinity, over the part of the picture that points cover, after the rotation that fits best (`difference.py`).
     Where every view has numbers of its own, the mean view has none; where views form parts, both figures are the same.
@@ -52,7 +53,7 @@ def _mean_square(trial: Trial, theta: Array, rays: Array, pixels: Array) -> floa
 
 
 def _by_noise(base: Calibration, trial: Trial, rays: Array, pixels: Array) -> float:
-    """The mean square, px², by which the trial's own uncertainty lets it differ."""
+    """The mean square, px², of the difference that the trial's own uncertainty explains."""
     free = base.free[:, base.free.any(0)]
     values, vectors = np.linalg.eigh(trial.covariance)
     none, here = np.zeros(len(trial.warp.fields)), trial.camera
@@ -67,7 +68,7 @@ def _by_noise(base: Calibration, trial: Trial, rays: Array, pixels: Array) -> fl
 
 
 def _left(camera: Camera, warp: Warp, theta: Array, rays: Array, pixels: Array) -> Array:
-    """What is left (N, 2) between pixels and where a mapped camera sees their rays, after a rotation, px."""
+    """The difference (N, 2) between pixels and a mapped camera's projections of their rays, after a rotation, px."""
 
     def seen(turn: Array) -> Array:
         predicted = camera.project(rays @ turn.T)

@@ -1,4 +1,4 @@
-"""What can have changed between views: each kind as a few columns of numbers for the fields of `camcal.solve.warp`."""
+"""Kinds of changes between views: each is a few columns of numbers for the fields of `camcal.solve.warp`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _columns(*names: str) -> Callable[[Warp], Array]:
 
 
 def _resized(warp: Warp) -> Array:
-    """A scale about the corner of the first pixel: the principal point moves along."""
+    """A scale about the corner of the first pixel; the principal point moves with it."""
     column = np.zeros((len(FIELDS), 1))
     column[_AT["scale"]] = 1.0
     column[[_AT["shift-u"], _AT["shift-v"]], 0] = (warp.centre + 0.5) / warp.unit
@@ -50,6 +50,6 @@ def contrasts(count: int) -> Array:
 
 
 def shared(weights: Array, columns: Array) -> Array:
-    """The design (V, K, M G) of numbers that views share: weights (V, G), columns (K, M)."""
+    """The design (V, K, M G) of numbers shared by views: weights (V, G), columns (K, M)."""
     count = len(weights)
     return np.einsum("vg,km->vkmg", weights, columns).reshape(count, len(columns), -1)

@@ -1,4 +1,5 @@
-"""What a few more numbers would gain, by one step from the solution: all candidates from one pass over the data.
+"""The predicted gain of additional parameters, by one step from the solution: all candidates from one pass over
+the data.
 
 The rows of a view's points by the camera's free parameters, its pose, the fields of `camcal.solve.warp` and the
 residual give a matrix of products; the pose is eliminated from it (Schur complement), which leaves R_v over (camera,
@@ -26,7 +27,7 @@ _NULL = 1e-10
 
 
 def problem_of(base: Calibration, warp: Warp) -> WarpedProblem:
-    """The problem of a fit with a map on top."""
+    """The problem of a fit with an additional image deformation."""
     data = base.observations.kept()
     weights = None if data.precision is None else data.split(data.precision)
     return WarpedProblem(base.camera.lens, data.views, base.free[:, base.free.any(0)], warp, weights)
@@ -51,7 +52,7 @@ class Linear:
 
     @classmethod
     def of(cls, base: Calibration, warp: Warp) -> Linear | None:
-        """Of all fields of a warp; None where a point leaves the lens's domain."""
+        """Of all fields of a warp; None if a point leaves the lens's domain."""
         problem = problem_of(base, warp)
         lens, free, k = problem.cameras[0].lens, problem.free, len(warp.fields)
         p, f = lens.size, free.shape[1]
@@ -77,7 +78,7 @@ class Linear:
 
     @cached_property
     def _known(self) -> tuple[Array, float]:
-        """W with W Wᵀ the inverse of the camera's own equations, and what these alone gain."""
+        """W with W Wᵀ the inverse of the camera's own equations, and the gain of these alone."""
         f = self.camera
         values, vectors, scale = _scaled(self.reduced[:, :f, :f].sum(0))
         half = vectors * np.where(values > 0, 1 / np.sqrt(np.where(values > 0, values, 1.0)), 0.0)
@@ -86,14 +87,14 @@ class Linear:
         return half, 0.5 * float(along @ along)
 
     def gain(self, design: Array) -> float:
-        """(1) of a design D (V, K, B)."""
+        """The gain (1) of a design D (V, K, B)."""
         f, r, back = self.camera, self.reduced, design.transpose(0, 2, 1)
         own = (back @ r[:, f:-1, f:-1] @ design).sum(0)
         across = np.einsum("vfk,vkb->fb", r[:, :f, f:-1], design)
         return float(self._gains(own[None], across[None], (back @ r[:, f:-1, -1:]).sum(0).T)[0])
 
     def gains_of_parts(self, columns: Array, parts: Array) -> Array:
-        """(1) for each of several parts of the views (P, V) that share numbers for columns (K, M)."""
+        """The gain (1) for each of several parts of the views (P, V) that share numbers for columns (K, M)."""
         own, across, pull = self._of_each(columns)
         weights = parts.astype(float)
 
@@ -103,7 +104,9 @@ class Linear:
         return self._gains(summed(own), summed(across), summed(pull))
 
     def gains_of_views(self, columns: Array, sets: Array) -> Array:
-        """(1) for each of several sets (P, T) of views, each view with numbers of its own for columns (K, M)."""
+        """The gain (1) for each of several sets (P, T) of views, each view with its own numbers for columns (K,
+        M).
+        """
         own, across, pull = self._of_each(columns)
         count, size, m = *sets.shape, columns.shape[1]
         each = np.zeros((count, size, m, size, m))
@@ -113,12 +116,16 @@ class Linear:
         return self._gains(each.reshape(count, size * m, -1), side, pull[sets].reshape(count, -1))
 
     def _of_each(self, columns: Array) -> tuple[Array, Array, Array]:
-        """Each view's equations for numbers of columns (K, M): (V, M, M), with the camera (V, F, M), pull (V, M)."""
+        """Each view's equations for numbers of columns (K, M): (V, M, M), with the camera (V, F, M), gradient (V,
+        M).
+        """
         f, r = self.camera, self.reduced
         return columns.T @ r[:, f:-1, f:-1] @ columns, r[:, :f, f:-1] @ columns, r[:, f:-1, -1] @ columns
 
     def _gains(self, own: Array, across: Array, pull: Array) -> Array:
-        """(1) of several candidates: own (P, B, B), with the camera (P, F, B), pull (P, B); the camera eliminated."""
+        """The gain (1) of several candidates: own (P, B, B), with the camera (P, F, B), gradient (P, B); the
+        camera eliminated.
+        """
         half, alone = self._known
         side = half.T @ across
         reduced = own - side.transpose(0, 2, 1) @ side
@@ -134,13 +141,13 @@ class Linear:
         return np.asarray(alone + 0.5 * squares.sum(-1))
 
     def information(self, column: Array) -> Array:
-        """How well each view (V,) determines one number along `column` (K,), the camera known."""
+        """The information of each view (V,) about one number along `column` (K,), with the camera known."""
         f = self.camera
         return np.einsum("k,vkl,l->v", column, self.reduced[:, f:-1, f:-1], column)
 
 
 def _scaled(matrices: Array, like: Array | None = None) -> tuple[Array, Array, Array]:
-    """Eigenvalues (..., n), 0 where they are as good as that, vectors, and the scale that makes the diagonal 1.
+    """Eigenvalues (..., n), 0 where negligible, vectors, and the scale that makes the diagonal 1.
 
     The diagonal is that of `like`, where given.
     """

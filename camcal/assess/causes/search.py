@@ -1,4 +1,4 @@
-"""Which one of a few small models explains that the views do not tell of one camera.
+"""The search for a small model that explains why the views do not agree on one camera.
 
 Each candidate is the calibration with a few numbers more (`kinds.py`). What one step promises (`linear.py`) says
 which are worth a fit; the fits are compared by the Bayesian information criterion (Schwarz 1978),
@@ -57,7 +57,7 @@ _SHORT = Options(max_iterations=STEPS, tolerance=NEAR)
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate, fitted.
+    """A fitted candidate.
 
     Attributes
     ----------
@@ -109,16 +109,16 @@ class Search:
 
     @property
     def none(self) -> float:
-        """(1) of the solution as it is."""
+        """(1) of the solution itself."""
         return self.bic(self.base.fit.cost if self.linear is None else self.linear.cost, 0, 0.0)
 
     def promised(self, gain: float, numbers: int, choices: float) -> float:
-        """(1) as one step promises it, that gains so much of the cost."""
+        """(1) as predicted by one step with this gain."""
         assert self.linear is not None
         return self.bic(max(self.linear.cost - gain, LEAST_LEFT * self.linear.cost), numbers, choices)
 
     def fit(self, kind: str, how: str, design: Array, parts: Array, choices: float) -> Trial | None:
-        """A candidate fitted; None where it has as many unknowns as there are coordinates, or diverges."""
+        """Fit a candidate; None if it has as many unknowns as there are coordinates, or diverges."""
         if self.freedom <= 2 * design.shape[2]:
             return None
         moved: Array = np.asarray(design.any(axis=(0, 2)))  # fields that have no number need not be evaluated
@@ -149,7 +149,7 @@ class Search:
 
     # ------------------------------------------------------------------ candidates
     def splits(self) -> Iterator[Trial]:
-        """From some view on: the best place of each kind, where one step promises something."""
+        """A change from some view on: the best position of each kind, where one step predicts a gain."""
         places = np.arange(LEAST_PART, self.count - LEAST_PART + 1)
         if len(places) < 2:
             return
@@ -176,7 +176,7 @@ class Search:
                 yield from self._some(self.fit(kind, "each", design, none, 0.0))
 
     def groups(self, each: Trial) -> Iterator[Trial]:
-        """Two groups of views by what a number for each view found."""
+        """Two groups of views, by the values that a number for each view found."""
         kinds = _GROUPED.get(each.kind, ())
         if not kinds or self.count < 2 * LEAST_PART:
             return
@@ -205,7 +205,7 @@ class Search:
             yield from self._some(self.fit("cropped", "sides", design, parts, 0.0))
 
     def _swapped(self, kind: str, parts: Array) -> Array:
-        """Two groups after views changed sides, one after the other, as long as one step promises more."""
+        """Move views between two groups one at a time while one step predicts an improvement."""
         best, promise = parts, self._of_groups(kind, parts[None])[0]
         for _ in range(self.count if self.count <= MOST_SWAPPED else 0):
             others = best ^ np.eye(self.count, dtype=bool)
@@ -217,7 +217,7 @@ class Search:
         return best
 
     def _of_groups(self, kind: str, parts: Array) -> list[float]:
-        """What is promised of each of several groups (P, V); infinite where one is too small."""
+        """The prediction for each of several groups (P, V); infinite if one is too small."""
         assert self.linear is not None
         columns = self.columns[kind]
         return [
@@ -230,7 +230,7 @@ class Search:
         ]
 
     def outlying(self) -> Iterator[Trial]:
-        """Views that do not belong: one after the other, up to a fifth of them, as many as one step finds best."""
+        """Outlying views, added one at a time, up to a fifth of them, as many as one step finds best."""
         assert self.linear is not None
         chosen: list[int] = []
         columns, eye = self.columns[OF_ONE], np.eye(self.count)
@@ -249,7 +249,7 @@ class Search:
         yield from self._some(self.fit("views", "", shared(eye[:, chosen], columns), parts, choices))
 
     def boards(self, kinds: tuple[str, ...] = ("print", "free")) -> Iterator[Trial]:
-        """A board of its own shape."""
+        """A board with its own shape."""
         base, none = self.base, np.zeros(self.count, bool)
         if base.board is not None:
             return
@@ -274,7 +274,7 @@ class Search:
             )
 
     def _promised_board(self, kind: str) -> float:
-        """(1) of a board of a kind as one step promises it; infinite where the step cannot be made.
+        """(1) of a board of a kind as predicted by one step; infinite if the step cannot be made.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class Search:
         return np.inf if step is None else self.promised(step[1], board.size, 0.0)
 
     def circles(self) -> Iterator[Trial]:
-        """Centroids of the images of circles: known to one step, as these are small effects."""
+        """Centroids of the images of circles; one step suffices, since these are small effects."""
         found = circles(self.base)
         if found is None or not found.radius > 0:
             return
@@ -310,7 +310,7 @@ class Search:
             yield trial
 
     def all(self) -> list[Trial]:
-        """Every candidate that one step finds promising, fitted, the best first."""
+        """Every candidate that one step predicts to be useful, fitted, the best first."""
         if self.linear is None or self.count < LEAST_PART + 1:
             return []
         each = list(self.each())
@@ -322,7 +322,7 @@ class Search:
 
 
 def _of_camera(normal: NormalBlocks, free: int, noise: float) -> Array:
-    """The covariance (F, F) of the first variables, the others and the poses unknown."""
+    """The covariance (F, F) of the first variables, with the others and the poses unknown."""
     reduced = reduce(normal, eliminate_poses(normal))
     return invert_determined(reduced, np.diag(normal.intrinsics), noise)[0][:free, :free]
 
@@ -332,7 +332,7 @@ def _log_choices(n: int, k: int) -> float:
 
 
 def _held(base: Calibration) -> dict[str, float | None]:
-    """The parameters that a fit held, at their values."""
+    """The fixed parameters of a fit, at their values."""
     held: dict[str, float | None] = {
         n: None for n, free in zip(base.camera.lens.names, np.any(base.free, axis=1), strict=True) if not free
     }
@@ -340,7 +340,9 @@ def _held(base: Calibration) -> dict[str, float | None]:
 
 
 def two_groups(values: Array, information: Array) -> Array | None:
-    """Two groups of least scatter of weighted numbers (V,): the second as a mask; None where they are too few."""
+    """Two groups with the smallest scatter of weighted numbers (V,): the second as a mask; None if they are too
+    small.
+    """
     order = np.argsort(values)
     x, w = values[order], np.maximum(information[order], 1e-300)
     best, place = np.inf, 0
@@ -359,7 +361,7 @@ def two_groups(values: Array, information: Array) -> Array | None:
 
 
 def p_value(search: Search, trial: Trial) -> float:
-    """Of the F test of a trial's numbers against the solution as it is."""
+    """The p-value of the F test of a trial's numbers against the solution."""
     assert search.linear is not None
     freedom = search.freedom - trial.numbers
     ratio = (search.linear.cost - trial.cost) / trial.numbers / (trial.cost / freedom)

@@ -1,4 +1,4 @@
-"""A cause in words: what it is, the number that was found, and what to do about it."""
+"""Descriptions of causes: what it is, the estimated value, and a remedy."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def warning_of(found: Found) -> CalibrationWarning | None:
 
 
 def severity(effect: float, scatter: float, each: bool, ratio: float, code: str = "") -> Severity:
-    """How grave a cause is.
+    """The severity of a cause.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _names(found: Found, mask: Array) -> str:
 
 
 def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
-    """Two parts: the numbers are those of the second against the first."""
+    """Two parts: the numbers are those of the second relative to the first."""
     theta = trial.theta[trial.parts][0]
     scale, unit = 1 + float(theta[_AT["scale"]]), trial.warp.unit
     shift = theta[[_AT["shift-u"], _AT["shift-v"]]] * unit
@@ -131,7 +131,7 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
 
 
 def _is_resized(scale: float, shift: Array, trial: Trial) -> bool:
-    """Whether the principal point moves as it does when whole pictures are resized."""
+    """Return whether the principal point moves as it does when whole pictures are resized."""
     if trial.kind == "resized":
         return True
     wanted = (scale - 1) * (trial.camera.params[2:4] + 0.5)

@@ -1,5 +1,4 @@
-"""Conditions that make a calibration less than it seems, each a warning with a code, what was found and a
-hint.
+"""Conditions that reduce the value of a calibration, each a warning with a code, what was found and a hint.
 
 A check is a function `Facts -> iterable of CalibrationWarning` and a line in `CHECKS`. Every threshold stands
 beside its reason; tests hold it against degenerate data (it must speak) and good data (it must not).
@@ -74,7 +73,7 @@ def check(
     holdout: Mapping[str, Any] | None = None,
     found: Found | None = None,
 ) -> tuple[CalibrationWarning, ...]:
-    """All warnings on a calibration, the gravest kinds first.
+    """All warnings about a calibration, the most severe kinds first.
 
     Parameters
     ----------

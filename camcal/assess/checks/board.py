@@ -30,7 +30,7 @@ MOST_VIEWS, MOST_POINTS = 100, 200
 
 @dataclass(frozen=True)
 class Promise:
-    """What a free board promises.
+    """The predicted gain of a free board.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Promise:
 
 
 def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
-    """The board is clearly not what it is taken for."""
+    """The board's shape clearly differs from the assumed one."""
     found = promise(facts)
     if found is None or found.p_value > SIGNIFICANT or found.after > GAIN * found.before:
         return
@@ -65,7 +65,7 @@ def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def promise(facts: Facts) -> Promise | None:
-    """What a free board promises; None where the data do not allow one, or are too large for this check."""
+    """The predicted gain of a free board; None if the data do not determine one, or are too large for this check."""
     solution = facts.solution
     if solution.board is not None or not LEAST_VIEWS < len(facts.views) <= MOST_VIEWS:
         return None

@@ -1,4 +1,4 @@
-"""Noise that differs over the picture, while the estimate and its sigmas take it for one.
+"""Noise that varies over the picture although the estimate and its sigmas assume uniform noise.
 
 With s_k the noise of ring k about the principal point and J_i the camera's rows of point i once the poses have
 followed (`design.py`), the parameters of an estimate that weights all points alike scatter by
@@ -32,7 +32,9 @@ FAR_TOO_SMALL = 1.5
 
 
 def noise_by_radius(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Noise that grows or shrinks towards the border, without sigmas that say so, where the camera's sigmas suffer."""
+    """Noise that grows or shrinks towards the border without matching sigmas, where it affects the camera's
+    sigmas.
+    """
     data = facts.solution.observations
     if data.sigma is not None or data.weight is not None or facts.design is None:
         return
@@ -56,7 +58,7 @@ def noise_by_radius(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def rings(facts: Facts) -> Array | None:
-    """The ring (M,) that each used point lies in, from the principal point outwards; None for too few points."""
+    """The ring (M,) of each used point, from the principal point outwards; None for too few points."""
     radius = np.linalg.norm(facts.image_points - facts.camera.params[2:4], axis=1)
     if len(radius) < RINGS * LEAST_POINTS:
         return None
@@ -64,7 +66,7 @@ def rings(facts: Facts) -> Array | None:
 
 
 def _differ(lengths: Array, ring: Array) -> bool:
-    """Whether the residuals' lengths (M,) differ between rings by more than chance."""
+    """Return whether the residuals' lengths (M,) differ between rings significantly."""
     means = np.array([lengths[ring == k].mean() for k in range(RINGS)])
     counts = np.bincount(ring, minlength=RINGS)
     within = float(np.square(lengths - means[ring]).sum()) / (len(lengths) - RINGS)
@@ -73,7 +75,7 @@ def _differ(lengths: Array, ring: Array) -> bool:
 
 
 def too_small(design: Design, variances: Array, ring: Array) -> Array:
-    """By how much the sigma of each free parameter (F,) is too small: the root of (1) over what is reported.
+    """The factor by which the sigma of each free parameter (F,) is too small: the root of (1) over the reported one.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def too_small(design: Design, variances: Array, ring: Array) -> Array:
 
 
 def _named(facts: Facts, free: int) -> str:
-    """The parameters that a free one moves."""
+    """The parameters that a free one changes."""
     design = facts.design
     assert design is not None
     moved = design.transform[:, free] != 0

@@ -1,4 +1,4 @@
-"""What all views have in common that one camera does not explain."""
+"""Causes that all views share and that one camera does not explain."""
 
 from __future__ import annotations
 

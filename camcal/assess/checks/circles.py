@@ -1,4 +1,4 @@
-"""Points that are the centroids of the images of circles; what that does is in `camcal.assess.causes.circles`."""
+"""Points that are the centroids of circles' images; `camcal.assess.causes.circles` computes the effect."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEAST_OF_BOARD = 0.5
 
 
 def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Targets that camcal found itself have been corrected."""
+    """Centroids of circles' images; targets that camcal found itself are already corrected."""
     found = circles(facts.solution, facts.design) if facts.design is not None else None
     if found is None or not (found.deviations > SIGNIFICANT and SMALLEST < found.radius < LARGEST):
         return
@@ -48,7 +48,7 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def _board_explains_more(facts: Facts, found: Circles) -> bool:
-    """Whether the board's own shape promises so much that circles are a small part of what is wrong."""
+    """Return whether the board's own shape predicts so large a gain that circles are a small part of the error."""
     bent = board.promise(facts)
     if bent is None or bent.p_value > board.SIGNIFICANT:
         return False

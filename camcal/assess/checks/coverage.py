@@ -1,4 +1,4 @@
-"""The image: which part of it the points cover."""
+"""The image: the part that the points cover."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MANY_OUTSIDE = 0.1
 
 
 def poor(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Points only in a small part of the image."""
+    """Points in only a small part of the image."""
     if facts.image_size is None:
         return
     share = hull.area(facts.image_points) / float(np.prod(facts.image_size))
@@ -64,7 +64,7 @@ def outside_image(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def image_size(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A principal point and points that are those of a smaller picture."""
+    """A principal point and points that fit a smaller picture."""
     size = facts.image_size
     if size is None or not facts.groups("principal"):
         return

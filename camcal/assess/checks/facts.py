@@ -1,4 +1,4 @@
-"""What several checks look at, computed once and on demand."""
+"""Quantities shared by several checks, computed once and on demand."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CODED = ("charuco", "aprilgrid", "tags", "markers")
 
 
 class Facts:
-    """A solution with what the checks derive from it."""
+    """A solution with the quantities that the checks derive from it."""
 
     def __init__(
         self,
@@ -38,12 +38,12 @@ class Facts:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """Of parameters and poses, infinite where the sigmas do not hold."""
+        """The covariance of parameters and poses, infinite where the sigmas are invalid."""
         return accuracy(self.solution)
 
     @cached_property
     def design(self) -> Design | None:
-        """The linearised problem; None where a used point lies outside the lens's domain or nothing was estimated."""
+        """The linearised problem; None if a used point lies outside the lens's domain or nothing was estimated."""
         design = Design(self.solution)
         if not design.transform.shape[1]:
             return None
@@ -74,12 +74,12 @@ class Facts:
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
-        """Parameters of the camera that were estimated."""
+        """The names of the estimated parameters of the camera."""
         rows = np.any(self.solution.free, axis=1)
         return tuple(n for n, free in zip(self.camera.lens.names, rows, strict=True) if free)
 
     def groups(self, *wanted: str) -> list[str]:
-        """The estimated parameters of these groups (focal, principal, skew, distortion)."""
+        """The names of the estimated parameters of these groups (focal, principal, skew, distortion)."""
         group = {p.name: p.group for p in self.camera.lens.parameters}
         return [n for n in self.free_names if group[n] in wanted]
 
@@ -90,20 +90,20 @@ class Facts:
 
     @cached_property
     def low_high(self) -> tuple[Array, Array]:
-        """The corners (2,) of the image, or of the box of the points where its size is not known."""
+        """The corners (2,) of the image, or of the bounding box of the points if its size is not known."""
         if self.image_size is not None:
             return np.zeros(2), np.subtract(self.image_size, 1.0)
         return self.image_points.min(0), self.image_points.max(0)
 
     @cached_property
     def diagonal(self) -> float:
-        """Of the image, px."""
+        """The diagonal of the image, px."""
         low, high = self.low_high
         return float(np.linalg.norm(high - low))
 
     @cached_property
     def unseen(self) -> Array | None:
-        """Pixels (K, 2) of a grid over the image that the lens has no ray for; None without an image size."""
+        """Pixels (K, 2) of a grid over the image for which the lens has no ray; None without an image size."""
         if self.image_size is None:
             return None
         grid = grid_of(self.image_size)
@@ -111,7 +111,7 @@ class Facts:
 
 
 def identified(data: Observations) -> bool:
-    """Whether points are known by what is printed beside them: a mirrored or foreign code would not have been read.
+    """Whether points are identified by printed codes; a mirrored or foreign code would not have been read.
 
     Where the target's kind is not known, by ids of which views show different parts.
     """

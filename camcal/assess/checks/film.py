@@ -1,4 +1,4 @@
-"""Films: whether the rows of a frame were read one after the other while the target moved."""
+"""Films: whether the rows of a frame were read sequentially while the target moved (rolling shutter)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def sure(facts: Facts) -> Readout | None:
-    """The readout time of a film's frames where the residuals leave no doubt that there is one."""
+    """The readout time of a film's frames if the residuals show significantly that there is one."""
     found = readout(facts.solution)
     if found is None or abs(found.time) < SURE * found.sigma or abs(found.time) > LONGEST:
         return None
@@ -77,7 +77,7 @@ def sure(facts: Facts) -> Readout | None:
 
 
 def effect_px(solution: Calibration, found: Readout) -> float:
-    """How far the camera projects from the one with the readout time, px (rms over what points cover)."""
+    """The difference in projection from the camera with the readout time, px (rms over the covered part)."""
     grid, covered = covered_grid(solution)
     camera = solution.camera
     moved = replace(camera, params=camera.params + found.step)

@@ -1,4 +1,4 @@
-"""The fit: whether it ended, and what its residuals show."""
+"""The fit: whether it converged, and its residuals."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Hardly more observations than unknowns: the rms is small whatever the errors are."""
+    """Few more observations than unknowns: the rms is small whatever the errors are."""
     unknown = facts.solution.free_count
     observed = unknown + figures.redundancy(facts.solution)
     if observed < REDUNDANT * unknown:
@@ -70,7 +70,7 @@ def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A few points that hold much of the sum of squares, each in units of its sigma where sigmas are given."""
+    """A few points that contribute much of the sum of squares, in units of their sigmas if given."""
     squares = np.square(figures.standard_lengths(facts.solution))
     off = np.linalg.norm(facts.solution.used_residuals, axis=1)[np.isfinite(squares)]
     squares = squares[np.isfinite(squares)]
@@ -90,13 +90,15 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def _bent_by(facts: Facts, gross: Array) -> bool:
-    """Whether the camera without some of the used points (a mask of the finite ones) projects clearly elsewhere."""
+    """Return whether the camera without some of the used points (a mask of the finite ones) projects significantly
+    differently.
+    """
     apart, noise = moved_without(facts, gross)
     return apart > max(SEVERAL_PX, SIGMAS * noise)
 
 
 def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
-    """How far the camera without some of the used points (a mask of the finite ones) projects elsewhere, and its noise.
+    """The change in projection without some of the used points (a mask of the finite ones), and its noise.
 
     rms over the part of the picture that points cover, at infinity, px. A fit without them that fails says nothing: 0.
     """
@@ -123,7 +125,9 @@ def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
 
 
 def stated_px(solution: Calibration, pixels: Array) -> float:
-    """The projection uncertainty at pixels (N, 2) by the covariance, at infinity, rms, px; infinite where it is."""
+    """The rms projection uncertainty at pixels (N, 2) by the covariance, at infinity, px; infinite where it is
+    undetermined.
+    """
     variance = np.einsum("nii->n", projection_uncertainty(solution).at_pixels(pixels))
     known = variance[np.isfinite(variance)]
     return float(np.sqrt(np.mean(known))) if len(known) else np.inf
@@ -142,12 +146,12 @@ def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def most_px(diagonal: float) -> float:
-    """The rms, px, up to which a camera is not wrong for it alone, of a picture of this diagonal."""
+    """The rms, px, above which a camera is wrong for that reason alone, for a picture with this diagonal."""
     return min(LARGE * diagonal, max(MANY_PX, CLICKED * diagonal))
 
 
 def systematic(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Residuals that depend on the distance from the principal point: the model does not follow the lens."""
+    """Residuals that depend on the distance from the principal point: the model does not fit the lens."""
     share, f = radial_structure(facts)
     if share > EXPLAINED and f > F_LEAST:
         yield CalibrationWarning(
@@ -160,7 +164,9 @@ def systematic(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def radial_structure(facts: Facts) -> tuple[float, float]:
-    """Share of variance (adjusted) that the mean by radius explains in the radial residuals, and its F."""
+    """The share of variance (adjusted) of the radial residuals that the mean by radius explains, and its F
+    statistic.
+    """
     d = facts.image_points - facts.camera.params[2:4]
     radius = np.linalg.norm(d, axis=1)
     residuals = facts.solution.used_residuals

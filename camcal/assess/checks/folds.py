@@ -1,4 +1,4 @@
-"""The views among one another: whether they tell of the same camera."""
+"""Agreement of the views with each other: whether they determine the same camera."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FAR_APART, VISIBLE_PX = 5.0, 0.5
 
 
 def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Cameras from different views lie farther apart than noise explains."""
+    """Cameras from different views differ by more than noise explains."""
     found = (facts.holdout or {}).get("difference")
     if not found or not found["ratio"] > DISAGREE:
         return

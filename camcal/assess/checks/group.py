@@ -1,4 +1,4 @@
-"""Points beside one another that are off together: a pole, a row or a mark that was taken for its neighbour.
+"""Neighbouring points that are shifted together: a column, a row or a mark that was mistaken for its neighbour.
 
 In a small set such points pull the fit to them, and no single residual stands out. With C the two columns that shift a
 group of points in u and v and M = I - H of the solution (`design.py`), a common shift takes
@@ -37,7 +37,7 @@ BY_CHANCE = 1e-3
 
 @dataclass(frozen=True)
 class Group:
-    """The group that is most clearly shifted: its view, its rows among the used points there, and by how much, px."""
+    """The most significantly shifted group: its view, its rows among the used points there, and the shift, px."""
 
     view: int
     rows: Array
@@ -46,7 +46,7 @@ class Group:
 
 
 def shifted_group(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A group of neighbouring points that is off as a whole."""
+    """A group of neighbouring points that is shifted as a whole."""
     found = shifted(facts)
     if found is None or not found.p_value < BY_CHANCE:
         return
@@ -67,7 +67,7 @@ def shifted_group(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def shifted(facts: Facts) -> Group | None:
-    """The group whose shift is least likely by chance; its p-value takes into account how many groups there are."""
+    """The group with the least probable shift; its p-value accounts for the number of groups."""
     design = facts.design
     freedom = figures.redundancy(facts.solution)
     if design is None or not freedom > 2 or int(facts.solution.used.sum()) > MOST_POINTS:
@@ -89,7 +89,7 @@ def shifted(facts: Facts) -> Group | None:
 
 
 def groups(xyz: Array) -> list[Array]:
-    """Groups of points (N, 3) of a view: each with its nearest ones, and points listed one after the other."""
+    """Groups of points (N, 3) of a view: each point with its nearest ones, and consecutively listed points."""
     found: dict[tuple[int, ...], None] = {}
     for size in SIZES:
         if size > MOST_PART * len(xyz):

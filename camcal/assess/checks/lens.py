@@ -1,4 +1,4 @@
-"""The lens model: whether it is valid for the points and over the whole image."""
+"""The lens model: whether it is valid at the points and over the whole image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures that were mirrored as a whole: the lens is then mirrored, too, and nothing else shows it.
+"""Pictures that were mirrored as a whole; the lens is then mirrored too, so nothing else reveals it.
 
 A board that looks the same from both sides is found in good order in a mirrored picture; even where the order
 tells, the view fits some pose. What does not fit is the principal point, and what else of the lens is not
@@ -49,7 +49,7 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def mirrored_views(facts: Facts) -> Array:
-    """The indices of views that fit much better as mirror images; none where they are most.
+    """The indices of views that fit much better as mirror images; empty if these are the majority.
 
     None either where the model does not follow the lens: its errors then depend on where a view lies.
     """
@@ -64,7 +64,7 @@ def mirrored_views(facts: Facts) -> Array:
 
 
 def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
-    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and points.
+    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and the points.
 
     Of the chosen views, (C,) each.
     """
@@ -82,6 +82,6 @@ def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
 
 
 def mirrored(view: View, width: int) -> View:
-    """A view as its mirror image: picture and target; unweighted."""
+    """A view with picture and target mirrored; unweighted."""
     uv = np.c_[width - 1 - view.uv[:, 0], view.uv[:, 1]]
     return replace(view, xyz=view.xyz * _MIRROR, uv=uv, sigma=None)

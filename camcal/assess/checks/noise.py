@@ -1,4 +1,4 @@
-"""The distribution of the residuals: tails too heavy or too light for Gaussian noise, rounded coordinates.
+"""The distribution of the residuals: heavier or lighter tails than Gaussian noise, rounded coordinates.
 
 With x = |r|² over its mean in the view, Gaussian noise in two coordinates gives x an exponential distribution
 and E[x²] = 2, whatever the noise of each view. The mean of x² over N points scatters by 2 / √N (delta method,
@@ -27,7 +27,7 @@ ROUNDED = 0.98
 
 
 def tails(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Residuals that are not Gaussian, after each view's own noise level."""
+    """Residuals that are not Gaussian after normalising each view by its own noise."""
     moment, deviations = fourth_moment(facts)
     if deviations < -SIGNIFICANT and moment < LIGHT:
         yield CalibrationWarning(
@@ -48,7 +48,7 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def fourth_moment(facts: Facts) -> tuple[float, float]:
-    """E[x²], and by how many standard deviations it differs from 2; (2, 0) for fewer than 50 points."""
+    """E[x²], and the number of standard deviations by which it differs from 2; (2, 0) for fewer than 50 points."""
     lengths, data = standard_lengths(facts.solution), facts.solution.observations
     counts = data.per_block(data.used).astype(int)
     squares = [s**2 for s in np.split(lengths, np.cumsum(counts)[:-1])]

@@ -1,4 +1,4 @@
-"""The parameters: undetermined, weak, or only known together."""
+"""The parameters: undetermined, weak, or determined only in combination."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def undetermined(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def weak(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Huge standard deviations."""
+    """Very large standard deviations."""
     sigmas, focal = facts.covariance.sigmas, float(np.abs(facts.camera.params[:2]).max())
     sizes = dict.fromkeys(facts.groups("focal", "skew"), focal)
     sizes |= dict.fromkeys(facts.groups("principal"), facts.diagonal)
@@ -39,14 +39,14 @@ def weak(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def focal_known(facts: Facts) -> bool:
-    """Whether the focal lengths were estimated and none of them is weak."""
+    """Return whether the focal lengths were estimated and none of them is weak."""
     names = facts.groups("focal")
     focal = float(np.abs(facts.camera.params[:2]).max())
     return bool(names) and all(facts.covariance.sigmas[n] <= WEAK * focal for n in names)
 
 
 def focal_sigma(facts: Facts) -> float:
-    """The largest relative standard deviation of an estimated focal length; 0 where none was estimated."""
+    """The largest relative standard deviation of an estimated focal length; 0 if none was estimated."""
     names = facts.groups("focal")
     focal = float(np.abs(facts.camera.params[:2]).max())
     return max((facts.covariance.sigmas[n] / focal for n in names), default=0.0)

@@ -1,4 +1,4 @@
-"""The pictures themselves: blurred, moved, overexposed, flat, rough or with a small target."""
+"""The pictures: blurred, moved, overexposed, of low contrast, uneven, or with a small target."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ NAMED = 3
 
 
 def poor_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Pictures that were used and are worse than they need to be, a warning for each fault."""
+    """Used pictures of avoidably low quality, one warning per fault."""
     for kind, message, _ in faults(facts.solution.observations):
         yield CalibrationWarning(f"pictures-{kind}", message, REMEDIES[kind], "note")
 
 
 def faults(correspondences: Correspondences) -> Iterator[tuple[str, str, float]]:
-    """Each fault of the used pictures: its kind, in words, and the share of the pictures that has it."""
+    """Each fault of the used pictures: its kind, its description, and the fraction of the pictures with it."""
     by_kind: dict[str, list[str]] = {}
     used = [v.id for v in correspondences.views]
     for name in used:

@@ -1,4 +1,4 @@
-"""How much was rejected; `camcal.assess.outliers` says what it is."""
+"""The amount of rejected data; `camcal.assess.outliers` explains the rejections."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ A_FIFTH = 0.2
 
 
 def many_rejected(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A good part of the points is wrong."""
+    """A large fraction of the points was rejected."""
     data = facts.solution.observations
     total, counts = data.point_count, data.blocks.counts
     lost = data.per_block(~data.used).astype(int)

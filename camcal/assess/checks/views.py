@@ -34,7 +34,7 @@ SURE_FOCAL = 0.01
 
 
 def single_view(facts: Facts) -> Iterator[CalibrationWarning]:
-    """One view of a plane: two equations for all of the camera matrix."""
+    """One view of a plane, which gives only two equations for the camera matrix."""
     if facts.planar and len(facts.views) == 1:
         yield CalibrationWarning(
             "single-view",
@@ -60,7 +60,7 @@ def few_views(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
-    """All boards parallel to one another, above all to the image."""
+    """All boards parallel to one another, in particular to the image."""
     if not facts.planar or len(facts.views) < 2:
         return
     tilt, spread = tilts(facts)
@@ -82,7 +82,7 @@ def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def tilts(facts: Facts) -> tuple[float, float]:
-    """Tilt of the boards against the image plane, and spread of their normals, both rms in degrees."""
+    """Tilt of the boards relative to the image plane, and spread of their normals, both rms in degrees."""
     normals = _normals(facts)
     # 1 - the largest eigenvalue of the mean of n nᵀ is the mean squared sine about the common axis
     largest = np.linalg.eigvalsh(normals.T @ normals / len(normals))[-1]
@@ -96,13 +96,13 @@ def tilt_of_views(facts: Facts) -> Array:
 
 
 def _normals(facts: Facts) -> Array:
-    """The boards' normals (V, 3) in the camera's frame, those pointing away from the camera."""
+    """The boards' normals (V, 3) in the camera's frame, pointing away from the camera."""
     normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
     return np.asarray(normals * np.where(normals[:, 2:] < 0, -1.0, 1.0))
 
 
 def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Views that repeat another: they add no information, but make every sigma look smaller."""
+    """Views that repeat another: they add no information, but reduce every sigma."""
     count, views = distinct_count(facts), len(facts.views)
     if views - count > REPEATED * views:
         yield CalibrationWarning(
@@ -114,7 +114,7 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Single views that repeat another, where they are too few to be worth `duplicates`."""
+    """Single views that repeat another, where they are too few for `duplicates`."""
     pairs = _repeats(facts)
     if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
         return
@@ -143,7 +143,7 @@ def _repeats(facts: Facts) -> Array:
 
 
 def _seen_corners(facts: Facts) -> Array:
-    """Where each pose puts the corners of the box around all points, as (V, 2 K), px."""
+    """The pixels of the corners of the bounding box of all points in each pose, (V, 2 K), px."""
     xyz = np.concatenate([v.xyz for v in facts.views])
     low, high = xyz.min(0), xyz.max(0)
     box = np.unique(np.array(np.meshgrid(*np.c_[low, high])).reshape(3, -1).T, axis=0)
@@ -153,7 +153,7 @@ def _seen_corners(facts: Facts) -> Array:
 
 
 def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A few views in which the camera stands on the other side of the board than in the rest."""
+    """A few views in which the camera is on the other side of the board than in the rest."""
     if not facts.planar or len(facts.views) < 3:
         return
     minority = np.flatnonzero(sides(facts.shapes, facts.solution.poses))

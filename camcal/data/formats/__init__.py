@@ -115,7 +115,7 @@ SUFFIXES: dict[str, str] = {
 
 
 def format_of(path: str | os.PathLike) -> str | None:
-    """The format that the ending of a file's name stands for, or None where it is not clear."""
+    """The format with this file name extension, or None if it is ambiguous or unknown."""
     return SUFFIXES.get(Path(path).suffix.lower())
 
 

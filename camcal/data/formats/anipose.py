@@ -82,7 +82,7 @@ def _list(values: Any) -> str:
 
 
 def _entries(cameras: CameraFile, title: str) -> list[tuple[str, dict[str, str], Pose]]:
-    """Name, entries as TOML and pose of each camera."""
+    """The name, the TOML entries and the pose of each camera."""
     if len(cameras.cameras) > 1 and not cameras.has_poses:
         raise UsageError(
             f"{title} needs the poses of the cameras; these have none.", "Choose one camera: --camera NAME"

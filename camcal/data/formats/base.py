@@ -1,4 +1,4 @@
-"""What a format of camera files is: how it is recognised, read and written, and what it can hold."""
+"""The definition of a camera file format: recognition, reading, writing, and what it can represent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class ForeignLens:
-    """A lens that camcal has no exact counterpart for; it can only be refitted (`--to-model`).
+    """A lens without an exact counterpart in camcal; it can only be refitted (`--to-model`).
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class ForeignCamera:
 
 @dataclass(frozen=True)
 class NamedCamera:
-    """A camera of a file.
+    """A camera in a file.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class NamedCamera:
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a file of cameras holds.
+    """The contents of a camera file.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class CameraFile:
 
     @classmethod
     def one(cls, camera: Any, name: str = "camera", *notes: str) -> CameraFile:
-        """A file of a single camera."""
+        """Make a file of a single camera."""
         return cls((NamedCamera(name, camera),), notes)
 
     @property
@@ -111,7 +111,7 @@ class CameraFile:
 
 @dataclass(frozen=True)
 class Written:
-    """The content of a file, and of files that belong beside it, by their names."""
+    """The contents of a file, and of accompanying files, by name."""
 
     content: str | bytes
     beside: Mapping[str, str | bytes] = field(default_factory=dict)
@@ -174,18 +174,18 @@ class Format:
 
 
 def unknown(kind: str, name: object, known: Any) -> DataError:
-    """The error for a name in a file that stands for nothing known."""
+    """The error for an unknown name in a file."""
     hint = suggestion(str(name), list(known)) or f"Known: {', '.join(known)}."
     return DataError(f"unknown {kind} '{one_line(str(name))[:80]}'.", hint)
 
 
 def one_line(text: str) -> str:
-    """Text of a file for messages and names: on one line, without control characters for terminals."""
+    """Text of a file for messages and names: on one line, without terminal control characters."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def image_size(width: Any, height: Any) -> tuple[int, int]:
-    """(width, height) from numbers or their text; ValueError where they are no whole numbers of px."""
+    """(width, height) from numbers or their text; ValueError if they are not whole numbers of px."""
     found = float(width), float(height)
     if not all(n == round(n) and 0 < n < 1e6 for n in found):
         raise ValueError(f"an image of {width} x {height} px")
@@ -197,13 +197,13 @@ SIZE_SAID = re.compile(r"image of (\d+)x(\d+) px")
 
 
 def size_said(source: Source) -> tuple[int, int] | None:
-    """The size of the image, of a format that knows no px: by the command line, or camcal's own comment."""
+    """The image size, for formats that do not store it: from the command line or camcal's own comment."""
     found = SIZE_SAID.search(source.text or "")
     return source.image_size or (image_size(found[1], found[2]) if found else None)
 
 
 def size_needed(source: Source) -> tuple[int, int]:
-    """The same, of a format whose lengths mean nothing without it; DataError where nothing says it."""
+    """The same, for formats whose lengths depend on it; DataError if it is not given."""
     size = size_said(source)
     if size is None:
         raise DataError(
@@ -214,7 +214,7 @@ def size_needed(source: Source) -> tuple[int, int]:
 
 
 def floats(value: Any, count: int | tuple[int, ...] | None = None, what: str = "entry") -> Array:
-    """A flat array of finite numbers; ValueError for another number of them than `count`."""
+    """A flat array of finite numbers; ValueError if there are not `count` of them."""
     found = np.asarray(value, float).ravel()
     counts = (count,) if isinstance(count, int) else count
     if counts is not None and len(found) not in counts:
@@ -234,5 +234,5 @@ def matrix_values(k: Any) -> tuple[float, float, float, float, float]:
 
 
 def number(value: float) -> str:
-    """A number with all its digits, always recognisable as a real one: 832.5, 3.0, 1e-05."""
+    """A number with all its digits in a form that is always read as a float: 832.5, 3.0, 1e-05."""
     return repr(float(value))

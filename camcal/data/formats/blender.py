@@ -1,4 +1,4 @@
-"""Blender's camera presets of motion tracking: a Python script that sets `camera.NAME = VALUE`, line by line.
+"""Blender's camera presets for motion tracking: a Python script that sets `camera.NAME = VALUE`, line by line.
 
 libmv, distortion_models.h, with y upwards and r of the point x/z, y/z:
 
@@ -38,7 +38,7 @@ def _sniff(source: Source) -> bool:
 
 
 def _values(source: Source) -> dict[str, Any]:
-    """The values that the script sets; nothing of it is run."""
+    """The values that the script sets; it is never executed."""
     found = {}
     for name, value in _LINE.findall(source.text or ""):
         try:

@@ -31,7 +31,7 @@ def _sniff(source: Source) -> bool:
 
 
 def _variables(source: Source) -> dict[str, Any]:
-    """The assignments of a script that hold numbers; its other lines are left alone, nothing is run."""
+    """The numeric assignments of a script; other lines are ignored, nothing is executed."""
     if source.kind == "mat":
         return source.mat
     found: dict[str, Any] = {}

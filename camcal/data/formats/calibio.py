@@ -23,14 +23,14 @@ FIRST = 1 << 31
 
 
 def listed_cameras(source: Source) -> Any:
-    """The entries of the cameras; a project of the Calibrator has them under `calibration`."""
+    """The entries of the cameras; a Calibrator project has them under `calibration`."""
     found = source.mapping if source.kind == "json" else {}
     inner = found.get("Calibration", found.get("calibration", found))
     return inner.get("cameras") if isinstance(inner, Mapping) else None
 
 
 def size_of(data: Mapping[str, Any]) -> tuple[int, int]:
-    """The size of the image, from the data of a camera model."""
+    """The image size, from the data of a camera model."""
     size = data["CameraModelCRT"]["CameraModelBase"]["imageSize"]
     return image_size(size["width"], size["height"])
 

@@ -1,4 +1,4 @@
-"""camcal's own reports, and the truth beside simulated data: `camera`, or `cameras` and `rig`."""
+"""camcal's own reports, and the true values written with simulated data: `camera`, or `cameras` and `rig`."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def pose_of_entry(entry: Mapping[str, Any] | RigPose) -> Pose:
 
 
 def _poses(rig: Rig | None, names: list[str]) -> dict[str, Pose]:
-    """cam_from_world of each camera: of its pose from the rig and, where the file says it, the rig's from the world."""
+    """cam_from_world of each camera, from cam_from_rig and, if the file has it, rig_from_world."""
     if rig is None:
         return {}
     found = {n: pose_of_entry(p) for n, p in rig.cam_from_rig.items()}
@@ -89,7 +89,7 @@ def pose_entry(pose: Pose) -> dict[str, Array]:
 
 
 def rig_entry(cameras: CameraFile) -> dict[str, Any] | None:
-    """The entry `rig` of several cameras with poses; None where one has no pose.
+    """The entry `rig` of several cameras with poses; None if one has no pose.
 
     The reference is the first camera. `rig_from_world` is there where the file's common frame is another one.
     """

@@ -1,4 +1,4 @@
-"""COLMAP's cameras.txt and cameras.bin, and rigs.txt beside them.
+"""COLMAP's cameras.txt and cameras.bin, with rigs.txt beside them.
 
 The centre of the top-left pixel is (0.5, 0.5). Parameters: COLMAP, src/colmap/sensor/models.h.
 """
@@ -120,7 +120,7 @@ def _of_binary(data: bytes) -> list[tuple[int, str, Size, list[float]]]:
 
 
 def _rigs(source: Source) -> tuple[dict[int, Pose], tuple[str, ...]]:
-    """cam_from_rig by the id of the camera, where rigs.txt beside the file has one rig."""
+    """cam_from_rig by camera id, if rigs.txt beside the file describes one rig."""
     beside = source.neighbour("rigs.txt")
     if beside is None or beside.kind != "text":
         return {}, ()
@@ -233,7 +233,7 @@ def _write(cameras: CameraFile, suffix: str) -> Written:
 
 
 def _ids(names: list[str]) -> list[int]:
-    """Camera ids: the names where they are whole numbers above 0, else 1, 2, ..."""
+    """Camera ids: the names if they are whole numbers above 0, otherwise 1, 2, ..."""
     own = [int(n) if n.isdigit() and 0 < int(n) < 2**31 else 0 for n in names]
     return own if 0 not in own and len(set(own)) == len(own) else list(range(1, len(names) + 1))
 

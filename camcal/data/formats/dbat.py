@@ -1,4 +1,4 @@
-"""DBAT (and PhotoModeler's numbers): millimetres, and Brown's series from the picture to the scene.
+"""DBAT (with PhotoModeler's numbers): millimetres, and Brown's series from the picture to the scene.
 
 x = (pp_x - u)..., in mm: ideal = d (1 + K1 r² + K2 r⁴ + K3 r⁶) + decentering, d = pixel * pixel size - pp.
 """

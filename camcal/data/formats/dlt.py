@@ -1,4 +1,4 @@
-"""The eleven numbers of the DLT, a column for each camera: DLTdv, Argus, easyWand, StereoMorph.
+"""The eleven DLT coefficients, one column per camera: DLTdv, Argus, easyWand, StereoMorph.
 
 u = (L1 X + L2 Y + L3 Z + L4) / (L9 X + L10 Y + L11 Z + 1), v with L5 to L8 (Abdel-Aziz & Karara 1971). Each
 camera is a pinhole with a skew, and its pose in the frame of the points: exactly the 11 numbers.
@@ -53,7 +53,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
 
 
 def _same(made: Array, known: Array) -> bool:
-    """Whether two projection matrices are one up to scale and rounding, each column in its own unit."""
+    """Return whether two projection matrices are equal up to scale and rounding, each column in its own unit."""
     off = np.abs(made / made[2, 3] - known / known[2, 3])
     return bool((off <= SAME * np.abs(known / known[2, 3]).max(0)).all())
 

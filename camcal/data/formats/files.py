@@ -1,4 +1,4 @@
-"""Camera files of any format: found out, read and checked; written, read again and compared."""
+"""Camera files of any format: recognition, reading and checks; writing, reading back and comparison."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ WIDEST = 10**6
 
 
 def formats() -> Iterator[Format]:
-    """All formats, in the order in which a file is tried."""
+    """All formats, in the order in which they are tried on a file."""
     return (load(path) for path in FORMATS.values())
 
 
 def named_format(name: str) -> Format:
-    """A format by its name; UsageError with the closest one for an unknown name."""
+    """A format by its name; UsageError with the closest name if it is unknown."""
     return look_up(FORMATS, name, "format")
 
 
@@ -72,7 +72,7 @@ def read(
 
 
 def _filled(found: CameraFile, size: tuple[int, int]) -> CameraFile:
-    """The cameras with the size of the image where the file does not say it."""
+    """The cameras with the given image size where the file has none."""
     cameras = (
         c if c.camera.image_size is not None else replace(c, camera=replace(c.camera, image_size=size))
         for c in found.cameras
@@ -81,7 +81,7 @@ def _filled(found: CameraFile, size: tuple[int, int]) -> CameraFile:
 
 
 def check_size(camera: Any, size: tuple[int, int] | None, source: str) -> None:
-    """UsageError where the command line says another size of the image than the file of a camera."""
+    """UsageError if the command line gives another image size than the file of a camera."""
     known = camera.image_size
     if size is not None and known is not None and tuple(known) != tuple(size):
         raise UsageError(
@@ -91,7 +91,7 @@ def check_size(camera: Any, size: tuple[int, int] | None, source: str) -> None:
 
 
 def split_name(path: str | os.PathLike) -> tuple[Path, str | None]:
-    """FILE and NAME of `FILE#NAME`; NAME is None where there is none, or where a file has that whole name."""
+    """FILE and NAME of `FILE#NAME`; NAME is None if there is none, or if a file has that whole name."""
     text = os.fspath(path)
     name, mark, camera = text.rpartition("#")
     if mark and camera and not Path(text).exists():
@@ -100,7 +100,7 @@ def split_name(path: str | os.PathLike) -> tuple[Path, str | None]:
 
 
 def recognised(source: Source) -> Format:
-    """The format of a file, from its content.
+    """The format of a file, recognised by its content.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def parsed(form: Format, source: Source) -> CameraFile:
 
 @contextmanager
 def damage(source: Source, title: str) -> Iterator[None]:
-    """Say of any error of a reader which file it is about, and of missing entries that it is damaged."""
+    """Convert any error of a reader into one that names the file; missing entries mean that it is damaged."""
     try:
         yield
     except CamcalError as error:
@@ -156,7 +156,7 @@ def damage(source: Source, title: str) -> Iterator[None]:
 
 
 def _distinct(cameras: tuple[NamedCamera, ...]) -> list[NamedCamera]:
-    """The cameras under names of their own: the second `left` is `left-2`."""
+    """The cameras with unique names: the second `left` becomes `left-2`."""
     seen: dict[str, int] = {}
     found = []
     for camera in cameras:
@@ -167,7 +167,7 @@ def _distinct(cameras: tuple[NamedCamera, ...]) -> list[NamedCamera]:
 
 
 def _checked(named: NamedCamera) -> NamedCamera:
-    """A camera whose numbers can be: finite, focal lengths above 0, within the bounds of its lens."""
+    """A camera after checking its values: finite, focal lengths above 0, within the bounds of its lens."""
     camera, pose = named.camera, named.pose
     size = camera.image_size
     if size is not None and not all(0 < n < WIDEST for n in size):
@@ -187,7 +187,7 @@ def _checked(named: NamedCamera) -> NamedCamera:
 
 
 def rigid(pose: Pose, name: str) -> Pose:
-    """A pose whose rotation is one to the last digit; DataError where the matrix is no rotation."""
+    """A pose with an exactly orthonormal rotation; DataError if the matrix is not a rotation."""
     r, t = np.asarray(pose.rotation, float).reshape(3, 3), np.asarray(pose.translation, float).reshape(3)
     if not (np.isfinite(r).all() and np.isfinite(t).all()):
         raise DataError(f"camera '{name}': a pose that is not finite.", "Is the file damaged?")
@@ -203,7 +203,7 @@ def rigid(pose: Pose, name: str) -> Pose:
 
 
 def select(found: CameraFile, name: str, source: str) -> CameraFile:
-    """The file with one camera alone; DataError for a name that it does not have."""
+    """The file reduced to one camera; DataError for a name that it does not contain."""
     chosen = tuple(c for c in found.cameras if c.name == name)
     if not chosen:
         raise DataError(f"'{source}' has no camera '{name}'.", f"It has: {', '.join(found.names[:20])}.")
@@ -211,7 +211,7 @@ def select(found: CameraFile, name: str, source: str) -> CameraFile:
 
 
 def single(found: CameraFile, source: str) -> Camera:
-    """The one camera of a file, or the one that all entries of the file share.
+    """The only camera of a file, or the one that all its entries share.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _same(a: Camera, b: Camera) -> bool:
 
 
 def exact(camera: Any) -> Camera:
-    """The camera, unless camcal has no exact counterpart of its lens: a DataError that names what is missing."""
+    """The camera if camcal has an exact counterpart of its lens; otherwise a DataError that names what is missing."""
     if isinstance(camera, ForeignCamera):
         lens = camera.lens
         raise DataError(
@@ -247,7 +247,7 @@ def exact(camera: Any) -> Camera:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far cameras are apart: the largest distance over the image, px, and of the poses.
+    """The distance between cameras: the largest over the image, px, and between the poses.
 
     `shift` is relative to the largest distance between cameras.
     """
@@ -258,7 +258,9 @@ class Gap:
 
 
 def difference(a: Any, b: Any) -> float:
-    """The largest distance, px, between where two cameras see the rays of pixels of the first; inf without any."""
+    """The largest distance, px, between two cameras' projections of the rays of the first one's pixels; inf if
+    there are none.
+    """
     width, height = a.image_size or (2 * a.params[2] + 1, 2 * a.params[3] + 1)
     u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
     pixels = np.c_[u.ravel(), v.ravel()]
@@ -291,7 +293,7 @@ def relative(cameras: tuple[NamedCamera, ...]) -> list[Pose]:
 
 
 def target_format(path: str | os.PathLike, name: str | None) -> Format:
-    """The format to write a file in, by its name or from the ending of the file's name.
+    """The format to write, by its name or from the file name extension.
 
     Raises
     ------
@@ -314,7 +316,7 @@ def target_format(path: str | os.PathLike, name: str | None) -> Format:
 def write(
     path: str | os.PathLike, cameras: CameraFile, name: str | None = None, force: bool = False
 ) -> dict[str, Gap]:
-    """Write cameras and read them back; the difference by the path of each file.
+    """Write cameras and read them back; return the difference by the path of each file.
 
     Parameters
     ----------
@@ -352,7 +354,7 @@ def write(
 
 
 def with_rectification(cameras: CameraFile) -> CameraFile:
-    """A pair of cameras with R and P of each, where it can be rectified to perspective pictures; others as they are."""
+    """A pair of cameras with R and P of each if it can be rectified to perspective pictures; others unchanged."""
     if len(cameras.cameras) != 2 or not cameras.has_poses:
         return cameras
     first, second = cameras.cameras
@@ -368,7 +370,7 @@ def with_rectification(cameras: CameraFile) -> CameraFile:
 
 
 def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:
-    """What is to be written, for a format that has room for all of it."""
+    """The contents to write, for a format that can represent all of them."""
     assert form.write is not None
     if len(cameras.cameras) > 1 and not form.several:
         raise UsageError(
@@ -387,7 +389,7 @@ def rendered(form: Format, cameras: CameraFile, path: Path) -> Written:
 
 
 def _read_back(form: Format, cameras: CameraFile, path: Path, content: Written) -> Gap:
-    """What the reader makes of what the writer wrote; a difference is a bug, and nothing is written."""
+    """Read back what the writer wrote; a difference is a bug, and nothing is written."""
     data = content.content
     source = Source(path, data.encode() if isinstance(data, str) else data)
     source.beside = content.beside

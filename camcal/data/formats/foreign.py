@@ -1,4 +1,4 @@
-"""Rays of lenses that camcal has no exact counterpart for, by Newton on the owner's formula."""
+"""Rays of lenses without an exact counterpart in camcal, by Newton's method on the original formula."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def foreign_camera(
     forward: Plane,
     rays: Callable[[Array], Array] = on_plane,
 ) -> ForeignCamera:
-    """A camera of a lens that maps `forward` from the ideal point (N, 2) to the point in focal lengths.
+    """A camera whose lens maps the ideal point (N, 2) to the point in focal lengths by `forward`.
 
     `rays` says what the ideal point is: `on_plane` or `at_angle`.
     """
@@ -83,7 +83,7 @@ def foreign_camera(
 def backward_camera(
     name: str, reason: str, matrix: Iterable[float], size: tuple[int, int] | None, undistort: Plane
 ) -> ForeignCamera:
-    """A camera of a lens that is stated from the picture to the scene: x/z, y/z of a point in focal lengths."""
+    """A camera whose lens is defined from the picture to the scene: x/z, y/z of a point in focal lengths."""
     fx, fy, cx, cy, skew = matrix
 
     def unproject(uv: Array) -> tuple[Array, Array]:

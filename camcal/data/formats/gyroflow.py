@@ -1,4 +1,4 @@
-"""Gyroflow's lens profiles: OpenCV's fisheye or polynomial model, for stabilising films."""
+"""Gyroflow's lens profiles for video stabilisation: OpenCV's fisheye or polynomial model."""
 
 from __future__ import annotations
 

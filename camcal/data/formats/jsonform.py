@@ -1,4 +1,4 @@
-"""What the formats that are JSON share."""
+"""Functions shared by the JSON formats."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ def dump(content: Any) -> str:
 
 
 def has(found: Any, *names: str) -> bool:
-    """Whether a value is a mapping with all of these keys."""
+    """Return whether a value is a mapping with all of these keys."""
     return isinstance(found, Mapping) and all(n in found for n in names)

@@ -1,4 +1,4 @@
-"""Kalibr's camchain: cameras in a chain, each with the pose from the one before it."""
+"""Kalibr's camchain: a chain of cameras, each with its pose relative to the previous one."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _camera(entry: Mapping[str, Any]) -> Any:
 def _foreign(
     model: str, bend: str, matrix: Any, size: tuple[int, int], first: Mapping[str, float], d: list[float]
 ) -> Any:
-    """A distortion after a wide model, which camcal has for Mei's only."""
+    """A distortion after a wide model, which camcal supports only for Mei's model."""
     inner = camera_of("mei" if model == "omni" else model, (1, 1, 0, 0, 0), size, first)
     outer = {
         "radtan": lambda: polynomial((1, 1, 0, 0, 0), size, d[:2], d[2:]),

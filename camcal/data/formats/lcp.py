@@ -1,4 +1,4 @@
-"""Adobe Lens Profile Creator: LCP files, a camera for each focal length, distance and aperture.
+"""Adobe Lens Profile Creator: LCP files, with a camera for each focal length, distance and aperture.
 
 Adobe Lens Profile Creator user guide, the perspective model (OpenCV's polynomial) and the fisheye model
 (θ + k1 θ³ + k2 θ⁵); lengths in units of the longer side, the centre as a part of each side.
@@ -32,14 +32,14 @@ def _sniff(source: Source) -> bool:
 
 
 def _entries(root: Element) -> Iterator[Element]:
-    """The descriptions that have a lens model of their own."""
+    """The descriptions that contain a lens model."""
     for entry in root.iter():
         if any(child.tag in ("PerspectiveModel", "FisheyeModel") for child in entry):
             yield entry
 
 
 def _values(element: Element) -> dict[str, str]:
-    """Entries of a resource, as attributes or as elements, of itself and its rdf:Description."""
+    """Entries of a resource, as attributes or elements, of itself and of its rdf:Description."""
     found = dict(element.attrib)
     for child in element:
         if child.tag == "Description":

@@ -1,4 +1,4 @@
-"""Python literals in files: parsed as data; nothing is run."""
+"""Python literals in files, parsed as data; nothing is executed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def literal(text: str) -> Any:
-    """The value of a Python literal; ValueError where it is none."""
+    """The value of a Python literal; ValueError if the text is not one."""
     try:
         with warnings.catch_warnings():  # of Python's own parser on damaged numbers
             warnings.simplefilter("ignore")

@@ -26,17 +26,17 @@ COMPLEX = 0x0800
 
 
 class Elements:
-    """The data elements of a stretch of bytes, one after the other."""
+    """The data elements of a byte string, in sequence."""
 
     def __init__(self, data: bytes, order: str):
         self.data, self.order, self.at = data, order, 0
 
     def more(self) -> bool:
-        """Whether another element follows."""
+        """Return whether another element follows."""
         return self.at + 8 <= len(self.data)
 
     def next(self) -> tuple[int, bytes]:
-        """Type and content of the next element; ValueError where it does not fit."""
+        """The type and content of the next element; ValueError if it exceeds the data."""
         if not self.more():
             raise ValueError("a variable ends too early")
         kind, size = struct.unpack_from(f"{self.order}II", self.data, self.at)

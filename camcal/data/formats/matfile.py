@@ -1,4 +1,4 @@
-"""Variables of MATLAB files: version 5, version 7.3 (HDF5) by h5py where it is installed."""
+"""Variables of MATLAB files: version 5, and version 7.3 (HDF5) by h5py where it is installed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _of_hdf5(data: bytes, path: Path) -> dict[str, Any]:
 
 
 def _hdf5_value(node: Any, depth: int = 0) -> Any:
-    """An array with MATLAB's order of the axes, a text, or a struct; None for an object or a cell."""
+    """An array with MATLAB's order of axes, a text, or a struct; None for an object or a cell."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if hasattr(node, "keys"):

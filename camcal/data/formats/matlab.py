@@ -27,7 +27,7 @@ def _sniff(source: Source) -> bool:
 
 
 def _find(value: Any, depth: int = 0) -> Any:
-    """The first struct that is a camera or a pair, within structs of structs."""
+    """The first struct that is a camera or a pair, including nested structs."""
     if _is_camera(value) or hasattr(value, "CameraParameters1"):
         return value
     for child in vars(value).values() if hasattr(value, "__dict__") and depth < 4 else ():

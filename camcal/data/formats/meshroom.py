@@ -1,4 +1,4 @@
-"""Meshroom (AliceVision): cameras.sfm, JSON whose numbers are text; lengths in mm of the sensor."""
+"""Meshroom (AliceVision): cameras.sfm, JSON with numbers as text; lengths in mm on the sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MicMac: AutoCal of Apero. A distortion in px about a centre of its own, from the scene to the picture:
+"""MicMac: AutoCal of Apero. A distortion in px about its own centre, from the scene to the picture:
 
 p = c + d (1 + a r² + b r⁴ + ...) with the ideal pixel c + d (eConvApero_DistM2C).
 """

@@ -1,4 +1,4 @@
-"""mrcal's .cameramodel: a Python literal, read as data and never run."""
+"""mrcal's .cameramodel: a Python literal, parsed as data and never executed."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _camera(name: str, values: Array, size: tuple[int, int]) -> Any:
 
 
 def _other(name: str, matrix: Any, rest: Array, size: tuple[int, int]) -> Any:
-    """Models that camcal does not have; their formulas, for a refit."""
+    """Models that camcal does not have, as formulas for a refit."""
 
     def rays(w: Array) -> Array:
         return at_angle(w)
@@ -141,7 +141,9 @@ def _splined(name: str, found: re.Match[str], matrix: Any, knots: Array, size: t
 
 
 def _surface(knots: Array, at: Array, order: int) -> Array:
-    """A B-spline surface of order 2 or 3 at positions (N, 2) in units of the knots; clamped to its last pieces."""
+    """A B-spline surface of order 2 or 3 at positions (N, 2) in units of the knots, clamped to the outermost
+    pieces.
+    """
     ny, nx = knots.shape[:2]
     if order == 3:
         first = np.clip(np.floor(at).astype(int), 1, np.array([nx, ny]) - 3)

@@ -1,4 +1,4 @@
-"""OpenCV's FileStorage: the files of its calibration samples, as versions 4.x and 5.0 write them.
+"""OpenCV's FileStorage: the files of its calibration samples, as written by versions 4.x and 5.0.
 
 A camera is a matrix and the coefficients in cv2's order; how many there are says which of OpenCV's models it
 is, `fisheye_model` that it is cv2.fisheye's and `xi` that it is cv2.omnidir's. A stereo file holds M1 D1 M2
@@ -52,7 +52,7 @@ MODELS = ("pinhole", "opencv4", "opencv5", "opencv8", "opencv12", "opencv14", "k
 
 
 def plain_keys(found: Mapping[str, Any]) -> dict[str, Any]:
-    """A mapping by its keys in lower case without underscores."""
+    """A mapping with its keys in lower case without underscores."""
     return {str(k).lower().replace("_", ""): v for k, v in found.items()}
 
 
@@ -179,7 +179,7 @@ def _true(value: Any) -> bool:
 
 
 def coefficients(spec: str, terms: Terms) -> list[float]:
-    """The distortion of a camera in cv2's order."""
+    """The distortion coefficients of a camera in cv2's order."""
     if terms.kind == "fisheye":
         return terms.get("k1", "k2", "k3", "k4")
     if terms.kind == "unified":
@@ -244,7 +244,7 @@ def _pair(cameras: CameraFile) -> dict[str, Any]:
 
 
 def _rectification(cameras: CameraFile) -> dict[str, Any]:
-    """R1 R2 P1 P2 Q, as cv2.stereoRectify names them, where the pair can be rectified."""
+    """R1 R2 P1 P2 Q, named as by cv2.stereoRectify, if the pair can be rectified."""
     first, second = (c.rectification for c in cameras.cameras)
     if first is None or second is None:
         return {}

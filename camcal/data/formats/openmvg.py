@@ -1,4 +1,4 @@
-"""OpenMVG: the intrinsics of sfm_data.json."""
+"""OpenMVG: the intrinsics in sfm_data.json."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ MODELS = ("opencv5", "kb4", "kb:6")
 
 
 def _cameras(source: Source) -> Mapping[str, Any]:
-    """The mapping of cameras: of the first reconstruction, of `cameras`, or the file itself."""
+    """The mapping of cameras: from the first reconstruction, from `cameras`, or the file itself."""
     found = source.tree
     if isinstance(found, list):
         found = found[0] if found else {}

@@ -1,4 +1,4 @@
-"""The page docs/formats.md: `python -m camcal.data.formats.page > docs/formats.md`."""
+"""Generator of docs/formats.md: `python -m camcal.data.formats.page > docs/formats.md`."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ degrees). *-*: the model does not reach the whole picture.
 
 
 def page(refits: str) -> str:
-    """The text of the page; `refits` is the table of `refit_table`, which takes a minute to measure."""
+    """The text of the page; `refits` is the result of `refit_table`, which takes a minute to measure."""
     forms = list(files.formats())
     parts = [INTRODUCTION, _overview(forms), CONVERSIONS + _figure("conversions")]
     parts.append(REFITS + f"{MARK}\n{refits}{MARK}\n")
@@ -146,7 +146,7 @@ def page(refits: str) -> str:
 
 
 def _figure(name: str) -> str:
-    """A table that was measured by benchmarks/NAME.py, with dashes in place of its underscores."""
+    """A table measured by benchmarks/NAME.py, with dashes in place of the underscores of NAME."""
     return (FIGURES / f"{name}.txt").read_text(encoding="utf-8")
 
 
@@ -171,7 +171,7 @@ def _overview(forms: list[Format]) -> str:
 
 
 def _error(form: Format) -> float:
-    """The largest difference of a round trip over the example cameras of the format's models, px."""
+    """The largest error of a round trip over the example cameras of the format's models, px."""
     worst = 0.0
     for text in form.models:
         place = room(text)

@@ -21,7 +21,7 @@ LENSES = ("LENSMODEL_OPENCV", "LENSMODEL_OPENCV5", "LENSMODEL_OPENCV8")
 
 
 def camera(matrix: Any, bend: Any, size: tuple[int, int] | None) -> Camera:
-    """OpenCV's camera of nine numbers and 0, 4, 5, 8, 12 or 14 coefficients."""
+    """OpenCV's camera from nine numbers and 0, 4, 5, 8, 12 or 14 coefficients."""
     d = floats(bend, None, "the distortion")
     if len(d) not in COUNTS:
         raise DataError(

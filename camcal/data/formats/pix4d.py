@@ -1,4 +1,4 @@
-"""Pix4D: calibrated_camera_parameters.txt, one block for each picture, m = K [R | -R t] X."""
+"""Pix4D: calibrated_camera_parameters.txt, one block per picture, m = K [R | -R t] X."""
 
 from __future__ import annotations
 

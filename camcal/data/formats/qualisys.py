@@ -1,4 +1,4 @@
-"""Qualisys Track Manager: the XML of a camera calibration (.qca.txt). Lengths on the sensor in 1/64 px."""
+"""Qualisys Track Manager: the XML of a camera calibration (.qca.txt). Lengths on the sensor are in 1/64 px."""
 
 from __future__ import annotations
 

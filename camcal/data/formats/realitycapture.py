@@ -1,4 +1,4 @@
-"""RealityCapture's XMP beside a picture: lengths over the longer side of the picture, Brown's terms, the pose."""
+"""RealityCapture's XMP beside a picture: lengths relative to the picture's longer side, Brown's terms, the pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FILM = 36.0
 
 
 def _entries(source: Source) -> dict[str, str]:
-    """Attributes and elements of the description by their names without the namespace."""
+    """Attributes and elements of the description, by name without the namespace."""
     found: dict[str, str] = {}
     for element in source.root.iter("Description"):
         found |= dict(element.attrib)
@@ -59,7 +59,7 @@ def _read(source: Source) -> CameraFile:
 
 
 def _pose(found: dict[str, str]) -> Pose | None:
-    """The rotation goes from the world to the camera; Position is the place of the camera."""
+    """The rotation is cam_from_world; Position is the camera centre in the world."""
     if "Rotation" not in found or "Position" not in found:
         return None
     rotation = _numbers(found["Rotation"], 9, "Rotation").reshape(3, 3)

@@ -81,7 +81,7 @@ def make(model: Any, matrix: tuple[float, ...], size: tuple[int, int], bend: Any
 
 
 def _read_ini(text: str) -> CameraFile:
-    """The layout of camera_calibration_parsers: a name, then its numbers in the lines below."""
+    """The ini format of camera_calibration_parsers: a name, then its numbers on the lines below."""
     lines = [
         line.strip()
         for line in text.splitlines()
@@ -136,7 +136,7 @@ def _write(cameras: CameraFile, suffix: str) -> str:
 
 
 def _name(name: str) -> str:
-    """ROS takes letters, digits and underscores; others would not pass its own check."""
+    """A name for ROS, which accepts only letters, digits and underscores."""
     return re.sub(r"\W", "_", name, flags=re.ASCII) or "camera"
 
 
@@ -146,7 +146,7 @@ def _matrix(name: str, rows: int, columns: int, values: list[float]) -> str:
 
 
 def _yaml_number(value: float) -> str:
-    """A number that YAML 1.1 takes for one: 1.0e-05, not 1e-05."""
+    """A number in a form that YAML 1.1 parses as a float: 1.0e-05, not 1e-05."""
     text = number(value)
     return text if "e" not in text or "." in text else text.replace("e", ".0e")
 

@@ -1,4 +1,4 @@
-"""A file that is to be read, parsed at most once, by parsers that run and expand nothing.
+"""A file to be read, parsed at most once, by parsers that execute and expand nothing.
 
 YAML by the safe loader without nested aliases, XML without entities of its own, JSON, TOML, MATLAB files by
 scipy; all with limits on size and depth.
@@ -26,7 +26,7 @@ KINDS = {
 
 
 class Source:
-    """A file by its path, and what it holds.
+    """A file by its path, and its contents.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Source:
         self.beside: Mapping[str, str | bytes] = {}
 
     def neighbour(self, name: str) -> Source | None:
-        """The file of that name beside this one, or None."""
+        """The file of that name in the same folder, or None."""
         path = self.path.with_name(name)
         if name in self.beside:
             content = self.beside[name]
@@ -54,7 +54,7 @@ class Source:
 
     @cached_property
     def text(self) -> str | None:
-        """The text, or None where the file is binary."""
+        """The text, or None for a binary file."""
         if b"\0" in self.data[:4096]:
             return None
         try:
@@ -95,7 +95,7 @@ class Source:
 
     @property
     def mapping(self) -> dict[str, Any]:
-        """The content where it is a mapping, else an empty one."""
+        """The content if it is a mapping, otherwise an empty one."""
         return self.tree if isinstance(self.tree, dict) else {}
 
     @cached_property
@@ -105,7 +105,7 @@ class Source:
 
     @property
     def root(self) -> ElementTree.Element:
-        """The root element; DataError where the file is not XML."""
+        """The root element; DataError if the file is not XML."""
         if self.xml is None:
             raise DataError(f"'{self.path}' is no XML file.", "Is it the right file?")
         return self.xml
@@ -128,7 +128,7 @@ def _has_controls(data: bytes) -> bool:
 
 
 def _xml(data: bytes, path: Path) -> ElementTree.Element:
-    """Parse XML with expat; entities of the file's own are refused, external ones are never fetched."""
+    """Parse XML with expat; internal entities are rejected, external ones are never fetched."""
     builder, depth = ElementTree.TreeBuilder(), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:

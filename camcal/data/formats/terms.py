@@ -1,4 +1,4 @@
-"""The terms of a camera by names that do not depend on the model: what a format has to have room for.
+"""The terms of a camera under names that do not depend on the model: what a format must represent.
 
 A camera has one or more descriptions (`mei` with ξ = 0 is also a polynomial), each of a kind:
 
@@ -51,12 +51,12 @@ class Terms:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def get(self, *names: str) -> list[float]:
-        """The values of terms, 0 where there is none."""
+        """The values of terms, 0 for absent ones."""
         return [float(self.values.get(n, 0.0)) for n in names]
 
     @property
     def needed(self) -> list[str]:
-        """The names of the terms that are not 0."""
+        """The names of the non-zero terms."""
         return [n for n, v in self.values.items() if v != NEUTRAL.get((self.kind, n), 0.0)]
 
     @property
@@ -115,7 +115,7 @@ def _of_ucm(matrix: tuple[float, float, float, float, float], alpha: float) -> l
 
 @dataclass(frozen=True)
 class Room:
-    """What a format can hold in one of its models: `spec` with `+skew` or `+square` behind it."""
+    """What a format can represent in one of its models: `spec` followed by `+skew` or `+square`."""
 
     spec: str
     kind: str
@@ -124,7 +124,7 @@ class Room:
     square: bool
 
     def lacks(self, terms: Terms) -> list[str]:
-        """The names of what a camera of the same kind has and this does not hold."""
+        """The names of the terms of a camera of the same kind that this model cannot represent."""
         found = [SHOWN.get(n, n) for n in terms.needed if n not in self.names]
         if any(n.startswith("d") and len(n) == 2 for n in terms.needed if n not in self.names):
             found.append("(rational)")
@@ -136,14 +136,14 @@ class Room:
 
 
 def room(text: str) -> Room:
-    """The room of one entry of `Format.models`."""
+    """The `Room` of one entry of `Format.models`."""
     spec, *more = text.split("+")
     kind, names = canonical(make(spec))
     return Room(spec, kind, frozenset(names), "skew" in more, "square" in more)
 
 
 def choose(camera: Any, models: Sequence[str], title: str) -> tuple[str, Terms]:
-    """The first of a format's models that holds a camera exactly.
+    """The first of a format's models that represents a camera exactly.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def polynomial(
     tilt: Sequence[float] = (),
     centre: Sequence[float] = (),
 ) -> Camera:
-    """A camera with Brown's terms as OpenCV orders them, of the smallest lens model that holds them.
+    """A camera with Brown's terms in OpenCV's order, of the smallest lens model that contains them.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def polynomial(
 
 
 def _smallest(needed: Mapping[str, float], radial: int, decentering: int) -> str:
-    """The spec of the smallest model: OpenCV's where they hold all terms, else Brown's."""
+    """The spec of the smallest model: OpenCV's if they contain all terms, otherwise Brown's."""
     if not radial and not decentering and not needed:
         return "pinhole"
     order = ("opencv4", "opencv5", "opencv8", "opencv12", "opencv14")
@@ -248,7 +248,7 @@ def _smallest(needed: Mapping[str, float], radial: int, decentering: int) -> str
 
 
 def fisheye(matrix: Iterable[float], size: tuple[int, int] | None, k: Sequence[float] | np.ndarray) -> Camera:
-    """A Kannala-Brandt camera: `kb4` for four terms, else `kb:n`."""
+    """A Kannala-Brandt camera: `kb4` for four terms, otherwise `kb:n`."""
     spec = "kb4" if len(k) == 4 else f"kb:{len(k)}"
     return camera_of(spec, matrix, size, {f"k{i + 1}": v for i, v in enumerate(k)})
 

@@ -1,4 +1,5 @@
-"""USD cameras as Isaac Sim (Omniverse) takes them: OpenCV's lens in a lens-distortion schema, for Blender a pinhole.
+"""USD cameras for Isaac Sim (Omniverse): OpenCV's lens in a lens-distortion schema, with a pinhole camera for
+Blender.
 
 Omniverse, Lens Distortion Schemas: OmniLensDistortionOpenCvPinholeAPI and OmniLensDistortionOpenCvFisheyeAPI. The
 attributes of UsdGeomCamera beside them (focalLength, apertures and their offsets, in mm for a sensor as wide as the

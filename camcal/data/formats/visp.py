@@ -47,7 +47,7 @@ def _camera(entry: Element) -> object:
 
 
 def _backward(terms: Terms, size: tuple[int, int]) -> float:
-    """kdu: least squares of r_u = r_d (1 + kdu r_d²) up to the corners of the image."""
+    """kdu: a least-squares fit of r_u = r_d (1 + kdu r_d²) up to the corners of the image."""
     corner = (
         max(abs(terms.cx), abs(size[0] - terms.cx)) / terms.fx,
         max(abs(terms.cy), abs(size[1] - terms.cy)) / terms.fy,

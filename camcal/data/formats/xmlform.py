@@ -1,4 +1,4 @@
-"""What the formats that are XML share."""
+"""Functions shared by the XML formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from camcal.data.formats.base import Array, floats
 def words(
     element: Element | None, name: str, count: int | tuple[int, ...] = 1, default: Iterable[float] = ()
 ) -> Array:
-    """The numbers in the first descendant of a name; KeyError where it is missing and there is no default."""
+    """The numbers in the first descendant of a name; KeyError if it is missing and there is no default."""
     found = None if element is None else next(element.iter(name), None)
     if found is None or not (found.text or "").strip():
         if default != ():

@@ -1,4 +1,4 @@
-"""Z. Zhang's completed calibration: alpha gamma beta u0 v0, then k1 k2, then R and t of each view."""
+"""Z. Zhang's calibration result: alpha gamma beta u0 v0, then k1 k2, then R and t of each view."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MODELS = ("opencv4+skew", "brown:radial=2,decentering=0+skew")
 
 
 def _numbers(source: Source) -> list[list[float]]:
-    """The numbers line by line; none where the text holds anything else."""
+    """The numbers line by line; none if the text contains anything else."""
     if source.kind != "text":
         return []
     lines = [line.split() for line in (source.text or "").splitlines() if line.strip()]

@@ -1,4 +1,4 @@
-"""Files of points that other programs wrote, by name.
+"""Readers of point files written by other programs, by name.
 
 Adding one = a file with `sniff` and `read`, a line in `POINT_FILES` and one in `SUMMARIES`.
 """

@@ -1,4 +1,4 @@
-"""What a reader of another program's points gives: a table like any other."""
+"""The interface of readers of other programs' points: the result is a table like any other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Board:
-    """What the command line says: inner corners, columns x rows, the side of a square, and the camera of several."""
+    """Values from the command line: inner corners, columns x rows, the side of a square, and the selected camera."""
 
     grid: Size | None = None
     square: float = 1.0
@@ -45,7 +45,7 @@ class Board:
 
 @dataclass(frozen=True)
 class Reader:
-    """How a kind of file is recognised and read into a table and the size of the pictures."""
+    """How a kind of file is recognised, and read into a table and an image size."""
 
     title: str
     sniff: Callable[[Source], bool]
@@ -53,7 +53,7 @@ class Reader:
 
 
 def one_camera(source: Source, names: Sequence[str], board: Board) -> int:
-    """Which of the cameras of a file is meant.
+    """Select one camera of a file.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def one_camera(source: Source, names: Sequence[str], board: Board) -> int:
 
 
 def table_of(source: Source, views: Sequence[tuple[str, Array, Array, Array | None]]) -> Table:
-    """A table from (name, xyz (N, 3), uv (N, 2), ids (N,) or None) of each view.
+    """Make a table from (name, xyz (N, 3), uv (N, 2), ids (N,) or None) of each view.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def _ids(source: Source, features: Any, target: Array) -> Array:
 
 
 def _name(files: Any, pose: int, camera: int) -> str:
-    """The name of the picture, without its folder; `pose3` where the file does not say it."""
+    """The name of the picture without its folder; `pose3` if the file has none."""
     try:
         path = str(files[pose][camera]["filePath"])
     except (TypeError, KeyError, IndexError):

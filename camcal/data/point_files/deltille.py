@@ -1,4 +1,4 @@
-"""Corners of deltille, as BabelCalib takes them: a `.orpc` for each picture, the target in a `.dsc` (and a `.tp`).
+"""Corners of deltille, as used by BabelCalib: an `.orpc` file per picture, the target in a `.dsc` (and a `.tp`).
 
 A row is `board, corner, ordered, u, v`; (0, 0) is the centre of the top-left pixel. The `.dsc` lists the corners of
 each board in cm, y up; the `.tp` has the pose of each board in the frame of the target, in mm. Source: BabelCalib,
@@ -65,7 +65,7 @@ def _rows(source: Source, lines: list[str]) -> Array:
 def _views(
     source: Source, name: str, rows: Array, board: Board
 ) -> Iterator[tuple[str, Array, Array, Array | None]]:
-    """One view of all boards where their poses are known, else one of each board."""
+    """One view of all boards if their poses are known, otherwise one view per board."""
     if (rows[:, :2] != np.rint(rows[:, :2])).any() or (rows[:, :2] < 0).any():
         raise ValueError("boards and corners are counted from 0")
     boards, corners = rows[:, 0].astype(int), rows[:, 1].astype(int)
@@ -83,7 +83,7 @@ def _views(
 
 
 def _on_target(source: Source, boards: Array, corners: Array, points: dict[int, Array]) -> Array:
-    """Places of corners (N, 3) on their boards."""
+    """Positions of corners (N, 3) on their boards."""
     placed = []
     for b, corner in zip(boards.tolist(), corners.tolist(), strict=True):
         if b not in points or corner >= len(points[b]):
@@ -99,7 +99,7 @@ def _name(name: str, board: int, boards: Array) -> str:
 
 
 def _on_grid(source: Source, corners: Array, board: Board) -> Array:
-    """Places of corners that are counted row by row on the board of the command line."""
+    """Positions of corners that are numbered row by row on the board of the command line."""
     if board.grid is None:
         raise DataError(
             f"{source.path}: its target (a .dsc) is not beside it.",
@@ -115,7 +115,7 @@ def _on_grid(source: Source, corners: Array, board: Board) -> Array:
 
 
 def _target(path: Path) -> tuple[dict[int, Array], dict[int, Array]] | None:
-    """Points (N, 3) and, where there is a .tp, pose (3, 4) of each board, mm; None without a .dsc."""
+    """Points (N, 3) and, with a .tp file, the pose (3, 4) of each board, mm; None without a .dsc file."""
     for folder in list(path.absolute().parents)[:ABOVE]:
         found = sorted(folder.glob("*.dsc"))
         if len(found) > 1:
@@ -129,7 +129,7 @@ def _target(path: Path) -> tuple[dict[int, Array], dict[int, Array]] | None:
 
 
 def _boards(source: Source) -> dict[int, Array]:
-    """The corners of each board, in the order in which they are counted."""
+    """The corners of each board, in numbering order."""
     lines = iter((source.text or "").splitlines())
     found: dict[int, Array] = {}
     for line in lines:

@@ -20,7 +20,7 @@ def _sniff_opencv(source: Source) -> bool:
 
 
 def _read_opencv(source: Source, board: Board) -> tuple[Table, Size | None]:
-    """`image_points`, a row for each picture; the board from `grid_points`, or its size and square."""
+    """`image_points`, one row per picture; the board from `grid_points`, or from its size and square."""
     found = _entries(source)
     entry = found["imagepoints"]
     if not isinstance(entry, Mapping) or "rows" not in entry:
@@ -50,7 +50,7 @@ def _sniff_photonvision(source: Source) -> bool:
 
 
 def _read_photonvision(source: Source, board: Board) -> tuple[Table, Size | None]:
-    """Each observation has its points in space and in the picture, and which of them were used."""
+    """Each observation has its points in space and in the picture, and a flag whether they were used."""
     found = source.mapping
     made = []
     for i, view in enumerate(found["observations"]):

@@ -1,4 +1,4 @@
-"""PhotoModeler's text export, as DBAT reads it: cameras, control points, object points and marks of a project.
+"""PhotoModeler's text export, in the form that DBAT reads: cameras, control points, object points and marks.
 
 Header of five lines; six lines for each photo; then, each ended by an empty line, control points, object points
 `id x y z sx sy sz` and marks `photo id u v su sv`. Photos are counted from 0; (0, 0) is the centre of the top-left
@@ -78,7 +78,7 @@ def _photos(source: Source, left: Iterator[tuple[int, str]]) -> Iterator[str]:
 
 
 def _block(source: Source, left: Iterator[tuple[int, str]], width: int) -> Array:
-    """The rows of a block (N, width); it ends with an empty line."""
+    """The rows of a block (N, width), which ends with an empty line."""
     rows = []
     for number, line in left:
         if not line.strip():
@@ -93,7 +93,7 @@ def _block(source: Source, left: Iterator[tuple[int, str]], width: int) -> Array
 
 
 def _no_smart_points(source: Source, points: Array) -> None:
-    """Refuse two points of one number: normal points and smart points are counted apart."""
+    """Reject two points with the same number: normal points and smart points are numbered separately."""
     numbers, count = np.unique(points[:, 0], return_counts=True)
     if (count > 1).any():
         raise DataError(

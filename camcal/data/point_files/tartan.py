@@ -1,4 +1,5 @@
-"""Corners of TartanCalib: `corners.mat` with `board.mat` (`--outputMatlab`), and its data set (`--export-dataset-dir`).
+"""Corners of TartanCalib: `corners.mat` with `board.mat` (`--outputMatlab`), and its data set
+(`--export-dataset-dir`).
 
 BabelCalib takes the .mat. Of each picture `x` are the pixels (2, N) and `cspond` the numbers of point and board, from
 1; of each board `X` are the points (2, M) and `Rt` the pose. TartanCalib counts pixels from 0; BabelCalib's own files,
@@ -64,7 +65,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def _columns(values: Any, rows: int) -> Array:
-    """The columns of a MATLAB matrix as rows; that of a single one comes as a vector."""
+    """The columns of a MATLAB matrix as rows; a single column is stored as a vector."""
     found = np.asarray(values, float)
     return found.reshape(rows, -1).T if found.size else np.zeros((0, rows))
 
@@ -87,19 +88,19 @@ def _sniff_dataset(source: Source) -> bool:
 
 
 class _Stream:
-    """Numbers one after the other, each checked against what is left."""
+    """A sequence of numbers, each checked against the remaining bytes."""
 
     def __init__(self, data: bytes):
         self.data, self.at = data, len(MAGIC)
 
     def take(self, form: str) -> tuple[Any, ...]:
-        """The next numbers; struct.error where the file ends before them."""
+        """The next numbers; struct.error if the file is too short."""
         found = struct.unpack_from(form, self.data, self.at)
         self.at += struct.calcsize(form)
         return found
 
     def count(self, size: int) -> int:
-        """A number of entries of so many bytes each; ValueError where they do not fit."""
+        """A number of entries of a given size in bytes; ValueError if they exceed the file."""
         (n,) = self.take(">I")
         if n * size > len(self.data) - self.at:
             raise ValueError(f"{n} entries do not fit into the file")

@@ -1,4 +1,4 @@
-"""Corners of mrcal and mrgingham: lines `filename x y [level]` under a legend `# filename x y level`.
+"""Corners of mrcal and mrgingham: lines `filename x y [level]` below a legend `# filename x y level`.
 
 Corners stand row by row; a corner that was not found has `-` in its place. `boardX` and `boardY`, where the
 legend has them, are the point on the board. Levels are not used.

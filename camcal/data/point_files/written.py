@@ -1,4 +1,4 @@
-"""Correspondences as an .npz archive and as mrcal's .vnl."""
+"""Correspondences written as an .npz archive and as mrcal's .vnl."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from camcal.errors import UsageError
 
 
 def archive(correspondences: Correspondences) -> bytes:
-    """The bytes of an archive with xyz, uv, view and, where all views have them, sigma and id; image_size."""
+    """The bytes of an archive with xyz, uv and view; sigma and id if all views have them; image_size."""
     views = correspondences.views
     arrays = {
         "xyz": np.concatenate([v.xyz for v in views]),
@@ -30,7 +30,7 @@ def archive(correspondences: Correspondences) -> bytes:
 
 
 def vnl(correspondences: Correspondences) -> str:
-    """Corners row by row, `-` for those that a picture does not show; mrcal takes whole rectangular boards.
+    """Corners row by row, `-` for those missing in a picture; mrcal expects whole rectangular boards.
 
     Raises
     ------
