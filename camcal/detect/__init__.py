@@ -1,1 +1,1 @@
-"""From pictures to observations: what a target is, where it is in a picture, its points to a fraction of a pixel."""
+"""From pictures to observations: targets, their detection in a picture, and their points with sub-pixel accuracy."""

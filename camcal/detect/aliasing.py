@@ -1,4 +1,4 @@
-"""Pictures without anti-aliasing, as simple renderers make them: each pixel is black or white."""
+"""Pictures without anti-aliasing, as simple renderers produce them: each pixel is black or white."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ SAMPLING = 0.29  #: px; 1/sqrt(12), of an edge that lies anywhere between two ro
 
 
 def white_level(gray: Array) -> float:
-    """Grey value at which a picture is cut off: full scale, of 16 bits the largest that occurs."""
+    """The grey value at which a picture saturates: full scale, or for 16 bits the largest value that occurs."""
     return float(gray.max()) if gray.dtype == np.uint16 else 255.0
 
 
 def is_aliased(gray: Array, windows: Windows) -> bool:
-    """Whether hardly any pixel of the windows is between black and white."""
+    """Return whether hardly any pixel of the windows is between black and white."""
     between = windows.counts & (windows.value > 0) & (windows.value < white_level(gray))
     return bool(between.sum() < BETWEEN * windows.counts.sum())
 
 
 def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
-    """Grey values at which a picture is cut off, so that a pixel there is at least so dark or so bright.
+    """Grey values at which a picture is clipped: pixels there are at least as dark or as bright.
 
     Without anti-aliasing black and white are what they seem to be, and the limits lie beyond.
     """
@@ -38,7 +38,7 @@ def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
 
 
 def with_sampling(fits: Fits, axes: Array) -> Fits:
-    """Fits of an aliased picture, whose covariance holds how far its edges are undetermined.
+    """Fits of an aliased picture, with the uncertainty of its edges added to the covariance.
 
     An edge that crosses n rows or columns of pixels moves by 1 / (n + 1) px before a pixel changes.
 

@@ -1,4 +1,4 @@
-"""How much of a small box of the board is black: the exact area, not a count of samples.
+"""The black fraction of a small box of the board: the exact area, not a count of samples.
 
 A pattern of axis-aligned rectangles (checkerboards, tags) is looked up in the integral of its blackness,
 which is bilinear between the rectangles' edges, so that four readings give the exact mean over a box. Discs
@@ -46,7 +46,7 @@ class BlackArea:
         return np.minimum(black, 1.0)
 
     def _discs(self, xy: Array, width: Array) -> Array:
-        """Discs that do not overlap: only the nearest edge can cross a box."""
+        """Non-overlapping discs: only the nearest edge can cross a box."""
         assert self.tree is not None
         neighbours = min(2, len(self.circles))
         _, nearest = self.tree.query(xy, k=neighbours)
@@ -61,12 +61,12 @@ class BlackArea:
 
 
 def _ramp(inside: Array, width: Array) -> Array:
-    """Part of a box of that width on the inner side of an edge `inside` away from its centre."""
+    """The fraction of a box of that width on the inner side of an edge at distance `inside` from its centre."""
     return np.clip(0.5 + inside / np.maximum(width, 1e-300), 0.0, 1.0)
 
 
 def is_rectangle(polygon: Array) -> bool:
-    """Whether a polygon is a rectangle along the axes."""
+    """Return whether a polygon is an axis-aligned rectangle."""
     p = np.asarray(polygon, float)
     if p.shape != (4, 2):
         return False
@@ -129,7 +129,7 @@ def _index(knots: Array, values: Array) -> Array:
 
 
 def _position(knots: Array, values: Array) -> tuple[Array, Array]:
-    """Cell index and the fraction within it; values outside go to the nearest end."""
+    """The cell index and the fraction within it; values outside are clamped to the nearest end."""
     values = np.clip(values, knots[0], knots[-1])
     i = np.clip(np.searchsorted(knots, values, side="right") - 1, 0, len(knots) - 2)
     return i, (values - knots[i]) / (knots[i + 1] - knots[i])

@@ -1,4 +1,4 @@
-"""A blur that is not the same in all directions, as motion makes it: in coordinates in which it is.
+"""Anisotropic blur, as motion causes it: a coordinate change that makes it isotropic.
 
 Blur of covariance S becomes round in coordinates A q with A = |S|^(1/4) S^(-1/2); straight edges stay straight.
 """
@@ -21,7 +21,7 @@ ROUND = (
 
 
 def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
-    """The matrix A (2, 2), of determinant 1; None where the blur is round, as far as the edges show.
+    """The matrix A (2, 2), of determinant 1; None if the blur is isotropic within its uncertainty.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
 
 
 def rounded(windows: Windows, sides: Array, shape: Array | None) -> tuple[Windows, Array]:
-    """Windows and sides (K, 2, 2) in the coordinates A q; as they are where A is None."""
+    """Windows and sides (K, 2, 2) in the coordinates A q; unchanged if A is None."""
     if shape is None:
         return windows, sides
     q = (shape @ np.where(windows.counts[:, None], windows.q, 0)).astype(np.float32)
@@ -52,7 +52,7 @@ def rounded(windows: Windows, sides: Array, shape: Array | None) -> tuple[Window
 
 
 def as_seen(fits: Fits, shape: Array | None) -> Fits:
-    """Fits in the coordinates A q as fits in the picture; their blur is the geometric mean over the directions."""
+    """Fits in the coordinates A q, converted to the picture; their blur is the geometric mean over the directions."""
     if shape is None:
         return fits
     inverse, params = np.linalg.inv(shape), fits.params.copy()

@@ -1,4 +1,4 @@
-"""Where the points of a board lie in a picture, from those that are known already.
+"""Prediction of the points of a board in a picture from those already known.
 
 No lens is assumed: a point's place comes from the homography of its nearest known neighbours, which holds
 closely enough through a wide angle and on a bent sheet.
@@ -30,7 +30,7 @@ SUPPORT = 4  #: markers whose corners give a point's place: those around it
 
 @dataclass
 class Known:
-    """What is known so far of each point of a board: arrays over all M points, valid where `good`."""
+    """The current knowledge of each point of a board: arrays over all M points, valid where `good`."""
 
     good: Array
     uv: Array
@@ -42,7 +42,7 @@ class Known:
 
     @classmethod
     def of(cls, count: int) -> Known:
-        """Nothing known of `count` points."""
+        """The initial state, with none of `count` points known."""
         square = np.zeros((count, 2, 2))
         params = np.zeros((count, COUNT))
         return cls(
@@ -61,7 +61,7 @@ class Known:
         return Corners(self.uv[k], self.covariance[k], self.params[k], self.noise[k], ("",) * len(k))
 
     def add(self, ids: Array, found: Corners, jacobian: Array) -> int:
-        """Take the good ones of newly fitted points; how many those are."""
+        """Add the good ones of newly fitted points; return how many were added."""
         good = found.good
         rows = ids[good]
         self.good[ids] = good
@@ -72,7 +72,7 @@ class Known:
         return int(good.sum())
 
     def drop_strays(self, points: Array, room: float) -> None:
-        """Reject points that are not where their neighbours alone put them; `room` is without other corners."""
+        """Reject points that differ from their neighbours' prediction; `room` is the distance to other corners."""
         rows = np.flatnonzero(self.good)
         if len(rows) <= LOCAL_POINTS:
             return
@@ -83,7 +83,7 @@ class Known:
         self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
 
     def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
-        """Where the points within `reach` of good ones must be: ids, uv and d uv / d point."""
+        """The predicted positions of points within `reach` of good ones: ids, uv and d uv / d point."""
         rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
         if len(rows) < 4 or not len(open_):
             return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
@@ -144,7 +144,7 @@ def transfer(h: Array, at: Array) -> tuple[Array, Array]:
 
 
 def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[Array, Array, Array]:
-    """Where the points near known markers lie in the picture, by local homographies.
+    """The pixels of points near known markers, by local homographies.
 
     Parameters
     ----------

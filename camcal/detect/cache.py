@@ -1,4 +1,4 @@
-"""What was found in a picture, kept by the picture's own hash and the detector's options.
+"""A cache of detections, keyed by the hash of the picture and the options of the detector.
 
 An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and written anew.
 """
@@ -36,7 +36,7 @@ def default_folder() -> Path | None:
 
 @functools.cache
 def code() -> str:
-    """Hash of the sources that a detection depends on, so that no entry outlives the code that made it."""
+    """A hash of the sources on which a detection depends, so that entries become invalid when the code changes."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for room in ROOMS:
@@ -52,7 +52,7 @@ def entry(folder: Path, picture_sha256: str, detector: str) -> Path:
 
 
 def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
-    """The arrays and the values of an entry; None where there is none or it is damaged."""
+    """The arrays and values of an entry; None if it is missing or damaged."""
     try:
         stream = io.BytesIO(read_file(path, LARGEST))
         arrays = npz.arrays(stream, npz.names(stream), LARGEST)
@@ -63,7 +63,7 @@ def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
 
 
 def store(path: Path, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> str | None:
-    """Write an entry, complete or not at all; the reason where that is not possible."""
+    """Write an entry atomically; return the reason if that fails."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, values=np.array(json.dumps(values)), **arrays)
     try:

@@ -1,4 +1,4 @@
-"""The second pass of photogrammetry: corners fitted again on edges that a camera predicts.
+"""The second pass: corners fitted again on edges that the camera predicts.
 
 The camera and the pose of a view state where each pixel lies on the board; there the edges are straight, whatever
 the lens. Only the shape of the edges is taken from the camera, not where the corner is: the fit stays a
@@ -77,7 +77,7 @@ def _moved(view: View, rows: Array, corners: Corners) -> View:
 
 
 def _sides(uv: Array, board_from_pixel: Callable[[Array], Array], cell: float) -> tuple[Array, Array]:
-    """Steps (N, 2, 2) of one square along the board's axes, px, and where they are known (N,)."""
+    """The steps (N, 2, 2) of one square along the board's axes, px, and where they are known (N,)."""
     cross = STEP * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], float)
     board = board_from_pixel(uv[:, None] + cross)
     derivative = np.stack([board[:, 0] - board[:, 1], board[:, 2] - board[:, 3]], -1) / (2 * STEP * cell)

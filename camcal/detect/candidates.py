@@ -1,4 +1,4 @@
-"""Where a picture may show a corner of four squares: saddles of the grey value with four sectors.
+"""Candidates for corners of four squares: saddles of the grey values with four sectors.
 
 A saddle has a Hessian of negative determinant; the ring of pixels around it changes between bright and dark
 exactly four times, opposite sectors alike. The second test is that of Bennett & Lasenby, ChESS (2014), taken
@@ -32,7 +32,7 @@ SPREAD = 4.0  #: ratio of the contrasts of neighbours: a shadow across the board
 
 @dataclass(frozen=True)
 class Candidates:
-    """Corners that a picture may show.
+    """Candidate corners of a picture.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ def find_candidates(gray: Array) -> Candidates:
 
 
 def _single(xy: Array, contrast: Array) -> Array:
-    """Mask (N,) that leaves the best of candidates so close that they are one corner, split by noise or motion."""
+    """A mask (N,) that keeps the best of candidates so close that they are one corner, split by noise or motion."""
     kept = np.ones(len(xy), bool)
     if len(xy):
         pairs = Neighbours(xy).pairs(SINGLE)
@@ -78,7 +78,7 @@ def _single(xy: Array, contrast: Array) -> Array:
 
 
 def _saddles(smooth: Array) -> Array:
-    """Sub-pixel places (N, 2) of the strongest maxima of -det(Hessian)."""
+    """Sub-pixel positions (N, 2) of the strongest maxima of -det(Hessian)."""
     one, second, first = (np.array(k, np.float32) for k in ([1], [1, -2, 1], [-0.5, 0, 0.5]))
     xx = cv2.sepFilter2D(smooth, cv2.CV_32F, second, one)
     yy = cv2.sepFilter2D(smooth, cv2.CV_32F, one, second)
@@ -104,7 +104,7 @@ def _saddles(smooth: Array) -> Array:
 
 
 def _sectors(smooth: Array, xy: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Which points see four alternating sectors on a ring: indices (K,), directions (K, 4), contrast (K,).
+    """The points with four alternating sectors on a ring: indices (K,), directions (K, 4), contrast (K,).
 
     The directions are those of the four edges, radians, ascending (clockwise in the picture); the sector that
     follows the first is bright.

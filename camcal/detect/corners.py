@@ -53,7 +53,7 @@ class Corners:
 
     @classmethod
     def none(cls) -> Corners:
-        """No corners."""
+        """Make an empty set of corners."""
         return cls(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, model.COUNT)), np.zeros(0), ())
 
     def __len__(self) -> int:
@@ -76,11 +76,11 @@ class Corners:
 
     @property
     def contrast(self) -> Array:
-        """Half the difference (K,) of bright and dark, grey levels."""
+        """Half the difference (K,) between bright and dark, grey levels."""
         return np.abs(self.params[:, model.CONTRAST])
 
     def updated(self, new: Corners) -> Corners:
-        """With what is good of another fit of the same corners in its place."""
+        """Replace corners by the good ones of another fit of the same corners."""
         good = new.good
 
         def either(theirs: Array, own: Array) -> Array:
@@ -96,7 +96,7 @@ class Corners:
         )
 
     def take(self, rows: Array) -> Corners:
-        """Only some of the corners (a mask or indices)."""
+        """Select some of the corners (a mask or indices)."""
         reasons = tuple(np.array(self.reasons, object)[rows])
         return Corners(self.uv[rows], self.covariance[rows], self.params[rows], self.noise[rows], reasons)
 
@@ -113,7 +113,7 @@ def edge_normals(sides: Array) -> Array:
 
 
 def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span: float) -> Corners:
-    """The corners of fits, with the first test that each fails as its reason.
+    """The corners of fits; each failed fit has the first test that it failed as its reason.
 
     Parameters
     ----------

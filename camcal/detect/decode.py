@@ -1,4 +1,4 @@
-"""Pictures to grey arrays; whatever a file holds, the answer is a picture or a reason.
+"""Decoding of pictures to grey arrays; any file gives a picture or a reason why it cannot be read.
 
 The EXIF orientation is ignored on purpose: it is how the camera was held, not a property of its lens, and
 turned pixels would have another principal point. A picture without colour is read as it is; a colour
@@ -27,7 +27,7 @@ FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATI
 
 
 class UnreadableError(Exception):
-    """A file is no picture, or a damaged one; the text is the reason."""
+    """A file is not a picture, or is damaged; the text is the reason."""
 
 
 def decode_gray(data: bytes) -> Array:
@@ -59,7 +59,7 @@ def decode_gray(data: bytes) -> Array:
 
 
 def decoded(data: Array, flags: int) -> Array | None:
-    """What OpenCV makes of a file; None where it cannot tell.
+    """The picture as decoded by OpenCV; None if it cannot decode it.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def decoded(data: Array, flags: int) -> Array | None:
 
 
 def _is_heic(data: bytes) -> bool:
-    """Whether it is a picture of the HEIF family, as telephones make them (ISO/IEC 23008-12, brands)."""
+    """Return whether the file is an HEIF picture, as phones write them (ISO/IEC 23008-12, brands)."""
     return data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
 
 
@@ -101,7 +101,7 @@ def _from_heic(data: bytes) -> Array:
 
 
 def check_size(data: bytes) -> tuple[int, int] | None:
-    """The size by the header, where there is one.
+    """Check the size in the header, if there is one.
 
     Raises
     ------
@@ -121,14 +121,14 @@ def check_size(data: bytes) -> tuple[int, int] | None:
 
 
 def as_gray(picture: Array) -> Array:
-    """A decoded picture, of one or several channels, in grey of 8 or 16 bits; colours become their luma."""
+    """Convert a decoded picture of one or several channels to grey of 8 or 16 bits; colours become their luma."""
     if picture.ndim == 3 and picture.shape[2] >= 3:
         picture = cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY)
     return _as_integers(picture if picture.ndim == 2 else picture[..., 0])
 
 
 def _as_integers(picture: Array) -> Array:
-    """8 and 16 bits as they are; other kinds of numbers are scaled to 16 bits."""
+    """Keep 8 and 16 bits; scale other number types to 16 bits."""
     if picture.dtype in (np.uint8, np.uint16):
         return picture
     values = np.nan_to_num(picture.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
@@ -137,7 +137,7 @@ def _as_integers(picture: Array) -> Array:
 
 
 def _truncated(data: bytes) -> str | None:
-    """Whether the end of a JPEG or PNG file is missing: decoders fill the gap with grey, in silence."""
+    """Return whether the end of a JPEG or PNG file is missing; decoders silently fill the gap with grey."""
     if data.startswith(b"\xff\xd8"):
         whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda") > 0
         return None if whole else "the JPEG file is cut off: its end marker is missing"

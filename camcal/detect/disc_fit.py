@@ -109,7 +109,7 @@ def _radius(discs: Discs) -> Array:
 
 
 def _cut(gray: Array, discs: Discs, width: float) -> Band:
-    """Pixels within `width` px of each outline."""
+    """Cut out the pixels within `width` px of each outline."""
     height, columns = gray.shape
     reach = np.ceil(np.linalg.norm(discs.shape, axis=2) + width).astype(int)  # half the bounding box
     reach = np.minimum(reach, max(gray.shape))
@@ -135,7 +135,7 @@ def _cut(gray: Array, discs: Discs, width: float) -> Band:
 
 
 def _start(band: Band, discs: Discs, blur: float) -> Array:
-    """Offset and step from the dark and the bright pixels of each band."""
+    """Initial offset and step from the dark and the bright pixels of each band."""
     params = np.zeros((len(discs), COUNT))
     inverse = np.linalg.inv(discs.shape)
     params[:, L11], params[:, L12], params[:, L22] = inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]
@@ -148,7 +148,7 @@ def _start(band: Band, discs: Discs, blur: float) -> Array:
 
 
 def _minimise(band: Band, params: Array) -> Array:
-    """Each disc's parameters of least squares."""
+    """The least-squares parameters of each disc."""
     options = Options(negligible(SETTLED, band.counts.sum(1), COUNT), ITERATIONS)
     return np.asarray(minimise(_DiscFits(band), params, options).state)
 
@@ -168,7 +168,7 @@ class _DiscFits(Small):
         return Normal.of(residual, jacobian)
 
     def retract(self, state: Array, step: Array) -> Array:
-        """Keep the blur within its limits."""
+        """Clip the blur to its limits."""
         moved = state + step
         moved[:, BLUR] = np.clip(moved[:, BLUR], LEAST_BLUR, MOST_BLUR)
         return moved

@@ -1,4 +1,4 @@
-"""Which board a grid of discs is: its size, whether its rows are staggered, which way round it stands."""
+"""Identification of a grid of discs: its size, whether its rows are staggered, and its orientation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAST_DISCS = 6
 
 @dataclass(frozen=True)
 class Grid:
-    """Discs of a picture with their ids on a board.
+    """The discs of a picture with their ids on a board.
 
     Attributes
     ----------
@@ -57,19 +57,21 @@ class _Layout:
 
     @property
     def number(self) -> int:
-        """How many discs it holds."""
+        """The number of discs."""
         return int((self.index >= 0).sum())
 
     @property
     def full(self) -> bool:
-        """Whether it is a board: enough discs are there, and those of staggered rows where they should be."""
+        """Return whether it is a board: enough discs are present, and staggered rows have theirs in the right
+        places.
+        """
         rows, columns = np.nonzero(self.index >= 0)
         if self.staggered and (((rows + columns) % 2).any() or self.index.shape[1] % 2):
             return False
         return len(rows) >= LEAST_DISCS and len(rows) / (self.size[0] * self.size[1]) >= FULL
 
     def rightward(self, discs: Discs) -> float:
-        """How nearly the rows run to the right of the picture: cosine of the angle."""
+        """The alignment of the rows with the right of the picture: cosine of the angle."""
         uv = Lattice.of(self.index, discs.centre).uv
         return Lattice(uv[:, ::2] if self.staggered else uv).rightward
 
@@ -124,7 +126,7 @@ def find_board(
 
 
 def _layouts(index: Array) -> Iterator[_Layout]:
-    """The ways to read a piece: in rows or staggered, whole or without sparse rows at the rim, from each end."""
+    """The possible readings of a piece: in rows or staggered, whole or without sparse outer rows, from each end."""
     for staggered in (False, True):
         along = _diagonal(index) if staggered else index
         for part in (along, along[trim(along >= 0)]):
@@ -133,7 +135,7 @@ def _layouts(index: Array) -> Iterator[_Layout]:
 
 
 def _diagonal(index: Array) -> Array:
-    """The same places along their diagonals, turned by an eighth of a turn: every other place is empty."""
+    """The same positions along their diagonals, rotated by 45 degrees: every other position is empty."""
     row, column = np.nonzero(index >= 0)
     x, y = column + row, row - column
     x, y = x - x.min(), y - y.min()

@@ -21,7 +21,7 @@ COUNT = 10
 
 @dataclass(frozen=True)
 class Band:
-    """Pixels around K outlines, padded to P: offsets (K, P) from the centres, values, which count.
+    """Pixels around K outlines, padded to P: offsets (K, P) from the centres, values, and a validity mask.
 
     `white` is the grey value at which the picture is cut off: a pixel there is at least as bright.
     """
@@ -34,7 +34,7 @@ class Band:
     white: float
 
     def take(self, rows: Array) -> Band:
-        """Only some of the discs."""
+        """Select some of the discs."""
         x, y, value, counts, inside = (
             a[rows] for a in (self.x, self.y, self.value, self.counts, self.inside)
         )

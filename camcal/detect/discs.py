@@ -1,4 +1,4 @@
-"""Dark discs in a picture, as marks of which a grid can grow.
+"""Dark discs in a picture, as marks from which a grid is grown.
 
 A disc seen from the side is an ellipse, which states how the plane is foreshortened there: measured with the
 ellipse as its unit circle, the four neighbours of a disc are equally far and at right angles however the board is
@@ -58,7 +58,7 @@ class Discs:
         return len(self.centre)
 
     def take(self, rows: Array) -> Discs:
-        """Only some of them."""
+        """Select some of them."""
         return Discs(self.centre[rows], self.shape[rows])
 
     @property
@@ -67,12 +67,12 @@ class Discs:
         return np.sqrt(np.abs(np.linalg.det(self.shape)))
 
     def scaled(self, factor: float) -> Discs:
-        """In the pixels of a picture that is `factor` times as large."""
+        """Convert to the pixels of a picture that is `factor` times as large."""
         return Discs((self.centre + 0.5) * factor - 0.5, self.shape * factor)
 
 
 def find_discs(gray: Array) -> Discs:
-    """Dark ellipses of a grey uint8 picture, by outlines under adaptive thresholds of three sizes."""
+    """Dark ellipses of a grey uint8 picture, from contours under adaptive thresholds of three sizes."""
     side = max(gray.shape)
     smooth = cv2.GaussianBlur(gray, (0, 0), 0.8)
     found: list[tuple[Array, Array]] = []
@@ -90,7 +90,7 @@ def find_discs(gray: Array) -> Discs:
 
 
 def ellipse_of(outline: Array) -> tuple[Array, Array] | None:
-    """Centre and shape of a closed outline if it is an ellipse, by its moments."""
+    """The centre and shape of a closed outline if it is an ellipse, by its moments."""
     if len(outline) < LEAST_OUTLINE:
         return None
     m = cv2.moments(outline)
@@ -129,7 +129,7 @@ def _dark_inside(gray: Array, discs: Discs) -> Array:
 
 
 def distinct(discs: Discs) -> Discs:
-    """Each disc once: of several outlines around one centre the largest, which is that of the disc."""
+    """Remove duplicates: of several outlines around one centre keep the largest, which is the disc's."""
     size = discs.radius
     order = np.argsort(-size)[:MOST_DISCS]
     discs, size = discs.take(order), size[order]
@@ -145,7 +145,7 @@ def distinct(discs: Discs) -> Discs:
 
 
 def links(discs: Discs) -> tuple[Array, Array]:
-    """Which discs are neighbours; see `grid.neighbours`.
+    """The links between neighbouring discs; see `grid.neighbours`.
 
     In the measure of a disc its neighbours are the nearest ones, and at right angles: the mean of exp(4 i angle)
     over them gives the cross, whose diagonals have the opposite sign. What is farther than the nearest, again in

@@ -1,4 +1,4 @@
-"""How blurred the edges of a grid of squares are, before anything is fitted."""
+"""The blur of the edges of a grid of squares, estimated before any fit."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def edge_blur(gray: Array, lattice: Lattice) -> tuple[float, float]:
 
 
 def _blurs(gray: Array, start: Array, end: Array, across_start: Array, across_end: Array) -> float:
-    """Median blur of edges between corners (..., 2), with the steps to the squares' other sides at both ends."""
+    """The median blur of edges between corners (..., 2), with the steps to the squares' other sides at both ends."""
     edge, across = end - start, 0.5 * (across_start + across_end)
     known = (np.linalg.norm(edge, axis=-1) > 0) & np.isfinite(across).all(-1)
     known &= np.arange(known.size).reshape(known.shape) % (1 + known.size // MOST_EDGES) == 0

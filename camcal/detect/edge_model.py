@@ -104,7 +104,7 @@ def evaluate(q: Array, params: Array) -> tuple[Array, Array]:
 
 
 def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tuple[Array, Array, Array]:
-    """The terms k = 1 to 3 of the expansion, r E'(u1) E'(u2), and the derivative by the angle."""
+    """The terms k = 1 to 3 of the expansion, r E'(u1) E'(u2), and the derivative with respect to the angle."""
     angle = p[:, ANGLE1, None] - p[:, ANGLE2, None]
     r = np.cos(angle)
     variance = p[:, BLUR, None] ** 2
@@ -125,7 +125,7 @@ def _oblique(u1: Array, u2: Array, bell1: Array, bell2: Array, p: Array) -> tupl
 def residuals(
     q: Array, value: Array, counts: Array, params: Array, limits: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Residuals (K, P), model - value, and their derivatives (K, 7, P); 0 for pixels that say nothing.
+    """Residuals (K, P), model - value, and their derivatives (K, 7, P); 0 for pixels without information.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How evenly the points of a grid are placed: as a plane's picture, or as chance puts them."""
+"""The regularity of a grid of points: whether it is the image of a plane grid or random."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LEAST_POINTS = 6  #: of the nine of a block; a homography takes four
 
 
 def unevenness(uv: Array) -> float:
-    """How far blocks of 3x3 points are from a homography's picture of a square grid.
+    """The deviation of blocks of 3x3 points from a homography of a square grid.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One picture, from the file to what was found in it: what a worker process does."""
+"""Processing of one picture, from the file to its detections; runs in a worker process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from camcal.version import __version__
 
 @dataclass(frozen=True)
 class Task:
-    """What to look for in a picture; `target` None stands for a target of any kind."""
+    """The target to search for in a picture; `target` None means a target of any kind."""
 
     path: Path
     target: Target | None
@@ -35,13 +35,13 @@ class Task:
 
     @property
     def detector(self) -> str:
-        """Names everything that the result depends on besides the picture."""
+        """A string that identifies everything on which the result depends besides the picture."""
         return f"{__version__} {cache.code()} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of a picture.
+    """The result for one picture.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Outcome:
 
 
 def examine(task: Task) -> Outcome:
-    """Read a picture and look for the target in it, or take both from the cache."""
+    """Read a picture and search it for the target, or take both from the cache."""
     sha256 = ""
     try:
         fetched = fetch(task.path) if task.gray is None else of_pixels(task.gray)
@@ -129,7 +129,7 @@ def _into_cache(place: Path, outcome: Outcome) -> Outcome:
 
 
 def _from_cache(place: Path, path: Path, sha256: str) -> Outcome | None:
-    """The stored outcome; None where there is none or it does not hold what it should."""
+    """The stored outcome; None if there is none or it is incomplete."""
     stored = cache.load(place)
     if stored is None:
         return None

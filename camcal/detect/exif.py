@@ -1,4 +1,4 @@
-"""What a JPEG file's EXIF block says of the camera: model, focal length, orientation (CIPA DC-008, EXIF 2.32)."""
+"""Camera data in the EXIF block of a JPEG file: model, focal length, orientation (CIPA DC-008, EXIF 2.32)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LONGEST_TEXT = 64  #: characters of a maker's or a model's name that are kept
 
 @dataclass(frozen=True)
 class Taken:
-    """How a picture was taken; empty or 0 where the file does not say.
+    """How a picture was taken; empty or 0 if the file has no such data.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Taken:
     orientation: int = 1
 
     def __str__(self) -> str:
-        """Camera and focal length in words."""
+        """Return the camera and the focal length in words."""
         focal = f"at {self.focal:g} mm" if self.focal else ""
         zoom = f"zoomed {self.zoom:g} times" if self.zoom > 1 else ""
         return " ".join(word for word in (self.camera, focal, zoom) if word) or "an unnamed camera"
@@ -44,7 +44,7 @@ UNKNOWN = Taken()
 
 
 def read_exif(data: bytes) -> Taken:
-    """What the bytes of a JPEG file say; an empty `Taken` for any other file or a damaged block."""
+    """Read the EXIF data of a JPEG file; an empty `Taken` for any other file or a damaged block."""
     try:
         tiff = _block(data)
         if not tiff:

@@ -1,4 +1,4 @@
-"""How the target moves in the kept frames of a film, from the frames beside them.
+"""The motion of the target in the kept frames of a film, from neighbouring frames.
 
 A rolling shutter displaces a point by the time at which its row is read times its velocity, so that it can be told
 from a camera's other errors where the velocities are known (`assess/checks/film.py`).
@@ -25,7 +25,7 @@ MOST_FRAMES = 40  #: whose motion is measured: one parameter is to be found, and
 def with_motion(
     outcomes: Sequence[Outcome], search: Callable[[list[Path]], list[Outcome]], searched: Sequence[Outcome]
 ) -> list[Outcome]:
-    """The outcomes, those of frames with `flow` in their quality: px a frame, see `geometry/plane_flow.py`.
+    """The outcomes; those of frames get `flow` in their quality: px per frame, see `geometry/plane_flow.py`.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def _number(path: Path) -> int | None:
 
 
 def beside(path: Path, step: int) -> Path:
-    """The name of the frame that many after this one."""
+    """The name of the frame that is so many frames after this one."""
     film, number = split(path)
     return film.with_name(f"{film.name}#{(number or 0) + step}")
 
 
 def _neighbours(outcome: Outcome, known: Mapping[Path, Outcome]) -> dict[int, Detection]:
-    """What was found in the frames before (-1) and after it (1), where they show the target."""
+    """The detections in the frames before (-1) and after (1) it, if they show the target."""
     number = _number(outcome.path) or 0
     found = {step: known.get(beside(outcome.path, step)) for step in (-1, 1) if number + step >= 0}
     return {
@@ -71,7 +71,7 @@ def _neighbours(outcome: Outcome, known: Mapping[Path, Outcome]) -> dict[int, De
 
 
 def _flow(outcome: Outcome, neighbours: Mapping[int, Detection]) -> list[float] | None:
-    """The mean of the motion from the frame before and to the frame after, or the one of them that is known."""
+    """The mean of the motions from the previous frame and to the next, or the one that is known."""
     own, flows = outcome.detection, []
     if own is None or outcome.size is None:
         return None

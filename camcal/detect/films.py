@@ -1,4 +1,4 @@
-"""Which frames of a film are worth searching, and which of those that show the target are worth keeping.
+"""The selection of frames of a film: which to search, and which of those with the target to keep.
 
 A film is read once from its start to its end, a frame at a time. Of each stretch of frames the sharpest and
 stillest is searched for the target; of those that show it, the ones are kept that together make the camera best
@@ -37,7 +37,7 @@ UNEXPLAINED = 0.05
 
 @dataclass(frozen=True)
 class Range:
-    """Which frames of a film are looked at: seconds from its start, and every so many frames."""
+    """The range of frames to consider: seconds from the start, and the step between frames."""
 
     start: float = 0.0
     end: float = np.inf
@@ -46,7 +46,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A frame that is worth searching.
+    """A frame to be searched.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Candidate:
 def candidates(
     path: Path, chosen: Range, on_progress: Callable[[int, int], object] = lambda done, count: None
 ) -> tuple[list[Candidate], int]:
-    """The frames of a film that are worth searching, and how many it has.
+    """The frames of a film to be searched, and the number of its frames.
 
     With `every`, all of these; otherwise the best of each stretch, of which there are at most twice
     `MOST_SEARCHED` (where the film does not say how long it is, stretches grow on the way).
@@ -113,7 +113,7 @@ def candidates(
 
 
 def _numbers(film: Film, chosen: Range) -> tuple[int, int]:
-    """First frame, and the one after the last, of a range."""
+    """The first frame of a range, and the one after the last."""
     if chosen.start <= 0 and chosen.end == np.inf:
         return 0, MOST_FRAMES
     if not film.rate:
@@ -126,7 +126,7 @@ def _numbers(film: Film, chosen: Range) -> tuple[int, int]:
 def _merged(
     best: dict[int, tuple[float, Candidate]], first: int, length: int
 ) -> dict[int, tuple[float, Candidate]]:
-    """The best of each stretch of twice the length."""
+    """The best of each interval of twice the length."""
     merged: dict[int, tuple[float, Candidate]] = {}
     for score, candidate in best.values():
         stretch = (candidate.number - first) // length
@@ -142,7 +142,9 @@ def _reduced(gray: Array) -> Array:
 
 
 def sharpness(small: Array) -> float:
-    """How sharp a picture is: the energy of its second derivatives against that of its first, 0 if plain."""
+    """The sharpness of a picture: the energy of its second derivatives relative to its first; 0 for a uniform
+    picture.
+    """
     along, across = np.diff(small, axis=1), np.diff(small, axis=0)
     first = float((along**2).mean() + (across**2).mean())
     second = float((np.diff(along, axis=1) ** 2).mean() + (np.diff(across, axis=0) ** 2).mean())
@@ -150,7 +152,7 @@ def sharpness(small: Array) -> float:
 
 
 def _motion(before: Array | None, now: Array) -> float:
-    """About how far what is seen has moved, px: change over gradient, both absolute sums."""
+    """The approximate motion between pictures, px: change over gradient, both absolute sums."""
     if before is None or before.shape != now.shape:
         return 0.0
     gradient = np.abs(np.diff(now, axis=1)).sum() + np.abs(np.diff(now, axis=0)).sum()
@@ -201,13 +203,13 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
 
 
 def _sigma(shown: Shown) -> float:
-    """Standard deviation of the points of a frame, px: of their fit, and what motion leaves."""
+    """The standard deviation of the points of a frame, px: from their fit and from motion."""
     fit = 0.1 if shown.found.sigma is None else float(np.median(shown.found.sigma))
     return float(np.hypot(fit, UNEXPLAINED * shown.motion))
 
 
 def _same_pose(one: Shown, other: Shown) -> bool:
-    """Whether no point that both frames show has moved."""
+    """Return whether none of the points common to both frames has moved."""
     _, a, b = np.intersect1d(one.found.point_ids, other.found.point_ids, return_indices=True)
     if not len(a) or one.size != other.size:
         return False

@@ -134,7 +134,7 @@ def fit_sizes(
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverses of JᵀJ (K, n, n), positive definite though the products are rounded to float32."""
+    """Inverses of JᵀJ (K, n, n), kept positive definite although the products are rounded to float32."""
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     both = scale[:, :, None] * scale[:, None, :]
@@ -158,7 +158,7 @@ class _Corners(Small):
         return _normal_equations(windows, state, self.limits, [windows.value.shape[1]])[0]
 
     def solve(self, state: Array, equations: Normal, damping: Array) -> tuple[Array, Array]:
-        """The blur is left out of the equations of those corners where it would fall below its least value."""
+        """Solve for the steps; where the blur would fall below its minimum, it is removed from the equations."""
         _, matrix, gradient = equations
         held = (state[:, model.BLUR] <= LEAST_BLUR) & (gradient[:, model.BLUR] > 0)
         if held.any():
@@ -169,14 +169,14 @@ class _Corners(Small):
         return damped_steps(matrix, gradient, damping)
 
     def retract(self, state: Array, step: Array) -> Array:
-        """Keep the blur within its limits."""
+        """Clip the blur to its limits."""
         moved = state + step
         moved[:, model.BLUR] = np.clip(moved[:, model.BLUR], LEAST_BLUR, MOST_BLUR)
         return moved
 
 
 def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
-    """Parameters (K, 7) to start from: offset and contrast by least squares, the corner at the origin.
+    """Starting parameters (K, 7): offset and contrast by least squares, the corner at the origin.
 
     Parameters
     ----------

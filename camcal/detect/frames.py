@@ -1,4 +1,4 @@
-"""Frames of films, by number; whatever cv2's video reader opens."""
+"""Frames of films by number, for every film that cv2's video reader opens."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ MOST_FRAMES = 1_000_000_000  #: counts above it, or below 0, are what cv2 return
 
 
 def is_film(path: Path) -> bool:
-    """Whether a name is that of a film, by its ending, or of numbered pictures such as `frame_%04d.png`."""
+    """Return whether a name is that of a film by its extension, or of numbered pictures such as `frame_%04d.png`."""
     return path.suffix.lower() in FILMS or (_NUMBERED.search(path.name) is not None and not path.exists())
 
 
 class Film:
-    """An open film that is read forward.
+    """An open film, read sequentially.
 
     Attributes
     ----------
@@ -46,24 +46,24 @@ class Film:
         self.rate = float(rate) if 0 < rate < 1e5 else 0.0
 
     def skip(self) -> bool:
-        """Pass over one frame; False at the end."""
+        """Skip one frame; return False at the end."""
         done = bool(self._capture.grab())
         self.next += done
         return done
 
     def read(self) -> Array | None:
-        """The next frame in grey, None at the end."""
+        """The next frame in grey; None at the end."""
         frame = self.read_colour()
         return None if frame is None else as_gray(frame)
 
     def read_colour(self) -> Array | None:
-        """The next frame (height, width, 3), blue first, None at the end."""
+        """The next frame (height, width, 3), blue first; None at the end."""
         done, frame = self._capture.read()
         self.next += bool(done)
         return frame if done and frame is not None and frame.size else None
 
     def seek(self, number: int) -> bool:
-        """Go to a frame: by reading on where it is near, else at once where the film allows it."""
+        """Go to a frame: by reading on if it is near, otherwise directly if the film allows it."""
         if self.count and not 0 <= number - self.next <= SKIPPED:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, number)
             if round(self._capture.get(cv2.CAP_PROP_POS_FRAMES)) == number:
@@ -75,7 +75,7 @@ class Film:
         return self.walk(number)
 
     def walk(self, number: int) -> bool:
-        """Read on to a frame."""
+        """Read forward to a frame."""
         while self.next < number:
             if not self.skip():
                 return False
@@ -87,7 +87,7 @@ class Film:
         self._capture, self.next = _opened(self.path), 0
 
     def close(self) -> None:
-        """Free the decoder."""
+        """Release the decoder."""
         self._capture.release()
 
 

@@ -1,4 +1,4 @@
-"""From single marks (corners of squares, discs) to grids of them.
+"""Grids of single marks (corners of squares, discs).
 
 Each mark has four rays, the directions in which its neighbours may lie. Two marks are neighbours where a ray
 of each leads to the other. The marks of a connected piece are then numbered by columns and rows. No lens and
@@ -28,7 +28,7 @@ STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  #: of (column, row) along the rays, 
 
 @dataclass(frozen=True)
 class Marks:
-    """What a picture shows that may belong to a grid.
+    """The marks of a picture that may belong to a grid.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def neighbours(
 
 
 def _closest(cosines: Iterable[Array]) -> tuple[Array, Array]:
-    """Which of several arrays is largest at each place, and its value there."""
+    """The index of the largest of several arrays at each position, and its value there."""
     every = iter(cosines)
     largest = next(every)
     which = np.zeros(largest.shape, int)

@@ -1,4 +1,4 @@
-"""The sub-pixel corners of a whole grid: first each for itself, then with the shape of the grid known."""
+"""The sub-pixel corners of a whole grid: first each independently, then with the shape of the grid known."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def sharp_corners(
 
 
 def _to_be_tried(first: Corners) -> Array:
-    """The good corners, and with them those whose fit may have gone astray."""
+    """The good corners, and those whose fit may have diverged."""
     good = first.good
     if good.mean() < LEAST_GOOD if len(good) else True:
         return good
@@ -85,7 +85,7 @@ def _reasons(ids: Array, corners: Corners) -> dict[int, str]:
 
 
 def _fit_reduced(picture: Array, lattice: Lattice) -> Lattice:
-    """Fit the corners of a grid in the reduced picture it was found on, each for itself."""
+    """Fit the corners of a grid in the reduced picture in which it was found, each independently."""
     usable = lattice.usable
     corners = saddle.refine(picture, lattice.uv[usable], lattice.steps()[usable])
     uv = lattice.uv.copy()

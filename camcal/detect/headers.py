@@ -1,4 +1,4 @@
-"""The size of a picture by the header of its file, before anything is decoded."""
+"""The size of a picture from the header of its file, before anything is decoded."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEEPEST = 6
 
 
 def header_size(data: bytes) -> Size | None:
-    """(width, height) by the header of a file; None where the format is unknown or the header damaged."""
+    """(width, height) from the header of a file; None if the format is unknown or the header damaged."""
     for beginning, read in _READERS.items():
         if data.startswith(beginning):
             try:
@@ -75,7 +75,7 @@ def _tiff(data: bytes) -> Size | None:
 
 
 def _webp(data: bytes) -> Size | None:
-    """Of the three kinds of WebP (RFC 9649, sections 2.5 to 2.7)."""
+    """Width and height of the three kinds of WebP (RFC 9649, sections 2.5 to 2.7)."""
     if data[8:12] != b"WEBP":
         return None
     if data[12:16] == b"VP8X":

@@ -1,4 +1,4 @@
-"""Pictures of a calibration target -> correspondences."""
+"""From pictures of a calibration target to correspondences."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def detect_images(
 def _wanted(
     target: str | Target | None, board: str | tuple[int, int] | None, square: str | tuple[float, str] | None
 ) -> list[Target]:
-    """The targets that the options name; none where they are to be found."""
+    """The targets that the options name; empty if they are to be recognised."""
     if target is not None and target != "checkerboard":
         if board is not None or square is not None:
             raise UsageError(
@@ -143,7 +143,7 @@ def _length(square: str | tuple[float, str] | None) -> tuple[float, str]:
 
 
 def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Searched]:
-    """The target that most pictures show, and what was found of it in each; then further boards of markers.
+    """The target that most pictures show, and the detections of it in each; then further boards of markers.
 
     A few pictures are looked at first. Where these agree on markers or discs, the others are searched for that
     target only; a checkerboard's size is decided by all of them.
@@ -206,7 +206,7 @@ def _measured(run: Search, best: Answer, looked: list[Outcome]) -> Target:
 def _as_checkerboard(
     run: Search, looked: list[Outcome], sights: list[Sight], square: str | tuple[float, str] | None
 ) -> Searched:
-    """The size of a plain checkerboard from all pictures; those that showed something else are searched again."""
+    """The size of a plain checkerboard from all pictures; pictures that showed something else are searched again."""
     found = board_size(sights)
     shown = [s.board for s in sights if s.board and not s.marked]
     if found is None:
@@ -230,7 +230,7 @@ def _as_checkerboard(
 
 
 def _tell_target(run: Search, found: list[Target], best: Answer, looked: list[Outcome], whole: bool) -> None:
-    """Say what was recognised, and what else pictures show."""
+    """Report the recognised target, and what else the pictures show."""
     sights = [o.sight or Sight() for o in looked]
     target = found[0]
     rest = [
@@ -246,7 +246,7 @@ def _tell_target(run: Search, found: list[Target], best: Answer, looked: list[Ou
 
 
 def same_size(one: Target, other: Target) -> bool:
-    """Whether two targets have the same columns and rows, and the same first marker where they have any."""
+    """Return whether two targets have the same columns and rows, and the same first marker if they have markers."""
     start = getattr(one, "start", 0) == getattr(other, "start", 0)
     return (one.columns, one.rows) == (other.columns, other.rows) and start
 
@@ -263,7 +263,7 @@ def _with_length(target: Target, square: str | tuple[float, str] | None) -> Targ
 
 
 def _confirm(run: Search, searched: list[Searched]) -> None:
-    """Refuse a board of markers that is not the one in the pictures.
+    """Raise an error if a board of markers is not the one in the pictures.
 
     Raises
     ------
@@ -290,7 +290,7 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
 
 
 def _kept(run: Search, searched: list[Searched], count: int | None) -> list[Searched]:
-    """The outcomes, the detections of frames that are not kept taken out, and films that cannot be read."""
+    """The outcomes, without the detections of frames that are not kept, and the films that cannot be read."""
     target, outcomes = searched[0].target, searched[0].outcomes
     shown, places = [], []
     for place, o in enumerate(outcomes):
@@ -341,20 +341,20 @@ def _correspondences(searched: list[Searched], detected: bool, run: Search) -> O
 
 
 def _commonest_camera(taken: list[Taken]) -> Taken | None:
-    """Camera, focal length and zoom of most pictures that say so; None where none does."""
+    """Camera, focal length and zoom of most pictures with such data; None if no picture has them."""
     known = Counter(replace(t, orientation=1) for t in taken if t.camera or t.focal)
     return known.most_common(1)[0][0] if known else None
 
 
 def _other_camera(taken: Taken, camera: Taken) -> bool:
-    """Whether a picture says that it is of another camera, focal length or zoom; one that says nothing is not."""
+    """Return whether a picture has the data of another camera, focal length or zoom; one without data does not."""
     named = bool(taken.camera and camera.camera) and taken.camera != camera.camera
     focal = bool(taken.focal and camera.focal) and abs(taken.focal / camera.focal - 1) > SAME_FOCAL
     return named or focal or taken.zoom != camera.zoom
 
 
 def _tell_turned(run: Search, found: list[Outcome]) -> None:
-    """Say where pictures were held another way: they are used as the sensor saw them."""
+    """Report pictures that were held in another orientation; they are used as the sensor recorded them."""
     turned = sum(o.taken.orientation != 1 for o in found)
     if turned:
         run.tell("turned", count=turned, of=len(found))
@@ -369,7 +369,7 @@ def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -
 
 
 def _seen_instead(run: Search, target: Target) -> Answer | None:
-    """What the pictures show in place of the target that was asked for."""
+    """The target that the pictures show instead of the requested one."""
     looked = run.examine_all(spread(run.files, FIRST_LOOK), None)
     best = _best(looked)
     if best is None or (type(best.target) is type(target) and same_size(best.target, target)):
@@ -379,7 +379,7 @@ def _seen_instead(run: Search, target: Target) -> Answer | None:
 
 
 def _nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: Search) -> DataError:
-    """The error for a set of pictures without the target, with the commonest reasons as its hint."""
+    """The error for a set of pictures without the target, with the most frequent reasons as its hint."""
     run.tell_pictures(outcomes)
     message = f"no {what} was found in {run.count}."
     if seen is not None:

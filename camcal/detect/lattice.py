@@ -1,4 +1,4 @@
-"""A grid of points as an array of rows and columns: its steps, its gaps, its sparse rows."""
+"""A grid of points as an array of rows and columns: its steps, gaps and sparse rows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Lattice:
 
     @classmethod
     def of(cls, index: Array, xy: Array) -> Lattice:
-        """The points xy (N, 2) at the places that `grid.grow` gives them, an index or -1 at each."""
+        """Make a lattice of points xy (N, 2) at the positions from `grid.grow`, an index or -1 at each."""
         return cls(np.where((index >= 0)[..., None], xy[index], np.nan))
 
     @property
@@ -45,7 +45,7 @@ class Lattice:
 
     @property
     def usable(self) -> Array:
-        """Which points were found with enough neighbours to know their directions, and these differ (rows, columns)."""
+        """The points that were found with enough neighbours to determine two different directions (rows, columns)."""
         steps = self.steps()
         area = np.abs(steps[..., 0, 0] * steps[..., 1, 1] - steps[..., 0, 1] * steps[..., 1, 0])
         return self.present & (area > LEAST_SINE * np.linalg.norm(steps, axis=-1).prod(-1))
@@ -64,30 +64,30 @@ class Lattice:
         return np.where(np.isfinite(own), own, _mean(np.stack(around)))
 
     def turned(self, quarters: int) -> Lattice:
-        """The same points numbered from another end."""
+        """Return the same points numbered from another end."""
         return Lattice(np.rot90(self.uv, quarters))
 
     def scaled(self, factor: float) -> Lattice:
-        """In the pixels of a picture that is `factor` times as large."""
+        """Convert to the pixels of a picture that is `factor` times as large."""
         return Lattice((self.uv + 0.5) * factor - 0.5)
 
     def padded(self, top: int, bottom: int, left: int, right: int) -> Lattice:
-        """With further empty rows and columns."""
+        """Add empty rows and columns."""
         return Lattice(np.pad(self.uv, ((top, bottom), (left, right), (0, 0)), constant_values=np.nan))
 
     def trimmed(self) -> Lattice:
-        """Without the rows and columns at the rim that hold too few points."""
+        """Remove the outer rows and columns that hold too few points."""
         return Lattice(self.uv[trim(self.present)])
 
     @property
     def rightward(self) -> float:
-        """How nearly the columns run to the right of the picture: cosine of the angle."""
+        """The alignment of the columns with the right of the picture: cosine of the angle."""
         step = np.nanmean(np.diff(self.uv, axis=1).reshape(-1, 2), axis=0)
         return float(step[0] / np.linalg.norm(step))
 
 
 def _step(uv: Array, axis: int) -> Array:
-    """Central difference along an axis; one-sided beside a gap or the rim."""
+    """The central difference along an axis; one-sided beside a gap or the border."""
     gap = np.full_like(np.take(uv, [0], axis), np.nan)
     difference = np.diff(uv, axis=axis)
     ahead = np.concatenate([difference, gap], axis)
@@ -96,7 +96,7 @@ def _step(uv: Array, axis: int) -> Array:
 
 
 def _mean(stack: Array) -> Array:
-    """Mean over the first axis of what is not NaN."""
+    """The mean over the first axis, ignoring NaN."""
     known = np.isfinite(stack)
     number = known.sum(0)
     total = np.where(known, stack, 0).sum(0)
@@ -104,7 +104,7 @@ def _mean(stack: Array) -> Array:
 
 
 def predicted(uv: Array, row: Array, column: Array) -> Array:
-    """Where points should be, (N, 2) px: the mean of what lines and parallelograms of neighbours say; or NaN.
+    """The predicted positions of points, (N, 2) px: the mean over lines and parallelograms of neighbours; or NaN.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def predicted(uv: Array, row: Array, column: Array) -> Array:
 
 
 def trim(present: Array) -> tuple[slice, slice]:
-    """The rows and columns of a grid that belong to its board: without those at the rim that are sparse.
+    """The rows and columns of a grid that belong to its board, without sparse outer ones.
 
     Parameters
     ----------

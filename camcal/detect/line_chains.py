@@ -1,4 +1,4 @@
-"""Points of edges or thin lines joined to chains, and chains to lines over gaps."""
+"""Points of edges or thin lines joined into chains, and chains joined into lines across gaps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STRAIGHT_ON = np.cos(np.radians(6))
 
 
 def chains(points: LinePoints) -> list[Array]:
-    """Indices of the points of each chain, in order along it; chains shorter than `SHORTEST` are left out."""
+    """Indices of the points of each chain, in order along it; chains shorter than `SHORTEST` are omitted."""
     if len(points) < SHORTEST:
         return []
     tree = cKDTree(points.uv)
@@ -46,7 +46,7 @@ def chains(points: LinePoints) -> list[Array]:
 
 
 def joined(points: LinePoints, parts: list[Array]) -> list[Array]:
-    """Chains joined where one leads on to another: over crossings, corners of a board, and small gaps."""
+    """Chains joined where one continues another: across intersections, corners of a board, and small gaps."""
     for reach, gap in (SHORT, LONG):
         parts = [p for p in parts if reach == SHORT[0] or np.ptp(points.uv[p], 0).max() >= reach]
         while True:
@@ -59,7 +59,7 @@ def joined(points: LinePoints, parts: list[Array]) -> list[Array]:
 
 
 def _neighbour(points: LinePoints, tree: cKDTree, along: Array) -> Array:
-    """The point (N,) nearest to a step along the direction, -1 where there is none."""
+    """The point (N,) nearest to a step along the direction; -1 if there is none."""
     distance, found = tree.query(points.uv + STEP * along, distance_upper_bound=REACH)
     known = np.isfinite(distance)
     out = np.where(known, found, 0)
@@ -114,7 +114,7 @@ def _continuations(points: LinePoints, parts: list[Array], reach: float, gap: fl
 
 
 def _end(uv: Array, reach: float) -> tuple[Array, Array]:
-    """Where a chain ends and the unit vector out of it, for points that run from its end inwards."""
+    """The end of a chain and the outward unit vector, for points ordered from that end inwards."""
     part = uv[np.linalg.norm(uv - uv[0], axis=1) <= reach]
     if len(part) < 3:
         part = uv[:3]

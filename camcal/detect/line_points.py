@@ -1,4 +1,4 @@
-"""Sub-pixel points of edges and of thin lines, each with the direction along it.
+"""Sub-pixel points of edges and of thin lines, each with the direction of the line.
 
 Edges are maxima of the gradient along itself (Canny 1986), interpolated by a parabola (Devernay, A non-maxima
 suppression method for edge detection with sub-pixel accuracy, 1995). Thin lines are zeros of the first derivative
@@ -92,7 +92,7 @@ def ridges(gray: Array, dark: bool, sigma: float = RIDGE_SIGMA) -> LinePoints:
 
 
 def _strong(uv: Array, along: Array, response: Array) -> LinePoints:
-    """The points whose response is not weak beside the others'."""
+    """The points whose response is not weak compared with the others."""
     if not len(uv):
         return LinePoints(uv, along)
     kept = response >= WEAKEST * np.quantile(response, 0.9)
@@ -100,7 +100,7 @@ def _strong(uv: Array, along: Array, response: Array) -> LinePoints:
 
 
 def noise(gray: Array) -> float:
-    """Standard deviation of a picture's noise, grey levels, from the median of its second differences.
+    """The standard deviation of a picture's noise, grey levels, from the median of its second differences.
 
     Immerkaer's mask (Fast noise variance estimation, 1996) takes planes and edges off; the median leaves out texture.
     """
@@ -119,7 +119,7 @@ def _derivatives(picture: Array) -> tuple[Array, Array]:
 
 
 def _inner(mask: Array) -> tuple[Array, Array]:
-    """Rows and columns of a mask away from the picture's frame."""
+    """Rows and columns of a mask, away from the border of the picture."""
     rows, cols = np.nonzero(mask[MARGIN:-MARGIN, MARGIN:-MARGIN])
     return rows + MARGIN, cols + MARGIN
 

@@ -54,7 +54,7 @@ def _lines(points: LinePoints, least: float) -> list[Array]:
 
 
 def _smooth(uv: Array) -> tuple[Array, float] | None:
-    """The points that follow one smooth curve, in order, and their robust deviation, px; None where they stray."""
+    """The points that follow one smooth curve, in order, and their robust deviation, px; None if they do not."""
     centred = uv - uv.mean(0)
     main = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
     along, across = (centred @ main).T
@@ -73,7 +73,7 @@ def _smooth(uv: Array) -> tuple[Array, float] | None:
 
 
 def _merged(lines: list[tuple[Array, float]]) -> list[Array]:
-    """Lines of which parts had been found, whole."""
+    """Merge lines of which several parts were found."""
     lines = sorted(lines, key=lambda item: -_extent(item[0]))
     at = 0
     while at < len(lines):
@@ -90,7 +90,7 @@ def _merged(lines: list[tuple[Array, float]]) -> list[Array]:
 def _joint(
     first: tuple[Array, float], second: tuple[Array, float]
 ) -> tuple[tuple[Array, float], tuple[Array, float]] | None:
-    """Two candidates as one, with the second; None where they are two."""
+    """Join one candidate with a second; None if they are two separate lines."""
     (a, sigma_a), (b, sigma_b) = first, second
     apart = np.linalg.norm(a[[0, 0, -1, -1]] - b[[0, -1, 0, -1]], axis=1)
     if apart.min() > LARGEST_GAP * _extent(b):
@@ -105,14 +105,14 @@ def _joint(
 
 
 def _lead_on(a: Array, b: Array) -> bool:
-    """Whether the chord of one has the direction of the other's and of the line between their middles, roughly."""
+    """Return whether both chords and the line between their midpoints have roughly the same direction."""
     chords = [uv[-1] - uv[0] for uv in (a, b)] + [b.mean(0) - a.mean(0)]
     first, second, between = (c / max(np.linalg.norm(c), 1e-9) for c in chords)
     return bool(abs(first @ second) > BENT and abs(first @ between) > BENT)
 
 
 def _averaged(uv: Array) -> Array:
-    """The mean points of runs along a line; its points are in order."""
+    """The mean points of runs along a line, whose points are in order."""
     run = np.floor(np.linalg.norm(uv - uv[0], axis=1) / RUN).astype(int)
     counts = np.bincount(run)
     sums = np.stack([np.bincount(run, uv[:, k]) for k in (0, 1)], 1)

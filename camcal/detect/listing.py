@@ -1,4 +1,4 @@
-"""Which files the words on the command line mean."""
+"""The files that the arguments of the command line name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MOST_NAMED = 6  #: folders that an error names
 
 
 def list_pictures(paths: Iterable[str | os.PathLike]) -> list[Path]:
-    """The files that folders, patterns and names stand for, each once; folders in natural order.
+    """The files that folders, patterns and names refer to, each once; folders in natural order.
 
     A file that is named is taken whatever its ending; in a folder (or a zip archive) those with the ending of a
     picture are, and where there is none, films. Of a TIFF file of several pages each page is one picture.
@@ -71,7 +71,7 @@ def _expand(path: Path) -> list[Path]:
 
 
 def _with_pages(files: list[Path]) -> list[Path]:
-    """The files, and in place of one with several pages each page."""
+    """The files; one with several pages is replaced by its pages."""
     found = []
     for path in files:
         pages = page_count(path) if path.suffix.lower() in (".tif", ".tiff") else 1
@@ -80,7 +80,7 @@ def _with_pages(files: list[Path]) -> list[Path]:
 
 
 def _in_archive(archive: Path) -> list[Path]:
-    """The pictures in an archive, named as if it were a folder."""
+    """The pictures in an archive, named as if the archive were a folder."""
     try:
         with zipfile.ZipFile(archive) as opened:
             names = [e.filename for e in opened.infolist() if not e.is_dir()]
@@ -98,7 +98,7 @@ def _in_archive(archive: Path) -> list[Path]:
 
 
 def is_picture(path: PurePath) -> bool:
-    """Whether a name ends as that of a picture."""
+    """Return whether a name has the extension of a picture."""
     return path.suffix.lower() in PICTURES and not path.name.startswith(".")
 
 
@@ -116,7 +116,7 @@ def _in_folder(folder: Path) -> list[Path]:
 
 
 def _begins_like_a_picture(path: Path) -> bool:
-    """Whether a file without an ending is a picture by its first bytes."""
+    """Return whether a file without an extension is a picture by its first bytes."""
     if path.suffix:
         return False
     try:
@@ -131,7 +131,7 @@ def _is_raw(path: Path) -> bool:
 
 
 def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
-    """The error for a folder without pictures; its folders are named where they hold some."""
+    """The error for a folder without pictures; it names subfolders that contain some."""
     inside = sorted((p for p in entries if p.is_dir() and holds_pictures(p)), key=natural_order)
     if len(inside) == 1:
         return DataError(
@@ -153,7 +153,7 @@ def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
 
 
 def holds_pictures(folder: Path) -> bool:
-    """Whether a folder holds pictures itself."""
+    """Return whether a folder directly contains pictures."""
     try:
         return any(is_picture(p) for p in folder.iterdir())
     except OSError:
@@ -161,7 +161,7 @@ def holds_pictures(folder: Path) -> bool:
 
 
 def view_ids(paths: list[Path]) -> list[str]:
-    """What each picture is called in the report: its name, with its folder where two have the same name."""
+    """The id of each picture in the report: its name, with its folder if two have the same name."""
     names = [p.name for p in paths]
     twice = {name for name, count in Counter(names).items() if count > 1}
     return [readable(str(p) if p.name in twice else p.name) for p in paths]

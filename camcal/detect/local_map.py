@@ -1,4 +1,4 @@
-"""Maps from the picture to the board in which the board's edges are straight, made from the corners alone.
+"""Maps from the picture to the board in which the board's edges are straight, from the corners alone.
 
 A homography carries the perspective; what is left, the lens and the bending of the sheet, varies so slowly
 that a cubic through the corners around each corner describes it well within half a square.
@@ -50,7 +50,7 @@ def board_from_corners(uv: Array) -> BoardFromPixel:
 
 
 def _perspective(uv: Array, board: Array) -> Callable[[Array], Array]:
-    """The homography from the picture to the board; an affinity where that is too steep to trust."""
+    """The homography from the picture to the board; an affinity if the perspective is too strong to be reliable."""
     h = homographies(uv[None], board[None], steps=0)[0]
     depth = uv @ h[2, :2] + h[2, 2]
     if not np.isfinite(h).all() or depth.min() <= 0 or depth.max() > STEEPEST * depth.min():
@@ -89,7 +89,7 @@ def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
 
 
 def _terms(number: Array, side: int) -> Array:
-    """How many monomials so many corners, in a block of so many to the side, can carry."""
+    """The number of monomials that so many corners, in a block of so many per side, determine."""
     terms = np.where(number >= FOR_CUBIC, CUBIC, np.where(number >= FOR_QUADRATIC, QUADRATIC, LINEAR))
     return np.minimum(terms, CUBIC if side >= 4 else QUADRATIC if side >= 3 else LINEAR)
 

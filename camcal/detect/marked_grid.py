@@ -1,4 +1,4 @@
-"""Which corners of a ChArUco board a grid of corners shows, from all of its markers at once.
+"""The position of a grid of corners on a ChArUco board, from all of its markers together.
 
 A marker of a few pixels cannot be read by itself. All together they can: the grey values of each white
 square are correlated with every marker the board holds, in four orientations, and the place of the grid on
@@ -77,7 +77,9 @@ def place_on_board(
 
 
 def _offsets(shape: tuple[int, ...], size: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Where the grid's first corner may be on the board: the smaller of the two lies within the larger."""
+    """The possible positions of the grid's first corner on the board; the smaller of the two lies within the
+    larger.
+    """
     rows, columns = size[1] - shape[0], size[0] - shape[1]
     for down in range(min(0, rows), max(0, rows) + 1):
         for right in range(min(0, columns), max(0, columns) + 1):
@@ -85,7 +87,7 @@ def _offsets(shape: tuple[int, ...], size: tuple[int, int]) -> Iterator[tuple[in
 
 
 def _score(match: Array, where: dict[tuple[int, int], int], down: int, right: int) -> tuple[float, int]:
-    """Mean correlation over the squares that hold a marker, and their number."""
+    """The mean correlation over the squares that hold a marker, and their number."""
     values = []
     for row, column in np.ndindex(match.shape[:2]):
         marker = where.get(

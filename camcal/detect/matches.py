@@ -1,4 +1,4 @@
-"""Points that two pictures share, without a board: SIFT of cv2, matched both ways, then placed to a tenth of a pixel.
+"""Points that two pictures share, without a board: cv2's SIFT, matched both ways, then refined to a tenth of a pixel.
 
 SIFT's points scatter by 0.2 px and more. The second point of each pair is moved to where its surroundings fit those of
 the first one best (Lucas-Kanade, translation), and tracked back from there: on eight pairs of pictures of a calibrated
@@ -45,13 +45,13 @@ class Points:
         return len(self.uv)
 
     def largest(self, count: int) -> Points:
-        """Only the largest points."""
+        """Keep only the largest points."""
         rows = np.argsort(-self.sizes, kind="stable")[:count]
         return Points(self.uv[rows], self.descriptors[rows], self.sizes[rows])
 
 
 def points_of(picture: Array) -> Points:
-    """The points of a grey picture (8 or 16 bits), (0, 0) the centre of the top-left pixel."""
+    """The points of a grey picture (8 or 16 bits); (0, 0) is the centre of the top-left pixel."""
     sift = cv2.SIFT_create(nfeatures=MOST)  # type: ignore[attr-defined]
     found, descriptors = sift.detectAndCompute(_bytes(picture), None)
     if descriptors is None:
@@ -62,7 +62,7 @@ def points_of(picture: Array) -> Points:
 
 
 def matched(first: Points, second: Points) -> Array:
-    """Pairs (N, 2) of points that are nearest to each other both ways; a place with two orientations is one point."""
+    """Pairs (N, 2) of points that are mutual nearest neighbours; a position with two orientations counts once."""
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), int)
     there, back = (_nearest(a.descriptors, b.descriptors) for a, b in ((first, second), (second, first)))
@@ -72,7 +72,9 @@ def matched(first: Points, second: Points) -> Array:
 
 
 def matches(first: Array, second: Array) -> tuple[Array, Array]:
-    """Pixels (N, 2) of both grey pictures (8 or 16 bits) that look alike, (0, 0) the centre of the top-left pixel."""
+    """Pixels (N, 2) of matching points of two grey pictures (8 or 16 bits); (0, 0) is the centre of the top-left
+    pixel.
+    """
     first, second = _bytes(first), _bytes(second)
     a, b = points_of(first), points_of(second)
     own = matched(a, b)
@@ -82,7 +84,7 @@ def matches(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Pairs whose second point could be placed by its surroundings."""
+    """Pairs whose second point could be located by its surroundings."""
     one, two = _even(first), _even(second)
     there, found = _tracked(one, two, a, b)
     back, returned = _tracked(two, one, there, a)
@@ -92,7 +94,9 @@ def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Arr
 
 
 def _tracked(one: Array, two: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Where the surroundings of points a (N, 2) lie in the other picture, beginning at b, and which were found."""
+    """The positions in the other picture of the surroundings of points a (N, 2), starting at b, and which were
+    found.
+    """
     start, guess = (np.ascontiguousarray(p, np.float32).reshape(-1, 1, 2) for p in (a, b))
     there, found, _ = cv2.calcOpticalFlowPyrLK(
         one,
@@ -108,7 +112,7 @@ def _tracked(one: Array, two: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _even(picture: Array) -> Array:
-    """A picture of the same mean and contrast everywhere."""
+    """Normalise a picture to the same mean and contrast everywhere."""
     values = picture.astype(np.float32)
     off = values - cv2.GaussianBlur(values, (0, 0), EVEN)
     spread = np.sqrt(cv2.GaussianBlur(off * off, (0, 0), EVEN)) + CONTRAST
@@ -116,13 +120,13 @@ def _even(picture: Array) -> Array:
 
 
 def _nearest(a: Array, b: Array) -> dict[int, int]:
-    """Which descriptor of b is the nearest of each of a, where it passes the ratio test."""
+    """The nearest descriptor of b for each of a, if it passes the ratio test."""
     found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(a, b, k=2)
     return {x.queryIdx: x.trainIdx for x, y in found if x.distance < RATIO * y.distance}
 
 
 def _bytes(picture: Array) -> Array:
-    """SIFT takes 8 bits; pictures of 16 are scaled to their own range."""
+    """Convert to 8 bits for SIFT; pictures of 16 bits are scaled to their own range."""
     if picture.dtype == np.uint8:
         return picture
     return cv2.normalize(picture, np.zeros_like(picture), 0, 255, cv2.NORM_MINMAX).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Raw pictures of a colour sensor, in which each pixel has seen one colour only (a Bayer mosaic)."""
+"""Raw pictures of a colour sensor, in which each pixel recorded only one colour (a Bayer mosaic)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEAST_BLOCKS = 64
 
 
 def levels(gray: Array) -> Array | None:
-    """Level (2, 2) of each phase of the mosaic, 1 on average; None where the picture is no mosaic.
+    """The level (2, 2) of each phase of the mosaic, 1 on average; None if the picture is not a mosaic.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def levels(gray: Array) -> Array | None:
 
 
 def evened(gray: Array, phases: Array) -> Array:
-    """The picture with its four phases on one level: the grey target that a mosaic shows, at full resolution.
+    """The picture with its four phases scaled to one level: the grey target at full resolution.
 
     Demosaicing would interpolate across the edges whose places are measured.
     """

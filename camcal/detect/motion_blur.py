@@ -64,7 +64,7 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
 
 
 class _Blurs(Small):
-    """Corners with a blur across each edge and a covariance between the two, (K, 3); all else is known."""
+    """Corners with a blur across each edge and a covariance between the two, (K, 3); all else is fixed."""
 
     def __init__(self, windows: Windows, u: Array, params: Array):
         self.windows, self.u, self.count = windows, u, len(params)
@@ -85,7 +85,7 @@ class _Blurs(Small):
         return Normal.of(residual.astype(float), jacobian.astype(float))
 
     def retract(self, state: Array, step: Array) -> Array:
-        """Within the limits of a blur, and of a covariance (Cauchy and Schwarz)."""
+        """Clip to the limits of a blur, and of a covariance (Cauchy-Schwarz)."""
         moved = state + step
         moved[:, :2] = np.clip(moved[:, :2], LEAST_BLUR, MOST_BLUR)
         most = moved[:, :2].prod(1)
@@ -94,7 +94,7 @@ class _Blurs(Small):
 
 
 def blur_ellipse(directions: Array, products: Array) -> tuple[float, float] | None:
-    """The ratio of the axes of a blur, and the direction of the longer.
+    """The ratio of the axes of a blur, and the direction of the longer axis.
 
     Parameters
     ----------

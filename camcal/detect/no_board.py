@@ -1,4 +1,4 @@
-"""Why a picture shows no board, as far as its grey values show."""
+"""Why a picture shows no board, as far as its grey values indicate."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARP = 0.03
 
 
 def why_nothing(gray: Array) -> Miss:
-    """The plainest reason why a picture shows no board."""
+    """The simplest reason why a picture shows no board."""
     if min(gray.shape) < LEAST_PIXELS:
         return Miss(
             "too-small", f"the picture has {gray.shape[1]}x{gray.shape[0]} pixels: too small for a board"

@@ -1,4 +1,4 @@
-"""Dark squares by themselves: their outlines in a picture, and their corners as crossings of fitted edges.
+"""Separate dark squares: their outlines in a picture, and their corners as intersections of fitted edges.
 
 A corner at which one dark square meets white is no saddle of grey value. Its place is where two straight edges
 cross: each edge is measured in profiles across it, where they reach the middle between dark and bright, and a
@@ -57,7 +57,7 @@ class Squares:
     blur: Array
 
     def take_corners(self, order: Array) -> Squares:
-        """The same squares with their corners in another order."""
+        """Return the same squares with their corners in another order."""
         return replace(self, corners=self.corners[:, order], covariance=self.covariance[:, order])
 
 
@@ -83,7 +83,7 @@ def find_squares(gray: Array) -> Array:
 
 
 def _quadrilateral(outline: Array) -> Array | None:
-    """Corners (4, 2) of an outline, clockwise, if it is a convex quadrilateral."""
+    """The corners (4, 2) of an outline, clockwise, if it is a convex quadrilateral."""
     length = cv2.arcLength(outline, True)
     if length < 4 * LEAST_SIDE:
         return None
@@ -100,7 +100,7 @@ def _quadrilateral(outline: Array) -> Array | None:
 
 
 def as_discs(quads: Array) -> Discs:
-    """The ellipses with the centres and the foreshortening of quadrilaterals, of which grids are grown."""
+    """Ellipses with the centres and foreshortening of quadrilaterals, from which grids are grown."""
     centre = quads.mean(1)
     along = 0.25 * (quads[:, 1] + quads[:, 2] - quads[:, 0] - quads[:, 3])
     across = 0.25 * (quads[:, 2] + quads[:, 3] - quads[:, 0] - quads[:, 1])
@@ -111,7 +111,7 @@ def as_discs(quads: Array) -> Discs:
 
 
 def plain_inside(gray: Array, quads: Array) -> Array:
-    """Mask of the squares that are uniformly dark inside: a window with a view or a tag is not."""
+    """A mask of the squares that are uniformly dark inside; windows with a view and tags are not."""
     at = np.linspace(-0.6, 0.6, 7)
     x, y = np.meshgrid(at, at)
     weights = 0.25 * np.stack(
@@ -129,7 +129,7 @@ def plain_inside(gray: Array, quads: Array) -> Array:
 
 
 def _dark_inside(gray: Array, quads: Array) -> Array:
-    """Mask of those that are darker in the middle than beside all but one of their corners."""
+    """A mask of the squares that are darker in the middle than beside all but one of their corners."""
     centre = quads.mean(1, keepdims=True)
     at = np.concatenate([centre, centre + (1 + CONCENTRIC) * (quads - centre)], 1).astype(np.float32)
     value = cv2.remap(gray, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -138,7 +138,7 @@ def _dark_inside(gray: Array, quads: Array) -> Array:
 
 
 def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
-    """Measure the edges of squares and cross them.
+    """Measure the edges of squares and intersect them.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
 
 @dataclass(frozen=True)
 class _Edge:
-    """A line n·x = d, with what its distance varies by along it."""
+    """A line n·x = d, with the variance of its distance along it."""
 
     normal: Array
     distance: float
@@ -196,14 +196,14 @@ class _Edge:
 
 
 def _acuteness(corners: Array) -> Array:
-    """Cotangent (4,) of acute angles at corners, else 0: a profile meets the next edge soon there."""
+    """The cotangent (4,) of acute angles at corners, otherwise 0; a profile soon meets the next edge there."""
     before, after = np.roll(corners, 1, 0) - corners, np.roll(corners, -1, 0) - corners
     cross = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
     return np.maximum((before * after).sum(1), 0.0) / np.maximum(cross, 1e-9)
 
 
 def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array) -> _Edge | None:
-    """The line of the edge between two corners, dark on its right (inside), `ends` px at the corners left out."""
+    """The line of the edge between two corners, dark on its right (inside); `ends` px at the corners are skipped."""
     side = stop - start
     length = float(np.hypot(*side))
     along = side / max(length, 1e-9)
@@ -244,7 +244,7 @@ def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array) 
 
 
 def _crossings(value: Array, offset: Array) -> tuple[Array, Array]:
-    """Where profiles (P, S) reach the middle between their dark and their bright end, nearest to offset 0.
+    """The positions where profiles (P, S) reach the middle between their dark and bright ends, nearest to offset 0.
 
     Returns
     -------
@@ -265,7 +265,7 @@ def _crossings(value: Array, offset: Array) -> tuple[Array, Array]:
 
 
 def _crossing(one: _Edge, other: _Edge) -> tuple[Array, Array]:
-    """Where two lines cross, and its covariance."""
+    """The intersection of two lines, and its covariance."""
     normals = np.stack([one.normal, other.normal])
     inverse = np.linalg.inv(normals)
     point = inverse @ np.array([one.distance, other.distance])

@@ -10,7 +10,7 @@ LINEAR, QUADRATIC, CUBIC = 3, 6, 10  #: number of monomials
 
 
 def monomials(x: Array, y: Array, out: Array, first: int = 0) -> None:
-    """Write 1, x, y, x², xy, y², x³, x²y, xy², y³ into `out`, from the `first` on.
+    """Write 1, x, y, x², xy, y², x³, x²y, xy², y³ into `out`, starting at index `first`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Smaller versions of a picture for the first search, its grey values stretched to what is there."""
+"""Reduced versions of a picture for the first search, with grey values stretched to the range that occurs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OUTLIERS = 0.1
 
 
 def grey_range(gray: Array) -> tuple[float, float]:
-    """Darkest and brightest grey value: of 8 bits 0 and 255, of 16 bits those that occur."""
+    """The darkest and brightest grey value: 0 and 255 for 8 bits, for 16 bits those that occur."""
     if gray.dtype == np.uint8:
         return 0.0, 255.0
     stride = max(1, int(np.sqrt(gray.size / SAMPLES)))
@@ -24,13 +24,13 @@ def grey_range(gray: Array) -> tuple[float, float]:
 
 
 def grey_span(gray: Array) -> float:
-    """Difference of the brightest and the darkest grey value, as `grey_range` gives them."""
+    """The difference between the brightest and the darkest grey value of `grey_range`."""
     low, high = grey_range(gray)
     return high - low
 
 
 def to_8_bits(gray: Array) -> Array:
-    """The picture in 8 bits for cv2's detectors; one of 16 bits is stretched to its own range."""
+    """The picture in 8 bits for cv2's detectors; 16 bits are stretched to the picture's own range."""
     if gray.dtype == np.uint8:
         return gray
     low, high = grey_range(gray)
@@ -39,7 +39,7 @@ def to_8_bits(gray: Array) -> Array:
 
 
 def reductions(shape: tuple[int, ...], enlarge: bool = False) -> list[float]:
-    """Factors by which a picture is reduced, the coarsest first, 1 last; then 1/2 to enlarge a small one."""
+    """The reduction factors of a picture, the coarsest first, 1 last; then 1/2 to enlarge a small one."""
     factors, pixels = [1.0], shape[0] * shape[1]
     while pixels / factors[0] ** 2 > FIRST_PIXELS:
         factors.insert(0, 2 * factors[0])
@@ -61,7 +61,7 @@ def reduced(picture: Array, factor: float) -> Array:
 
 
 def as_float(picture: Array, limits: tuple[float, float]) -> Array:
-    """The picture in float32, its limits brought to 0 and 255."""
+    """The picture in float32, with its limits scaled to 0 and 255."""
     low, high = limits
     values = picture.astype(np.float32)
     return (

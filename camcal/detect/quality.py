@@ -1,4 +1,4 @@
-"""How good a picture is for calibration: sharpness, exposure, motion, and how much of it the board covers."""
+"""The quality of a picture for calibration: sharpness, exposure, motion, and the part covered by the board."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SMALL = 0.02  #: share of the picture; a board that covers less is 1/7 as wide a
 
 
 def measure(gray: Array, found: Detection) -> dict[str, Any]:
-    """Figures on a picture with a target.
+    """Quality figures of a picture with a target.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def coverage(uv: Array, image_size: tuple[int, int]) -> float:
 
 
 def _exposure(gray: Array, uv: Array) -> dict[str, float]:
-    """Shares of pixels at full scale and at 0 in the box around the points."""
+    """The fractions of pixels at full scale and at 0 in the bounding box of the points."""
     (left, top), (right, bottom) = np.floor(uv.min(0)).astype(int), np.ceil(uv.max(0)).astype(int) + 1
     box = gray[max(top, 0) : bottom, max(left, 0) : right]
     stride = max(1, int(np.sqrt(box.size / 250_000)))
@@ -74,7 +74,7 @@ def _exposure(gray: Array, uv: Array) -> dict[str, float]:
 
 
 def warnings(figures: Mapping[str, Any]) -> list[str]:
-    """What the figures of `measure` give reason to say."""
+    """The warnings that the figures of `measure` give rise to."""
     said = []
     blur, square = figures.get("blur_px"), figures.get("square_px")
     if blur is not None and square is not None and (blur > SOFT_PX or blur > SOFT * square):

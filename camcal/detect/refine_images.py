@@ -1,4 +1,4 @@
-"""Read the pictures of a calibration again and sharpen their corners with its camera."""
+"""A second reading of the pictures of a calibration, which refines the corners with its camera."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def refine_images(
     on_event: OnEvent | None = None,
     windows: Sequence[float] = (INNER_HALF,),
 ) -> list[Observations]:
-    """Fit the corners of all pictures again, each picture read once; see `camera_pass`.
+    """Fit the corners of all pictures again, reading each picture once; see `camera_pass`.
 
     Parameters
     ----------
@@ -76,12 +76,14 @@ def refine_images(
 
 
 def rms_move(before: Array, after: Array) -> float:
-    """Root mean square distance of points (N, 2), px; 0 of none."""
+    """The rms distance between points (N, 2), px; 0 if there are none."""
     return float(np.sqrt(np.square(after - before).sum(1).mean())) if len(before) else 0.0
 
 
 def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
-    """Where pixels (..., 2) lie on the plane z = 0 of a board, (..., 2) in its unit; NaN off the plane."""
+    """The intersections of the rays of pixels (..., 2) with the plane z = 0 of a board, (..., 2) in its unit; NaN
+    off the plane.
+    """
     rays = camera.unproject(pixels) @ cam_from_board.rotation
     origin = cam_from_board.centre
     with np.errstate(all="ignore"):
@@ -91,14 +93,14 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
 
 
 def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array:
-    """Half-widths of the windows, of a square: at the rim of a checkerboard squares may be cut."""
+    """Half-widths of the windows, in squares; squares at the border of a checkerboard may be cut."""
     if target.get("kind") != "checkerboard" or view.point_ids is None:
         return min(window, WIDER_HALF)
     return wider_halves(target["columns"], target["rows"], window)[view.point_ids]
 
 
 def _read_again(file: Mapping[str, str] | None) -> Array:
-    """The picture of a view.
+    """Read the picture of a view again.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Pictures resampled through a map and written again, colours and depth kept."""
+"""Pictures resampled through a map and written, preserving colours and bit depth."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 def read_pictures(
     files: Iterable[Path], size: tuple[int, int] | None = None
 ) -> Iterator[tuple[Path, Array | UnreadableError]]:
-    """The pixels (height, width) or (height, width, channels) of pictures as they are stored, or the reason.
+    """The pixels (height, width) or (height, width, channels) of pictures as stored, or the reason why not.
 
     With `size`, a picture whose header states another one is not decoded.
     In place of a film comes each of its frames, as `movie.mp4#123`.
@@ -67,13 +67,13 @@ def _read(path: Path, size: tuple[int, int] | None) -> Array:
 
 
 def other_size(found: tuple[int, ...] | None, needed: tuple[int, int] | None) -> str:
-    """The reason why a picture of another size than the camera's is left out."""
+    """The reason for skipping a picture whose size differs from the camera's."""
     words = ["x".join(map(str, size or ())) for size in (found, needed)]
     return f"it is {words[0]}, the camera is for {words[1]}"
 
 
 def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") -> Array:
-    """The picture with the pixels found at (u, v), black where these are -1.
+    """The picture sampled at (u, v), black where these are -1.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") 
 
 
 def written_name(path: Path) -> str:
-    """The name under which a resampled picture is written: `movie_000123.png` for a frame of a film."""
+    """The name of a resampled picture: `movie_000123.png` for a frame of a film."""
     file, number = split(path)
     if number is not None:
         return f"{file.stem}_{number:06d}.png"
@@ -98,7 +98,7 @@ def written_name(path: Path) -> str:
 
 
 def write_picture(path: Path, picture: Array, force: bool = False) -> None:
-    """Write a picture in the format that its ending says, in full or not at all.
+    """Write a picture atomically, in the format of its extension.
 
     Raises
     ------

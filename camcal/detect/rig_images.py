@@ -1,4 +1,4 @@
-"""The pictures of the cameras of a rig: found, searched for one target, and sorted into instants."""
+"""The pictures of the cameras of a rig: listed, searched for one target, and grouped into instants."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def detect_rig(
 
 
 def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
-    """Raise a DataError where two cameras were given the same pictures, by their content."""
+    """Raise a DataError if two cameras were given the same pictures, by their content."""
     contents = {name: {f["sha256"] for f in part.files} for name, part in parts.items()}
     for a, b in combinations(contents, 2):
         same = len(contents[a] & contents[b])
@@ -84,7 +84,7 @@ def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
 
 
 def _searched(listed: Sequence[str], shown: Sequence[str], part: Observations) -> list[str]:
-    """What was searched, in the order of the list; frames of films, which it does not hold, by their numbers."""
+    """The searched pictures, in the order of the list; frames of films, which it does not contain, by number."""
     found = [*shown, *(s.id for s in part.skipped)]
     if set(found) <= set(listed):
         return [n for n in listed if n in set(found)]
@@ -128,7 +128,7 @@ def _by_name(names: Sequence[str]) -> list[str]:
 
 
 def _by_numbers(names: Sequence[str]) -> list[str]:
-    """The numbers in each name that are not the same in all names of the camera."""
+    """The numbers in each name that vary among the names of the camera."""
     found = [[str(int(n)) for n in NUMBER.findall(name)] for name in names]
     if len({len(f) for f in found}) != 1 or not found[0]:
         return ["" for _ in names]
@@ -137,13 +137,13 @@ def _by_numbers(names: Sequence[str]) -> list[str]:
 
 
 def _overlap(keys: Sequence[Sequence[str]]) -> bool:
-    """Whether each camera shares instants with another one."""
+    """Return whether each camera shares instants with another one."""
     count = Counter(k for own in keys for k in set(own))
     return all(any(count[k] > 1 for k in own) for own in keys)
 
 
 def _order(instants: Mapping[str, Mapping[str, str]]) -> tuple[str, ...]:
-    """The instants by their numbers, else as they come."""
+    """The instants in numerical order, otherwise in the order given."""
     found = dict.fromkeys(i for own in instants.values() for i in own.values())
     numbers = {i: [int(n) for n in NUMBER.findall(i)] for i in found}
     return tuple(sorted(found, key=lambda i: (numbers[i], i)))

@@ -1,4 +1,4 @@
-"""Sub-pixel corners where four squares meet, by fitting the grey values of each corner's picture.
+"""Sub-pixel corners where four squares meet, by fitting the grey values around each corner.
 
 The model is that of `edge_model`; all corners of a picture are fitted in one batch. Each fit yields a covariance
 from its own residuals, and a corner that does not look like one is rejected with its reason.
@@ -47,7 +47,7 @@ def refine(
     span: float | None = None,
     shape: Array | None = None,
 ) -> Corners:
-    """Fit all corners of a picture, edges taken for straight and the shading for even within a window.
+    """Fit all corners of a picture, assuming straight edges and uniform shading within a window.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def refine(
 
 
 def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
-    """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, of a square.
+    """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, in squares.
 
     Corners at the rim have at most `WIDER_HALF`, as outer squares may be cut narrower.
     """
@@ -91,7 +91,7 @@ def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
 
 
 def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corners:
-    """Replace the corners that were rejected by what the good ones let expect, to be fitted again.
+    """Replace the rejected corners by predictions from the good ones, to be fitted again.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corn
 
 
 def shares(known: Corners, sides: Array, half: float | Array, largest: float = LARGEST) -> Array:
-    """Half-widths (K,) of the windows of a second fit, of a square: clear of the next edges, and not too large."""
+    """Half-widths (K,) of the windows of a second fit, in squares: clear of the next edges, and not too large."""
     shortest = np.linalg.norm(sides, axis=2).min(1)
     return limited(np.clip(1 - CLEAR * known.blur / shortest, LEAST_HALF, half), sides, largest)
 
@@ -127,7 +127,7 @@ def sharpen(
     shape: Array | None = None,
     largest: float = LARGEST,
 ) -> Corners:
-    """Fit corners again, with the edges' curvature and the slope of the shading known.
+    """Fit corners again, with the curvature of the edges and the slope of the shading known.
 
     Parameters
     ----------

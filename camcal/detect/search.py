@@ -1,4 +1,4 @@
-"""Look for a checkerboard from coarse to fine; most are found on a tenth of a megapixel."""
+"""Coarse-to-fine search for a checkerboard; most are found on a tenth of a megapixel."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Found:
 
     @property
     def whole(self) -> bool:
-        """Whether the size is certain: nearly all corners are there and the board does not go on."""
+        """Whether the size is certain: nearly all corners are present and the board does not continue."""
         present = self.lattice.present
         edges = (present[0], present[-1], present[:, 0], present[:, -1])
         full = present.mean() >= NEARLY_ALL and min(e.mean() for e in edges) >= NEARLY_ALL
@@ -71,7 +71,7 @@ class Found:
 
     @property
     def area(self) -> float:
-        """px² that the grid covers: what hangs in front counts, not its image on a screen behind."""
+        """The area of the grid, px²; a board in front is preferred to its image on a screen behind."""
         steps, present = self.lattice.steps(), self.lattice.present
         step = steps[present & np.isfinite(steps).all((-1, -2))]
         if not len(step):
@@ -80,7 +80,9 @@ class Found:
         return float(present.sum() * abs(median(square)))
 
     def fits(self, size: tuple[int, int] | None) -> bool:
-        """Whether it is a board of that size (columns, rows), either way round; of any size a whole one."""
+        """Return whether it is a board of that size (columns, rows), in either orientation; without a size, a
+        whole board.
+        """
         if size is None:
             return self.whole
         same = sorted(self.lattice.size) == sorted(size)
@@ -121,14 +123,14 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
 
 
 def levels(shape: tuple[int, ...]) -> list[float]:
-    """Factors by which the picture is reduced, in the order of trial."""
+    """Reduction factors of the picture, in the order of trial."""
     longest = max(shape)
     factors = [float(max(1, round(longest / side))) for side in LONG_SIDES] + [0.5] * (longest <= ENLARGED)
     return list(dict.fromkeys(f for f in factors if min(shape) / f >= LEAST_PIXELS))
 
 
 def _at_level(picture: Array, factor: float, size: tuple[int, int] | None) -> list[Found]:
-    """The grids of one reduced picture, the one that covers most of it first."""
+    """The grids of one reduced picture, the largest in area first."""
     candidates = find_candidates(picture)
     links = grid.neighbours(candidates.marks, partial(shown_edges, picture, candidates.marks))
     least = 1 if size is None else SEED * size[0] * size[1]
@@ -146,12 +148,14 @@ def _at_level(picture: Array, factor: float, size: tuple[int, int] | None) -> li
 
 
 def _in_the_background(found: Found, largest: Found) -> bool:
-    """Whether a grid is so much smaller than another whole one that it is no board held up to the camera."""
+    """Return whether a grid is so much smaller than another whole one that it is not the board held up to the
+    camera.
+    """
     return found is not largest and largest.whole and found.area < BACKGROUND * largest.area
 
 
 def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
-    """Whether the next row beyond some side of the grid would lie (mostly) outside the picture."""
+    """Return whether the next row beyond some side of the grid would lie mostly outside the picture."""
     uv = found.uv
     last = np.array(shape[::-1]) - 1 - BORDER
     for edge, inner in ((uv[0], uv[1]), (uv[-1], uv[-2]), (uv[:, 0], uv[:, 1]), (uv[:, -1], uv[:, -2])):
@@ -164,13 +168,13 @@ def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
 
 
 def _half_rows(full: Lattice, cut: Lattice) -> bool:
-    """Whether a row was cut off that is too full to be chance: the board may go on there, hidden."""
+    """Return whether a trimmed row has too many points to be chance; the board may continue there, hidden."""
     extra = full.present.sum() - cut.present.sum()
     return bool(extra > HALF_HIDDEN * min(cut.size))
 
 
 def _why_not(best: Found, size: tuple[int, int]) -> Miss:
-    """The reason why a grid is not the board that was looked for."""
+    """The reason why a grid is not the requested board."""
     wanted, seen, total = f"{size[0]}x{size[1]}", int(best.lattice.present.sum()), size[0] * size[1]
     columns, rows = sorted(best.lattice.size, reverse=True)
     if best.open_ended and seen < total:

@@ -1,4 +1,4 @@
-"""The pictures of one search: their frames and names, the work on them, and what is said of it."""
+"""The pictures of one search: their frames and names, their processing, and progress reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 class Search:
-    """One call of `detect_images`: what all its pictures share."""
+    """One call of `detect_images`: the data that all its pictures share."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Search:
         keep_none()
 
     def open_films(self, chosen: Range) -> None:
-        """Put the frames that are worth searching in the place of films."""
+        """Replace films by their frames to be searched."""
         files = []
         for path in self.files:
             if not is_film(path):
@@ -62,25 +62,25 @@ class Search:
 
     @property
     def ids(self) -> dict[Path, str]:
-        """What each picture is called in the report."""
+        """The id of each picture in the report."""
         names = [*self.files, *(o.path for o in self.unreadable)]
         return dict(zip(names, view_ids(names), strict=True))
 
     @property
     def noun(self) -> str:
-        """What was searched, in words."""
+        """A noun for what was searched."""
         return "frames" if self.motion and len(self.motion) == len(self.files) else "pictures"
 
     @property
     def count(self) -> str:
-        """How many pictures or frames were searched, in words."""
+        """The number of pictures or frames searched, in words."""
         number = len(self.files) + len(self.unreadable)
         if self.noun == "frames":
             return f"{number} of {self.frame_count} frames"
         return f"{number} picture{'s' * (number != 1)}" + " and frames" * bool(self.motion)
 
     def tell(self, name: str, **details: Any) -> None:
-        """Say what happens to who asked for it."""
+        """Report progress to the caller."""
         if self.on_event is not None:
             self.on_event(name, details)
 
@@ -109,14 +109,14 @@ class Search:
             yield Task(path, target, self.seconds, self.cache, gray, expected)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:
-        """Say what came out of each picture."""
+        """Report the outcome of each picture."""
         ids = self.ids
         for done, o in enumerate(outcomes, 1):
             values = {"status": o.status, "reason": o.reason, "cached": o.cached}
             self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
 
     def read(self, path: Path) -> Any:
-        """A picture in grey, or None where it cannot be read."""
+        """A picture in grey, or None if it cannot be read."""
         try:
             return read_gray(path)[0]
         except UnreadableError:

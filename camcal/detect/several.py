@@ -1,4 +1,4 @@
-"""Several boards of markers in the same pictures: each that a picture shows is a view of its own.
+"""Several boards of markers in the same pictures; each one that a picture shows is a separate view.
 
 Where the boards stand to each other is not asked, so that they may be moved between pictures.
 """
@@ -26,14 +26,14 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Searched:
-    """A target and what came out of each picture that was searched for it."""
+    """A target and the outcome of each picture that was searched for it."""
 
     target: Target
     outcomes: list[Outcome]
 
 
 def further(best: Answer, found: Sequence[Answer]) -> list[Answer]:
-    """The boards besides the one that most pictures show, each with markers of its own."""
+    """The boards besides the most frequent one, each with its own markers."""
     if not isinstance(best.target, TagBoard):
         return []
     taken, chosen = _markers(best.target), []
@@ -54,7 +54,7 @@ def _markers(board: TagBoard) -> set[tuple[str, int, int]]:
 
 
 def merged(searched: Sequence[Searched]) -> list[Outcome]:
-    """For each picture the outcome of the first board that it shows, else that of the first target."""
+    """The outcome of the first board that each picture shows, otherwise that of the first target."""
     return [
         next((o for o in of_picture if o.detection is not None), of_picture[0])
         for of_picture in zip(*(s.outcomes for s in searched), strict=True)
@@ -62,7 +62,7 @@ def merged(searched: Sequence[Searched]) -> list[Outcome]:
 
 
 def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View]:
-    """The views of one picture; where it shows several boards their number in the list follows the name."""
+    """The views of one picture; if it shows several boards, their number in the list follows the name."""
     shown = _apart([None if (d := s.outcomes[picture].detection) is None else d.uv for s in searched])
     first = np.cumsum([0, *(len(s.target.points) for s in searched)])  # ids of different boards differ
     views = []
@@ -75,7 +75,7 @@ def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View
 
 
 def _apart(seen: Sequence[Array | None]) -> list[int]:
-    """Which boards of a picture have corners of their own.
+    """The boards of a picture that have corners of their own.
 
     One marker that is read as another's makes a second board of the corners of the first: of two that share most of the
     smaller one's corners the larger stays.
@@ -94,7 +94,7 @@ def _apart(seen: Sequence[Array | None]) -> list[int]:
 
 
 def described(searched: Sequence[Searched]) -> dict[str, Any]:
-    """What the report says under `target`; `boards` has the specs where there are several."""
+    """The report's entry `target`; `boards` has the specs if there are several."""
     said = searched[0].target.describe()
     if len(searched) == 1:
         return said

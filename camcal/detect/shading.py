@@ -1,4 +1,4 @@
-"""Shading: how the white and the black of a board change over a picture, from the fits of its corners.
+"""Shading: the variation of the board's white and black over a picture, from the fits of its corners.
 
 A slope of the shading across a corner's window pulls the corner towards the brighter side: 10 % over a
 picture of 640 px and a blur of 1.2 px make about 0.003 px. One corner does not separate such a slope from a
@@ -31,7 +31,7 @@ HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corne
 
 
 def unusual(noise: Array) -> Array:
-    """Which corners (K,) have larger residuals than the model of a corner leaves in most."""
+    """The corners (K,) whose residuals are larger than the model of a corner usually leaves."""
     return noise > UNUSUAL * lower_quartile(noise)
 
 
@@ -64,7 +64,7 @@ def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
 
 
 def _robust_fit(design: Array, values: Array) -> Array:
-    """Least squares with Huber's weights, the scale from the median deviation."""
+    """Least squares with Huber's weights; the scale is the median deviation."""
     weighted = design
     for _ in range(ROUNDS):
         normal = weighted.T @ design
@@ -79,7 +79,7 @@ def _robust_fit(design: Array, values: Array) -> Array:
 def evened(
     windows: Windows, slope: Array, offset: Array, contrast: Array, limits: tuple[float, float]
 ) -> Windows:
-    """The windows as they would be with the shading of their corners everywhere.
+    """The windows corrected to the shading of their corners everywhere.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def evened(
 
 
 def with_slopes(windows: Windows, fits: Fits, limits: tuple[float, float]) -> Fits:
-    """Fits whose covariance holds by how much a slope of the shading within a window, as beside a glare, moves them.
+    """Fits whose covariance includes the effect of a shading slope within a window, for example beside a glare.
 
     Only corners with unusual residuals are looked at. The slope g that these show is that of least squares over the
     fit's own parameters and two more: with residuals r, derivatives J, the pixels' coordinates G and X = (J Jᵀ)⁻¹ J Gᵀ

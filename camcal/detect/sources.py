@@ -1,4 +1,4 @@
-"""Where a picture comes from: a file, an entry of an archive, a page of a picture, a frame of a film.
+"""Sources of pictures: a file, an entry of an archive, a page of a picture, a frame of a film.
 
 Each has a name that is a path: `left.png`, `pictures.zip/left.png`, `all.tif#2`, `movie.mp4#123`. Pages and frames
 are counted from 0. Whoever has the name can read the picture again.
@@ -128,18 +128,18 @@ def split(path: Path) -> tuple[Path, int | None]:
 
 
 def is_frame(path: Path) -> bool:
-    """Whether a name is that of a frame of a film."""
+    """Return whether a name is that of a frame of a film."""
     file, number = split(path)
     return number is not None and is_film(file)
 
 
 def archive_of(path: Path) -> Path | None:
-    """The archive of which a name is an entry, or None."""
+    """The archive that contains a name, or None."""
     return next((p for p in path.parents if p.suffix.lower() in ARCHIVES and p.is_file()), None)
 
 
 def exists(path: Path) -> bool:
-    """Whether there is such a file, entry, page or frame (the number itself is not checked)."""
+    """Return whether such a file, entry, page or frame exists (the number itself is not checked)."""
     file, _ = split(path)
     archive = archive_of(file)
     if archive is None:
@@ -177,7 +177,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def page_count(path: Path) -> int:
-    """How many pictures a file holds: more than 1 for TIFF files of several pages."""
+    """The number of pictures in a file: more than 1 for multi-page TIFF files."""
     if not is_file(path):  # a pipe would be waited for
         return 1
     try:
@@ -190,7 +190,7 @@ def page_count(path: Path) -> int:
 
 
 def decode_page(data: bytes, number: int) -> Array:
-    """One page of a picture of several.
+    """One page of a multi-page picture.
 
     Raises
     ------
@@ -208,6 +208,6 @@ def decode_page(data: bytes, number: int) -> Array:
 
 
 def of_pixels(gray: Array) -> Fetched:
-    """A picture that has been decoded already: its SHA-256 is that of its size and its pixels."""
+    """A picture that was decoded already; its SHA-256 is that of its size and pixels."""
     head = repr((gray.shape, gray.dtype.str)).encode()
     return Fetched(hashlib.sha256(head + gray.tobytes()).hexdigest(), lambda: gray)

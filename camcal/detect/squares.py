@@ -1,4 +1,4 @@
-"""Black and white squares in turn: whether the grey values of a picture agree with a grid of corners."""
+"""Alternating black and white squares: whether the grey values of a picture agree with a grid of corners."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Squares:
 
     @classmethod
     def of(cls, gray: Array, lattice: Lattice) -> Squares:
-        """Look a float32 picture up."""
+        """Sample a float32 picture."""
         uv = lattice.uv
         centre = 0.25 * (uv[:-1, :-1] + uv[1:, :-1] + uv[:-1, 1:] + uv[1:, 1:])
         known = np.isfinite(centre[..., 0])
@@ -49,7 +49,7 @@ class Squares:
 
     @property
     def sign(self) -> float:
-        """Median of the squares of the parity of the first, less that of the others, grey levels.
+        """The median of the squares with the parity of the first, minus that of the others, grey levels.
 
         Negative where the square between corners (0, 0) and (1, 1) is black; 0 with nothing to compare.
         """
@@ -59,7 +59,7 @@ class Squares:
         return median(one) - median(other) if len(one) and len(other) else 0.0
 
     def alternation(self) -> float:
-        """Share of neighbouring squares that are as unlike as the colours of a checkerboard should be."""
+        """The fraction of neighbouring squares that differ as the colours of a checkerboard should."""
         value = (
             self.value * np.where(np.indices(self.value.shape).sum(0) % 2 == 0, 1, -1) * np.sign(self.sign)
         )
@@ -70,7 +70,7 @@ class Squares:
 
 
 def _sample(gray: Array, at: Array) -> Array:
-    """Grey values at places (..., 2), px, by linear interpolation."""
+    """Grey values at positions (..., 2), px, by linear interpolation."""
     if not at.size:
         return np.zeros(at.shape[:-1])
     flat = at.reshape(-1, 1, 2).astype(np.float32)
@@ -80,7 +80,7 @@ def _sample(gray: Array, at: Array) -> Array:
 
 
 def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Array:
-    """Whether the picture is brighter on the right side all along the way from corners i to corners j, (L,).
+    """Return whether the picture is brighter on the right side all along the edges from corners i to corners j, (L,).
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Ar
 
 
 def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
-    """Look for corners that are missing inside the grid or one step outside it.
+    """Search for corners that are missing inside the grid or one step outside it.
 
     Each is predicted from its neighbours and taken where a saddle lies near the prediction and the four squares
     around it alternate as they should.
@@ -142,7 +142,7 @@ def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
 
 
 def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
-    """How much brighter the squares down-right and up-left are than the two others; 0 where unclear."""
+    """The brightness of the squares down-right and up-left minus that of the two others; 0 if unclear."""
     a, b = 0.3 * steps[..., 0, :], 0.3 * steps[..., 1, :]
     values = _sample(gray, np.stack([uv + a + b, uv - a - b, uv + a - b, uv - a + b]))
     plus, minus = values[:2], values[2:]
@@ -151,7 +151,7 @@ def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
 
 
 def oriented(gray: Array, lattice: Lattice, columns: int, rows: int) -> Lattice | None:
-    """Turn a grid so that it has the wanted columns and rows and its first outer square is black.
+    """Rotate a grid so that it has the requested columns and rows and its first outer square is black.
 
     Where that leaves more than one way, the columns run as nearly to the right of the picture as they can: a
     board whose sides are both odd or both even looks the same after half a turn. None where the size does not

@@ -1,4 +1,4 @@
-"""What views add to the knowledge of a camera, before there is one: a choice of frames.
+"""The information of views about a camera before it is known, for the selection of frames.
 
 The criterion is that of `camcal next` (the information of a view with its pose eliminated,
 `assess/next_view.py`), for a camera of an ordinary field of view, as no calibration has been made. Views are

@@ -1,4 +1,4 @@
-"""Which pixels around each corner take part in its fit.
+"""The pixels around each corner that take part in its fit.
 
 A window is a parallelogram in the picture, a share of a square to each side of the corner along the board's
 own directions, so that it holds no other edge however the board is tilted. Of a large window only the
@@ -55,7 +55,7 @@ class Windows:
     inside: Array
 
     def take(self, rows: Array) -> Windows:
-        """Only some of the windows."""
+        """Select some of the windows."""
         return Windows(*(a[rows] for a in (self.origin, self.q, self.value, self.counts, self.inside)))
 
     def inner(self, size: Inner) -> Windows:
@@ -223,7 +223,7 @@ def _packed(
 
 
 def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Array:
-    """Half-widths (K,) of the windows as shares of the squares, so that none is larger than `largest` px."""
+    """Half-widths (K,) of the windows as fractions of the squares, limited to `largest` px."""
     longest = np.linalg.norm(sides, axis=2).max(1)
     return np.minimum(half, largest / np.maximum(longest, 1e-9))
 

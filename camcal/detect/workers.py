@@ -1,4 +1,4 @@
-"""Many pictures over several processes, which end with the program and on ^C."""
+"""Processing of many pictures in several processes, which end with the program and on ^C."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def map_unordered(
     crashed: Callable[[T], R],
     count: int | None = None,
 ) -> Iterator[tuple[int, R]]:
-    """Apply a function to items, in other processes where there is enough to do.
+    """Apply a function to items, in other processes if there is enough work.
 
     Items are taken as they are needed, so that no more than a few at a time are held.
 
@@ -78,18 +78,18 @@ def map_unordered(
 
 
 def _worth_others(spent: float, done: int, count: int) -> bool:
-    """Whether what is left is worth starting other processes, by the time that the first items took."""
+    """Return whether the remaining work justifies other processes, by the time that the first items took."""
     left = spent / max(done, 1) * (count - done)
     return count - done > 1 and spent > ALONE and left > WORTH_IT
 
 
 def usable_processors() -> int:
-    """Processors that this process may use."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
-    """Yield (index, result); return the items that a broken pool has lost, or None where all are done."""
+    """Yield (index, result); return the items that a broken pool has lost, or None if all are done."""
     before = set(multiprocessing.active_children())
     try:
         pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
@@ -125,7 +125,7 @@ def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs
 
 
 def _end_children(before: set[Any]) -> None:
-    """End the processes that were not there before, and see that they are gone.
+    """End the processes that were started since, and wait until they have exited.
 
     The pool's own thread waits for the same processes: whichever of the two sees the end first, the other may
     for a moment hold a process for alive that is not, so that `join` alone does not tell.
@@ -138,13 +138,13 @@ def _end_children(before: set[Any]) -> None:
 
 
 def _of_main(work: object) -> bool:
-    """Whether work needs what the user's script defines: a target of a class of its own."""
+    """Return whether the work needs objects that the user's script defines, such as a target of its own class."""
     return b"__main__" in pickle.dumps(work)
 
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Processes that start meanwhile do not run the user's script again.
+    """Keep processes that start meanwhile from running the user's script again.
 
     A new process imports the script that started it. One that calls camcal on its top level, without asking for
     `__name__ == "__main__"`, would search the pictures there as well.
@@ -159,7 +159,7 @@ def _without_main() -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile use one thread each for linear algebra, as they fill the machine."""
+    """Limit processes that start meanwhile to one thread each for linear algebra, since they fill the machine."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

@@ -1,4 +1,4 @@
-"""One answer of what all pictures show: the target, how many show it, and what else was seen."""
+"""The joint decision about all pictures: the target, how many show it, and what else was seen."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Answer:
 
 
 def answers(sights: Sequence[Sight]) -> list[Answer]:
-    """The targets that pictures show, the one that most of them show first.
+    """The targets that pictures show, the most frequent first.
 
     A picture whose squares hold markers, or on which a board of markers was found, does not count as one of a
     checkerboard.
@@ -82,7 +82,7 @@ def _boards(sights: Sequence[Sight]) -> list[Found]:
 
 
 def unread(sights: Sequence[Sight], best: Answer | None) -> int:
-    """How many pictures show squares with markers that cannot be read, where these are most; else 0."""
+    """The number of pictures with squares whose markers cannot be read, if these are the majority; otherwise 0."""
     marked = sum(s.marked and len(s.markers) < LEAST_MARKERS for s in sights)
     return marked if best is None or marked > len(best.pictures) else 0
 
@@ -113,7 +113,7 @@ def board_size(sights: Sequence[Sight]) -> tuple[tuple[int, int], bool, int] | N
 
 
 def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Array]) -> Target | None:
-    """The board that the markers of pictures show, where it is not the one that was asked for.
+    """The board that the markers show, if it differs from the requested one.
 
     Only boards of markers are judged; a board of which a part is seen is no other board. The lengths of the
     answer are in the unit of `target`.
@@ -147,7 +147,7 @@ def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Ar
 
 
 def _alike(target: Target, other: Target, within: float) -> bool:
-    """Whether markers have the size, and tags the gap, that was said."""
+    """Return whether markers have the requested size, and tags the requested gap."""
     if isinstance(target, Charuco) and isinstance(other, Charuco):
         said, seen = target.marker / target.square, other.marker / other.square
     elif isinstance(target, (AprilGrid, TagGrid)) and isinstance(other, (AprilGrid, TagGrid)):
@@ -158,7 +158,7 @@ def _alike(target: Target, other: Target, within: float) -> bool:
 
 
 def words(target: Target) -> str:
-    """A target in words: `a ChArUco board of 9x7 squares, markers 0.5 of a square, dictionary 4X4_50`."""
+    """Describe a target: `a ChArUco board of 9x7 squares, markers 0.5 of a square, dictionary 4X4_50`."""
     size = f"{target.columns}x{target.rows}"
     if isinstance(target, Charuco):
         legacy = ", OpenCV's layout before 4.6" * target.legacy

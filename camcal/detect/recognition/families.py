@@ -1,4 +1,4 @@
-"""Markers of an unknown dictionary: which family they are of, their ids and their corners."""
+"""Markers of an unknown dictionary: their family, ids and corners."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Marker:
 def read_markers(
     gray: Array, first: Family | None = None, closely: bool = False
 ) -> tuple[Family | None, list[Marker]]:
-    """Read the markers of a picture, of the family of which most can be read.
+    """Read the markers of a picture, of the family with the most readable ones.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def read_markers(
 def read_others(
     gray: Array, family: Family | None, markers: Sequence[Marker]
 ) -> tuple[tuple[Family, tuple[Marker, ...]], ...]:
-    """Markers of further families, where a picture shows boards of several.
+    """Markers of further families, if a picture shows boards of several.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def read_others(
 
 
 def _covered(quads: Array, markers: Array) -> Array:
-    """Which quadrilaterals (K, 4, 2) have their middle within that of a marker (M, 4, 2), by half its width."""
+    """The quadrilaterals (K, 4, 2) whose centre lies within half a width of a marker's (M, 4, 2)."""
     if not len(markers) or not len(quads):
         return np.zeros(len(quads), bool)
     middle = markers.mean(1)
@@ -131,18 +131,18 @@ def _covered(quads: Array, markers: Array) -> Array:
 
 
 def stem(name: str) -> str:
-    """What the dictionaries of one family have in common: `4X4` of `4X4_100`, else the name itself."""
+    """The common name of the dictionaries of a family: `4X4` of `4X4_100`, otherwise the name itself."""
     return name.rpartition("_")[0] if name[0].isdigit() else name
 
 
 def smallest(name: str, needed: int) -> str:
-    """The smallest dictionary of a family that holds so many markers; its first ones are the same."""
+    """The smallest dictionary of a family with so many markers; the first markers are the same in all."""
     kin = [n for n in names() if name[0].isdigit() and stem(n) == stem(name) and marker_count(n) >= needed]
     return min(kin, key=marker_count) if kin else name
 
 
 def family_of(dictionary: str, border: int) -> Family:
-    """The entry of `FAMILIES` that holds the markers of a dictionary."""
+    """The entry of `FAMILIES` that contains the markers of a dictionary."""
     return next(
         (f for f in FAMILIES if stem(f[0]) == stem(dictionary) and f[1] == border), (dictionary, border)
     )

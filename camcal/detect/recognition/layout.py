@@ -1,4 +1,4 @@
-"""The layout of a board of markers from where its markers are seen and what their ids are.
+"""The layout of a board of markers, from the positions and ids of its markers.
 
 Each marker spans a small frame of its own, in which its neighbours stand at whole multiples of one step:
 along the diagonals on a ChArUco board, along the rows in a grid of tags. So every marker gets a column and
@@ -39,7 +39,7 @@ Cell = Callable[[int], Place]  #: where a layout puts the marker of an id
 
 @dataclass(frozen=True)
 class Patch:
-    """Markers of one picture that neighbours link: places by id, from any origin."""
+    """The markers of one picture that are linked by neighbours: positions by id, from an arbitrary origin."""
 
     picture: int
     places: dict[int, Place]
@@ -65,7 +65,7 @@ class Found:
 
 
 def find_boards(views: Sequence[Sequence[Marker]], family: Family) -> list[Found]:
-    """The boards on which the markers of some pictures stand, the one with most markers first.
+    """The boards of the markers of some pictures, the one with the most markers first.
 
     Markers that are linked in some picture are on one board; so several boards in one picture are told
     apart by their ids.
@@ -106,7 +106,7 @@ def explains(board: TagBoard, views: Sequence[Sequence[Marker]]) -> float:
 
 
 def _places(board: TagBoard) -> dict[int, Place]:
-    """Column and row of each marker, by id, in the markers' own frame."""
+    """The column and row of each marker, by id, in the markers' own frame."""
     corners = board.tag_corners
     side = corners[0, [1, 3]] - corners[0, 0]
     along = (corners[:, 0] - corners[0, 0]) @ (side / np.linalg.norm(side, axis=1, keepdims=True)).T
@@ -115,7 +115,7 @@ def _places(board: TagBoard) -> dict[int, Place]:
 
 
 def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
-    """The ChArUco board, its square 1, that explains the places of markers."""
+    """The ChArUco board, with a square of 1, that explains the positions of markers."""
     ids = _ids(patches)
     if not ids:
         return None
@@ -141,7 +141,7 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set
 
 
 def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
-    """The grid of separate markers, their side 1, that explains the places of markers.
+    """The grid of separate markers, with a side of 1, that explains the positions of markers.
 
     Kalibr's ids go up from the lower left, cv2's down from the upper left. The spacing is only rough: small squares
     at the tags' corners spoil the outlines of these.
@@ -173,7 +173,7 @@ def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign
 
 
 def _origins(ids: Sequence[int], foreign: set[int]) -> Sequence[int]:
-    """What the first id may be: 0, unless markers of another board are among those from there on, or the least."""
+    """The possible first ids: 0, unless another board's markers have ids from there on, or the smallest."""
     first = min(ids)
     return list(dict.fromkeys((first,) if any(0 <= f < first for f in foreign) else (0, first)))
 
@@ -187,7 +187,7 @@ def _ids(patches: Sequence[Patch]) -> list[int]:
 
 
 def _last(patches: Sequence[Patch], cell: Cell) -> int:
-    """The largest id of the markers that a layout explains: a misread one must not make the board longer."""
+    """The largest id of the markers that a layout explains; a misread marker must not extend the board."""
     return max(m for patch in patches for m in _explained(patch, cell))
 
 
@@ -196,7 +196,7 @@ def _pictures(patches: Sequence[Patch]) -> tuple[int, ...]:
 
 
 def _kalibr_cell(marker: int, columns: int, first: int = 0) -> Place:
-    """Column and row of a tag in cv2's frame of it, which is turned by half a turn against Kalibr's.
+    """The column and row of a tag in cv2's frame of it, rotated by 180 degrees relative to Kalibr's.
 
     Kalibr's ids go to the right and up, so in that frame to the left and down.
     """
@@ -205,7 +205,7 @@ def _kalibr_cell(marker: int, columns: int, first: int = 0) -> Place:
 
 
 def _cv2_cell(marker: int, columns: int, first: int = 0) -> Place:
-    """Column and row of a marker of cv2's grids, whose ids go to the right and down."""
+    """The column and row of a marker of cv2's grids, whose ids increase to the right and down."""
     marker -= first
     return marker % columns, marker // columns
 
@@ -220,12 +220,12 @@ def _charuco_cell(marker: int, columns: int, start: int, first: int = 0) -> Plac
 
 
 def _agreeing(patches: Sequence[Patch], cell: Cell) -> int:
-    """Number of the markers whose places differ by what the layout says they should."""
+    """The number of markers whose positions differ as the layout predicts."""
     return sum(len(_explained(patch, cell)) for patch in patches)
 
 
 def _explained(patch: Patch, cell: Cell) -> list[int]:
-    """The ids of a patch that stand where a layout has them, once its origin is chosen best."""
+    """The ids of a patch at the positions of a layout, for the best choice of its origin."""
     offset = {m: (x - cell(m)[0], y - cell(m)[1]) for m, (x, y) in patch.places.items()}
     best = Counter(offset.values()).most_common(1)[0][0]
     return [m for m, o in offset.items() if o == best]
@@ -245,7 +245,7 @@ def _boards_apart(patches: Sequence[Patch]) -> Iterator[list[Patch]]:
 
 
 def _on_one_plane(board: TagBoard, views: Sequence[Sequence[Marker]]) -> bool:
-    """Whether markers that no neighbour links stand where one board would have them."""
+    """Return whether markers without linked neighbours are where one board would have them."""
     own = {int(tag): k for k, tag in enumerate(board.tag_ids)}
     right = total = 0
     for view in views:
@@ -258,7 +258,7 @@ def _on_one_plane(board: TagBoard, views: Sequence[Sequence[Marker]]) -> bool:
 
 
 def _patches(views: Sequence[Sequence[Marker]], diagonal: bool) -> tuple[list[Patch], float]:
-    """The linked markers of each picture, and the step in sides of a marker."""
+    """The linked markers of each picture, and the step in marker sides."""
     frames = [_frames(view) for view in views]
     steps = np.concatenate([_steps(offset, diagonal) for _, offset in frames] or [np.zeros(0)])
     if len(steps) < 3:
@@ -283,7 +283,7 @@ def _frames(view: Sequence[Marker]) -> tuple[Array, Array]:
 
 
 def _steps(offset: Array, diagonal: bool) -> Array:
-    """How far the nearest neighbours stand, along both axes or along one, in sides of a marker."""
+    """The distance of the nearest neighbours, along both axes or along one, in marker sides."""
     a = np.abs(offset).reshape(-1, 2)
     large, small = a.max(1), a.min(1)
     if diagonal:
@@ -293,12 +293,12 @@ def _steps(offset: Array, diagonal: bool) -> Array:
 
 
 def _nearest(lengths: Array) -> Array:
-    """The lengths of single steps: those that are not far from the shortest."""
+    """The lengths of single steps: those close to the shortest."""
     return lengths[lengths < 1.4 * np.percentile(lengths, 10)] if len(lengths) else lengths
 
 
 def _walk(near: Array, offset: Array, diagonal: bool) -> Iterator[dict[int, Place]]:
-    """Places of each set of markers that neighbours link by whole steps, the surest link first.
+    """The positions of each set of markers that neighbours link by whole steps, the most reliable link first.
 
     A short step is surer than a long one: the frame of a small marker does not reach far.
     """

@@ -1,4 +1,4 @@
-"""What one picture shows, when nothing is said of the target: markers, a checkerboard, discs, or nothing."""
+"""The contents of one picture if no target is given: markers, a checkerboard, discs, or nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MIRRORED = "the markers in the picture are mirror images"
 
 @dataclass(frozen=True)
 class Sight:
-    """What a picture shows.
+    """The contents of a picture.
 
     Attributes
     ----------
@@ -121,6 +121,6 @@ def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
 
 
 def _mirrored(gray: Array) -> bool:
-    """Whether a board of markers shows when the picture is turned over."""
+    """Return whether a board of markers is found in the mirrored picture."""
     family, markers = read_markers(np.ascontiguousarray(gray[:, ::-1]))
     return family is not None and bool(find_boards([markers], family))

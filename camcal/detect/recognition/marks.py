@@ -1,4 +1,4 @@
-"""Whether the squares of a checkerboard hold markers, also markers too small to read."""
+"""Whether the squares of a checkerboard contain markers, including ones too small to read."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_SIDE = 6.0  #: px of a square; in smaller ones there is no middle without 
 
 
 def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> bool:
-    """Whether most squares of one colour are not plain.
+    """Return whether most squares of one colour are not uniform.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> 
 
 
 def _middles(gray: Array, corners: Array) -> tuple[Array, Array]:
-    """Median and spread (standard deviation) of the grey values in the middle of squares (K, 4, 2)."""
+    """The median and standard deviation of the grey values in the middle of squares (K, 4, 2)."""
     at = MIDDLE + (1 - 2 * MIDDLE) * (np.arange(SAMPLES) + 0.5) / SAMPLES
     inside = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
     unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])

@@ -36,7 +36,7 @@ GROSS = (
 
 
 def measured(board: Target, pictures: Sequence[Array]) -> Target:
-    """The same board with its proportions measured in (a few of) the pictures that show it."""
+    """The same board with its proportions measured in a few of the pictures that show it."""
     if isinstance(board, Charuco):
         return _measured_marker(board, pictures[:MOST_PICTURES])
     if isinstance(board, (AprilGrid, SquareGrid, TagGrid)):
@@ -45,7 +45,7 @@ def measured(board: Target, pictures: Sequence[Array]) -> Target:
 
 
 def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
-    """The board with the size of markers that correlates best with the pictures."""
+    """The board with the marker size that correlates best with the pictures."""
     seen = [(gray, uv) for gray in pictures if (uv := _grid(board, gray)) is not None]
     if seen:
         ratio = board.marker
@@ -69,7 +69,7 @@ def board_with_marker(board: Charuco, marker: float) -> Charuco:
 
 
 def _grid(board: Charuco, gray: Array) -> Array | None:
-    """The corners (rows, columns, 2) that a picture shows, NaN where it shows none."""
+    """The corners (rows, columns, 2) of a picture, NaN for missing ones."""
     found = board.find(gray)
     if not isinstance(found, Detection):
         return None
@@ -79,7 +79,7 @@ def _grid(board: Charuco, gray: Array) -> Array | None:
 
 
 def _squares(board: Charuco) -> Array:
-    """Column and row (K, 2) of each marker's square, counted from the first inner corner."""
+    """The column and row (K, 2) of each marker's square, counted from the first inner corner."""
     return np.floor(board.tag_corners[:, 0] / board.square).astype(int) - 1
 
 
@@ -91,7 +91,7 @@ def _codes(board: Charuco) -> Array:
 
 
 def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Array, squares: Array) -> float:
-    """Minus the mean correlation of the markers with the squares that hold them, at some size."""
+    """The negative mean correlation of the markers with the squares that hold them, for a marker size."""
     values = []
     for gray, uv in seen:
         cells = sample_squares(gray, uv, ratio, codes.shape[-1])
@@ -102,7 +102,7 @@ def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Arr
 
 
 def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
-    """The grid with the spacing for which four tags at a time are most nearly a plane's picture."""
+    """The grid with the spacing for which blocks of four tags fit a plane's image best."""
     from scipy import optimize  # as above
 
     for _ in range(2):  # the second time with corners that the first guess did not lead to
@@ -121,13 +121,13 @@ def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
 
 
 def _misfit(spacing: float, grid: Spaced, ids: Array, uv: Array) -> float:
-    """Sum of the misfits of a homography to each block of points (B, 16), each block alike, px²."""
+    """The sum of the residuals of a homography for each block of points (B, 16), with equal weights, px²."""
     cost = homography.solve(grid_with_spacing(grid, spacing).points[ids, :2], uv)[2]
     return float(np.minimum(cost, GROSS * np.median(cost)).sum())
 
 
 def _blocks(grid: Spaced, found: Detection) -> tuple[Array, Array]:
-    """Points (B, 16) of two by two tags of which every corner was found, and their images (B, 16, 2)."""
+    """Points (B, 16) of two by two tags whose corners were all found, and their images (B, 16, 2)."""
     tag = np.arange(grid.columns * grid.rows).reshape(grid.rows, grid.columns)
     four = np.stack([tag[:-1, :-1], tag[:-1, 1:], tag[1:, :-1], tag[1:, 1:]], -1).reshape(-1, 4)
     ids = (4 * four[:, :, None] + np.arange(4)).reshape(-1, 16)
@@ -146,6 +146,6 @@ def grid_with_spacing(grid: Spaced, spacing: float) -> Spaced:
 
 
 def rounded(value: float, step: float, near: float) -> float:
-    """The nearest multiple of a step, as people choose such figures, where it is near; else three digits."""
+    """The nearest multiple of a step, as people choose such values, if it is close; otherwise three digits."""
     whole = round(round(value / step) * step, 6)
     return whole if abs(whole - value) < near else round(value, 3)

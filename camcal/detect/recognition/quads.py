@@ -39,7 +39,7 @@ def marker_like(gray: Array) -> Array:
 
 
 def sampled(gray: Array, quads: Array, at: Array) -> Array:
-    """Grey values (K, n, n) of quadrilaterals at shares `at` (n,) of their sides, seen as squares."""
+    """Grey values (K, n, n) of quadrilaterals at fractions `at` (n,) of their sides, mapped to squares."""
     if not len(quads):
         return np.zeros((0, len(at), len(at)))
     unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
@@ -94,7 +94,7 @@ def decode(gray: Array, quads: Array, name: str, border: int) -> tuple[Array, Ar
 
 @cache
 def _codes(name: str) -> tuple[Array, int, int]:
-    """The markers' bits (M, n n) as float32, n, and how many wrong bits can be corrected."""
+    """The markers' bits (M, n n) as float32, n, and the number of wrong bits that can be corrected."""
     made = dictionary(name)
     side = int(made.markerSize)
     rows = [cv2.aruco.Dictionary.getBitsFromByteList(row[None], side).ravel() for row in made.bytesList]

@@ -35,7 +35,7 @@ BOTH = "+"  #: between the specs of several boards
 
 
 def make_all(spec: str) -> list[Target]:
-    """The targets of one spec, or of several with a plus between them.
+    """The targets of one spec, or of several joined by a plus.
 
     Raises
     ------

@@ -40,7 +40,7 @@ CV2_CORNERS = np.array([1, 0, 3, 2])
 
 
 class AprilGrid(TagBoard):
-    """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a share of it."""
+    """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a fraction of it."""
 
     kind = "aprilgrid"
     first_half = second_half = 0.85  # of a small square, behind which nothing continues: no wider
@@ -72,7 +72,7 @@ class AprilGrid(TagBoard):
 
     @property
     def pitch(self) -> float:
-        """Distance of neighbouring tags."""
+        """The distance between neighbouring tags."""
         return self.square * (1 + self.spacing)
 
     @property
@@ -99,12 +99,12 @@ class AprilGrid(TagBoard):
 
     @property
     def cell(self) -> float:
-        """The side of a small square, where its edges end."""
+        """The side of a small square, the length of its edges."""
         return self.square * self.spacing
 
     @property
     def clear(self) -> float:
-        """Up to the bits behind the tag's black border, or to the small square's other edge."""
+        """The distance to the bits behind the tag's black border, or to the small square's other edge."""
         cells = dictionary(self.dictionary).markerSize + 2 * self.border
         return self.square * min(self.spacing, self.border / cells)
 
@@ -160,7 +160,7 @@ class AprilGrid(TagBoard):
         return plain + [f"{name}={value}" for name, value, usual in named if value != usual]
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         own = {"spacing": self.spacing, "family": self.dictionary, "border": self.border, "start": self.start}
         return super().describe() | own
 

@@ -1,4 +1,4 @@
-"""What a calibration target is: points on a plane, a way to find them in a picture, a pattern to print.
+"""The interface of calibration targets: points on a plane, a detector, and a pattern to print.
 
 A new target is one file with a subclass of `Target` and one line in the table of `targets/__init__.py`:
 
@@ -33,7 +33,7 @@ clock = time.thread_time
 
 @dataclass(frozen=True)
 class Detection:
-    """The points of a target that one picture shows.
+    """The points of a target found in one picture.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Miss:
-    """Why a picture gave no target.
+    """The reason why a picture gave no target.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Miss:
 
 @dataclass(frozen=True)
 class Pattern:
-    """What is printed: black shapes on white, in the target's unit, x to the right and y downward.
+    """The printed pattern: black shapes on white, in the target's unit, x to the right and y downward.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Target(ABC):
 
     @abstractmethod
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Look for the target in a grey picture.
+        """Search for the target in a grey picture.
 
         Parameters
         ----------
@@ -150,12 +150,12 @@ class Target(ABC):
 
     @property
     def spec(self) -> str:
-        """What `targets.make` makes this target of, as text."""
+        """The text from which `targets.make` makes this target."""
         arguments = [self.kind, f"{self.columns}x{self.rows}", *self._arguments()]
         return ":".join(arguments)
 
     def _arguments(self) -> list[str]:
-        """What follows the size in the spec."""
+        """The part of the spec after the size."""
         return [] if self.unit == "square" else [self._length(self.square)]
 
     def _length(self, value: float) -> str:
@@ -163,13 +163,13 @@ class Target(ABC):
         return f"{value:.6g}" + (self.unit if self.unit in UNITS else "")
 
     def scaled(self, square: float, unit: str) -> Target:
-        """The same target with another length of its cell, all other lengths in proportion."""
+        """The same target with another cell length, all other lengths in proportion."""
         made = copy.copy(self)
         made.square, made.unit = float(square), unit
         return made
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         return {
             "kind": self.kind,
             "columns": self.columns,

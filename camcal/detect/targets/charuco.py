@@ -111,11 +111,11 @@ class Charuco(TagBoard):
 
     @property
     def pitch(self) -> float:
-        """Distance of neighbouring markers along a diagonal."""
+        """The distance between neighbouring markers along a diagonal."""
         return float(np.sqrt(2)) * self.square
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Look for the board by its markers; where few can be read, by its corners and all of them."""
+        """Find the board by its markers; if few can be read, by its corners and all of its markers together."""
         start = clock()
         found = super().find(gray, seconds)
         if isinstance(found, Detection) and 2 * len(found) >= len(self.points):
@@ -156,7 +156,7 @@ class Charuco(TagBoard):
 
     @classmethod
     def parse(cls, arguments: list[str], named: dict[str, str]) -> Charuco:
-        """Read `9x7:40mm:20mm:4X4_100`, optionally with `legacy` behind.
+        """Read `9x7:40mm:20mm:4X4_100`, optionally followed by `legacy`.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class Charuco(TagBoard):
         return Charuco(*size, square, marker, self.dictionary, unit, self.legacy, self.start)
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         own = {
             "marker": self.marker,
             "dictionary": self.dictionary,

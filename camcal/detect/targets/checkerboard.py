@@ -100,7 +100,9 @@ def find_any(gray: Array, seconds: float = DEFAULT_SECONDS) -> tuple[tuple[int, 
 
 
 def by_chance(found: Detection, columns: int, rows: int) -> bool:
-    """Whether corners are as unevenly placed, and as unlike corners of squares, as those of text and foliage are."""
+    """Return whether corners are as unevenly placed, and as unlike corners of squares, as those of text and
+    foliage.
+    """
     uv = np.full((columns * rows, 2), np.nan)
     uv[found.point_ids] = found.uv
     unlike = found.info["noise"] > UNLIKE * found.info["contrast"]
@@ -108,7 +110,7 @@ def by_chance(found: Detection, columns: int, rows: int) -> bool:
 
 
 def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection | Miss:
-    """Turn a found grid the right way and fit its corners at full size."""
+    """Orient a found grid and fit its corners at full size."""
     turned = oriented(found.picture, found.lattice.scaled(1 / found.factor), columns, rows)
     if turned is None:
         raise ValueError(f"a grid of {found.lattice.size} cannot be numbered as {columns}x{rows}")
@@ -135,7 +137,7 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
 
 
 def _unusable(rejected: dict[int, str]) -> Miss:
-    """What to say of a grid whose corners do not stand the fit."""
+    """The reason for a grid whose corners cannot be fitted."""
     reasons = list(rejected.values())
     commonest = max(set(reasons), key=reasons.count)
     reason = {"blurred away": "too-blurred", "too little contrast": "too-dark"}.get(commonest, "none")

@@ -120,7 +120,7 @@ class Circles(Target):
         return Detection(found.ids[order], fitted.discs.centre[order], sigma, info)
 
     def _strays(self, ids: Array, centre: Array) -> Array:
-        """Mask of the discs that are not where their neighbours alone put them."""
+        """A mask of the discs that are not where their neighbours predict them."""
         points = self.points[ids, :2]
         if len(ids) <= LOCAL_POINTS or not np.isfinite(centre).all():
             return ~np.isfinite(centre).all(1)
@@ -131,7 +131,7 @@ class Circles(Target):
     def apparent_shift(
         self, camera: Camera, cam_from_board: Pose, point_ids: Array, radius: float | None = None
     ) -> Array:
-        """How far the centroid of each disc's picture lies from the picture of its centre, (N, 2) px.
+        """The offset of the centroid of each disc's image from the image of its centre, (N, 2) px.
 
         Subtract it from what `find` measured. The outline is projected point by point and the centroid
         taken by Green's theorem, so that it holds for any lens; for a pinhole it is the formula of Heikkilä
@@ -205,12 +205,12 @@ class Circles(Target):
         return type(self)(self.columns, self.rows, square, unit, diameter)
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         return super().describe() | {"diameter": self.diameter}
 
 
 class AsymmetricCircles(Circles):
-    """OpenCV's asymmetric grid: `rows` rows of `columns` discs; `square` is the distance of rows."""
+    """OpenCV's asymmetric grid: `rows` rows of `columns` discs; `square` is the distance between rows."""
 
     kind = "asymmetric-circles"
     staggered = True
@@ -220,7 +220,7 @@ class AsymmetricCircles(Circles):
 def search(
     gray: Array, seconds: float, staggered: bool | None, size: tuple[int, int] | None
 ) -> tuple[Grid | None, list[tuple[int, int]]]:
-    """Look for a grid of discs from coarse to fine.
+    """Search for a grid of discs from coarse to fine.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def search(
 
 
 def find_any(gray: Array, seconds: float) -> Grid | None:
-    """A grid of printed discs, where a picture shows one.
+    """A grid of printed discs, if a picture shows one.
 
     Windows of a house, a mesh, the small squares between the tags of an AprilTag grid stand in rows as well: here
     there is nothing around the discs, they are as long as they are wide in the grid, and are fitted as discs.
@@ -270,7 +270,7 @@ def find_any(gray: Array, seconds: float) -> Grid | None:
 
 
 def _elongation(target: Circles, grid: Grid) -> float:
-    """How much longer than wide discs are on the board, where their distance is the same both ways: median."""
+    """The median ratio of length to width of the discs on the board, assuming equal spacing in both directions."""
     points = target.points[grid.ids, :2]
     _, jacobian, certain = from_points(points, points, grid.discs.centre)
     if not certain.any():
@@ -280,7 +280,7 @@ def _elongation(target: Circles, grid: Grid) -> float:
 
 
 def _on_plain_ground(gray: Array, discs: Discs) -> Array:
-    """Which discs have nothing around them half way to the nearest other one."""
+    """The discs with nothing around them half way to the nearest other one."""
     apart = (discs.centre[:, None] - discs.centre)[..., None]  # to each from each other
     in_radii = np.linalg.norm((np.linalg.inv(discs.shape)[:, None] @ apart)[..., 0], axis=2)
     np.fill_diagonal(in_radii, np.inf)
@@ -306,7 +306,7 @@ def centroid(outline: Array) -> Array:
 
 
 def relative_radius(target: Circles, ids: Array, discs: Discs) -> float:
-    """Radius of the discs in the target's unit, from the pictures of discs and of their distances.
+    """The radius of the discs in the target's unit, from their images and the distances between them.
 
     The affine map between neighbouring centres and the shape of an ellipse are foreshortened alike, so that
     their ratio is the ratio of the areas on the board.

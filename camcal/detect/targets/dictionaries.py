@@ -19,13 +19,13 @@ LEAST_PERIMETER = 36.0  #: px of a marker: six cells of a px and a half on each 
 
 @cache
 def names() -> tuple[str, ...]:
-    """The predefined dictionaries of cv2, such as `4X4_100` or `APRILTAG_36h11`; each family once."""
+    """The predefined dictionaries of cv2, such as `4X4_100` or `APRILTAG_36h11`, each family once."""
     found = {name[5:].lower(): name[5:] for name in sorted(dir(cv2.aruco)) if name.startswith("DICT_")}
     return tuple(sorted(found.values()))  # of 36H11 and 36h11, the latter sorts last and stays
 
 
 def find_name(text: str) -> str:
-    """The name of a dictionary as people write it: `DICT_4X4_100`, `4x4_100`, `t36h11`, `tag36h11`.
+    """The name of a dictionary from its usual spellings: `DICT_4X4_100`, `4x4_100`, `t36h11`, `tag36h11`.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def dictionary(name: str) -> Any:
 
 
 def marker_count(name: str) -> int:
-    """How many markers a dictionary holds."""
+    """The number of markers in a dictionary."""
     return len(dictionary(name).bytesList)
 
 
@@ -62,7 +62,7 @@ def black_cells(name: str, marker: int, border: int = 1) -> Array:
 
 
 def rectangles(black: Array, corner: Array, size: float) -> list[Array]:
-    """Few rectangles (4, 2) that cover the black cells of a square without overlap.
+    """A small set of rectangles (4, 2) that cover the black cells of a square without overlap.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Array:
 
 @cache
 def detector(name: str, border: int, longest: int) -> Any:
-    """A detector of the markers of a dictionary for pictures of a size (the longer side, px).
+    """A detector of the markers of a dictionary, for pictures of a given size (the longer side, px).
 
     The windows of the adaptive threshold reach farther than cv2's own choice, so that large markers of
     pictures with uneven light are closed outlines, too. Outlines too short to be read are left out: in a
@@ -107,7 +107,7 @@ def detector(name: str, border: int, longest: int) -> Any:
 
 
 def detect(gray: Array, name: str, border: int = 1) -> tuple[Array, Array]:
-    """Markers that a picture shows: ids (K,) and corners (K, 4, 2), clockwise from its own upper left."""
+    """The markers in a picture: ids (K,) and corners (K, 4, 2), clockwise from the marker's upper left."""
     corners, ids, _ = detector(name, border, max(gray.shape)).detectMarkers(gray)
     if ids is None or not len(corners):
         return np.zeros(0, int), np.zeros((0, 4, 2))

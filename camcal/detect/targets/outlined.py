@@ -1,4 +1,4 @@
-"""Targets of separate dark squares, plain or with markers in them: their corners are crossings of fitted edges."""
+"""Targets of separate dark squares, plain or with markers: their corners are intersections of fitted edges."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def fit_squares(gray: Array, starts: Array, room: float) -> tuple[Squares, Array
 
 
 def in_place(points: Array, side: float, squares: Array, fitted: Squares) -> Array:
-    """Mask (K,) of the squares whose corners are where those of their neighbours put them.
+    """A mask (K,) of the squares whose corners are where those of their neighbours predict them.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def detection(
     sides: Array,
     info: Mapping[str, Any] | None = None,
 ) -> Detection:
-    """The corners of the squares that are kept, of `count` squares; `sides` (K,) are px."""
+    """The corners of the squares that are kept, out of `count` squares; `sides` (K,) are in px."""
     rows = np.flatnonzero(keep)[np.argsort(squares[keep])]
     ids = (4 * squares[rows, None] + np.arange(4)).ravel()
     missing = np.setdiff1d(np.arange(4 * count), ids)

@@ -1,4 +1,4 @@
-"""Separate dark squares in rows, as Zhang's of 1998 and BoofCV's square grid: `squares:8x8:12.7mm:0.78`.
+"""Separate dark squares in rows, like Zhang's of 1998 and BoofCV's square grid: `squares:8x8:12.7mm:0.78`.
 
 COLUMNSxROWS squares of the given side; the gap between them is a share of it. Point 4 k + c is corner c of the
 k-th square, row by row: upper left, upper right, lower left, lower right. The origin is the upper left corner of
@@ -33,7 +33,7 @@ LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; what targets of this kind 
 
 
 class SquareGrid(Target):
-    """A grid of `columns` x `rows` squares of side `square`, the gap between them `spacing` of it."""
+    """A grid of `columns` x `rows` squares of side `square`; the gap between them is `spacing` times the side."""
 
     kind = "squares"
     point_kind = "corner"
@@ -50,7 +50,7 @@ class SquareGrid(Target):
 
     @property
     def pitch(self) -> float:
-        """Distance of neighbouring squares."""
+        """The distance between neighbouring squares."""
         return self.square * (1 + self.spacing)
 
     @property
@@ -65,7 +65,7 @@ class SquareGrid(Target):
         return np.c_[corners.reshape(-1, 2), np.zeros(4 * self.columns * self.rows)]
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Look for the whole grid; up to a fifth of the squares may be hidden."""
+        """Search for the whole grid; up to a fifth of the squares may be hidden."""
         found, sizes = search(gray, seconds, (self.columns, self.rows))
         if found is not None:
             return self._fitted(gray, *found)
@@ -118,12 +118,12 @@ class SquareGrid(Target):
         return [self._length(self.square), f"{self.spacing:.4g}"]
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         return super().describe() | {"spacing": self.spacing}
 
 
 def find_any(gray: Array, seconds: float) -> tuple[int, int, float] | None:
-    """Columns, rows and spacing (to a few per cent) of a grid of separate squares, where a picture shows one.
+    """Columns, rows and spacing (to a few per cent) of a grid of separate squares, if a picture shows one.
 
     Windows in a wall make such grids, too: here the squares have to be dark all over and fit as closely as printed
     ones.
@@ -146,7 +146,7 @@ def find_any(gray: Array, seconds: float) -> tuple[int, int, float] | None:
 
 
 def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
-    """The corners of each quadrilateral from the board's upper left on, clockwise."""
+    """The corners of each quadrilateral, clockwise from the board's upper left."""
     first = np.einsum("kij,j->ki", jacobian, np.array([-1.0, -1.0]))  # towards the upper left corner
     offset = quads - centres[:, None]
     cosine = (offset * first[:, None]).sum(2) / np.linalg.norm(offset, axis=2)
@@ -157,7 +157,7 @@ def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
 def search(
     gray: Array, seconds: float, size: tuple[int, int] | None
 ) -> tuple[tuple[Grid, Array] | None, list[tuple[int, int]]]:
-    """Look for a grid of separate squares from coarse to fine.
+    """Search for a grid of separate squares from coarse to fine.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What boards of identified markers share: finding the markers, then every corner near them.
+"""The common part of boards with markers: finding the markers, then every corner near them.
 
 The markers' own corners are only a start. Those that fit to their neighbours give local homographies (no lens
 is assumed, so a wide angle does no harm), these say where each corner of the board lies, also beside a marker
@@ -56,25 +56,25 @@ class TagBoard(Target):
     @property
     @abstractmethod
     def tag_corners(self) -> Array:
-        """Their corners (K, 4, 2) in the board's frame, in the order in which cv2 finds them."""
+        """Their corners (K, 4, 2) in the board's frame, in cv2's order."""
 
     @property
     @abstractmethod
     def cell(self) -> float:
-        """How far the edges through a point run at least, in `unit`: to the next corner."""
+        """The minimum length of the edges through a point, in `unit`: to the next corner."""
 
     @property
     @abstractmethod
     def clear(self) -> float:
-        """Distance from the edges through a point within which there is no other edge, in `unit`."""
+        """The distance from the edges through a point within which there is no other edge, in `unit`."""
 
     @property
     @abstractmethod
     def pitch(self) -> float:
-        """Distance of neighbouring markers, in `unit`."""
+        """The distance between neighbouring markers, in `unit`."""
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Look for the board; a part of it is enough."""
+        """Search for the board; a part of it is enough."""
         start = clock()
         picture = to_8_bits(gray)
         best: Detection | Miss = Miss("none", "no marker of this board was found")
@@ -100,7 +100,9 @@ class TagBoard(Target):
         return self.grown(gray, *near, {"markers": len(tags)})
 
     def _markers(self, picture: Array, factor: float) -> tuple[Array, Array]:
-        """Markers of this board (rows of `tag_ids`) that agree with each other, in px of the full picture."""
+        """Markers of this board (rows of `tag_ids`) that are consistent with each other, in px of the full
+        picture.
+        """
         ids, corners = dictionaries.detect(reduced(picture, factor), self.dictionary, self.border)
         corners = (corners + 0.5) * factor - 0.5
         own = {int(tag): k for k, tag in enumerate(self.tag_ids)}
@@ -112,8 +114,7 @@ class TagBoard(Target):
     def grown(
         self, gray: Array, ids: Array, uv: Array, jacobian: Array, info: dict[str, Any]
     ) -> Detection | Miss:
-        """Fit points of which the approximate places are known, then their neighbours, until no more are
-        found.
+        """Fit points with known approximate positions, then their neighbours, until no more are found.
 
         Parameters
         ----------
@@ -161,12 +162,12 @@ class TagBoard(Target):
         return saddle.refine(gray, uv, sides, self._half(sides, START_BLUR, self.first_half), START_BLUR)
 
     def _half(self, sides: Array, blur: Array | float, half: float) -> Array:
-        """Half-widths of the windows: long ones take pixels along the edges, which must be clear of others."""
+        """Half-widths of the windows: long ones include pixels along the edges, which must be clear of others."""
         px = np.linalg.norm(sides, axis=2).min(1) * (self.clear / self.cell)
         return np.where(px > BAND * blur + 3, half, np.minimum(half, WINDOW_SHARE * self.clear / self.cell))
 
     def _sharpen(self, gray: Array, known: Known) -> None:
-        """Fit the good points once more, the perspective of their edges and the slope of the light known."""
+        """Fit the good points once more, with the perspective of their edges and the slope of the shading known."""
         rows, found = known.rows, known.corners
         points = self.points[rows, :2]
         sides = np.swapaxes(known.jacobian[rows], 1, 2) * self.cell
@@ -176,7 +177,7 @@ class TagBoard(Target):
 
 
 def consistent(board: Array, corners: Array) -> Array:
-    """Indices of the largest set of markers of which neighbours expect each other where they are.
+    """Indices of the largest set of markers that are where their neighbours predict them.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ LEAST_MARKERS = 2  #: one alone could be anybody's
 
 
 class TagGrid(TagBoard):
-    """A grid of `columns` x `rows` markers; `square` is a marker's side, `spacing` the gap as a share of it."""
+    """A grid of `columns` x `rows` markers; `square` is a marker's side, `spacing` the gap as a fraction of it."""
 
     kind = "aruco-grid"
     point_kind = "corner"
@@ -68,7 +68,7 @@ class TagGrid(TagBoard):
 
     @property
     def pitch(self) -> float:
-        """Distance of neighbouring markers."""
+        """The distance between neighbouring markers."""
         return self.square * (1 + self.spacing)
 
     @property
@@ -91,17 +91,17 @@ class TagGrid(TagBoard):
 
     @property
     def cell(self) -> float:
-        """The side of a marker, where its edges end."""
+        """The side of a marker, the length of its edges."""
         return self.square
 
     @property
     def clear(self) -> float:
-        """Up to the bits behind the black border, or to the next marker."""
+        """The distance to the bits behind the black border, or to the next marker."""
         return self.square * min(self.spacing, self._border_share)
 
     @property
     def _border_share(self) -> float:
-        """Width of the black border as a share of the side."""
+        """The width of the black border as a fraction of the side."""
         return self.border / (dictionary(self.dictionary).markerSize + 2 * self.border)
 
     def _at_size(self, gray: Array, picture: Array, factor: float) -> Detection | Miss:
@@ -159,7 +159,7 @@ class TagGrid(TagBoard):
         return plain + [f"{name}={value}" for name, value, usual in named if value != usual]
 
     def describe(self) -> dict[str, Any]:
-        """What the report says under `target`."""
+        """The report's entry `target`."""
         own = {
             "spacing": self.spacing,
             "dictionary": self.dictionary,

@@ -1,4 +1,4 @@
-"""A sheet as PDF: black shapes, and text in a font that every reader has (ISO 32000-1)."""
+"""A sheet as PDF: black shapes, and text in a standard font (ISO 32000-1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WIDTH_OF_LETTERS = 0.5  #: of their size, on average, in Helvetica
 
 
 def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
-    """The PDF file: the target, and how to measure and mount it on a second page; `dpi` is of no meaning here."""
+    """The PDF file: the target, and on a second page how to measure and mount it; `dpi` is ignored."""
     pages = [content(sheet)]
     if sheet.width >= SMALLEST_PAGE:
         pages.append(text_page(sheet))
@@ -76,7 +76,7 @@ def text_at(text: str, x: float, y: float, size: float) -> str:
 
 
 def text_page(sheet: Sheet) -> str:
-    """The operators of the page that says how to measure and mount the target."""
+    """The operators of the page on measuring and mounting the target."""
     k = number(POINTS)
     out, y = [f"{k} 0 0 -{k} 0 {number(sheet.height * POINTS)} cm", "0 g"], MARGIN + TEXT
     columns = int((sheet.width - 2 * MARGIN) / (WIDTH_OF_LETTERS * TEXT))
@@ -102,5 +102,5 @@ def disc(x: float, y: float, r: float) -> str:
 
 
 def number(value: float) -> str:
-    """A number without an exponent, which PDF does not know."""
+    """A number without an exponent, which PDF does not support."""
     return f"{value:.5f}".rstrip("0").rstrip(".")

@@ -1,4 +1,4 @@
-"""A sheet as PNG: each pixel as grey as its share of ink, and the resolution in the file's metadata."""
+"""A sheet as PNG: each pixel's grey is its fraction of ink; the resolution is in the file's metadata."""
 
 from __future__ import annotations
 

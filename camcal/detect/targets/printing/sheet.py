@@ -45,7 +45,7 @@ STRIPS = (TICK_LENGTH + 0.5, CAPTION_DROP + 0.5)
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is printed.
+    """The contents of a sheet.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Sheet:
 
 
 def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
-    """Put a target in the middle of a page, with a ruler below and one on the left.
+    """Centre a target on a page, with a ruler below and one on the left.
 
     Nothing that is printed comes nearer to the edge of the paper than `UNPRINTED`.
 
@@ -139,20 +139,20 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
 
 
 def _black(polygons: list[Array], circles: Array) -> Array:
-    """Points (N, 2) that reach as far as the black shapes do, mm."""
+    """Points (N, 2) that bound the black shapes, mm."""
     discs = [circles[:, :2] + sign * circles[:, 2:] for sign in (-1, 1)]
     return np.concatenate([*polygons, *discs])
 
 
 def _clear_of_rulers(quiet: Array, black: Array) -> Array:
-    """The quiet margin (x0, y0, x1, y1), cut on the left and below to what the rulers leave white, mm."""
+    """The quiet margin (x0, y0, x1, y1), reduced on the left and below to the white space within the rulers, mm."""
     white = black[:, 0].min() - quiet[0], quiet[3] - black[:, 1].max()
     left, below = (max(GAP, CLEAR * float(w)) for w in white)
     return np.array([black[:, 0].min() - left, quiet[1], quiet[2], black[:, 1].max() + below])
 
 
 def _needed(quiet: Array, black: Array) -> tuple[float, float, float, float]:
-    """Width and height of the paper, and what of it lies to the right of the quiet margin and above it, mm.
+    """The width and height of the paper, and the parts to the right of and above the quiet margin, mm.
 
     The quiet margin (x0, y0, x1, y1) itself may lie where printers leave the paper white, black shapes may not.
     """
@@ -163,7 +163,7 @@ def _needed(quiet: Array, black: Array) -> tuple[float, float, float, float]:
 
 
 def _page(page: str, width: float, height: float) -> tuple[str, tuple[float, float]]:
-    """Name and size of the paper on which something of that size is printed."""
+    """The name and size of paper on which something of that size can be printed."""
     wanted = page.strip().lower()
     if wanted == OWN:
         return OWN, (width, height)
@@ -195,7 +195,7 @@ def _ruler_words(lengths: tuple[float, float]) -> str:
 
 
 def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ...]:
-    """How to print, measure and mount a target."""
+    """Instructions for printing, measuring and mounting a target."""
     return (
         'Print at 100 % ("actual size"), not fitted to the page, on matt paper.',
         f"Measure both rulers with a steel rule or calipers. {_ruler_words(lengths)}. If both are off by the same "
@@ -226,7 +226,7 @@ def ruler(
 
 
 def page_size(page: str, width: float, height: float) -> tuple[float, float]:
-    """Width and height of a page, turned the way in which the target is longer.
+    """The width and height of a page, in the orientation of the target.
 
     Raises
     ------

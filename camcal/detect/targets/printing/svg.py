@@ -1,4 +1,4 @@
-"""A sheet as SVG, one user unit a millimetre."""
+"""A sheet as SVG, with millimetres as user units."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from camcal.detect.targets.printing.sheet import LINE, Sheet
 
 
 def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
-    """The SVG file; `dpi` is of no meaning here."""
+    """The SVG file; `dpi` is ignored."""
     path = "".join(
         "M" + " ".join(f"{number(x)},{number(y)}" for x, y in np.asarray(p)) + "z" for p in sheet.polygons
     )
@@ -41,5 +41,5 @@ def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
 
 
 def number(value: float) -> str:
-    """A length to a tenth of a micrometre, without needless zeros."""
+    """A length to a tenth of a micrometre, without trailing zeros."""
     return f"{value:.4f}".rstrip("0").rstrip(".")
