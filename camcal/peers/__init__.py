@@ -1,4 +1,4 @@
-"""What camcal is compared with in cv2: one file per function of cv2.
+"""The functions of cv2 with which camcal is compared, one file each.
 
 `CALIBRATORS` says which file runs which calibration function of cv2; a model names its function in
 `Lens.opencv`. Adding one = a file that offers `run(task, guess)` and a line here.

@@ -1,4 +1,4 @@
-"""What all cross-checks share: the entry of the report, cv2 on one thread, the tolerances."""
+"""Shared parts of the cross-checks: the entry of the report, cv2 on one thread, the tolerances."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ TO_STAY = 5
 
 @dataclass(frozen=True)
 class Task:
-    """What cv2 is given: the inliers of a solution, whose free parameters it is to estimate."""
+    """The input of cv2: the used points of a solution, and the free parameters to estimate."""
 
     solution: Calibration
     views: tuple[tuple[Array, Array], ...]  #: (xyz (N, 3) relative to `centroids`, uv (N, 2)) of each view
@@ -50,7 +50,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """What cv2 returned, and the figure recomputed from it.
+    """The result of cv2, and its figure recomputed.
 
     `rms_point` is over the exact points, in float64, with the parameters and poses as returned. `board` are the
     board's points (M, 3) where they were estimated, in the frame and at the scale of camcal's. `rounded` says
@@ -71,11 +71,11 @@ Calibrate = Callable[[Task, Camera | None], Result]
 
 
 class NotComparableError(Exception):
-    """cv2 has no counterpart; the text says why. Stays inside this room."""
+    """Raised if cv2 has no counterpart; the text gives the reason. It is caught within this package."""
 
 
 class LeftOutError(NotComparableError):
-    """cv2 did without some views; `kept` are the numbers of those that it used."""
+    """Raised if cv2 ignored some views; `kept` are the indices of those it used."""
 
     def __init__(self, message: str, kept: tuple[int, ...]):
         super().__init__(message)
@@ -90,7 +90,7 @@ def entry(
     opencv: Mapping[str, Any] | None = None,
     difference: Mapping[str, Any] | None = None,
 ) -> Entry:
-    """An entry of the report's `crosscheck`; differences are camcal's value less cv2's."""
+    """An entry of the report's `crosscheck`; differences are camcal's value minus cv2's."""
     return {
         "stage": stage,
         "against": against,
@@ -120,7 +120,7 @@ def one_thread() -> Iterator[None]:
 
 
 def bounds(solution: Calibration) -> tuple[Array, Array]:
-    """The corners (2,) of the image, or of the box of all image points where no image size is known."""
+    """The corners (2,) of the image, or of the bounding box of all image points if the image size is unknown."""
     size = solution.camera.image_size
     if size is not None:
         return np.zeros(2), np.subtract(size, 1.0)

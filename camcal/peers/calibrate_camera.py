@@ -25,7 +25,7 @@ NAME = "cv2.calibrateCamera"
 
 
 def criteria(iterations: int = MOST_ITERATIONS, gain: float = 1e-15) -> tuple[int, int, float]:
-    """When cv2 is to stop: after so many iterations, or where a step changes less than this part."""
+    """cv2's stopping criteria: a number of iterations, and a relative change per step."""
     return (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, iterations, gain)
 
 
@@ -40,7 +40,7 @@ _HOLD = (
 
 
 def task_of(solution: Calibration) -> Task:
-    """The inliers of a solution as cv2 is to get them."""
+    """The used points of a solution as input of cv2."""
     views, centroids = [], []
     for view in solution.observations.kept().views:
         xyz = view.xyz
@@ -54,7 +54,7 @@ def task_of(solution: Calibration) -> Task:
 
 
 def run(task: Task, guess: Camera | None) -> Result:
-    """Run cv2.calibrateCamera, from a guess or, where it is None, from where cv2 begins by itself.
+    """Run cv2.calibrateCamera, from a guess or, if it is None, from cv2's own start.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def run(task: Task, guess: Camera | None) -> Result:
 
 
 def begin(task: Task, guess: Camera | None) -> tuple[Camera | None, int, Array, Array]:
-    """Where cv2 is to begin: the guess it needs, its flags, its camera matrix and distortion.
+    """The start of cv2: the guess it needs, its flags, its camera matrix and distortion.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def begin(task: Task, guess: Camera | None) -> tuple[Camera | None, int, Array, 
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Say it as a `NotComparableError` where cv2 refuses the data."""
+    """Convert cv2's refusal of the data into a `NotComparableError`."""
     try:
         yield
     except cv2.error as error:
@@ -111,7 +111,7 @@ def refusals() -> Iterator[None]:
 
 
 def answer(returned: Sequence[Any]) -> tuple[Array, Array, Array, Array]:
-    """Matrix (3, 3), distortion (n,), rotation vectors and translations (V, 3) of what cv2 returned.
+    """Matrix (3, 3), distortion (n,), rotation vectors and translations (V, 3) from cv2's return values.
 
     4.x returns the distortion as it came in, 5.0 as a row; the poses as tuples of columns.
     """
@@ -123,14 +123,14 @@ def answer(returned: Sequence[Any]) -> tuple[Array, Array, Array, Array]:
 
 
 def where(guess: Camera | None, solution: Calibration) -> str:
-    """Where cv2 began, in words."""
+    """Describe where cv2 started."""
     if guess is None:
         return "by itself"
     return "at camcal's start" if guess is solution.start else "at camcal's optimum"
 
 
 def flags_of(camera: Camera, free: Array) -> int:
-    """cv2's flags for the free parameters (P, F) of a camera; their values are never stored, they vary by version.
+    """cv2's flags for the free parameters (P, F) of a camera; their values vary by version and are never stored.
 
     Raises
     ------
@@ -173,14 +173,16 @@ def _focal_flags(free: Array, estimated: set[str]) -> list[str]:
 
 
 def _refuse_ties(free: Array) -> None:
-    """Refuse parameters that move together other than fx and fy."""
+    """Reject tied parameters other than fx and fy."""
     rows = free[2:]
     if (np.count_nonzero(rows, axis=1) > 1).any() or (np.count_nonzero(rows, axis=0) > 1).any():
         raise NotComparableError("cv2 cannot tie distortion coefficients to one another")
 
 
 def _needs_guess(task: Task) -> bool:
-    """cv2 begins by itself only with boards in z = 0 and with what it holds at 0 or at the image's centre."""
+    """Return whether cv2 cannot start by itself: boards not in z = 0, or values held other than 0 or the image
+    centre.
+    """
     solution = task.solution
     flat = all(np.abs(xyz[:, 2]).max() == 0 for xyz, _ in task.views)
     held = {n for n, row in zip(solution.camera.lens.names, solution.free, strict=True) if not row.any()}
@@ -189,7 +191,7 @@ def _needs_guess(task: Task) -> bool:
 
 
 def coefficients(camera: Camera) -> Array:
-    """The distortion in cv2's order, as long as cv2 wants it for its flags (5, 8, 12 or 14)."""
+    """The distortion in cv2's order, with the length that cv2 expects for its flags (5, 8, 12 or 14)."""
     form = camera.lens.opencv(camera.params)
     assert form is not None
     length = next(n for n in (5, 8, 12, 14) if n >= len(form.distortion))
@@ -197,7 +199,7 @@ def coefficients(camera: Camera) -> Array:
 
 
 def camera_of(like: Camera, matrix: Array, distortion: Array) -> Camera:
-    """A camera of the model of another one with cv2's numbers."""
+    """A camera of the model of another one with cv2's values."""
     lens = like.lens
     values = dict(zip(COEFFICIENTS, distortion.tolist(), strict=False))
     values |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}

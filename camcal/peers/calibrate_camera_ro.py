@@ -1,4 +1,4 @@
-"""cv2.calibrateCameraRO: the board's points estimated along with the camera (`--board-shape free`).
+"""cv2.calibrateCameraRO: the board's points estimated together with the camera (`--board-shape free`).
 
 Strobl & Hirzinger 2011. cv2 holds the first point, a second one and the height of the last, each at its ideal
 place; camcal holds two points and the height of a third, too (`camcal.solve.board`), and any such choice
@@ -36,7 +36,7 @@ LEAST_SHARE = 0.5
 
 
 def against_cv2(solution: Calibration, how: How | None = None, full: bool = True) -> Entry | None:
-    """Compare a solution with a free board; None where the board is not free or cv2 lacks the lens model.
+    """Compare a solution with a free board; None if the board is not free or cv2 lacks the lens model.
 
     Where it has weights, skew, or views without some of the points, what cv2 can solve is fitted again; `how` is how
     the solution was made. cv2 begins at the board as designed, or, where it is not `full`, at the result.
@@ -64,7 +64,7 @@ def against_cv2(solution: Calibration, how: How | None = None, full: bool = True
 
 
 def complete(data: Observations) -> Observations:
-    """The part of the data in which each view shows the same points, sorted alike.
+    """The part of the data in which each view shows the same points, in the same order.
 
     Either the points that all views show, or the views that show all points, whichever is more.
 
@@ -157,7 +157,7 @@ def run(task: Task, guess: Camera | None) -> Result:
 
 
 def _gauge_order(points: Array) -> Array:
-    """An order (M,) that begins with two points far apart and ends with one far from their line."""
+    """An order (M,) that starts with two points far apart and ends with one far from their line."""
     a = int(np.linalg.norm(points - points.mean(0), axis=1).argmax())
     b = int(np.linalg.norm(points - points[a], axis=1).argmax())
     along = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
@@ -167,5 +167,5 @@ def _gauge_order(points: Array) -> Array:
 
 
 def _rows(points: Array, some: Array) -> Array:
-    """Which of the points (M, 3) each of some (M, 3) is."""
+    """The index of each of some points (M, 3) among the points (M, 3)."""
     return np.array([int(np.linalg.norm(points - p, axis=1).argmin()) for p in some])

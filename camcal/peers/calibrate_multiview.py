@@ -1,4 +1,4 @@
-"""cv2.calibrateMultiview (5.0) on a rig of three cameras and more.
+"""cv2.calibrateMultiview (5.0) on a rig of three or more cameras.
 
 It calibrates each camera alone, then pairs, then all poses with the intrinsics held and a robust cost, so that its rms
 is that of another problem: what is compared is that it does not come out lower. It takes one kind of lens for all.
@@ -60,7 +60,7 @@ def crosscheck(fit: RigCalibration, stage: str = "refine") -> Entry:
 
 
 def _run(fit: RigCalibration) -> Rig:
-    """The rig as cv2 has it, which begins by itself."""
+    """The rig estimated by cv2, from its own start."""
     if not hasattr(cv2, "calibrateMultiview"):
         raise NotComparableError(f"this OpenCV has no {AGAINST}")
     data, cameras = fit.observations.kept(), fit.cameras
@@ -99,7 +99,9 @@ def _run(fit: RigCalibration) -> Rig:
 
 
 def _model(fit: RigCalibration) -> tuple[int, int]:
-    """cv2's number of the lens model, and the flags that hold what camcal holds, the same of all cameras."""
+    """cv2's number of the lens model, and the flags that hold what camcal holds; both must be the same for all
+    cameras.
+    """
     kinds, row = [], 0
     for camera in fit.cameras:
         form = camera.lens.opencv(camera.params)

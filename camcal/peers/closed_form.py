@@ -25,7 +25,7 @@ OTHER_MINIMA = 5.0
 
 
 def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
-    """Compare the stage that holds K and all poses; None where it does not."""
+    """Compare the stage that holds K and all poses; None if it does not."""
     if stage.matrix is None or stage.poses is None or len(stage.poses) != len(solution.poses):
         return None
     data = refinement.unweighted(solution)
@@ -54,6 +54,6 @@ def against_cv2(stage: Stage, solution: Calibration) -> Entry | None:
 
 
 def _held(solution: Calibration) -> dict[str, float | None]:
-    """The parameters of the matrix that the solution holds, where they are."""
+    """The held parameters of the solution's matrix."""
     names = ("fx", "fy", "cx", "cy")
     return {n: None for n, row in zip(names, solution.free[:4], strict=True) if not row.any()}

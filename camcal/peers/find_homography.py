@@ -31,7 +31,7 @@ FLAT = 1e-9
 
 
 def against_cv2(views: Sequence[View], stage: str) -> Entry | None:
-    """Compare the homographies of the views that are planar; None where there is none.
+    """Compare the homographies of the planar views; None if there are none.
 
     The entry fails where a view's transferred points differ and cv2's homography is the better one.
     """

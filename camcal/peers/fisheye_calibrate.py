@@ -26,7 +26,7 @@ _WITH_GUESS = ((("fx", "fy"), "FIX_FOCAL_LENGTH"), (("cx", "cy"), "FIX_PRINCIPAL
 
 
 def run(task: Task, guess: Camera | None) -> Result:
-    """Run cv2.fisheye.calibrate from a guess, or where it is None by itself, or else from camcal's start.
+    """Run cv2.fisheye.calibrate from a guess; if it is None from its own start, otherwise from camcal's start.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _run(task: Task, guess: Camera | None) -> Result:
 
 
 def _refuse_wide_angles(task: Task) -> None:
-    """cv2.fisheye divides by z."""
+    """Reject wide angles, because cv2.fisheye divides by z."""
     solution = task.solution
     views = solution.observations.kept().views
     count = sum(
@@ -86,7 +86,7 @@ def _refuse_wide_angles(task: Task) -> None:
 
 
 def flags_of(names: list[str]) -> int:
-    """cv2.fisheye's flags of these names; NotComparableError where this cv2 lacks one."""
+    """cv2.fisheye's flags of these names; NotComparableError if this cv2 lacks one."""
     holder = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
     missing = [n for n in names if not hasattr(holder, f"CALIB_{n}")]
     if missing:

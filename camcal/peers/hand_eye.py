@@ -32,7 +32,7 @@ ROUNDING = 1e-6
 def against_cv2(
     robot: Poses, camera: Poses, unit: float, ours: Mapping[str, Pose | None], sigma: tuple[float, float]
 ) -> list[Entry]:
-    """Each closed form beside cv2's, one entry each.
+    """Compare each closed form with cv2's, one entry each.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _entry(
 
 
 def _theirs(function: str, method: int, robot: Poses, camera: Poses, unit: float) -> Pose:
-    """X of cv2."""
+    """X from cv2."""
     g, c = _lists(robot, unit), _lists(camera, unit)
     if function == "calibrateHandEye":
         turned: Any = robot.inverse()

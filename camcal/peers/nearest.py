@@ -1,4 +1,4 @@
-"""A model without a counterpart in cv2 beside the best camera that cv2 makes of the same points.
+"""Comparison of a model without a counterpart in cv2 with the best camera that cv2 fits to the same points.
 
 Two models are no two ways to one optimum: nothing passes or fails here. The entry says which of cv2's models
 came nearest, its rms, and how far the two cameras project apart.
@@ -27,7 +27,7 @@ MODELS, LAST = ("opencv5", "opencv8", "kb4"), ("mei",)
 
 
 def nearest(solution: Calibration, stage: str, full: bool = True) -> Entry:
-    """The entry for a solution whose model cv2 does not have; cv2's own models are calibrated where it is `full`."""
+    """The entry for a solution whose model cv2 does not have; with `full`, cv2's own models are calibrated."""
     why = f"cv2 has no counterpart of the model '{solution.camera.lens.name}'"
     if not full:
         return entry(
@@ -66,7 +66,7 @@ def nearest(solution: Calibration, stage: str, full: bool = True) -> Entry:
 
 
 def _by_cv2(solution: Calibration, model: str) -> Result | None:
-    """cv2's camera of a model of its own from the solution's points; None where cv2 has none to offer."""
+    """cv2's camera of one of its models from the solution's points; None if cv2 fails."""
     lens = lenses.make(model)
     camera = Camera(lens, lens.from_matrix(solution.camera.matrix), solution.camera.image_size)
     asked = replace(solution, camera=camera, start=camera, free=np.eye(lens.size))
@@ -80,6 +80,6 @@ def _by_cv2(solution: Calibration, model: str) -> Result | None:
 
 
 def _holds_points(solution: Calibration, result: Result) -> bool:
-    """Whether every used point lies in the domain of cv2's camera, which knows no folds."""
+    """Return whether every used point lies in the domain of cv2's camera, which has no fold checks."""
     off = residuals(result.camera, result.poses, solution.observations)
     return bool(np.isfinite(off[solution.used]).all())

@@ -25,7 +25,7 @@ _ENOUGH = 1e-12
 
 
 def run(task: Task, guess: Camera | None) -> Result:
-    """Run cv2.omnidir.calibrate by itself.
+    """Run cv2.omnidir.calibrate from its own start.
 
     Raises
     ------

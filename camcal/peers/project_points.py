@@ -17,7 +17,7 @@ BOUND_PX = 1e-8
 
 
 def of_solution(solution: Calibration) -> Entry | None:
-    """Every point of every view by camcal's lens and by cv2; None where cv2 has no such model."""
+    """Every point of every view by camcal's lens and by cv2; None if cv2 has no such model."""
     camera = solution.camera
     form = camera.lens.opencv(camera.params)
     if form is None or form.function != "calibrateCamera" or camera.values.get("skew", 0.0) != 0:

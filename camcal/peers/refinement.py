@@ -1,4 +1,4 @@
-"""The refined camera against cv2's own calibration of the same points with the same free parameters.
+"""The refined camera compared with cv2's calibration of the same points with the same free parameters.
 
 cv2 begins where it begins by itself, or at camcal's start where it cannot; never at camcal's optimum, or
 the check would prove nothing. Where it ends elsewhere it gets a second chance from camcal's optimum, so
@@ -46,7 +46,7 @@ STAGE = "refine"
 
 
 def against_cv2(solution: Calibration, how: How | None = None, full: bool = True) -> list[Entry]:
-    """Compare a solution with cv2's calibration; where that has no counterpart, what comes nearest as well.
+    """Compare a solution with cv2's calibration; if there is no counterpart, also with the nearest one.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def fitted_again(solution: Calibration, data: Observations, how: How, keep_skew:
 
 
 def _without_views(solution: Calibration, against: str, left: LeftOutError, how: How, full: bool) -> Entry:
-    """Compare on the views that cv2 keeps."""
+    """Compare on the views that cv2 uses."""
     data = unweighted(solution).of_views(left.kept)
     try:
         again = fitted_again(solution, data, how, keep_skew=True)
@@ -113,7 +113,7 @@ def _without_views(solution: Calibration, against: str, left: LeftOutError, how:
 
 
 def unlike(solution: Calibration) -> tuple[list[str], Observations, bool]:
-    """What cv2 does not have of this solution, the data without it, and whether skew is among it."""
+    """The features of this solution that cv2 lacks, the data without them, and whether skew is among them."""
     found, data = [], solution.observations
     lens = solution.camera.lens
     form = lens.opencv(solution.camera.params)
@@ -138,14 +138,14 @@ def unlike(solution: Calibration) -> tuple[list[str], Observations, bool]:
 
 
 def unweighted(solution: Calibration) -> Observations:
-    """The points that a solution rests on, without sigmas."""
+    """The used points of a solution, without sigmas."""
     return solution.observations.kept().unweighted()
 
 
 def compare(
     solution: Calibration, against: str, remark: str = "", run: Calibrate | None = None, full: bool = True
 ) -> Entry:
-    """Compare a solution that cv2 can reach, too: no skew, unit weights; `remark` opens the reason.
+    """Compare a solution that cv2 can represent: no skew, unit weights; the reason starts with `remark`.
 
     `run` is the function of cv2, where it is another than that of the model. Where cv2 does not stay at an optimum, it
     begins by itself after all.
@@ -234,13 +234,13 @@ def _figures(solution: Calibration, result: Result, apart: Difference, sigmas: f
 
 
 def _rounding(solution: Calibration) -> float:
-    """What rounding the image points to float32 adds to an rms at most, px: a unit in the last place."""
+    """The largest effect on an rms of rounding the image points to float32, px: a unit in the last place."""
     largest = float(np.abs(solution.observations.uv).max(initial=1.0))
     return float(np.spacing(np.float32(largest)))
 
 
 def distance_in_sigmas(solution: Calibration, result: Result) -> float:
-    """sqrt(δᵀ S δ) / sigma_0: how many standard deviations the free parameters are apart, all together."""
+    """sqrt(δᵀ S δ) / sigma_0: the joint difference of the free parameters in standard deviations."""
     delta = np.linalg.lstsq(solution.free, solution.camera.params - result.camera.params, rcond=None)[0]
     reduced = reduce(solution.normal, eliminate_poses(solution.normal))
     scale = sigma_0(solution)

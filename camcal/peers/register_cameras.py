@@ -1,4 +1,4 @@
-"""cv2.registerCameras (5.0) on the pairs of cameras of a rig that cv2.stereoCalibrate does not take.
+"""cv2.registerCameras (5.0) on pairs of cameras of a rig that cv2.stereoCalibrate does not accept.
 
 It takes two lens models, pinhole beside fisheye, and points of a board that only one of both cameras saw; intrinsics
 are held. camcal fits the pair again with the same intrinsics held, to the same points, so that both solve one problem.
@@ -24,7 +24,7 @@ LEAST_POINTS = 4
 
 
 def registered(whole: RigCalibration, a: str, b: str, least: int) -> tuple[RigCalibration, Pose]:
-    """The pair with its intrinsics held, as camcal and as cv2 have it: a fit in the frame of a, and b_from_a.
+    """The pair with its intrinsics held, by camcal and by cv2: a fit in the frame of a, and b_from_a.
 
     Raises
     ------
@@ -75,7 +75,9 @@ def _model(camera: Camera) -> tuple[Array, Array, int]:
 
 
 def _of_pair(whole: RigCalibration, a: str, b: str) -> tuple[Observations, Array]:
-    """What two cameras saw at the instants that both have, without weights, as a rig's; and these instants."""
+    """The observations of two cameras at their shared instants, without weights, as those of a rig; and these
+    instants.
+    """
     data = whole.observations
     index = [data.cameras.index(n) for n in (a, b)]
     counts = [np.bincount(data.view[data.used & (data.camera == i)], minlength=len(data)) for i in index]

@@ -17,7 +17,7 @@ SNAPS = 2.1e-5
 
 
 def against_cv2(poses: Poses, stage: str) -> Entry:
-    """The largest difference of an entry of R, and of the rotation that a vector means, rad.
+    """The largest difference of an entry of R, and of the rotation of a rotation vector, rad.
 
     The second leaves out rotations by nearly 0 or π, where cv2 rounds the angle.
     """

@@ -1,4 +1,4 @@
-"""Every stage of a calibration against its counterpart in cv2."""
+"""Every stage of a calibration compared with its counterpart in cv2."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
 
 
 def _in_own_frame(xyz: Array) -> tuple[bool, Array, tuple[Array, Array]]:
-    """Whether points lie on a plane, the points in their own frame (z = 0 there), and R, t into that."""
+    """Whether points lie on a plane, the points in their own frame (z = 0 there), and R, t into that frame."""
     origin, axes, spread = projective.fit_plane(xyz)
     local = (xyz - origin) @ axes
     planar = bool(spread[2] <= PLANE * spread[0])

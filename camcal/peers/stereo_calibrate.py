@@ -82,7 +82,7 @@ def crosscheck(solution: RigCalibration, flat: RigCalibration | None, how: How) 
 
 
 def _entry(stage: str, fit: RigCalibration, a: str, b: str, how: How) -> Entry:
-    """The comparison of a pair with whichever function of cv2 takes it."""
+    """The comparison of a pair with the function of cv2 that accepts it."""
     try:
         return _compare(stage, _pair(fit, a, b, how))
     except (NotComparableError, CamcalError) as error:
@@ -98,7 +98,7 @@ def _entry(stage: str, fit: RigCalibration, a: str, b: str, how: How) -> Entry:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A pair as cv2 can solve it, and what it leaves out of the rig."""
+    """A pair in a form that cv2 can solve, and the parts of the rig that this omits."""
 
     fit: RigCalibration
     names: tuple[str, str]
@@ -108,7 +108,7 @@ class _Pair:
 
 
 def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
-    """The fit of a pair to the points that both saw.
+    """The fit of a pair to the points that both cameras saw.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def _pair(whole: RigCalibration, a: str, b: str, how: How) -> _Pair:
 
 
 def _function(cameras: Mapping[str, Camera]) -> str:
-    """cv2's calibration of one such camera, which names the one of two."""
+    """cv2's calibration function of a single camera, which determines the one for pairs."""
     forms = []
     for camera in cameras.values():
         form = camera.lens.opencv(camera.params)
@@ -160,7 +160,9 @@ def _function(cameras: Mapping[str, Camera]) -> str:
 
 
 def _shared(whole: RigCalibration, a: str, b: str) -> tuple[Observations, Array]:
-    """The points that two cameras saw at the same instants, without weights, as a rig's; and these instants."""
+    """The points that two cameras saw at the same instants, without weights, as those of a rig; and these
+    instants.
+    """
     data = whole.observations
     index = [data.cameras.index(n) for n in (a, b)]
     rows = [np.flatnonzero(data.used & (data.camera == i)) for i in index]
@@ -198,7 +200,7 @@ def _compare(stage: str, pair: _Pair) -> Entry:
 def _judged(
     stage: str, against: str, fit: RigCalibration, rig: Rig, remark: str, more: Mapping[str, Any]
 ) -> Entry:
-    """The entry of a pair as camcal fitted it and as cv2 has it."""
+    """The entry that compares camcal's and cv2's results for a pair."""
     b = next(iter(fit.extrinsics))
     relative, theirs_fit = rig.cam_from_rig[b], replace(fit, rig=rig)
     poses = poses_before(theirs_fit, fit.observations, fit.poses)
@@ -228,7 +230,7 @@ def _judged(
 
 
 def _run(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
-    """What cv2 makes of a pair: both cameras, b_from_a, and the distortions."""
+    """cv2's result for a pair: both cameras, b_from_a, and the distortions."""
     data, (a, b) = pair.fit.observations, pair.names
     starts = pair.fit.start.cameras
     flags = _flags(pair)
@@ -259,7 +261,7 @@ def _run(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
 
 
 def _run_fisheye(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[float]]]:
-    """What cv2.fisheye.stereoCalibrate makes of a pair of which everything but skew is estimated."""
+    """The result of cv2.fisheye.stereoCalibrate for a pair of which everything except skew is estimated."""
     data, names = pair.fit.observations, pair.names
     starts = [pair.fit.start.cameras[n] for n in names]
     for camera, free in zip(starts, pair.frees, strict=True):
@@ -295,7 +297,7 @@ def _run_fisheye(pair: _Pair) -> tuple[tuple[Camera, Camera], Pose, list[list[fl
 
 
 def _flags(pair: _Pair) -> int:
-    """cv2's flags, which hold the same of both cameras."""
+    """cv2's flags, which hold the same parameters of both cameras."""
     held = [not f.any() for f in pair.frees]
     if all(held):
         return int(cv2.CALIB_FIX_INTRINSIC)
@@ -309,7 +311,7 @@ def _flags(pair: _Pair) -> int:
 
 
 def _in_sigmas(fit: RigCalibration, theirs: Pose) -> float:
-    """By how many standard deviations the relative pose differs, all six numbers together."""
+    """The joint difference of the relative pose's six numbers in standard deviations."""
     name = next(iter(fit.extrinsics))
     ours, at = fit.rig.cam_from_rig[name], fit.extrinsics[name]
     delta = np.r_[rotations.log(theirs.rotation @ ours.rotation.T), theirs.translation - ours.translation]

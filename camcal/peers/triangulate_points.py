@@ -1,4 +1,4 @@
-"""Triangulated points against cv2.triangulatePoints, which is linear and takes two cameras."""
+"""Triangulated points compared with cv2.triangulatePoints, which is linear and takes two cameras."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Seen = tuple[Camera, Pose, Array]  #: camera, cam_from_world, uv (N, 2)
 
 
 def against_cv2(first: Seen, second: Seen, xyz: Array) -> Entry:
-    """Points (N, 3) of least squares in two cameras against cv2's, by their rms_point over both.
+    """Least-squares points (N, 3) of two cameras against cv2's, by their rms_point over both.
 
     Least squares may not fit worse than the linear solution; how far both lie apart is reported.
     """

@@ -21,7 +21,9 @@ TURN = 2.0
 
 
 def fundamental(first: Array, second: Array, matrix: Array) -> Entry:
-    """Sampson rms (px) of F over matches (N, 2) that agree with it, against cv2's eight-point matrix of the same."""
+    """Sampson rms (px) of F over the matches (N, 2) that agree with it, against cv2's eight-point matrix of the
+    same.
+    """
     name = "cv2.findFundamentalMat"
     with one_thread():
         theirs, _ = cv2.findFundamentalMat(first, second, cv2.FM_8POINT)

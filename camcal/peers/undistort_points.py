@@ -1,4 +1,4 @@
-"""Pixels without their distortion against cv2.undistortPoints."""
+"""Undistorted pixels compared with cv2.undistortPoints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-14)
 
 
 def against_cv2(stage: str, camera: Camera, uv: Array) -> Entry:
-    """Pixels (N, 2) taken to the plane z = 1 by camcal and by cv2; where both have an answer."""
+    """Pixels (N, 2) mapped to the plane z = 1 by camcal and by cv2, where both have a solution."""
     form = camera.lens.opencv(camera.params)
     if form is None or form.function != "calibrateCamera" or camera.values.get("skew", 0.0) != 0:
         return entry(stage, NAME, "not_applicable", f"cv2 has no model '{camera.lens.name}'")

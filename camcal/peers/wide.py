@@ -1,4 +1,4 @@
-"""What cv2.fisheye.calibrate and cv2.omnidir.calibrate have in common.
+"""Shared parts of the comparisons with cv2.fisheye.calibrate and cv2.omnidir.calibrate.
 
 Both take float64 points and know skew; both begin by themselves, from boards in z = 0.
 """
@@ -21,7 +21,7 @@ Project = Callable[[Array, Array, Array], Array]
 
 
 def refuse_rigs(task: Task, name: str) -> None:
-    """Raise NotComparableError where the points are no boards in z = 0."""
+    """Raise NotComparableError if the points are not boards in z = 0."""
     if any(np.abs(xyz[:, 2]).max() > 0 for xyz, _ in task.views):
         raise NotComparableError(f"{name} takes boards in z = 0 only")
 

@@ -1,1 +1,1 @@
-"""The order of a calibration: which estimates are tried, in which order, and which one is kept."""
+"""The plan of a calibration: the estimates that are tried, their order, and the one that is kept."""

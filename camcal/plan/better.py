@@ -1,4 +1,4 @@
-"""The one rule by which one fit is preferred to another.
+"""The rule by which one fit is preferred to another.
 
 1. Physical sense: a camera with a finite positive focal length that sees all points it rests on is better than one
    without.
@@ -33,14 +33,14 @@ EQUAL = 1e-12
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fit, and its error on views held out where that is known."""
+    """A fit, and its hold-out error if that is known."""
 
     calibration: Estimate
     holdout: HoldOut | None = None
 
 
 def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
-    """Whether a candidate is preferred to what there is, and why."""
+    """Return whether a candidate is preferred to the current fit, and the reason."""
     new, old = candidate.calibration, incumbent.calibration
     sensible = physical(new), physical(old)
     if sensible[0] != sensible[1]:
@@ -58,7 +58,7 @@ def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
 
 
 def physical(calibration: Estimate) -> bool:
-    """Whether focal lengths are finite and positive, and all points that the fit rests on project."""
+    """Return whether focal lengths are finite and positive, and all used points project."""
     focal = np.array([np.diag(c.matrix)[:2] for c in calibration.cameras])
     return bool(
         (focal > 0).all() and np.isfinite(focal).all() and np.isfinite(calibration.used_residuals).all()
@@ -66,7 +66,7 @@ def physical(calibration: Estimate) -> bool:
 
 
 def gain(candidate: HoldOut | None, incumbent: HoldOut | None) -> tuple[float, int]:
-    """Equation (1), positive where the candidate is better, and V; NaN without views held out from both."""
+    """Equation (1), positive if the candidate is better, and V; NaN without hold-outs of both."""
     if candidate is None or incumbent is None:
         return float("nan"), 0
     new, old = candidate.mean_squares(), incumbent.mean_squares()
@@ -81,7 +81,7 @@ def gain(candidate: HoldOut | None, incumbent: HoldOut | None) -> tuple[float, i
 
 
 def same_points(a: Estimate, b: Estimate) -> bool:
-    """Whether two fits rest on the same image points with the same weights."""
+    """Return whether two fits use the same image points with the same weights."""
     x, y = a.observations, b.observations
     if x.view_ids != y.view_ids or not np.array_equal(x.used, y.used) or not np.array_equal(x.uv, y.uv):
         return False

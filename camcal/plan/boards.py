@@ -21,7 +21,7 @@ from camcal.solve.refine import How, refit
 
 
 def _flat(progress: Progress) -> Estimate:
-    """The fit with the board as designed, that shapes are compared with."""
+    """The fit with the board as designed, to which shapes are compared."""
     found = progress.notes.get("flat")
     return found if isinstance(found, Estimate) else progress.estimate
 
@@ -66,7 +66,7 @@ def _after_turn(stage: Stage, progress: Progress, found: half_turns.Turned) -> S
 
 
 def shape_attempt(kind: str) -> Attempt:
-    """The attempt with a kind of shape: taken as it is where it was asked for, else where it is better."""
+    """The attempt with a kind of shape: accepted if it was requested, otherwise only if it is better."""
 
     def applies(progress: Progress) -> bool:
         several = _several_boards(progress)
@@ -121,7 +121,7 @@ def _tried(progress: Progress, flat: Estimate, trial: Trial, how: How) -> Change
 
 
 def _refused(trial: Trial) -> str:
-    """Why a shape is not even compared; empty where it is."""
+    """The reason why a shape is not compared; empty if it is."""
     if not trial.p_value < SIGNIFICANT:
         return f"a flat board would fit as well with probability {trial.p_value:.2g}"
     if trial.kind == "free" and not (trial.change is not None and trial.change.better):
@@ -137,7 +137,7 @@ def _benefit(simple: Estimate, shaped: Estimate) -> Benefit | None:
 
 
 def _reject_again(progress: Progress) -> Change | None:
-    """A flat board's misfit may have made outliers of good points: test them again."""
+    """Repeat the outlier test, since a flat board's misfit may have made good points look like outliers."""
     fit = progress.estimate
     assert fit.board is not None
     kept = robust.reject(fit, replace(progress.how, board=fit.board.kind))
@@ -153,7 +153,7 @@ def _is_shaped(progress: Progress) -> bool:
 
 
 def with_shape(data: Observations, progress: Progress) -> Observations:
-    """The observations with the shape in their target, where shapes were tried."""
+    """The observations with the shape in their target, if shapes were tried."""
     trials: tuple[Trial, ...] = progress.notes.get("trials", ())
     fit, shape = progress.estimate, progress.notes.get("shape")
     if not trials and shape is None:

@@ -1,4 +1,4 @@
-"""From observations to a solution: the plan, what is said of its result, and the comparison with cv2."""
+"""From observations to a solution: the plan, the warnings on its result, and the comparison with cv2."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def first_estimate(
     skew: bool = False,
     fix: Mapping[str, float | None] | None = None,
 ) -> tuple[Observations, Camera, Poses, How]:
-    """Where a refinement would begin: usable views, camera, poses, and how it would be made.
+    """The starting point of a refinement: usable views, camera, poses, and the settings of the fit.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def first_estimate(
 
 
 def _flat_before(progress: Progress) -> dict[str, Calibration]:
-    """The fit with a flat board, by the name of its stage, where the result has a board of another shape."""
+    """The fit with a flat board, by the name of its stage, if the result has a board of another shape."""
     flat = progress.notes.get("flat")
     if flat is None or progress.fit.board is None:
         return {}
@@ -139,7 +139,7 @@ def _flat_before(progress: Progress) -> dict[str, Calibration]:
 
 
 def _solution(progress: Progress) -> Solution:
-    """The best fit with its stages, whose figures are of the points that it rests on."""
+    """The best fit with its stages; their figures are for the points that it uses."""
     fit = progress.fit
     info = dict(fit.fit.info)
     if "noise_model" in progress.notes:
@@ -170,7 +170,7 @@ def _solution(progress: Progress) -> Solution:
 
 
 def _of_test(fit: Calibration, begun_from: str) -> dict[str, Any]:
-    """How outliers were found, for the information on the fit."""
+    """How outliers were found, for the report's entry on the fit."""
     verdict = outliers.test(fit)
     return {
         "test": f"|r|²/2s² of a point exceeds F(2, nu) at {outliers.ALPHA:g}/N",
@@ -182,7 +182,7 @@ def _of_test(fit: Calibration, begun_from: str) -> dict[str, Any]:
 
 
 def _on_result(stage: Stage, fit: Calibration, progress: Progress, changed: bool) -> Stage | None:
-    """A stage with its figure over the points of the result; a closed form is made again on those.
+    """A stage with its figure over the points of the result; a closed form is repeated on those.
 
     None where it has none: the closed form fails on them.
     """
@@ -198,7 +198,7 @@ def _on_result(stage: Stage, fit: Calibration, progress: Progress, changed: bool
 
 
 def _rms_on(stage: Stage, fit: Calibration, progress: Progress) -> float:
-    """rms_point of a stage's camera and poses over the used points of the result; NaN where it lacks a view."""
+    """rms_point of a stage's camera and poses over the used points of the result; NaN if it lacks a view."""
     assert stage.camera is not None and stage.poses is not None
     names = stage.view_ids or progress.given.view_ids
     places = [names.index(v) if v in names else -1 for v in fit.observations.view_ids]
@@ -209,7 +209,7 @@ def _rms_on(stage: Stage, fit: Calibration, progress: Progress) -> float:
 
 
 def _refine_stage(fit: Calibration, names: list[str]) -> Stage:
-    """The result as the last stage; `names` are the attempts that gave it."""
+    """The result as the last stage; `names` are the attempts that led to it."""
     projection = None
     if len(fit.poses) == 1:
         pose = fit.poses[0]

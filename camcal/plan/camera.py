@@ -1,4 +1,6 @@
-"""Attempts at a camera from nothing: closed forms, then the refinement, from other starts where it ends badly."""
+"""Attempts at a camera without a given start: closed forms, then the refinement, from other starts if it ends
+badly.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,7 @@ def closed_form(name: str) -> Attempt:
 
 
 def chosen(progress: Progress) -> tuple[list[str], str]:
-    """The closed forms for the rows at hand, the one to begin from last, and why."""
+    """The closed forms for the current rows, the starting one last, and the reason."""
     if progress.options.start_camera is not None:
         return [], "a camera is given"
     if progress.options.start is not None:
@@ -55,7 +57,7 @@ def chosen(progress: Progress) -> tuple[list[str], str]:
 
 
 def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
-    """A closed form on the used rows, and what the report says of it."""
+    """Run a closed form on the used rows; return its entry for the report too."""
     kept, options = progress.data.kept(), progress.options
     begin = time.perf_counter()
     found = look_up(start.CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
@@ -88,7 +90,7 @@ def _pinhole(matrix: np.ndarray, observations: Observations) -> Camera:
 
 
 def _begin(found: ClosedForm, stage: Stage, progress: Progress) -> Begin:
-    """The camera of the lens at hand from a closed form's pinhole camera, and what it had to assume."""
+    """The camera of the current lens from a closed form's pinhole camera, and the assumptions made."""
     lens, options, kept = progress.lens, progress.options, progress.data.kept()
     held, warnings = _assumed(found, kept)
     how = options.how(lens, held)
@@ -105,7 +107,7 @@ def _begin(found: ClosedForm, stage: Stage, progress: Progress) -> Begin:
 def _assumed(
     found: ClosedForm, observations: Observations
 ) -> tuple[Mapping[str, float | None], tuple[CalibrationWarning, ...]]:
-    """What a single view of a plane does not determine is held at the closed form's assumption, with a warning."""
+    """Hold what a single view of a plane does not determine at the closed form's assumption, with a warning."""
     warnings = []
     if found.info.get("degenerate"):
         warnings.append(
@@ -129,7 +131,9 @@ def _assumed(
 
 
 def _wants_radial(progress: Progress) -> bool:
-    """No start, or one that took a wide lens for a pinhole camera, or a lens whose shape is in the data."""
+    """Return whether there is no start, or one that took a wide lens for a pinhole, or the lens's shape comes from
+    the data.
+    """
     if progress.best is not None or progress.made("radial"):
         return False
     begun = progress.start
@@ -137,7 +141,7 @@ def _wants_radial(progress: Progress) -> bool:
 
 
 def _radial(progress: Progress) -> Change | None:
-    """Radial alignment; where a closed form is nearer, that one stays the start."""
+    """Radial alignment; a closed form that is nearer remains the start."""
     kept = progress.data.kept()
     begin = time.perf_counter()
     rough = radial.estimate(kept)
@@ -169,19 +173,19 @@ def _refine(progress: Progress) -> Change:
 
 
 def _doubtful(progress: Progress) -> bool:
-    """No fit, or one that may be a wrong minimum; not before outliers were looked for, if they are to be."""
+    """Return whether the fit is missing or may be a wrong minimum; False while outliers are still to be found."""
     if progress.options.robust != "none" and not progress.restarts:
         return False
     return progress.start is not None and (progress.best is None or starts.doubtful(progress.fit))
 
 
 def _wants_other_starts(progress: Progress) -> bool:
-    """Doubtful, and the starts of radial alignment were not tried: from the same rows they end where they did."""
+    """Return whether the fit is doubtful and radial alignment was not tried on the same rows."""
     return _doubtful(progress) and not progress.made("from-radial")
 
 
 def _from_radial(progress: Progress) -> Change | None:
-    """The refinement from radial alignment, where the one from the closed form ended badly."""
+    """The refinement from radial alignment, if the one from the closed form ended badly."""
     kept, found = progress.data.kept(), []
     if progress.made("radial"):
         begins = list(progress.notes.get("other_starts", ()))
@@ -196,12 +200,12 @@ def _from_radial(progress: Progress) -> Change | None:
 
 
 def has_start_only(progress: Progress) -> bool:
-    """A start from which nothing was refined yet."""
+    """Return whether there is a start from which nothing was refined yet."""
     return progress.best is None and progress.start is not None
 
 
 def starts_from_nothing() -> tuple[Attempt, ...]:
-    """A start: a camera that is given, else the closed forms of the table, and radial alignment."""
+    """The attempts at a start: a given camera, otherwise the closed forms of the table, and radial alignment."""
     closed_forms = (closed_form(name) for name in start.CLOSED_FORMS)
     return (GIVEN, *closed_forms, Attempt("radial", _wants_radial, _radial))
 

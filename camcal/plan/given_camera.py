@@ -1,4 +1,4 @@
-"""A start from a camera that is known already: of a report, or of a camera file of any program."""
+"""A start from a known camera: of a report, or of a camera file of any program."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _applies(progress: Progress) -> bool:
 
 
 def _make(progress: Progress) -> Change:
-    """The nearest camera of the lens at hand, and the poses of the views before the one that is given."""
+    """The nearest camera of the current lens, and the poses of the views with respect to the given one."""
     begin = time.perf_counter()
     known, kept = camera_of(progress), progress.data.kept()
     poses = start_poses(known, kept.views)
@@ -40,7 +40,7 @@ def _make(progress: Progress) -> Change:
 
 
 def camera_of(progress: Progress) -> Camera:
-    """The camera of `start_camera`, read where it is a file.
+    """The camera of `start_camera`, read if it is a file.
 
     Raises
     ------

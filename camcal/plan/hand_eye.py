@@ -1,4 +1,4 @@
-"""From a calibration and a robot's poses to the hand-eye transformation and what is to be said of it."""
+"""From a calibration and a robot's poses to the hand-eye transformation and its warnings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STAMPS = ((1e18, 1e9), (1e15, 1e6), (1e12, 1e3), (1e9, 1.0))
 
 @dataclass(frozen=True)
 class Asked:
-    """What `camcal hand-eye` and `camcal.hand_eye` are asked for; see the options of the command."""
+    """The arguments of `camcal hand-eye` and `camcal.hand_eye`; see the options of the command."""
 
     setup: str | None = None
     inverse: bool = False
@@ -73,7 +73,7 @@ class Found:
 
 
 def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> Found:
-    """Calibrate hand and eye.
+    """Run a hand-eye calibration.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _of_stream(
     asked: Asked,
     target: Mapping[str, Any] | None,
 ) -> Found:
-    """With poses that have times in place of views."""
+    """The calibration with poses that have times instead of views."""
     assert robot.times is not None
     if len(robot) < 2:
         raise DataError(f"'{robot.path}' holds {len(robot)} pose; a stream needs 2 or more.", "Add poses.")
@@ -176,7 +176,7 @@ def _crosscheck(made: Estimate, views: Views) -> list[dict[str, Any]]:
 
 
 def _pictures(solution: Solution | RigSolution) -> tuple[Pictures, tuple[str, ...]]:
-    """The points that the calibration rests on, and the names of their instants."""
+    """The points used by the calibration, and the names of their instants."""
     used = solution.observations.kept()
     weights = None if used.precision is None else used.split(used.precision)
     accuracy = covariance(solution)
@@ -201,7 +201,7 @@ def _turns(pictures: Pictures) -> Motions:
 
 
 def _unit(solution: Solution | RigSolution) -> str | None:
-    """The unit of the board's lengths; None where the points do not say it.
+    """The unit of the board's lengths; None if the points do not have one.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def _in_unit(robot: RobotPoses, given: str | None, unit: str | None) -> RobotPos
 
 
 def _time(name: str, times: Mapping[str, float] | None) -> float:
-    """The time of a view, s: from the table, or from a name that is a stamp."""
+    """The time of a view, s: from the table, or from a name that is a time stamp."""
     if times is not None:
         short = name.replace("\\", "/").rpartition("/")[2]
         if name not in times and short not in times:

@@ -1,4 +1,4 @@
-"""A known camera judged on data: its parameters stay, the pose of each view is fitted anew."""
+"""Evaluation of a known camera on data: its parameters are held, the pose of each view is refitted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def evaluate(
     seed: int = 0,
     promise: Promise | None = None,
 ) -> Solution:
-    """Fit the pose of each view to a camera that stays as it is.
+    """Fit the pose of each view to a fixed camera.
 
     Parameters
     ----------
@@ -65,13 +65,13 @@ def evaluate(
 
 
 def placed(camera: Camera, given: Observations, options: Options) -> Progress:
-    """The attempts at the poses before a known camera, made."""
+    """Run the attempts at the poses with respect to a known camera."""
     begin = Begin("given", camera, Poses.stack([]), float("nan"))
     return follow(_plan(begin), Progress(options, camera.lens, options.how(camera.lens), given, given))
 
 
 def fully_known(options: Options, image_size: tuple[int, int] | None) -> Camera | None:
-    """The camera where every parameter is held at a value; None where something is left to estimate."""
+    """The camera if every parameter is held at a value; None if something remains to be estimated."""
     if options.model in ("auto", "select"):
         return None
     lens = lenses.make(options.model, options.skew)
@@ -84,7 +84,7 @@ def fully_known(options: Options, image_size: tuple[int, int] | None) -> Camera 
 
 
 def _plan(known: Begin) -> tuple[Attempt, ...]:
-    """The attempts at the poses before a known camera."""
+    """The attempts at the poses with respect to a known camera."""
 
     def poses(progress: Progress) -> Change:
         kept = progress.data.kept()

@@ -1,4 +1,4 @@
-"""A known rig judged on data: cameras and their places stay, the pose of the board at each instant is fitted anew."""
+"""Evaluation of a known rig on data: the rig is held, the pose of the board at each instant is refitted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def evaluate_rig(
     method: str = "none",
     seed: int = 0,
 ) -> RigSolution:
-    """Fit the pose of each instant's board to a rig that stays as it is.
+    """Fit the pose of each instant's board to a fixed rig.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def evaluate_rig(
 
 
 def _part(rig: Rig, names: list[str]) -> Rig:
-    """Some of the cameras, in the frame of the rig's reference where that is among them."""
+    """Some of the cameras, in the frame of the rig's reference if that is among them."""
     reference = rig.reference if rig.reference in names else names[0]
     moved = rig.with_reference(reference)
     ordered = [reference, *(n for n in names if n != reference)]
@@ -82,7 +82,7 @@ def _part(rig: Rig, names: list[str]) -> Rig:
 
 
 def _judged(fit: RigCalibration, how: How, method: str) -> RigCalibration:
-    """The fit after its outliers were dealt with."""
+    """The fit after the treatment of outliers."""
     if method == "none":
         return fit
     if method != "auto":

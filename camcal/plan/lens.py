@@ -1,4 +1,4 @@
-"""Which lens model a calibration takes where none is asked for.
+"""The choice of the lens model if none is requested.
 
 `opencv5` is taken where it holds: it compares with everybody's, and an ordinary lens costs nothing more. Where it
 does not hold, the models of the other side are ranked (`selection.py`): wide ones where the lens folds inside the
@@ -37,7 +37,7 @@ LEAST_FREEDOM = 5.0
 
 
 def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Mapping[str, Any]]:
-    """All attempts of the plan with the model that the data call for, and how it was found."""
+    """All attempts of the plan with the model that the data require, and how it was found."""
     if asked.model == "select":
         return _ranked(given, asked, AUTO, "")
     try:
@@ -52,7 +52,7 @@ def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Ma
 
 
 def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
-    """Why the ordinary model is not the right one, and what is ranked instead; empty where it is."""
+    """The reason why the default model is unsuitable, and the models ranked instead; empty if it is suitable."""
     fit, facts = progress.fit, Facts(progress.fit)
     sigmas = facts.covariance.sigmas
     loose = [n for n in facts.groups("distortion") if not sigmas[n] < UNKNOWN]
@@ -77,7 +77,7 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
 def _ranked(
     given: Observations, asked: Options, models: tuple[str, ...], why: str
 ) -> tuple[Progress, Mapping[str, Any]]:
-    """The best of some models, and the whole plan with it."""
+    """The best of some models, with its whole plan."""
     options = {name: getattr(asked, name) for name in ("skew", "fix", "robust", "seed")}
     found = described(select(given, models, **options))
     if why:

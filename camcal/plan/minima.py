@@ -1,4 +1,4 @@
-"""Attempts at a lower minimum: from the models inside, other principal points, other cameras of the same rays.
+"""Attempts at a lower minimum: from nested models, other principal points, other cameras with the same rays.
 
 A least squares search ends in the minimum whose basin it begins in. Where the data determine a camera well there is one
 that matters, and nothing here is tried. Otherwise:
@@ -54,7 +54,9 @@ ROUNDS = 2
 
 # ------------------------------------------------------------------------------------------------ weak cameras
 def weak(fit: Calibration) -> bool:
-    """Whether focal length or principal point are weak, as the warning `weak-parameters` has it, or undetermined."""
+    """Return whether focal length or principal point are weak, as in the warning `weak-parameters`, or
+    undetermined.
+    """
     facts = Facts(fit)
     focal = float(abs(fit.camera.params[:2]).max())
     sizes = dict.fromkeys(facts.groups("focal"), focal) | dict.fromkeys(
@@ -70,19 +72,19 @@ def weak(fit: Calibration) -> bool:
 
 
 def _several_centres(fit: Calibration) -> bool:
-    """Whether there may be minima apart by the principal point: few points that leave it weak."""
+    """Return whether minima may differ by the principal point: few points that determine it weakly."""
     free = int(fit.free.any(0).sum())
     return int(fit.used.sum()) <= SEARCHED and free <= MOST_PARAMETERS and weak(fit)
 
 
 def _lowest_centre(fit: Calibration, progress: Progress) -> Calibration:
-    """The lowest fit from other principal points, where these are to be searched."""
+    """The lowest fit from other principal points, if these are to be searched."""
     wanted = progress.options.lowest and _several_centres(fit)
     return spread(fit, progress.how) if wanted else fit
 
 
 def spread(fit: Calibration, how: How) -> Calibration:
-    """The lowest fit from principal points all over their joint 95 % interval; the given one where none is lower."""
+    """The lowest fit from principal points across their joint 95 % interval; the given one if none is lower."""
     for _ in range(ROUNDS):
         sigmas = Facts(fit).covariance.sigmas
         begins = starts.about(fit, sigmas, how.fix)
@@ -94,7 +96,7 @@ def spread(fit: Calibration, how: How) -> Calibration:
 
 
 def _lowest_of(begins: Sequence[tuple[Camera, Poses]], fit: Calibration, how: How) -> Calibration | None:
-    """The lowest fit of several starts, most of which are given up on the way."""
+    """The lowest fit from several starts, most of which are abandoned early."""
     stopping = how.stopping or Stopping()
     short = replace(
         how, stopping=replace(stopping, max_iterations=min(SCREENED, stopping.max_iterations or SCREENED))
@@ -118,7 +120,7 @@ def _fits(begins: Sequence[tuple[Camera, Poses]], fit: Calibration, how: How) ->
 
 
 def to_its_end(fit: Calibration, how: How) -> Calibration:
-    """The fit once its search has converged, or has been continued often enough."""
+    """The fit after its search has converged, or has been continued often enough."""
     for _ in range(CONTINUED):
         if fit.fit.converged:
             break
@@ -128,7 +130,7 @@ def to_its_end(fit: Calibration, how: How) -> Calibration:
 
 # ------------------------------------------------------------------------------------------------- models inside
 def from_nested(progress: Progress) -> Calibration | None:
-    """The lowest fit that begins from the optimum of a model inside; None where there is none."""
+    """The lowest fit that starts from the optimum of a nested model; None if there is none."""
     fits: list[Calibration] = []
     stuck = progress.best is not None and not progress.fit.fit.converged
     for spec in reversed(contained(progress.lens, every=stuck)):
@@ -141,14 +143,14 @@ def from_nested(progress: Progress) -> Calibration | None:
 
 
 def _with(progress: Progress, lens: Lens) -> Progress:
-    """The beginning of a progress with another lens and the same points."""
+    """The start of a progress with another lens and the same points."""
     fix = {n: v for n, v in progress.options.fix.items() if starts.has(lens, n)}
     options = replace(progress.options, model=lens.name, fix=fix, robust="none")
     return Progress(options, lens, options.how(lens), progress.given, progress.data)
 
 
 def _settled(progress: Progress, inside: Sequence[Calibration]) -> Calibration | None:
-    """The lowest fit of a model by its own starts and those of the models inside it."""
+    """The lowest fit of a model from its own starts and those of its nested models."""
     progress = advance((*starts_from_nothing(), *FROM_START), progress)
     found = [] if progress.best is None else [progress.fit]
     found += _from(inside, progress)
@@ -158,7 +160,7 @@ def _settled(progress: Progress, inside: Sequence[Calibration]) -> Calibration |
 
 
 def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration]:
-    """Fits of the progress's model that begin at those of models inside it."""
+    """Fits of the current model that start at those of its nested models."""
     lens, found = progress.lens, []
     for fit in inside:
         if embed(lens, fit.camera.lens, fit.camera.params) is None:
@@ -173,19 +175,21 @@ def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration
 
 # ------------------------------------------------------------------------------------------------------ attempts
 def _not_looked_at(progress: Progress) -> bool:
-    """Whether other starts were not tried for these points."""
+    """Return whether other starts were not tried for these points."""
     return progress.start is not None and progress.notes.get("minima_of") != _points(progress)
 
 
 def _wants_other_starts(progress: Progress) -> bool:
-    """No fit or a doubtful one; not before outliers were looked for, if they are to be: they make any fit doubtful."""
+    """Return whether the fit is missing or doubtful; False while outliers are still to be found, which make any
+    fit doubtful.
+    """
     settled = progress.options.robust == "none" or progress.restarts > 0
     bad = progress.best is None or starts.doubtful(progress.fit) or _has_several_minima(progress)
     return _not_looked_at(progress) and bad and (settled or _has_several_minima(progress))
 
 
 def _wants_lowest(progress: Progress) -> bool:
-    """The points are settled, and their fit may not be the lowest one."""
+    """Return whether the points are final and their fit may not be the lowest."""
     if progress.best is None or not progress.options.lowest or not _not_looked_at(progress):
         return False
     return _has_several_minima(progress) or starts.doubtful(progress.fit) or weak(progress.fit)
@@ -196,13 +200,13 @@ def _has_several_minima(progress: Progress) -> bool:
 
 
 def _points(progress: Progress) -> bytes:
-    """The points that a fit rests on, to be compared."""
+    """The points that a fit uses, for comparison."""
     data = progress.data
     return data.used.tobytes() + repr(data.view_ids).encode()
 
 
 def _other_starts(progress: Progress) -> Change:
-    """The lowest of what models inside and other principal points lead to."""
+    """The lowest fit from nested models and other principal points."""
     found = [] if progress.best is None else [progress.fit]
     nested = from_nested(progress)
     found += [] if nested is None else [nested]
@@ -218,7 +222,7 @@ def _wants_other_cameras(progress: Progress) -> bool:
 
 
 def _other_cameras(progress: Progress) -> Change | None:
-    """The best of the minima of a model that has several; which one is met depends on the start."""
+    """The best of the minima of a model that has several; the start decides which one is reached."""
     begins = [(camera, progress.fit.poses) for camera in starts.other_minima(progress.fit)]
     found = _fits(begins, progress.fit, progress.how)
     return Change(fit=Candidate(lowest(found))) if found else None
@@ -232,5 +236,5 @@ LOWEST: tuple[Attempt, ...] = (
 
 
 def from_nothing() -> tuple[Attempt, ...]:
-    """A camera from the rows at hand."""
+    """Estimate a camera from the current rows."""
     return (*starts_from_nothing(), *FROM_START, OTHER_STARTS)

@@ -1,4 +1,4 @@
-"""What a calibration is asked for; the command line's options by the same names."""
+"""The options of a calibration, under the same names as on the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from camcal.solve.refine import How
 
 @dataclass(frozen=True)
 class Options(CalibrationOptions):
-    """The options of a calibration with what only calls from Python set."""
+    """The options of a calibration, including those available only from Python."""
 
     refine_points: bool | None = False  #: go back to the pictures; None = where views held out gain from it
     stopping: Stopping = field(default_factory=Stopping)
@@ -24,11 +24,11 @@ class Options(CalibrationOptions):
 
     @classmethod
     def resolve(cls, **keywords: Any) -> Self:
-        """Make the options of the keywords of a call; see `Settings.resolve`."""
+        """Make the options from the keywords of a call; see `Settings.resolve`."""
         own = {n: keywords.pop(n) for n in ("refine_points", "stopping", "lowest") if n in keywords}
         return replace(super().resolve(**keywords), **own)
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:
-        """How every fit is made; `held` are parameters that the closed form had to assume."""
+        """The settings of every fit; `held` are parameters that the closed form had to assume."""
         fix = {**dict.fromkeys(lens.default_fixed), **(held or {}), **self.fix}
         return How(fix, self.optimizer, self.stopping, self.normalise)

@@ -1,4 +1,4 @@
-"""Attempts that deal with outliers, given sigmas, and views that do not belong.
+"""Attempts that handle outliers, given sigmas, and views that do not belong.
 
 `auto` first fits as if all were well. Only where the residuals speak against that, or where there is no such fit, is
 the camera found anew from the points that agree by RANSAC, reweighted by a redescending loss, and fitted to what a
@@ -36,7 +36,7 @@ WEIGHTINGS, SAME_SIGMA = 5, 0.01
 
 
 def _clean(progress: Progress) -> bool:
-    """Nothing speaks against the fit to all points: neither outliers nor a wrong minimum."""
+    """Return whether the fit to all points shows neither outliers nor a wrong minimum."""
     return (
         progress.plain is not None
         and not starts.doubtful(progress.plain)
@@ -50,7 +50,7 @@ def _wants_robust(progress: Progress) -> bool:
 
 
 def wants_restart(progress: Progress) -> bool:
-    """Whether the camera is to be found anew from the points that agree."""
+    """Return whether the camera is to be re-estimated from the points that agree."""
     if progress.restarts or not _wants_robust(progress):
         return False
     plain = progress.plain
@@ -60,7 +60,7 @@ def wants_restart(progress: Progress) -> bool:
 
 
 def _agreeing(progress: Progress) -> Change:
-    """The points of each view that agree by one map of its own."""
+    """The points of each view that agree on a map of its own."""
     data = progress.data
     found = ransac.of_maps(data.views, data.shapes.planar.tolist(), progress.options.seed)
     used = np.concatenate([a.mask for a in found])
@@ -68,7 +68,7 @@ def _agreeing(progress: Progress) -> Change:
 
 
 def _half_agreeing(progress: Progress) -> Change:
-    """The half of the views that agree best."""
+    """The half of the views with the best agreement."""
     found = progress.notes["agreed"]
     scatter = np.array([a.sigma for a in found])  # NaN, where there are too few points to tell, comes last
     count = max(len(found) // 2, LEAST_VIEWS)
@@ -88,14 +88,14 @@ def _found_from_half(progress: Progress) -> bool:
 
 
 def _all_poses(progress: Progress) -> Change:
-    """The poses of all views before the camera of half of them."""
+    """The poses of all views with respect to the camera of half of them."""
     data = progress.given.unweighted()
     found = robust.find_poses(progress.fit, data, progress.how, progress.options.seed)
     return Change(fit=Candidate(found), instead=True)
 
 
 def _reweight(progress: Progress) -> Change:
-    """Reweighting from the better of the fits to all points and to those that agree."""
+    """Reweighting, starting from the better of the fits to all points and to those that agree."""
     found = [] if progress.best is None else [progress.fit]
     found += [progress.plain] if progress.plain is not None else []
     if not found:
@@ -136,7 +136,7 @@ def _better_poses(progress: Progress) -> Change | None:
 
 
 def _plain_is_lower(progress: Progress) -> bool:
-    """Whether the least squares fit to all points fits those that were kept better than the fit to them."""
+    """Return whether the least-squares fit to all points fits the kept points better than the fit to them does."""
     plain = progress.plain
     if not _after_reweighting(progress) or plain is None:
         return False
@@ -146,13 +146,13 @@ def _plain_is_lower(progress: Progress) -> bool:
 
 
 def _rows_of(plain: Calibration, kept: Calibration) -> np.ndarray:
-    """Which rows (N,) of all observations the views of a fit hold."""
+    """The rows (N,) of all observations that the views of a fit hold."""
     held = np.isin(plain.observations.view_ids, kept.observations.view_ids)
     return held[plain.observations.view]
 
 
 def _from_plain(progress: Progress) -> Change:
-    """The fit to the kept points from the camera of all points: rejection never makes a fit worse."""
+    """The fit to the kept points from the camera of all points, so that rejection never makes a fit worse."""
     plain = progress.plain
     assert plain is not None
     places = [plain.observations.view_ids.index(v) for v in progress.fit.observations.view_ids]
@@ -167,7 +167,7 @@ def _has_sigmas(progress: Progress) -> bool:
 
 
 def _weight(progress: Progress) -> Change:
-    """The fit with the given sigmas, as far as the residuals bear them out."""
+    """The fit with the given sigmas, as far as the residuals support them."""
     fit, given = progress.fit, progress.given
     places = [given.view_ids.index(v) for v in fit.observations.view_ids]
     sigma = given.of_views(places).sigma
@@ -188,7 +188,7 @@ def _weight(progress: Progress) -> Change:
 
 # ------------------------------------------------------------------------------------------------ foreign views
 def _without_foreign(progress: Progress) -> Change | None:
-    """Without views that fit a pose well enough to be used, but bend the camera."""
+    """Remove views that fit a pose well enough to be used but bias the camera."""
     fit = progress.fit
     bad = foreign.foreign_views(fit)
     if not bad:
@@ -214,7 +214,7 @@ AFTER_RESTART: tuple[Attempt, ...] = (
 
 
 def outliers_plan() -> tuple[Attempt, ...]:
-    """Outliers and other minima, after a first fit to all points."""
+    """The attempts after a first fit to all points: outliers and other minima."""
     return (
         Attempt("agreeing", wants_restart, _agreeing),
         *from_nothing(),

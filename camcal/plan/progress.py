@@ -1,4 +1,4 @@
-"""How far a calibration has come, and the loop over its plan.
+"""The progress of a calibration, and the loop over its plan.
 
 An attempt gets the progress so far and gives a `Change`; the loop takes it in, by the one rule for what is better
 (`camcal.plan.better`), and notes the attempt as a stage of the report. Nothing else carries state from one attempt to
@@ -29,7 +29,9 @@ SECOND_THOUGHTS = ("radial", "from-radial", "other-starts")
 
 @dataclass(frozen=True)
 class Begin:
-    """Where a refinement may begin: the camera of the lens at hand, poses, and what the closed form had to assume."""
+    """A starting point of the refinement: the camera of the current lens, poses, and the closed form's
+    assumptions.
+    """
 
     name: str
     camera: Camera
@@ -41,7 +43,7 @@ class Begin:
 
 @dataclass(frozen=True)
 class Change:
-    """What an attempt gives; None means that it has nothing to say of that.
+    """The result of an attempt; None means unchanged.
 
     Attributes
     ----------
@@ -82,7 +84,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Progress:
-    """What is known after some attempts.
+    """The state of a calibration after some attempts.
 
     Attributes
     ----------
@@ -123,7 +125,7 @@ class Progress:
 
     @property
     def estimate(self) -> Estimate:
-        """The best fit so far, of a camera or of a rig; attempts that use it apply only where there is one."""
+        """The best fit so far, of a camera or of a rig; attempts that use it apply only if there is one."""
         assert self.best is not None
         return self.best.calibration
 
@@ -134,11 +136,11 @@ class Progress:
         return self.estimate
 
     def made(self, name: str) -> bool:
-        """Whether an attempt was made since the camera was last found anew."""
+        """Return whether an attempt was made since the camera was last re-estimated."""
         return any(s.name == name for s in self.stages[self.notes.get("since", 0) :])
 
     def after(self, name: str, change: Change, seconds: float) -> Progress:
-        """The progress with what an attempt gave."""
+        """Return the progress after an attempt's result."""
         now, kept, why = self, True, ""
         if change.data is not None:
             now = replace(now, data=change.data)
@@ -174,7 +176,7 @@ class Progress:
         return replace(now, notes={**now.notes, **change.notes})
 
     def failed(self, name: str, error: CamcalError) -> Progress:
-        """The progress after an attempt that gave nothing.
+        """Return the progress after a failed attempt.
 
         The error is kept where it says why all points give no camera: that of a second thought (another start, points
         that agree) does not.
@@ -220,7 +222,7 @@ class Attempt:
 
 
 def advance(plan: Iterable[Attempt], progress: Progress) -> Progress:
-    """Make the attempts of a plan that apply, in their order."""
+    """Make the applicable attempts of a plan, in order."""
     for attempt in plan:
         if not attempt.applies(progress):
             continue
@@ -236,7 +238,7 @@ def advance(plan: Iterable[Attempt], progress: Progress) -> Progress:
 
 
 def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
-    """Make the attempts of a plan to its end.
+    """Make all attempts of a plan.
 
     Raises
     ------

@@ -48,7 +48,7 @@ def calibrate_rig(
     refine_points: bool | None = False,
     **options: Any,
 ) -> RigSolution:
-    """Calibrate a rig: all cameras, where they stand to each other, and the boards, together.
+    """Calibrate a rig: all cameras, their relative poses, and the boards, together.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def calibrate_rig(
 def _begun(
     cameras: Mapping[str, Alone], views: RigViews, asked: RigOptions, placed: Layout | None
 ) -> Progress:
-    """The progress before the cameras are put together."""
+    """The progress before the cameras are combined."""
     parts = {n: a.fit.observations for n, a in cameras.items()}
     data = joined(parts, views.instants, views.order)
     if asked.robust in ("none", "auto"):
@@ -125,7 +125,7 @@ def _begun(
 
 
 def _followed(begun: Progress) -> Progress:
-    """The attempts of the plan to its end; a camera that lags is named where nothing comes of them."""
+    """Make all attempts of the plan; if they fail, name cameras that lag."""
     progress = advance(PLAN, begun)
     late = progress.notes.get("lags")
     if progress.best is None and late:
@@ -161,7 +161,7 @@ def _link(progress: Progress) -> Change:
 
 
 def _together(progress: Progress) -> Change:
-    """Everything together, on the points that the cameras alone believe."""
+    """The joint fit, on the points kept by the cameras alone."""
     rig, poses = progress.notes["rig"], progress.notes["poses"]
     return Change(fit=Candidate(refine(rig, poses, progress.data, progress.how)))
 

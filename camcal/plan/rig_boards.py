@@ -1,4 +1,4 @@
-"""Where several boards stand to each other that stand fast while the rig, or they together, move.
+"""The relative poses of several boards that are fixed to each other while the rig, or they together, move.
 
 Every picture is P = (camera in its group) · R_t · (board in its group), with R_t the pose of the rig at its instant.
 Cameras whose relative poses are known are a group, boards likewise; at first each is one by itself. Until nothing
@@ -46,7 +46,7 @@ BOARDS = ("auto", "fixed", "moving")
 
 @dataclass(frozen=True)
 class Layout:
-    """Which boards stand fast to each other, and where.
+    """Which boards are fixed to each other, and their poses.
 
     Attributes
     ----------
@@ -75,14 +75,14 @@ class _Sights:
 
 
 class _Groups:
-    """Cameras, or boards, whose poses to each other are known: the group and the pose group_from_member of each."""
+    """Cameras, or boards, with known relative poses: the group and the pose group_from_member of each."""
 
     def __init__(self, count: int):
         self.of = np.arange(count)
         self.poses = [Pose.identity() for _ in range(count)]
 
     def join(self, one: int, other: int, one_from_other: Pose) -> None:
-        """Take the members of another group into one."""
+        """Merge the members of another group into one."""
         for member in np.flatnonzero(self.of == other):
             self.poses[member] = one_from_other @ self.poses[member]
         self.of[self.of == other] = one
@@ -91,7 +91,7 @@ class _Groups:
 def layout(
     fits: Mapping[str, Calibration], views: RigViews, asked: str, rig: Mapping[str, Pose] | None = None
 ) -> Layout:
-    """Which boards stand fast, and where, from each camera alone.
+    """Which boards are fixed, and their poses, from each camera alone.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _seen(
 
 
 def _link(a: tuple[Array, Poses, Array], b: tuple[Array, Poses, Array], corners: Array) -> Link | None:
-    """What the instants of both say of a_from_b, for poses a_from_x and b_from_x; None without any."""
+    """The estimate of a_from_b from shared instants, for poses a_from_x and b_from_x; None without any."""
     _, i, j = np.intersect1d(a[0], b[0], return_indices=True)
     if not len(i):
         return None
@@ -273,7 +273,7 @@ def _both(robot: Poses, camera: Poses, turn_variance: Array) -> tuple[Pose, Pose
 def arranged(
     fits: Mapping[str, Calibration], views: RigViews, asked: str, rig: Mapping[str, Pose] | None = None
 ) -> tuple[Mapping[str, Calibration], RigViews, Layout | None]:
-    """The cameras' fits and views with the boards of a group as one target; as they are where there is one board.
+    """The cameras' fits and views with the boards of a group as one target; unchanged if there is one board.
 
     The arguments are those of `layout`.
     """

@@ -1,4 +1,4 @@
-"""The cameras of a rig, each calibrated by itself, as the start of the joint estimate."""
+"""The cameras of a rig, each calibrated separately, as the start of the joint estimate."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Alone:
-    """A camera by itself.
+    """A camera calibrated separately.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Alone:
 
 
 def alone(name: str, data: Observations, asked: RigOptions, refine_points: bool | None) -> Alone:
-    """Calibrate a camera of a rig by itself; one whose intrinsics are given gets the poses of its views.
+    """Calibrate one camera of a rig; one with given intrinsics only gets the poses of its views.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def alone(name: str, data: Observations, asked: RigOptions, refine_points: bool 
 
 
 def _options(name: str, asked: RigOptions, model: str, refine_points: bool | None) -> Options:
-    """The options of one of the cameras: its own model, and what is held of it; the board as designed."""
+    """The options of one of the cameras: its own model and held parameters; the board as designed."""
     shared = {
         f.name: getattr(asked, f.name) for f in fields(CalibrationOptions) if f.name not in ("model", "fix")
     }
@@ -87,7 +87,7 @@ def _options(name: str, asked: RigOptions, model: str, refine_points: bool | Non
 
 
 def fixed_of(name: str, model: str, asked: RigOptions) -> dict[str, float | None]:
-    """What `--fix` holds of a camera: what is said of it, and of all cameras where its model has it.
+    """The parameters of a camera held by `--fix`: its own, and those of all cameras that its model has.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def fixed_of(name: str, model: str, asked: RigOptions) -> dict[str, float | None
 
 
 def known_camera(name: str, asked: RigOptions) -> Camera | None:
-    """The intrinsics that are given for a camera: of a Camera, or a file of one, or of a rig with that name."""
+    """The given intrinsics of a camera: a Camera, or a file of one, or of a rig with that name."""
     given = asked.cameras.get(name)
     if given is None:
         if name in asked.hold:
@@ -126,7 +126,7 @@ def known_camera(name: str, asked: RigOptions) -> Camera | None:
 def _known(
     name: str, data: Observations, camera: Camera, options: Options, other_model: bool, held: bool
 ) -> Alone:
-    """The poses before given intrinsics; these are taken over by the model that is asked for."""
+    """The poses with respect to given intrinsics, which are converted to the requested model."""
     if other_model and not held and lenses.make(options.model, options.skew).name != camera.lens.name:
         camera = starts.regressed(lenses.make(options.model, options.skew), camera, data, options.fix)
     fit = evaluate(camera, data, options.robust, options.seed)
@@ -135,7 +135,7 @@ def _known(
 
 
 def pictures_of(fits: Mapping[str, Calibration], views: RigViews, data: Observations) -> Pictures:
-    """The pose of the board before each picture of a rig's observations, as its camera alone has it."""
+    """The pose of the board in each picture of a rig's observations, from its camera alone."""
     found: dict[tuple[str, str], tuple[Pose, float]] = {}
     for name, fit in fits.items():
         variances = board_variance(fit)
@@ -152,7 +152,7 @@ def pictures_of(fits: Mapping[str, Calibration], views: RigViews, data: Observat
 
 
 def board_variance(fit: Calibration) -> Array:
-    """The variance (V,) of the place of a view's points, from the pose's covariance with the camera held.
+    """The variance (V,) of the position of a view's points, from the pose's covariance with the camera held.
 
     A board of radius r that is turned by small random angles of covariance C moves its points by 2/3 r² tr(C).
     """
@@ -168,7 +168,7 @@ def board_variance(fit: Calibration) -> Array:
 
 
 def check_options(asked: RigOptions, names: tuple[str, ...]) -> None:
-    """Raise a UsageError where an option names a camera that the rig does not have."""
+    """Raise a UsageError if an option names a camera that the rig does not have."""
     qualified = {key.rpartition(".")[0]: value for key, value in asked.fix.items()}
     check_names(asked.model, names, "--model")
     check_names(qualified, names, "--fix")
@@ -179,7 +179,7 @@ def check_options(asked: RigOptions, names: tuple[str, ...]) -> None:
 
 
 def solution_within(solution: RigCalibration, name: str) -> Solution:
-    """A camera of a rig with its own pictures as a solution by itself, at the joint estimate."""
+    """One camera of a rig with its own pictures as a solution, at the joint estimate."""
     return of_fit(within(solution, name))
 
 

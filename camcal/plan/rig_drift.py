@@ -1,4 +1,4 @@
-"""A rig followed through time: pictures of a board, a calibrated rig, and whether its cameras stay where they were."""
+"""Monitoring of a calibrated rig over time, with pictures of a board: whether its cameras have moved."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Followed:
 
 
 def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust: str = "auto") -> Followed:
-    """Test at each instant whether the cameras stand where the calibration of the rig says.
+    """Test at each instant whether the cameras are where the rig's calibration says.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _instants(rig: RigSolution, data: Observations, poses: Poses) -> tuple[list[
 
 
 def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations, Poses]:
-    """The observations with outliers out and turned boards renamed, and rig_from_board of each instant."""
+    """The observations without outliers and with rotated boards renumbered, and rig_from_board of each instant."""
     boards = {b for own in views.boards.values() for b in own.values()}
     views = views.apart(range(max(boards, default=0) + 1))  # where they stand to each other is not asked
     names = [n for n in rig.rig.cameras if n in views.parts]
@@ -113,7 +113,7 @@ def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations,
 
 
 def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, list[Picture]]:
-    """The pictures of each instant, with what each says of the board's pose."""
+    """The pictures of each instant, with the board's pose from each."""
     found: dict[int, list[Picture]] = {}
     names = list(rig.rig.cameras)
     row = 0
@@ -148,7 +148,7 @@ def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, l
 
 
 def moved(rig: RigSolution, found: Followed) -> RigSolution:
-    """The rig with its cameras where the changes have put them, in the frame of its reference."""
+    """The rig with its cameras after the changes, in the frame of its reference."""
     places = {n: found.follower.place(i, rig.rig.cam_from_rig[n]) for i, n in enumerate(found.names)}
     after = type(rig.rig).in_frame_of(rig.rig.reference, rig.rig.cameras, places)
     return replace(rig, rig=after)

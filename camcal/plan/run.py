@@ -19,12 +19,12 @@ BETTER: tuple[Attempt, ...] = (SECOND_PASS, SIGMAS, REJECT, FOREIGN, *SHAPES)
 
 
 def camera_plan() -> tuple[Attempt, ...]:
-    """The attempts at the camera, outliers or not."""
+    """The attempts at the camera, with or without outliers."""
     return (*from_nothing(), *outliers_plan())
 
 
 def plan() -> tuple[Attempt, ...]:
-    """Every attempt that a calibration may make, in its order; each says itself whether it applies."""
+    """Every attempt that a calibration may make, in order; each decides whether it applies."""
     return (*camera_plan(), *BETTER)
 
 
@@ -35,7 +35,7 @@ def begun(given: Observations, asked: Options) -> Progress:
 
 
 def solved(observations: Observations, asked: Options) -> Progress:
-    """All attempts of the plan with the model that is asked for.
+    """All attempts of the plan with the requested model.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def solved(observations: Observations, asked: Options) -> Progress:
 
 
 def usable(observations: Observations, known: bool = False) -> Observations:
-    """The observations without views that no closed form can take; these become `rejected`.
+    """The observations without views that no closed form can use; these become `rejected`.
 
     Before a `known` camera four points in space are enough.
 

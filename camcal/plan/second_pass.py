@@ -1,4 +1,4 @@
-"""The second pass over pictures: the points fitted again with the camera of the first.
+"""The second pass over pictures: the points are fitted again with the camera of the first pass.
 
 A first calibration tells where each pixel lies on the board. Corners are fitted again on edges that are
 straight there, discs get the bias of their centre taken off, and the camera is refined until the points
@@ -76,7 +76,7 @@ def _second_pass(progress: Progress) -> Change:
 
 
 def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibration]:
-    """The size of windows that is better than the usual one, or that; the points in them, and the fit to these."""
+    """The window size that is better than the default, or the default; its points, and the fit to them."""
     first, found = progress.fit, progress.given
     tried = [
         (window, points, fit, Candidate(fit, hold_out(fit, progress.how)))
@@ -95,7 +95,7 @@ def _rms(held: HoldOut | None) -> float | None:
 
 
 def _refitted(fit: Calibration, points: Observations, progress: Progress) -> Calibration:
-    """The fit to the same views and rows of other points."""
+    """The fit to the same views and rows with other points."""
     places = [points.view_ids.index(v) for v in fit.observations.view_ids]
     data = points.of_views(places)
     data = replace(fit.observations, uv=data.uv)
@@ -105,7 +105,7 @@ def _refitted(fit: Calibration, points: Observations, progress: Progress) -> Cal
 def _again(
     points: Observations, found: Observations, fit: Calibration, windows: Sequence[float]
 ) -> list[Observations]:
-    """The points as the camera of a fit makes them, for each size of windows; discs have none.
+    """The points measured with the camera of a fit, for each window size; discs have none.
 
     Views without a pose stay as they are.
     """
@@ -116,13 +116,13 @@ def _again(
 
 
 def _projections_moved(old: Calibration, new: Calibration) -> float:
-    """Root mean square difference of where two fits project the points of the same rows, px."""
+    """The rms difference between two fits' projections of the points of the same rows, px."""
     moved = (new.residuals + new.observations.uv) - (old.residuals + old.observations.uv)
     return float(np.sqrt(np.nanmean(np.square(moved).sum(1))))
 
 
 def _centred(found: Observations, fit: Calibration, poses: Mapping[str, Pose]) -> Observations:
-    """Centres of discs less the bias of their pictures' centroids, as the camera predicts it."""
+    """Disc centres corrected for the bias of their images' centroids, as the camera predicts it."""
     target = _circles(found.target or {})
 
     def centred(view: View) -> View:

@@ -1,4 +1,4 @@
-"""Which lens model the data call for: each fitted from its best start, judged on views held out.
+"""Selection of the lens model: each is fitted from its best start and compared on hold-out views.
 
 The points are the same for all (those that the best model believes), the poses of held-out views are refitted,
 and a model that contains another also begins from that one's optimum: it never scores worse for a bad start.
@@ -47,7 +47,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model and how it did.
+    """A model and its results.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Candidate:
 
     @property
     def holdout_rms(self) -> float:
-        """rms_point of the held-out views, px; inf without."""
+        """rms_point of the hold-out, px; inf without one."""
         return figures.ranked(None if self.holdout is None else self.holdout.figures.rms_point)
 
     def information(self) -> tuple[float, float]:
@@ -94,7 +94,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Selection:
-    """The candidates, best first, and the one that is chosen."""
+    """The candidates, best first, and the chosen one."""
 
     candidates: tuple[Candidate, ...]
     chosen: Candidate
@@ -117,7 +117,7 @@ def select(
     seed: int = 0,
     on_event: OnEvent | None = None,
 ) -> Selection:
-    """Fit every model and rank them by their error on views held out.
+    """Fit every model and rank them by their hold-out error.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def select(
 
 
 def _choose(ranked: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """The smallest of those that are in and as good as the best of them."""
+    """The smallest eligible model that is as good as the best."""
     usable = [c for c in ranked if c.solution is not None and not c.reasons]
     remark = ""
     if not usable:
@@ -181,12 +181,12 @@ class _Bench:
     failed: dict[str, str] = field(default_factory=dict)
 
     def fixed(self, lens: Lens) -> dict[str, float | None]:
-        """What a model holds: its own gauge, and what of `fix` it has."""
+        """The parameters that a model holds: its own gauge, and those of `fix` that it has."""
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         return {**dict.fromkeys(lens.default_fixed), **asked}
 
     def calibrated(self, lens: Lens, data: Observations, robust: str) -> Calibration | None:
-        """The pipeline's own calibration; None, with the reason kept, where there is none."""
+        """The calibration by the plan; None, with the reason recorded, if it fails."""
         asked = {n: v for n, v in self.fix.items() if starts.has(lens, n)}
         try:
             options = Options(
@@ -202,7 +202,7 @@ class _Bench:
     def common_points(
         self, data: Observations, ordered: Sequence[Lens], tell: OnEvent
     ) -> tuple[Observations, dict[str, Calibration | None]]:
-        """The points that the model with the lowest median error believes, and each model's first solution."""
+        """The points kept by the model with the lowest median error, and each model's first solution."""
         found: dict[str, Calibration | None] = {}
         for i, lens in enumerate(ordered):
             found[lens.name] = self.calibrated(lens, data, self.robust)
@@ -217,7 +217,7 @@ class _Bench:
     def candidate(
         self, lens: Lens, data: Observations, first: Calibration | None, done: Sequence[Candidate], folds: int
     ) -> Candidate:
-        """Fit a model to the common points from every start there is, and hold views out."""
+        """Fit a model to the common points from every available start, and run the hold-out."""
         begin = time.perf_counter()
         solution = first if first is not None else self.calibrated(lens, data, "none")
         fix = self.fixed(lens)
@@ -242,7 +242,7 @@ def _typical_error(solution: Calibration) -> float:
 
 
 def _same_points(solution: Calibration, kept: Observations) -> bool:
-    """Whether a solution rests on exactly these points."""
+    """Return whether a solution uses exactly these points."""
     data = solution.observations
     return (
         data.view_ids == kept.view_ids and bool(solution.used.all()) and data.point_count == kept.point_count

@@ -1,4 +1,4 @@
-"""The solution of a calibration: the fit that was kept, how it was reached, and what is to be said of it."""
+"""The result of a calibration: the fit that was kept, its stages, and its warnings."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class Judged(Estimate):
     selection: Mapping[str, Any] | None = None
 
     def option(self, name: str) -> Any:
-        """The value of an option; None where it was not given."""
+        """The value of an option; None if it was not given."""
         value = self.options.get(name)
         return value.get("value") if isinstance(value, Mapping) else value
 
     @property
     def failures(self) -> list[str]:
-        """The gates that fell, a sentence each: a cross-check that failed, `max_rms`, a warning of `fail_on`."""
+        """The failed gates, a sentence each: a failed cross-check, `max_rms`, a warning of `fail_on`."""
         fallen = [
             f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
             for e in self.crosscheck
@@ -69,7 +69,7 @@ class Judged(Estimate):
 
     @property
     def verdict(self) -> str:
-        """`pass`, or `fail` where a gate fell."""
+        """`pass`, or `fail` if a gate failed."""
         return "fail" if self.failures else "pass"
 
 
@@ -96,7 +96,7 @@ class Solution(Judged, Calibration):
         )
 
     def _repr_html_(self) -> str:
-        """A table of the camera for notebooks."""
+        """Return the camera as an HTML table, for notebooks."""
         return str(load("camcal.report.notebook:table")(self))
 
     def save(self, path: str | PathLike, force: bool = False) -> None:
@@ -129,10 +129,10 @@ class RigSolution(Judged, RigCalibration):
         )
 
     def save(self, path: str | PathLike, force: bool = False) -> None:
-        """Write the report; UsageError where the file exists and `force` is not given."""
+        """Write the report; UsageError if the file exists and `force` is not given."""
         load("camcal.report.document:save")(load("camcal.report.rig:document")(self), path, force)
 
 
 def of_fit(fit: Calibration, **more: Any) -> Solution:
-    """A fit as a solution, with what else is to be said of it."""
+    """A fit as a solution, with its warnings and other results."""
     return Solution(**{f.name: getattr(fit, f.name) for f in fields(Calibration)}, **more)

@@ -1,1 +1,1 @@
-"""A solution as one plain document, its YAML and JSON, and the table for people."""
+"""A solution as a plain document, its YAML and JSON, and the table for the terminal."""

@@ -1,4 +1,4 @@
-"""The report's `bias`: whether the residuals look like noise, and what each view does to the camera."""
+"""The report's `bias`: tests of the residuals for systematic errors, and the influence of each view."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REPLICATES = 200
 
 
 def section(solution: Solution, accuracy: Covariance) -> dict[str, Any] | None:
-    """Tests, bias ratio, bootstrap and the views' influence; None of a large or an undetermined problem."""
+    """Tests, bias ratio, bootstrap and the views' influence; None for a large or an undetermined problem."""
     lost = bool(np.isnan(solution.used_residuals).any())
     if solution.observations.point_count > CHEAP_POINTS or redundancy(solution) < 10 or lost:
         return None

@@ -1,4 +1,4 @@
-"""The shape of a board that an earlier report found, for the next calibration with the same board."""
+"""The board shape of an earlier report, for the next calibration with the same board."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SAME = 1e-3
 
 
 def on_known_board(correspondences: Correspondences, path: str | os.PathLike) -> Correspondences:
-    """Put the points of a board where a report's `target.shape` says they are.
+    """Move the points of a board to the positions in a report's `target.shape`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cameras by themselves as a document: what every command that asks for a camera takes."""
+"""Documents of cameras without data, which every command that takes a camera accepts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from camcal.report.plain import plain
 
 
 def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
-    """The document of a camera without the data it came from; `more` are further entries.
+    """The document of a camera without its data; `more` are further entries.
 
     The `camera` entry is that of a report, its parameters without standard deviations.
     """
@@ -21,7 +21,7 @@ def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) ->
 
 
 def cameras_document(cameras: CameraFile, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
-    """The document of the cameras of a file: `camera`, or `cameras` and, where there are poses, `rig`."""
+    """The document of the cameras of a file: `camera`, or `cameras` and, with poses, `rig`."""
     made = head(command)
     if len(cameras.cameras) == 1:
         made["camera"] = camera_entry(cameras.cameras[0].camera)
@@ -39,7 +39,7 @@ def camera_entry(
     start: Mapping[str, float] | None = None,
     fixed: Collection[str] = (),
 ) -> dict[str, Any]:
-    """The report's `camera`: value, sigma, start and whether it was held, of each parameter.
+    """The report's `camera`: value, sigma, start and the fixed flag of each parameter.
 
     Without `start` that of a parameter is its value, without `sigmas` there are none.
     """

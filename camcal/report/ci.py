@@ -1,4 +1,4 @@
-"""What CI systems read: JUnit XML, annotations of GitHub's workflows, a job summary in Markdown."""
+"""Output for CI systems: JUnit XML, annotations of GitHub workflows, a job summary in Markdown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from camcal.errors import UsageError
 
 @dataclass(frozen=True)
 class Check:
-    """Something that passed or failed.
+    """A check that passed or failed.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def junit(command: str, suite: str, checks: Sequence[Check]) -> str:
 
 
 def _clean(text: str) -> str:
-    """Without the characters that XML 1.0 cannot hold."""
+    """Remove the characters that XML 1.0 does not allow."""
     return "".join(c if c in "\t\n" or (c >= " " and c not in "\ufffe\uffff") else "\ufffd" for c in text)
 
 
@@ -81,7 +81,7 @@ ANNOTATIONS = {"github": github}
 
 
 def _escaped(text: str, inside: bool = False) -> str:
-    """As the workflow commands want it: percent signs and line ends; in properties commas and colons too."""
+    """Escape for workflow commands: percent signs and line ends; in properties also commas and colons."""
     for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         text = text.replace(character, code)
     return text.replace(":", "%3A").replace(",", "%2C") if inside else text

@@ -1,1 +1,1 @@
-"""Other ways to a camera: poses, triangulation, straight lines, rooms, self-calibration."""
+"""Other ways to calibrate a camera: poses, triangulation, straight lines, vanishing points, self-calibration."""

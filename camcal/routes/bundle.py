@@ -33,13 +33,13 @@ class Tracks:
         return len(self.view)
 
     def take(self, rows: Array) -> Tracks:
-        """Only some images (a mask or indices)."""
+        """Select some images (a mask or indices)."""
         return Tracks(self.view[rows], self.point[rows], self.uv[rows])
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """A camera, cam_from_world of V views, and points (P, 3) of the world; NaN where one is not known."""
+    """A camera, cam_from_world of V views, and points (P, 3) of the world; NaN where unknown."""
 
     camera: Camera
     rotations: Array
@@ -58,11 +58,11 @@ class Bundle:
 
     @property
     def known_points(self) -> Array:
-        """Which points (P,) have a place."""
+        """Which points (P,) have a position."""
         return np.isfinite(self.points).all(1)
 
     def residuals(self, tracks: Tracks) -> Array:
-        """Predicted less observed (N, 2), px; NaN where view or point is unknown or outside the domain."""
+        """Predicted - observed (N, 2), px; NaN where view or point is unknown or outside the domain."""
         r, t = self.rotations[tracks.view], self.translations[tracks.view]
         cam = np.einsum("nij,nj->ni", r, np.nan_to_num(self.points[tracks.point])) + t
         found = self.camera.project(np.nan_to_num(cam)) - tracks.uv

@@ -1,4 +1,4 @@
-"""What the uncertainty of a rig's calibration adds to that of triangulated points.
+"""The contribution of a rig's calibration to the uncertainty of triangulated points.
 
 A point X that minimises Σ w |r(X, θ)|² moves with the estimates θ of the calibration (implicit function theorem):
 
@@ -26,7 +26,7 @@ TOUCHED = 1e-9
 def calibration_part(
     found: Triangulated, images: Images, moves: Sequence[Array], covariance: Array, null: Array
 ) -> Array:
-    """Covariances (P, 3, 3) of points by the calibration alone; NaN of points without a position.
+    """Covariances (P, 3, 3) of points due to the calibration alone; NaN for points without a position.
 
     Parameters
     ----------

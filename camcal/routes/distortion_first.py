@@ -1,4 +1,4 @@
-"""A lens whose distortion is known as a change of the picture, at another focal length.
+"""A lens whose distortion is given as a map of the picture, converted to another focal length.
 
 Lines give the distortion as a map of pixels to pixels without it; what remains is a pinhole camera. Coefficients are
 in focal lengths, so that the same map has other coefficients at another focal length.
@@ -22,7 +22,7 @@ GRID = (31, 23)
 
 
 def without_distortion(camera: Camera, data: Correspondences) -> Correspondences:
-    """Correspondences with undistorted pixels; points whose rays are at 90 degrees or beyond are left out."""
+    """Correspondences with undistorted pixels; points whose rays are at 90 degrees or beyond are omitted."""
     views = []
     for view in data.views:
         flat = undistorted(camera, view.uv)
@@ -33,7 +33,7 @@ def without_distortion(camera: Camera, data: Correspondences) -> Correspondences
 
 
 def at_focal_length(camera: Camera, f: float) -> Camera:
-    """The same map of pixels for the focal length f, px; the principal point stays.
+    """The same map of pixels for the focal length f, px; the principal point is unchanged.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def _grid(size: tuple[int, int]) -> Array:
 
 
 def held_parameters(camera: Camera) -> dict[str, float | None]:
-    """What a calibration holds: the distortion, its centre, and the aspect."""
+    """The parameters that a calibration holds: the distortion, its centre, and the aspect."""
     names = [p.name for p in camera.lens.parameters if p.group == "distortion"]
     if not getattr(camera.lens, "free_centre", False):
         names += ["cx", "cy"]

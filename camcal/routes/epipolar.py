@@ -1,4 +1,4 @@
-"""Two views: fundamental matrices, the focal length in them, and the motion.
+"""Two-view geometry: fundamental matrices, the focal length from them, and the motion.
 
 R. Hartley & A. Zisserman, Multiple view geometry (2003), chapters 9, 11 and 19.
 """
@@ -23,7 +23,7 @@ FOCAL = np.geomspace(0.26, 6.0, 60)
 def fundamental(
     first: Array, second: Array, seed: int = 0, least: float = LEAST_FAR
 ) -> tuple[Array, Array] | None:
-    """F (3, 3) with x2ᵀ F x1 = 0 of matches (N, 2), and which of them agree (N,); None with fewer than eight.
+    """F (3, 3) with x2ᵀ F x1 = 0 for matches (N, 2), and which of them agree (N,); None for fewer than eight.
 
     Least median of squares over samples of eight, then the normalised eight-point algorithm (section 11.2) weighted
     to Sampson distances (11.4), over the matches that agree.
@@ -38,7 +38,8 @@ def fundamental(
 
 
 def agreeing(a: Array, b: Array, least: float, seed: int = 0, axes: int = 2) -> tuple[Array, Array]:
-    """F (3, 3) with bᵀ F a = 0, and which pairs agree (N,), of at least eight homogeneous points or unit rays (N, 3).
+    """F (3, 3) with bᵀ F a = 0, and which pairs agree (N,), for at least eight homogeneous points or unit rays (N,
+    3).
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def _weighted(f: Array, a: Array, b: Array, axes: int) -> Array:
 
 
 def _gradient(f: Array, a: Array, b: Array, axes: int) -> Array:
-    """|∂(bᵀ F a)| (H, N) by the first `axes` coordinates of both points."""
+    """|∂(bᵀ F a)| (H, N) with respect to the first `axes` coordinates of both points."""
     fa, fb = np.einsum("hij,nj->hni", f, a), np.einsum("hij,ni->hnj", f, b)
     return np.sqrt(np.square(fa[..., :axes]).sum(-1) + np.square(fb[..., :axes]).sum(-1))
 
@@ -106,7 +107,7 @@ def sampson(f: Array, a: Array, b: Array, axes: int = 2) -> Array:
 
 
 def axes_apart(f: Array, centre: Array) -> float:
-    """Distance in px by which the principal point misses the epipolar line of the other one, the larger of the two.
+    """The distance in px between the principal point and the epipolar line of the other one, the larger of the two.
 
     Where it is 0 the optical axes meet (or are parallel in one plane), and F does not determine the focal length
     (section 19.3, Bougnoux's formula becomes 0 / 0; Sturm, On focal length calibration from two views, 2001).
@@ -117,7 +118,7 @@ def axes_apart(f: Array, centre: Array) -> float:
 
 
 def focal_costs(matrices: Array, centre: Array, width: float) -> Array:
-    """How far E = Kᵀ F K is from an essential matrix for each focal length of `FOCAL`, (H, 60).
+    """The deviation of E = Kᵀ F K from an essential matrix for each focal length of `FOCAL`, (H, 60).
 
     1 - σ2 / σ1 of its singular values (Mendonça & Cipolla, A simple technique for self-calibration, 1999).
     """

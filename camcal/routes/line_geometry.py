@@ -1,4 +1,4 @@
-"""Points on images of straight lines, the rays of these, and their distances from the images of planes.
+"""Points on images of straight lines, their rays, and their distances from the images of planes.
 
 With the ray d(u, v; p) of a pixel and the unit normal n of a line's plane, n · d = 0; the distance of a point from the
 line's image is, to first order, (n · d) / |∂(n · d)/∂(u, v)| px (Sampson).
@@ -36,7 +36,7 @@ class Lines:
 
     @classmethod
     def of(cls, parts: Sequence[Array], names: Sequence[str], image_size: tuple[int, int] | None) -> Lines:
-        """From the points (N, 2) of each line."""
+        """Make the lines from the points (N, 2) of each."""
         counts = [len(p) for p in parts]
         uv = np.concatenate(parts) if parts else np.zeros((0, 2))
         return cls(uv, np.repeat(np.arange(len(parts)), counts), tuple(names), image_size)
@@ -45,7 +45,7 @@ class Lines:
         return len(self.names)
 
     def take(self, chosen: Array) -> Lines:
-        """Only some of the lines (a mask or indices)."""
+        """Select some of the lines (a mask or indices)."""
         index = np.arange(len(self))[chosen]
         place = np.full(len(self), -1)
         place[index] = np.arange(len(index))

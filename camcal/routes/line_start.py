@@ -1,4 +1,4 @@
-"""Where a lens from lines begins, and which candidates are one straight line in space.
+"""The start of a calibration from lines, and the candidates that are single straight lines in space.
 
 A division model is fitted first: its domain has no end for barrel distortion, and one coefficient bends lines as far
 as fisheye lenses do. The lens asked for is then regressed to its rays.
@@ -36,7 +36,7 @@ ROUNDS = 6
 def estimate(
     lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: bool, resistant: bool = False
 ) -> LineFit:
-    """The lens whose lines are straightest, and with `robust` which of the candidates are straight lines.
+    """The lens that makes the lines straightest, and with `robust` which of the candidates are straight.
 
     `resistant`: the last fit is that of `fit`, in which points that lie on no line lose weight.
 
@@ -71,12 +71,12 @@ def estimate(
 
 
 def _held_for(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:
-    """What is held of the division model: what the user holds that it has, too."""
+    """The held parameters of the division model: those the user holds that it has, too."""
     return held(lens, {n: v for n, v in fix.items() if n in lens.names[:4]})
 
 
 def _shaped(lines: Lines, used: Array, fix: Mapping[str, float | None], robust: bool) -> Camera:
-    """The division model of one coefficient whose lines are straightest, by their median or their mean square."""
+    """The one-coefficient division model that makes the lines straightest, by the median or the mean square."""
     lens = lenses.make(BRIDGE)
     assert lines.image_size is not None
     plain = nominal(lens, lines.image_size, {n: v for n, v in fix.items() if n in lens.names[:4]})
@@ -96,7 +96,7 @@ def _shaped(lines: Lines, used: Array, fix: Mapping[str, float | None], robust: 
 def _of_model(
     lines: Lines, used: Array, known: Camera, lens: Lens, fix: Mapping[str, float | None]
 ) -> LineFit:
-    """The lens asked for, from the rays of a known one."""
+    """The requested lens model, from the rays of a known lens."""
     what = held(lens, fix)
     assert lines.image_size is not None
     if lens == known.lens:
@@ -124,7 +124,7 @@ def _of_model(
 
 
 def _straight(camera: Camera, lines: Lines, short: Array) -> Array:
-    """The lines (L,) that are straight beside the rest."""
+    """The lines (L,) that are straight in comparison with the rest."""
     rms = line_rms(camera, lines)
     bound = max(FAR * float(np.median(rms[~short])), FINE)
     chosen = ~short & (rms <= bound)

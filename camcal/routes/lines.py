@@ -54,7 +54,7 @@ DEAD = 1e-6
 
 @dataclass(frozen=True)
 class LineFit:
-    """A lens from lines.
+    """A lens estimated from lines.
 
     Attributes
     ----------
@@ -97,14 +97,16 @@ class _State:
 
 
 def nominal(lens: Lens, image_size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
-    """The lens without distortion, f the longer side, the principal point in the middle, and what `fix` says."""
+    """The lens without distortion: f is the longer side, the principal point central, with the values of `fix`."""
     f = float(max(image_size))
     params = lens.pinhole(f, f, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2)
     return Camera(lens, apply_fixed(lens, params, dict(fix)), image_size)
 
 
 def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:
-    """What is not estimated: the focal lengths and the skew, the principal point beside a centre of its own."""
+    """The parameters that are not estimated: focal lengths, skew, and the principal point if the lens has its own
+    centre.
+    """
     names: dict[str, float | None] = {p.name: None for p in lens.parameters if p.group in ("focal", "skew")}
     if getattr(lens, "free_centre", False):
         names |= {"cx": None, "cy": None}
@@ -112,7 +114,7 @@ def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]
 
 
 def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant: bool = False) -> LineFit:
-    """The lens whose lines are straightest in px, from a start.
+    """The lens that makes the lines straightest in px, from a start.
 
     With `resistant`, points weigh by Huber's loss from the second round on where the distances are not Gaussian:
     some lie on no line.
@@ -161,7 +163,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
 
 
 def _weights(off: Array) -> Array:
-    """Weights (N,) of points at distances (N,) from their lines: 1 for all where these look Gaussian."""
+    """Weights (N,) of points at distances (N,) from their lines: 1 for all if the distances look Gaussian."""
     sigma = float(np.median(np.abs(off))) / NORMAL_MEDIAN
     heavy = np.sqrt(np.square(off).mean()) > sigma * (1 + HEAVIER / np.sqrt(len(off)))
     return 1 / np.maximum(np.abs(off) / (HUBER * sigma), 1.0) if heavy and sigma > 0 else np.ones(len(off))
@@ -178,7 +180,7 @@ def _check(lines: Lines) -> None:
 
 
 def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
-    """Which free parameters (F,) move the lines at the start."""
+    """The free parameters (F,) that affect the lines at the start."""
     at = line_rays(Camera(lens, state.params), lines.uv)
     if at is None:
         return np.arange(free.shape[1])
@@ -188,7 +190,7 @@ def _moving(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
 
 
 def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) -> Fitted[_State] | None:
-    """Minimise with the nearest points and the denominators as they are at the start."""
+    """Minimise with the nearest points and the denominators fixed at their initial values."""
     near = nearest_points(Camera(lens, state.params), lines.uv, state.normals[lines.line])
     if near is None:
         return None
@@ -275,7 +277,7 @@ def _finished(
 
 
 def inflation(residuals: Array, group: Array) -> float:
-    """How far the variance of a mean exceeds that of independent residuals: 1 + 2 Σ correlation(lag).
+    """The ratio of a mean's variance to that of independent residuals: 1 + 2 Σ correlation(lag).
 
     The sum ends at the first lag without a significant correlation; residuals of a group stand in order.
     """

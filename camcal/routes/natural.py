@@ -1,4 +1,4 @@
-"""A pair of cameras judged on pictures of anything: how far points lie from their rows.
+"""Evaluation of a pair of cameras on arbitrary pictures: the vertical disparities of matches.
 
 Vertical disparity needs no board, so no error of a board can hide in it. Which matches are right is decided without
 the relative pose under test: a fundamental matrix is fitted to the matches themselves (after the lens distortion is
@@ -77,7 +77,7 @@ def judge(pair: Rectification, first: Array, second: Array, name: str = "the pai
 
 @dataclass(frozen=True)
 class Turn:
-    """By how much the second camera would have to have turned for its points to lie in their rows.
+    """The rotation error of the second camera that would explain the vertical disparities.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Turn:
 
 
 def turn_of(pair: Rectification, first: Array, second: Array) -> Turn:
-    """The turn of the second camera that brings matches (N, 2) nearest to their rows.
+    """The rotation of the second camera that minimises the vertical disparities of matches (N, 2).
 
     Gauss-Newton steps on the vertical disparities v, by differences of the turn, with the weights of Tukey (Beaton &
     Tukey 1974) at 4.685 robust standard deviations. Its sigmas are those of the matches alone, not of the calibration.
@@ -132,7 +132,9 @@ def _vertical_and_slopes(
 
 
 def _agreeing(pair: Rectification, first: Array, second: Array) -> Array:
-    """Perspective pictures by a fundamental matrix; wide ones by the same relation of unit rays, for any angle."""
+    """The matches that agree: for perspective pictures by a fundamental matrix, for wide ones by the same relation
+    of unit rays.
+    """
     if pair.projection == PERSPECTIVE:
         found = fundamental(pair.rectified(0, first), pair.rectified(1, second), least=NEAR)
         assert found is not None  # there are eight
@@ -142,7 +144,8 @@ def _agreeing(pair: Rectification, first: Array, second: Array) -> Array:
 
 
 def _local_scatter(places: Array, values: Array) -> Array:
-    """Each value less the mean of those of the nearest points, over √(1 + 1/k): of noise alone, that of one value.
+    """Each value minus the mean of its nearest points, over √(1 + 1/k): for pure noise, this has the noise's
+    variance.
 
     `places` (N, 3) are pixels and disparities, each in units of its spread: a wrong translation is felt by the depth.
     """

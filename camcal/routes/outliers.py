@@ -1,4 +1,4 @@
-"""Which points agree on a pose: samples of three, the least median of squares, then tests one by one."""
+"""The points that agree on a pose: samples of three, least median of squares, then single tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tracks of scene points over pictures: SIFT's points matched between pairs of pictures, joined to tracks.
+"""Tracks of scene points over pictures: SIFT points matched between pairs of pictures and joined into tracks.
 
 Pairs of pictures that are matched in full are chosen by a vote of each picture's largest points, and neighbours
 in order. Matches that do not agree with the fundamental matrix of their pair are left out; the rest are joined
@@ -39,7 +39,7 @@ MOST_TRACKS = 300
 def of_pictures(
     paths: Sequence[Path], seed: int = 0, said: Callable[[str], None] | None = None
 ) -> tuple[Tracks, list[str], int, tuple[int, int]]:
-    """Tracks, names of the pictures, number of tracks, and the pictures' size.
+    """Tracks, names of the pictures, number of tracks, and the size of the pictures.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class _Joined:
 
 
 def _tracks(joined: _Joined, found: Sequence[Points]) -> tuple[Tracks, int]:
-    """The tracks of two images or more, without contradictions, the longest of each picture."""
+    """The consistent tracks with at least two images, the longest of each picture."""
     root = np.array([joined.root(i) for i in range(len(joined.parent))])
     view = np.repeat(np.arange(len(found)), np.diff(joined.begins))
     uv = np.concatenate([p.uv for p in found])

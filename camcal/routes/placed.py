@@ -1,4 +1,4 @@
-"""Cameras with their place in the world."""
+"""Cameras with their poses in the world."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from camcal.model.pose import Array, Pose
 
 @dataclass(frozen=True)
 class PlacedCamera:
-    """A camera and cam_from_world; its rotation may be improper where the world's frame is left-handed."""
+    """A camera and cam_from_world; the rotation may be improper if the world's frame is left-handed."""
 
     name: str
     camera: Camera
@@ -22,7 +22,7 @@ class PlacedCamera:
 
     @classmethod
     def of_matrix(cls, name: str, matrix: Array) -> PlacedCamera:
-        """The camera of a projection matrix (3, 4), of the handedness that makes depths positive for m34 > 0."""
+        """The camera of a projection matrix (3, 4), with the handedness that makes depths positive for m34 > 0."""
         k, rotation, translation, _ = projective.decompose(matrix)
         lens = lenses.make("pinhole", skew=True)
         return cls(name, Camera(lens, lens.from_matrix(k)), Pose(rotation, translation))
@@ -46,7 +46,7 @@ class PlacedCamera:
         return self.camera.unproject(uv) @ self.pose.rotation
 
     def residuals(self, xyz: Array, uv: Array) -> tuple[Array, Array]:
-        """Predicted less observed (N, 2), px, and its Jacobian (N, 2, 3) by the points; NaN outside the domain."""
+        """Predicted - observed (N, 2), px, and its Jacobian (N, 2, 3) by the points; NaN outside the domain."""
         projected, d_xyz, _, _ = self.camera.lens.jacobians(self.camera.params, self.pose.apply(xyz))
         return projected - uv, d_xyz @ self.pose.rotation
 

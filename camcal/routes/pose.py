@@ -1,4 +1,4 @@
-"""The pose of a known camera from points and their images: all that the data allow, with covariances."""
+"""The pose of a known camera from points and their images: all solutions that the data allow, with covariances."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ class Solution:
 
 @dataclass(frozen=True)
 class Found:
-    """The solutions of a view, the best first, and which points (N,) they rest on."""
+    """The solutions of a view, the best first, and the points (N,) used."""
 
     solutions: tuple[Solution, ...]
     used: Array
 
     @property
     def ratio(self) -> float | None:
-        """rms_point of the second solution over that of the first; None with a single one."""
+        """rms_point of the second solution divided by that of the first; None if there is only one."""
         if len(self.solutions) < 2:
             return None
         first, second = (s.rms_point for s in self.solutions[:2])
@@ -72,7 +72,7 @@ class Found:
 
 
 def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Found:
-    """All poses that a view allows.
+    """Find all poses that a view allows.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _solutions(camera: Camera, view: View, rays: Array, used: Array) -> list[Sol
 
 
 def _could_be(solution: Solution, best: Solution, count: int) -> bool:
-    """Whether a minimum's residuals could be noise of the size of the best one's."""
+    """Return whether a minimum's residuals are consistent with noise of the size of the best one's."""
     freedom = 2 * count - 6
     if freedom == 0:
         return True
@@ -195,7 +195,7 @@ def _require_determined(view: View, normal: Array) -> None:
 
 
 def _covariance(normal: Array, cost: float, freedom: int, weighted: bool) -> Array | None:
-    """(JᵀJ)⁻¹ scaled by the residuals' variance; with sigmas and no redundancy by 1."""
+    """(JᵀJ)⁻¹ scaled by the variance of the residuals; by 1 with sigmas and no redundancy."""
     if freedom == 0 and not weighted:
         return None
     scale = np.sqrt(np.diagonal(normal))
@@ -204,7 +204,7 @@ def _covariance(normal: Array, cost: float, freedom: int, weighted: bool) -> Arr
 
 
 def _about_origin(covariance: Array, offset: Array) -> Array:
-    """The covariance with the translation of the world's origin in place of the centroid's.
+    """The covariance with the translation of the world's origin instead of the centroid's.
 
     t = c - R x̄, so that dt = dc + [R x̄] δ for exp(δ) R.
     """

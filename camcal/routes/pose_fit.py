@@ -13,7 +13,7 @@ from camcal.model.pose import Array, Pose
 
 
 def refine_pose(camera: Camera, xyz: Array, uv: Array, roots: Array, start: Pose) -> Fitted[Pose] | None:
-    """The minimum of Σ (roots |r|)² near a pose, cam_from_world; None where the start leaves the domain.
+    """The minimum of Σ (roots |r|)² near a pose, cam_from_world; None if the start is outside the domain.
 
     Parameters
     ----------

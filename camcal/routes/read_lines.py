@@ -23,7 +23,7 @@ TABLES = (".csv", ".txt", ".tsv", ".dat")
 def read_lines(
     paths: Sequence[str | os.PathLike], image_size: tuple[int, int] | None = None
 ) -> tuple[Lines, bool]:
-    """Lines, and whether they were found in pictures.
+    """Read lines; also return whether they were found in pictures.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
 
 
 def read_gray(path: Path) -> Array:
-    """A picture in grey; DataError where it is none."""
+    """A picture in grey; DataError if the file is not a picture."""
     try:
         return decode_gray(read_bytes(path))
     except UnreadableError as error:

@@ -1,4 +1,4 @@
-"""Poses and points of several views from tracks, the focal length roughly known: view by view from a first pair."""
+"""Incremental reconstruction: poses and points from tracks with a rough focal length, starting from one pair."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EVERY = 4
 
 @dataclass(frozen=True)
 class Pair:
-    """Two views, their fundamental matrix, and how many matches agree with it."""
+    """Two views, their fundamental matrix, and the number of matches that agree with it."""
 
     first: int
     second: int
@@ -99,13 +99,13 @@ def _placed(pair: Pair, camera: Camera, tracks: Tracks, bundle: Bundle) -> tuple
 
 
 def empty(camera: Camera, views: int, points: int) -> Bundle:
-    """A bundle of which nothing is known yet."""
+    """A bundle in which nothing is known yet."""
     nothing = np.full((views, 3), np.nan)
     return Bundle(camera, np.tile(np.eye(3), (views, 1, 1)), nothing, np.full((points, 3), np.nan))
 
 
 def grow(bundle: Bundle, tracks: Tracks, free: Array) -> Bundle:
-    """Add views, the one with the most known points next, and the points that they place."""
+    """Add views, always the one with the most known points, and the points that they determine."""
     refused: set[int] = set()
     since = 0
     bundle = settled(bundle, tracks, free)
@@ -138,7 +138,7 @@ def _pose(bundle: Bundle, tracks: Tracks, view: int) -> Pose | None:
 
 
 def with_points(bundle: Bundle, tracks: Tracks) -> Bundle:
-    """The bundle with every point placed that two known views see at an angle, and without those that fit badly."""
+    """Triangulate every point that two known views see at an angle, and remove those that fit badly."""
     rows = np.flatnonzero(bundle.known_views[tracks.view])
     part = tracks.take(rows)
     cameras = [
@@ -155,7 +155,7 @@ def with_points(bundle: Bundle, tracks: Tracks) -> Bundle:
 
 
 def _without_bad(bundle: Bundle, tracks: Tracks) -> Array:
-    """Points (P, 3), NaN where no two images are near to them."""
+    """Points (P, 3), NaN if no two images are near their projections."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
     good = off <= _rough(bundle, tracks)
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))
@@ -168,7 +168,7 @@ def _rough(bundle: Bundle, tracks: Tracks) -> float:
 
 
 def usable(bundle: Bundle, tracks: Tracks, bound: float) -> Array:
-    """The rows (M,) of images within a bound, px, of points that have two such images in known views."""
+    """The rows (M,) of images within a bound, px, of points with two such images in known views."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
     good = off <= bound
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))
@@ -178,7 +178,7 @@ def usable(bundle: Bundle, tracks: Tracks, bound: float) -> Array:
 
 
 def settled(bundle: Bundle, tracks: Tracks, free: Array, iterations: int = 15) -> Bundle:
-    """A short adjustment of all that is known, wrong images weighing little; and points placed again."""
+    """A short robust adjustment of all known quantities, followed by a new triangulation."""
     rough = _rough(bundle, tracks)
     part = tracks.take(usable(bundle, tracks, rough))
     off = np.linalg.norm(bundle.residuals(part), axis=1)
@@ -188,7 +188,7 @@ def settled(bundle: Bundle, tracks: Tracks, free: Array, iterations: int = 15) -
 
 
 def aligned(bundle: Bundle) -> Bundle:
-    """The bundle in the frame of its first known view, the root mean square distance of the points from it 1."""
+    """The bundle in the frame of its first known view, scaled to an rms distance of the points of 1."""
     first = int(np.flatnonzero(bundle.known_views)[0])
     r0, t0 = bundle.rotations[first], bundle.translations[first]
     points = bundle.points @ r0.T + t0

@@ -1,4 +1,4 @@
-"""A camera from one picture of lines in three orthogonal directions (a room, a street), and its attitude.
+"""A camera and its attitude from one picture of lines in three orthogonal directions (a room, a street).
 
 The rays of a line lie in a plane through the camera's centre, whose normal is at right angles to the line's
 direction R e_i. With n = R m(α), m(α) ⟂ e_i, every line has one unknown α, and all share the camera and R. Minimised
@@ -34,7 +34,7 @@ INFINITY = 20.0
 def estimate(
     lines: Lines, lens: Lens, fix: Mapping[str, float | None], seed: int = 0, loose: float = 0.0
 ) -> Scene:
-    """The camera and the three directions that most lines agree with.
+    """Estimate the camera and the three directions that most lines agree with.
 
     `loose` is how far lines are out of their directions in the scene, rad.
 
@@ -78,7 +78,7 @@ def _centre(camera: Camera) -> dict[str, float | None]:
 
 
 def _support(scene: Scene, lines: Lines) -> float:
-    """Length of the lines with a direction, less where they fit badly."""
+    """The total length of the lines with a direction, reduced for poor fits."""
     ends = line_ends(lines)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return float(length[scene.family >= 0].sum()) / (1 + scene.rms)
@@ -87,7 +87,7 @@ def _support(scene: Scene, lines: Lines) -> float:
 def _followed(
     lines: Lines, start: Camera, fix: Mapping[str, float | None], f: float, rotation: Array, seen: Seen
 ) -> Scene | None:
-    """Fit and choose lines in turn until the choice settles; None where too few lines agree."""
+    """Alternate between fitting and choosing lines until the choice is stable; None if too few lines agree."""
     params = start.params.copy()
     if "fx" not in fix:
         params[:2] = f * params[:2] / params[0]
@@ -110,7 +110,7 @@ def _followed(
 
 
 def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:
-    """Free what the lines determine, hold what they do not, and refuse where the focal length is among that."""
+    """Free what the lines determine, hold the rest, and raise an error if the focal length is undetermined."""
     assert lines.image_size is not None
     width = max(lines.image_size)
     names = scene.camera.lens.names
@@ -133,7 +133,7 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
 def _with_centre(
     lines: Lines, scene: Scene, assumed: Sequence[str], fix: Mapping[str, float | None], seen: Seen
 ) -> Scene:
-    """The covariance with the doubt about an assumed principal point: a twentieth of the width, one sigma."""
+    """The covariance including the uncertainty of an assumed principal point: a twentieth of the width, one sigma."""
     assert lines.image_size is not None
     covariance = scene.covariance.copy()
     for name in assumed:
@@ -155,7 +155,9 @@ def _with_centre(
 def _out_of_square(
     lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen, loose: float
 ) -> Scene:
-    """The covariance with the doubt whether the scene's directions are orthogonal: `loose` for each pair."""
+    """The covariance including the uncertainty whether the scene's directions are orthogonal: `loose` for each
+    pair.
+    """
     if not loose:
         return scene
     held = {**fix, **{n: scene.camera.values[n] for n in scene.assumed}}
@@ -203,7 +205,7 @@ def _undetermined(scene: Scene, sigma: float, width: int) -> EstimationError:
 
 
 def at_infinity(scene: Scene, index: int, width: int) -> bool:
-    """Whether a direction is parallel to the picture as far as can be seen."""
+    """Return whether a direction is parallel to the image plane within its uncertainty."""
     direction = scene.rotation[:, index]
     reach = scene.camera.params[0] * np.hypot(direction[0], direction[1])
     return bool(abs(direction[2]) * INFINITY * width < reach)

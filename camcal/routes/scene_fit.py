@@ -1,4 +1,4 @@
-"""The fit behind `scene`: which lines belong to which direction, and the camera, attitude and lines together."""
+"""The fit behind `scene`: the assignment of lines to directions, and the joint fit of camera, attitude and lines."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ STEPS = 25
 
 @dataclass(frozen=True)
 class Scene:
-    """What a picture says.
+    """The result for one picture.
 
     Attributes
     ----------
@@ -80,12 +80,12 @@ class Scene:
 
     @property
     def directions(self) -> list[int]:
-        """The families that have lines enough."""
+        """The directions with enough lines."""
         return [i for i, n in enumerate(self.counts) if n >= LEAST_LINES]
 
 
 class Vote(NamedTuple):
-    """Which lines belong to which direction.
+    """The assignment of lines to directions.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class _State:
 
 
 def families(seen: Seen, camera: Camera, rotation: Array, bound: float) -> Vote:
-    """The direction of each line, -1 where none is within the bound or two are, and its weight."""
+    """The direction of each line, -1 if none or two are within the bound, and its weight."""
     ends, noise = seen
     flat = ends if camera.lens.size <= 5 else _flat(camera, ends)
     miss = misses(flat, camera.params[2:4], float(camera.params[0]), rotation) / noise[:, None]
@@ -165,7 +165,7 @@ def fit_scene(
     square: Array = SQUARE,
     renewals: int = RENEWALS,
 ) -> Scene | None:
-    """Camera, rotation and the lines' angles from a start; None where a line leaves the domain of the lens.
+    """Camera, rotation and line angles from a start; None if a line leaves the domain of the lens.
 
     `square` (3, 3) holds the directions in the scene as columns, where they are not orthogonal.
     """

@@ -1,4 +1,4 @@
-"""Orthogonal vanishing points of lines that nobody has named: samples of two pairs of lines, and a vote.
+"""Orthogonal vanishing points of unlabelled lines: samples of two pairs of lines, and a vote.
 
 Two pairs of lines give two vanishing points; where these are of orthogonal directions, the principal point known,
 f² = -(v1 - c) · (v2 - c) (Caprile & Torre, Using vanishing points for camera calibration, 1990, section 3), and the
@@ -28,7 +28,8 @@ SAME = 0.05
 def frames(
     ends: Array, centre: Array, width: float, seed: int = 0, focal: float | None = None
 ) -> list[tuple[float, Array]]:
-    """Focal lengths, px, and rotations (3, 3) cam_from_scene of the frames most lines agree with, the best first.
+    """Focal lengths, px, and rotations (3, 3) cam_from_scene of the frames with the most agreeing lines, the best
+    first.
 
     Parameters
     ----------
@@ -59,12 +60,12 @@ def frames(
 
 
 def misses(ends: Array, centre: Array, f: float, rotation: Array) -> Array:
-    """Distances (N, 3) of the lines' ends from the lines through their middles and each vanishing point, px."""
+    """Distances (N, 3) of the lines' ends from the lines through their midpoints and each vanishing point, px."""
     return _misses(ends - centre, np.array([f]), rotation[None])[0]
 
 
 def _sampled(own: Array, rng: np.random.Generator, focal: float | None) -> tuple[Array, Array]:
-    """Focal lengths (H,) in widths and rotations (H, 3, 3) of samples that give any."""
+    """Focal lengths (H,) in widths and rotations (H, 3, 3) of the samples with a solution."""
     count = len(own)
     if count < 4:
         return np.zeros(0), np.zeros((0, 3, 3))
@@ -112,7 +113,7 @@ def _homogeneous(uv: Array) -> Array:
 
 
 def _same(f: float, rotation: Array, g: float, other: Array) -> bool:
-    """Whether two frames have the same three axes, in any order and sense."""
+    """Return whether two frames have the same three axes, in any order and sense."""
     if abs(f / g - 1) > 0.1:
         return False
     along = np.abs(rotation.T @ other)

@@ -1,4 +1,4 @@
-"""A camera from tracks of unknown points: focal length from fundamental matrices, then bundle adjustment.
+"""Self-calibration from tracks of unknown points: focal length from fundamental matrices, then bundle adjustment.
 
 1. The fundamental matrix of every pair of views with enough matches.
 2. The focal length with which all E = Kᵀ F K are most nearly essential matrices (Mendonça & Cipolla 1999), the
@@ -43,7 +43,7 @@ LEAST_VIEWS = 2
 
 @dataclass(frozen=True)
 class SelfCalibration:
-    """What the tracks say.
+    """The result of the self-calibration.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def estimate(
     fix: Mapping[str, float | None],
     seed: int = 0,
 ) -> SelfCalibration:
-    """The camera of tracks.
+    """Estimate the camera from tracks.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _calibrated(
     fix: Mapping[str, float | None],
     known: list[Pair],
 ) -> SelfCalibration:
-    """All together: the focal length first, then the lens, then the principal point where it is determined."""
+    """Joint adjustment: the focal length first, then the lens, then the principal point if it is determined."""
     size = start.image_size
     assert size is not None
     held = {**dict.fromkeys(lens.default_fixed), **fix}
@@ -187,7 +187,9 @@ def _of_lens(lens: Lens, pinhole: Camera, fix: Mapping[str, float | None]) -> Ca
 def _adjusted(
     bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None], rows: Array | None = None
 ) -> tuple[Bundle, Array, int]:
-    """Adjust and leave out images in turn until the choice settles; the rows used, the iterations."""
+    """Alternate between adjusting and removing images until the choice is stable; return the used rows and the
+    iterations.
+    """
     free = free_matrix(bundle.camera.lens, bundle.camera.params, dict(fix))
     used = usable(bundle, tracks, _bound(bundle, tracks)) if rows is None else rows
     total = 0

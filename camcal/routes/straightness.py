@@ -1,4 +1,4 @@
-"""How straight lines are, as pictured and with a lens's distortion taken off."""
+"""Straightness of lines, as pictured and after removing a lens's distortion."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def undistorted(camera: Camera, uv: Array) -> Array:
 
 
 def before(lines: Lines) -> Straightness:
-    """Straightness of the points as they are."""
+    """The straightness of the original points."""
     return _of_points(lines.uv, lines)
 
 
 def after(camera: Camera, lines: Lines) -> Straightness:
-    """Straightness of the undistorted points, at the scale of the picture about the optical axis.
+    """The straightness of the undistorted points, at the scale of the picture on the optical axis.
 
     Where a ray is at 90 degrees or beyond, distances in the picture as it was taken stand for it.
     """
@@ -46,7 +46,7 @@ def after(camera: Camera, lines: Lines) -> Straightness:
 
 
 def in_picture(camera: Camera, lines: Lines) -> Straightness:
-    """Distances from the images of straight lines, in the picture as it was taken."""
+    """Distances from the images of straight lines, in the original picture."""
     return _summary(distances(camera, lines), lines)
 
 

@@ -1,4 +1,4 @@
-"""Points in space from their images in several cameras: least squares in px, outlier views, covariances."""
+"""Points in space from their images in several cameras: least squares in px, outlier rejection, covariances."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Images:
 
 @dataclass(frozen=True)
 class Triangulated:
-    """Points and what is known of them.
+    """Triangulated points with their uncertainties.
 
     Attributes
     ----------
@@ -115,14 +115,14 @@ def _rays(cameras: Sequence[PlacedCamera], images: Images) -> Array:
 
 
 def _linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> tuple[Array, Array]:
-    """Points (P, 3) nearest to their rays, and whether these determine them (P,)."""
+    """Points (P, 3) nearest to their rays, and whether the rays determine them (P,)."""
     xyz, least = linear(cameras, images, used, count)
     return xyz, least > PARALLEL
 
 
 def linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: int) -> tuple[Array, Array]:
-    """Points (P, 3) nearest to their rays, NaN where these are parallel, and the least eigenvalue (P,) of
-    Σ (I - d dᵀ) over the rays d.
+    """Points (P, 3) nearest to their rays, NaN if these are parallel, and the smallest eigenvalue (P,) of Σ (I - d
+    dᵀ) over the rays d.
     """
     rays = np.nan_to_num(_rays(cameras, images))
     across = (np.eye(3) - rays[:, :, None] * rays[:, None]) * used[:, None, None]
@@ -138,7 +138,7 @@ def linear(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
 
 
 def _right_way_round(cameras: Sequence[PlacedCamera], images: Images, count: int) -> tuple[PlacedCamera, ...]:
-    """Cameras that see most of their points in front: a left-handed world turns projection matrices over."""
+    """Cameras that see most of their points in front; in a left-handed world projection matrices change sign."""
     xyz, _ = _linear(cameras, images, np.isfinite(_rays(cameras, images)).all(1), count)
     out = []
     for index, camera in enumerate(cameras):
@@ -208,7 +208,7 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
 def _without_outliers(
     cameras: Sequence[PlacedCamera], images: Images, used: Array, found: Triangulated, count: int
 ) -> Array:
-    """`used` without the images that their points are better off without."""
+    """`used` without the images whose removal improves their points."""
     costs, freedom = _costs(images, used, found, count)
     scale = _scale(costs, freedom)
     with np.errstate(invalid="ignore"):
@@ -245,7 +245,7 @@ def _costs(images: Images, used: Array, found: Triangulated, count: int) -> tupl
 
 
 def _scale(costs: Array, freedom: Array) -> float:
-    """The variance of an image coordinate from the median of the points, so that outliers do not raise it."""
+    """The variance of an image coordinate from the median over the points, robust against outliers."""
     known = np.isfinite(costs) & (freedom > 0)
     if not known.any():
         return float("inf")
@@ -253,13 +253,13 @@ def _scale(costs: Array, freedom: Array) -> float:
 
 
 def _order_within(point: Array) -> Array:
-    """How many rows of the same point stand before each row (N,); rows are sorted by point."""
+    """The number of preceding rows of the same point (N,); rows are sorted by point."""
     starts = np.searchsorted(point, point)
     return np.arange(len(point)) - starts
 
 
 def sorted_images(camera: Array, point: Array, uv: Array, sigma: Array | None = None) -> tuple[Images, Array]:
-    """Images sorted by point, and where each came from (N,).
+    """Images sorted by point, and the original index of each (N,).
 
     Raises
     ------

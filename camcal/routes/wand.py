@@ -1,4 +1,4 @@
-"""Several cameras from a bar of known length that is moved through the volume they see (a wand).
+"""Calibration of several cameras with a wand: a bar of known length moved through the volume they see.
 
 P. Theriault et al., A protocol and calibration method for accurate multi-camera field videography, Journal of
 Experimental Biology 217 (2014), describes the practice of the motion laboratories (easyWand). Here the bar's
@@ -34,7 +34,7 @@ Held = Mapping[str, float | None]
 
 @dataclass(frozen=True)
 class WandCalibration:
-    """What the bar says.
+    """The result of a wand calibration.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def estimate(
     names: Sequence[str],
     seed: int = 0,
 ) -> WandCalibration:
-    """The cameras of a rig and their places.
+    """Estimate the cameras of a rig and their relative poses.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def estimate(
 def _calibrated(
     wand: Wand, start: tuple[Camera, ...], seen: Sightings, fixes: Sequence[Held | None], names: Sequence[str]
 ) -> WandCalibration:
-    """All together: the focal lengths, then the lenses, then the principal points that are determined."""
+    """Joint adjustment: the focal lengths, then the lenses, then the principal points that are determined."""
     lenses = [_held(c, f, centre=False) for c, f in zip(start, fixes, strict=True)]
     only_focal = [
         h if f is None else {**h, **{p.name: None for p in c.lens.parameters if p.group == "distortion"}}
@@ -170,7 +170,9 @@ def _calibrated(
 
 
 def _held(camera: Camera, fix: Held | None, centre: bool) -> dict[str, float | None]:
-    """What is held of a camera: all of a known one; fy = fx unless it is given; the principal point at first."""
+    """The held parameters of a camera: all of a known one; fy = fx unless it is given; the principal point at
+    first.
+    """
     if fix is None:
         return dict.fromkeys(camera.lens.names)
     more: dict[str, float | None] = dict.fromkeys(camera.lens.default_fixed)
@@ -191,7 +193,7 @@ def _assumed(names: Sequence[str], held: Sequence[Held], wanted: Sequence[Held])
 
 
 def _loose(freed: WandCalibration | None, fixes: Sequence[Held | None], names: Sequence[str]) -> list[str]:
-    """The cameras whose principal point or focal length is undetermined where both are free."""
+    """The cameras whose principal point or focal length is undetermined when both are free."""
     if freed is None:
         return list(names)
     found = []
@@ -210,7 +212,7 @@ def _frees(cameras: Sequence[Camera], held: Sequence[Held]) -> tuple[Array, ...]
 
 
 def _settled(wand: Wand, seen: Sightings, held: Sequence[Held]) -> Wand:
-    """A first adjustment, wrong images weighing little."""
+    """A first robust adjustment."""
     frees = _frees(wand.cameras, held)
     for _ in range(ROUNDS):
         off = np.linalg.norm(wand.residuals(seen), axis=1)
@@ -243,7 +245,7 @@ def _usable(seen: Sightings, off: Array, bound: float) -> Array:
 
 
 def _placed_again(wand: Wand, seen: Sightings, rows: Array) -> Wand:
-    """The bars of instants that take no part placed anew by the cameras as they are now."""
+    """Re-estimate the bars of unused instants with the current cameras."""
     lost = np.bincount(seen.instant[rows], minlength=len(wand.points)) == 0
     fresh = with_bars(wand.cameras, wand.poses, seen, len(wand.points))
     lost &= fresh.known
@@ -255,7 +257,7 @@ def _placed_again(wand: Wand, seen: Sightings, rows: Array) -> Wand:
 def _result(
     wand: Wand, start: tuple[Camera, ...], seen: Sightings, held: Sequence[Held], names: Sequence[str]
 ) -> WandCalibration:
-    """Adjust and leave out images in turn until the choice settles."""
+    """Alternate between adjusting and removing images until the choice is stable."""
     cameras = tuple(
         replace(c, params=apply_fixed(c.lens, c.params, dict(h)))
         for c, h in zip(wand.cameras, held, strict=True)

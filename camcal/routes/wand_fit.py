@@ -1,4 +1,4 @@
-"""The adjustment behind `wand`: cameras, their places, and a bar of known length at every instant.
+"""The adjustment behind `wand`: cameras, their relative poses, and a bar of known length at every instant.
 
 A bar is a point X and a unit vector d (five unknowns); its markers are at X + p_i d, p_i known. The bars are eliminated
 from the normal equations, as points are from a bundle adjustment.
@@ -39,7 +39,7 @@ class Sightings:
         return len(self.camera)
 
     def take(self, rows: Array) -> Sightings:
-        """Only some images (a mask or indices)."""
+        """Select some images (a mask or indices)."""
         return replace(
             self,
             camera=self.camera[rows],
@@ -64,7 +64,7 @@ class Wand:
         return np.isfinite(self.points).all(1)
 
     def residuals(self, seen: Sightings) -> Array:
-        """Predicted less observed (N, 2), px; NaN where a bar is unknown or a marker outside a lens's domain."""
+        """Predicted - observed (N, 2), px; NaN where a bar is unknown or a marker outside a lens's domain."""
         xyz = self.markers(seen)
         out = np.full((len(seen), 2), np.nan)
         for index, (camera, pose) in enumerate(zip(self.cameras, self.poses, strict=True)):
@@ -73,7 +73,7 @@ class Wand:
         return out
 
     def markers(self, seen: Sightings) -> Array:
-        """Where the marker of each image is (N, 3)."""
+        """The position of the marker of each image (N, 3)."""
         along = seen.places[seen.marker][:, None] * self.directions[seen.instant]
         return np.asarray(self.points[seen.instant] + along)
 
@@ -81,7 +81,7 @@ class Wand:
 def adjust(
     start: Wand, seen: Sightings, frees: tuple[Array, ...], scale: float | None = None, iterations: int = 60
 ) -> Fitted[Wand] | None:
-    """Minimise Σ |r|² over the free parameters of the cameras, their places but the first, and the bars.
+    """Minimise Σ |r|² over the free parameters of the cameras, their poses except the first, and the bars.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def adjust(
 
 
 class _Problem:
-    """Columns: the free parameters of all cameras, then six of the place of each camera but the first."""
+    """Columns: the free parameters of all cameras, then six for the pose of each camera except the first."""
 
     def __init__(self, start: Wand, seen: Sightings, frees: tuple[Array, ...], scale: float | None):
         self.seen, self.frees, self.scale = seen, frees, scale

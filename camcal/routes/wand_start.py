@@ -1,4 +1,4 @@
-"""Where a wand calibration begins: relative poses of pairs of cameras, scaled by the bar, chained over the rig.
+"""The start of a wand calibration: relative poses of pairs of cameras, scaled by the bar, chained over the rig.
 
 An unknown focal length is the one with which the bar is most nearly of one length in all instants: it is found
 where the optical axes meet, too, where fundamental matrices say nothing of it (`selfcalib`).
@@ -55,7 +55,7 @@ class Placed:
 
 
 def links(seen: Sightings, cameras: Sequence[Camera], seed: int) -> list[Link]:
-    """All pairs of cameras that share markers enough."""
+    """All pairs of cameras that share enough markers."""
     flat = [undistorted(c, seen.uv) for c in cameras]
     key = seen.instant.astype(np.int64) * len(seen.places) + seen.marker
     found = []
@@ -75,7 +75,7 @@ def links(seen: Sightings, cameras: Sequence[Camera], seed: int) -> list[Link]:
 
 
 def placed(link: Link, cameras: Sequence[Camera], seen: Sightings) -> Placed | None:
-    """The motion of a link; None where its rays have no angle or no whole bar is seen."""
+    """The motion of a link; None if its rays have no angle or no complete bar is seen."""
     ka, kb = cameras[link.first].matrix, cameras[link.second].matrix
     rays = [
         _unit(projective.homogeneous(uv) @ np.linalg.inv(k).T)
@@ -106,7 +106,7 @@ def _lengths(seen: Sightings, rows: Array, xyz: Array) -> Array:
 
 
 def _bars(seen: Sightings, rows: Array, xyz: Array, unit: bool) -> tuple[Array, Array, Array]:
-    """Instants (T,), and the lines X + p d through the markers (T, 3) each, by least squares; NaN of one marker."""
+    """Instants (T,), and the lines X + p d through the markers (T, 3) each, by least squares; NaN for one marker."""
     instants, group = np.unique(seen.instant[rows], return_inverse=True)
     p, count = seen.places[seen.marker[rows]], np.bincount(group)
     mean_p = np.bincount(group, p) / count
@@ -122,7 +122,7 @@ def _bars(seen: Sightings, rows: Array, xyz: Array, unit: bool) -> tuple[Array, 
 
 
 def with_focal(cameras: Sequence[Camera], unknown: Sequence[bool], part: float) -> tuple[Camera, ...]:
-    """The cameras, those of unknown focal length with this part of their longer side for it."""
+    """The cameras; unknown focal lengths are set to this fraction of the longer side."""
     return tuple(
         replace(c, params=np.r_[2 * [part * max(c.image_size or (1, 1))], c.params[2:]]) if u else c
         for c, u in zip(cameras, unknown, strict=True)
@@ -132,7 +132,7 @@ def with_focal(cameras: Sequence[Camera], unknown: Sequence[bool], part: float) 
 def focal_part(
     found: Sequence[Link], seen: Sightings, cameras: Sequence[Camera], unknown: Sequence[bool]
 ) -> float:
-    """The focal length, in longer sides of the picture, that leaves the bar most nearly of one length."""
+    """The focal length, in longer sides of the picture, at which the bar's length varies least."""
     best = (np.inf, 1.0)
     for part in epipolar.FOCAL:
         trial = with_focal(cameras, unknown, float(part))
@@ -171,7 +171,9 @@ def chained(made: Sequence[Placed], count: int, names: Sequence[str]) -> tuple[P
 
 
 def with_bars(cameras: Sequence[Camera], poses: Sequence[Pose], seen: Sightings, instants: int) -> Wand:
-    """The bars of all instants with two markers that two cameras see, without images that disagree (three see them)."""
+    """The bars of all instants with two markers that two cameras see, without images that disagree (if three see
+    them).
+    """
     key = seen.instant.astype(np.int64) * len(seen.places) + seen.marker
     names, point = np.unique(key, return_inverse=True)
     known = [PlacedCamera(str(i), c, p) for i, (c, p) in enumerate(zip(cameras, poses, strict=True))]

@@ -30,6 +30,6 @@ CHARTS: dict[str, str] = {
 
 
 def charts(solution: Solution, names: Collection[str] = tuple(CHARTS)) -> dict[str, Chart]:
-    """The charts, all or those of some names, that a solution has something to show in, by name."""
+    """The charts for which a solution has data, all or those of some names, by name."""
     made = {name: load(path)(solution) for name, path in CHARTS.items() if name in names}
     return {name: chart for name, chart in made.items() if chart is not None}

@@ -1,4 +1,4 @@
-"""What a chart is: axes and layers, without a word on how they are drawn."""
+"""The data of a chart: axes and layers, independent of the drawing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Tone = Literal["ink", "accent", "second", "bad", "faint", "hull"]
 
 @dataclass(frozen=True)
 class Line:
-    """A polyline through xy (N, 2); `closed` joins its ends, `filled` shades what it encloses, `heavy` is wider."""
+    """A polyline through xy (N, 2); `closed` joins its ends, `filled` shades the inside, `heavy` is wider."""
 
     xy: Array
     tone: Tone = "accent"
@@ -31,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Points:
-    """Dots at xy (N, 2); `radius` in px of a drawing 640 wide, `titles` name single ones."""
+    """Dots at xy (N, 2); `radius` in px of a drawing 640 wide, `titles` label single ones."""
 
     xy: Array
     tone: Tone = "accent"
@@ -97,7 +97,7 @@ class Cells:
         return (low, high) if high > low else (low, low + 1e-12 + abs(low))
 
     def part(self, values: Array) -> Array:
-        """Where values stand on the colour scale, 0 to 1."""
+        """The positions of values on the colour scale, 0 to 1."""
         low, high = self.limits
         values = np.minimum(np.asarray(values, float), high)
         if self.logarithmic and low > 0:
@@ -147,7 +147,7 @@ class Chart:
 
     @property
     def named_bars(self) -> Bars | None:
-        """Bars with names below, in place of numbers on the axis."""
+        """Bars with names below, instead of numbers on the axis."""
         return next((b for b in self.layers if isinstance(b, Bars) and b.names), None)
 
 
@@ -165,10 +165,10 @@ def ticks(low: float, high: float, wanted: int = 6) -> list[float]:
 
 
 def tick_text(value: float) -> str:
-    """A number at an axis."""
+    """A number at an axis tick."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
 
 
 def short(value: float) -> str:
-    """Three digits of a number, without an exponent where it is an everyday one."""
+    """A number with three digits, without an exponent if it is of ordinary size."""
     return f"{float(f'{value:.3g}'):g}"

@@ -1,4 +1,4 @@
-"""The chart of the board's shape, where that was estimated."""
+"""The chart of the board's shape, if that was estimated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def shape(solution: Solution) -> Chart | None:
-    """Height of each point over the ideal board as a map, and its offsets in the plane as arrows."""
+    """Height of each point above the ideal board as a map, and its offsets in the plane as arrows."""
     board = solution.board
     if not isinstance(board, ShapedBoard):
         return None
@@ -48,7 +48,7 @@ def shape(solution: Solution) -> Chart | None:
 
 
 def _gridded(ideal: Array, values: Array) -> tuple[Array, Array, Array] | None:
-    """Columns, rows and values (R, C) of points that fill most of a grid; None of others."""
+    """Columns, rows and values (R, C) of points that fill most of a grid; None for others."""
     columns, c = np.unique(ideal[:, 0].round(6), return_inverse=True)
     rows, r = np.unique(ideal[:, 1].round(6), return_inverse=True)
     if len(columns) * len(rows) > 2 * len(ideal):

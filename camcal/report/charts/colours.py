@@ -1,4 +1,4 @@
-"""Two colour scales that can be read with every kind of colour vision, in print and on a dark page."""
+"""Two colour scales that are readable with every kind of colour vision, in print and on a dark page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Charts of what the views cover: the picture, the directions, the distances."""
+"""Charts of the coverage: the picture, the directions, the distances."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CIRCLES = (15, 30, 45)
 
 
 def image(solution: Solution) -> Chart | None:
-    """All image points and the hull around them."""
+    """All image points and their convex hull."""
     facts = Facts(solution)
     uv = facts.image_points
     if len(uv) < 3:
@@ -48,19 +48,19 @@ def image(solution: Solution) -> Chart | None:
 
 
 def unit_of(solution: Solution) -> str:
-    """The unit of lengths in space, for people."""
+    """The unit of lengths in space, as text."""
     unit = str((solution.observations.target or {}).get("unit") or "unit")
     return {"square": "squares", "unit": "units"}.get(unit, unit)
 
 
 def board_normals(facts: Facts) -> Array:
-    """Unit normals (V, 3) of the boards in the camera's frame, turned away from the camera."""
+    """Unit normals (V, 3) of the boards in the camera's frame, pointing away from the camera."""
     normals = np.einsum("vij,vj->vi", facts.solution.poses.rotations, facts.shapes.axes[:, :, 2])
     return normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
 
 
 def tilts(solution: Solution) -> Chart | None:
-    """The tilt of each board against the image plane, by direction."""
+    """The tilt of each board relative to the image plane, by direction."""
     facts = Facts(solution)
     if not facts.planar or len(facts.views) < 2:
         return None
@@ -86,7 +86,7 @@ def tilts(solution: Solution) -> Chart | None:
 
 
 def distances(solution: Solution) -> Chart | None:
-    """The distance of each board and how much of the picture it fills."""
+    """The distance of each board and the fraction of the picture that it fills."""
     facts = Facts(solution)
     if len(facts.views) < 2:
         return None

@@ -32,7 +32,7 @@ DPI = 130
 def write_charts(
     solution: Solution, folder: Path, formats: Sequence[str] = ("png",), force: bool = False
 ) -> list[Path]:
-    """Write each chart of a solution to `folder/<name>.<format>`; the folder is made where it is missing.
+    """Write each chart of a solution to `folder/<name>.<format>`; the folder is created if it is missing.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _needs_matplotlib() -> None:
 
 
 def write_chart(chart: Chart, path: Path, force: bool = False) -> None:
-    """Write one chart; the file's name says in which format.
+    """Write one chart; the file name extension selects the format.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def write_chart(chart: Chart, path: Path, force: bool = False) -> None:
 
 
 def drawn(chart: Chart, format: str) -> bytes:
-    """One chart as the bytes of a file, the same bytes every time."""
+    """One chart as the bytes of a file, identical each time."""
     import matplotlib
 
     with matplotlib.rc_context({"svg.hashsalt": "camcal", "font.size": 9, "text.parse_math": False}):

@@ -1,4 +1,4 @@
-"""Charts of the camera: its distortion, and how uncertain its projection is."""
+"""Charts of the camera: its distortion, and the uncertainty of its projection."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def curve(solution: Solution) -> Chart | None:
 
 
 def field(solution: Solution) -> Chart | None:
-    """Where each pixel's ray would be seen without distortion."""
+    """The position of each pixel's ray in a picture without distortion."""
     facts = Facts(solution)
     camera = facts.camera
     if not facts.groups("distortion") and camera.lens.size <= 5:
@@ -141,7 +141,7 @@ def _uncertainty(solution: Solution, distance: float, where: str) -> Chart | Non
 
 
 def holdout_map(solution: Solution) -> Chart | None:
-    """How far the cameras of the folds lie apart over the picture."""
+    """The difference between the cameras of the folds over the picture."""
     found = (solution.holdout or {}).get("difference")
     if not found or not found.get("map"):
         return None

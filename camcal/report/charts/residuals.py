@@ -1,4 +1,4 @@
-"""Charts of the residuals: where, how they are distributed, in which view, at which radius."""
+"""Charts of the residuals: over the picture, their distribution, by view, by radius."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RINGS = 20
 
 
 def thinned(count: int, most: int = MOST) -> Array:
-    """Indices of `most` or fewer of `count` things, evenly."""
+    """At most `most` evenly spaced indices of `count` items."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int)) if count else np.zeros(0, int)
 
 
@@ -30,7 +30,7 @@ def picture_limits(facts: Facts) -> tuple[tuple[float, float], tuple[float, floa
 
 
 def enlargement(lengths: Array, width: float) -> float:
-    """By which of 1, 2, 5, 10, ... arrows of these lengths, px, are to be drawn longer."""
+    """The factor, of 1, 2, 5, 10, ..., by which arrows of these lengths, px, are enlarged."""
     usual = float(np.percentile(lengths, 95)) if len(lengths) else 1.0
     raw = ARROW * width / max(usual, 1e-12)
     power = 10.0 ** np.floor(np.log10(raw))
@@ -38,7 +38,7 @@ def enlargement(lengths: Array, width: float) -> float:
 
 
 def quiver(solution: Solution) -> Chart | None:
-    """Residuals as arrows over the picture, thinned out, and their mean in each cell of 12 columns."""
+    """Residuals as arrows over the picture, thinned, and their mean in each cell of 12 columns."""
     facts = Facts(solution)
     uv, r = facts.image_points, solution.used_residuals
     good = np.isfinite(r).all(1)
@@ -69,7 +69,7 @@ def quiver(solution: Solution) -> Chart | None:
 def cell_means(
     uv: Array, r: Array, x: tuple[float, float], y: tuple[float, float], columns: int = 12
 ) -> tuple[Array, Array]:
-    """Mean places (C, 2) and mean residuals (C, 2) of the cells that hold 4 points or more."""
+    """Mean positions (C, 2) and mean residuals (C, 2) of the cells with at least 4 points."""
     side = (x[1] - x[0]) / columns
     index = np.floor((uv - [x[0], y[0]]) / side).astype(int)
     _, cell = np.unique(index, axis=0, return_inverse=True)
@@ -82,7 +82,7 @@ def cell_means(
 
 
 def histogram(solution: Solution) -> Chart | None:
-    """Coordinates of the residuals beside the Gaussian of their estimated sigma."""
+    """The coordinates of the residuals beside the Gaussian of their estimated sigma."""
     r, sigma, unit = standardised(solution)
     if len(r) < 10 or not np.isfinite(sigma) or sigma <= 0:
         return None

@@ -1,4 +1,4 @@
-"""A chart as inline SVG: colours come from the page's style sheet, so that dark mode and print follow."""
+"""A chart as inline SVG; colours come from the page's style sheet, so that dark mode and print work."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LONGEST_NAME = 12
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where the axes lie in the drawing."""
+    """The position of the axes in the drawing."""
 
     chart: Chart
     left: float
@@ -167,7 +167,7 @@ def _legend(layers: list, frame: _Frame) -> str:
 
 
 def _scale(cells: Cells, frame: _Frame) -> str:
-    """The bar of colours beside a map."""
+    """The colour bar beside a map."""
     x, steps = frame.left + frame.width + 12, 48
     height = frame.height / steps
     parts = [
@@ -260,7 +260,7 @@ def _cells(layer: Cells, frame: _Frame) -> str:
 
 
 def _edges(centres: Array) -> tuple[Array, Array]:
-    """Left and right of the cells around sorted centres."""
+    """The left and right edges of the cells around sorted centres."""
     if len(centres) < 2:
         return centres - 0.5, centres + 0.5
     middle = (centres[1:] + centres[:-1]) / 2

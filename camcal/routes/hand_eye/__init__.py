@@ -1,4 +1,4 @@
-"""A camera on a robot's hand, or one that watches the hand.
+"""Hand-eye calibration: a camera on a robot's hand, or one that watches the hand.
 
 With the robot's pose B_i = base_from_hand and C_i = cam_from_board at view i, both set-ups are one equation:
 

@@ -1,4 +1,4 @@
-"""Which poses agree with one another, where several are wrong in the same way and hide each other."""
+"""Poses that agree with one another, where several outliers mask each other."""
 
 from __future__ import annotations
 

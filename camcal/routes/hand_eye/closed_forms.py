@@ -17,7 +17,7 @@ from camcal.routes.hand_eye.views import Views
 
 @dataclass(frozen=True)
 class Method:
-    """What a closed form says.
+    """The result of a closed form.
 
     Attributes
     ----------
@@ -36,13 +36,15 @@ class Method:
 
 
 def length_unit(views: Views) -> float:
-    """The root mean square of the translations: Andreff's and Li's systems weigh lengths against numbers near 1."""
+    """The rms of the translations, used as unit because Andreff's and Li's systems mix lengths with numbers near
+    1.
+    """
     t = np.concatenate([views.robot.translation, views.camera.translation])
     return float(np.sqrt(np.square(t).sum(1).mean())) or 1.0
 
 
 def scaled(views: Views, factor: float) -> Views:
-    """The same views in another unit of length."""
+    """Convert the views to another unit of length."""
     robot, camera = (Poses(p.rotation, p.translation * factor) for p in (views.robot, views.camera))
     return Views(robot, camera)
 
@@ -69,7 +71,8 @@ def _method(name: str, own: Views, views: Views, setup: str, unit: float) -> Met
 
 
 def best(methods: list[Method]) -> Method:
-    """The closed form that leaves least of the robot's poses: the product of both figures, which no unit changes.
+    """The closed form with the smallest residuals of the robot's poses: the product of both figures, which is free
+    of units.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The robot's pose that X, Z and a view imply, and its derivatives.
+"""The robot's pose implied by X, Z and a view, and its derivatives.
 
     in-hand   B = Z C⁻¹ X⁻¹          to-hand   B = X C Z⁻¹
 
@@ -16,7 +16,7 @@ from camcal.model.pose import Array, Pose, Poses
 
 
 class Derivatives(NamedTuple):
-    """d (rotation, translation) of B by those of X, Z and C, each (V, 6, 6)."""
+    """Derivatives of (rotation, translation) of B with respect to those of X, Z and C, each (V, 6, 6)."""
 
     by_x: Array
     by_z: Array
@@ -40,14 +40,16 @@ def derivatives(setup: str, x: Pose, z: Pose, c: Poses) -> Derivatives:
 
 
 def residuals(setup: str, x: Pose, z: Pose, c: Poses, measured: Poses) -> Array:
-    """Rotation vector (rad, in the base's frame) and translation (V, 6) of the implied poses less the measured ones."""
+    """Rotation vector (rad, in the base's frame) and translation (V, 6) of the implied poses relative to the
+    measured ones.
+    """
     b = robot_pose(setup, x, z, c)
     turn = so3.log(b.rotation @ np.swapaxes(measured.rotation, 1, 2))
     return np.concatenate([turn, b.translation - measured.translation], 1)
 
 
 def from_left(turn: Array) -> Array:
-    """d residual by the left perturbation of B, (V, 6, 6), at residual rotations (V, 3)."""
+    """d residual with respect to the left perturbation of B, (V, 6, 6), at residual rotations (V, 3)."""
     out = np.zeros((len(turn), 6, 6))
     out[:, :3, :3] = np.linalg.inv(so3.left_jacobian(turn))
     out[:, 3:, 3:] = np.eye(3)
@@ -65,7 +67,7 @@ def _by_inner(b: Poses, inner: Pose) -> Array:
 
 
 def _by_inverse(x: Pose, z: Pose, c: Poses) -> Array:
-    """By C where the middle is C⁻¹."""
+    """The derivative by C if the middle factor is C⁻¹."""
     q = z.rotation @ np.swapaxes(c.rotation, 1, 2)
     w = x.inverse().translation - c.translation
     return _blocks(-q, q @ so3.skew(w), -q)

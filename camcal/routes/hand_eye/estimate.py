@@ -1,4 +1,4 @@
-"""From views and robot poses to the hand-eye transformation with its intervals."""
+"""The hand-eye transformation with confidence intervals, from views and robot poses."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """X and Z with what is known of them.
+    """X and Z with their uncertainties.
 
     Attributes
     ----------
@@ -93,18 +93,18 @@ class Estimate:
 
     @property
     def translation_rms(self) -> float:
-        """Root mean square length of the robot's translation residuals."""
+        """The rms length of the robot's translation residuals."""
         return float(np.sqrt(np.square(self.residuals[:, 3:]).sum(1).mean()))
 
     @property
     def rotation_rms(self) -> float:
-        """Root mean square angle of the robot's rotation residuals, rad."""
+        """The rms angle of the robot's rotation residuals, rad."""
         return float(np.sqrt(np.square(self.residuals[:, :3]).sum(1).mean()))
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the joint estimate begins, and what is known before it."""
+    """The start of the joint estimate, and the quantities known before it."""
 
     problem: Problem
     image: Unknowns
@@ -157,7 +157,7 @@ def estimate(
 
 
 def _tested(found: Estimate, seen: Alone, robot: Robot, used: Array) -> Array:
-    """The poses without the worst one, if that is an outlier; else with all those set aside that fit after all."""
+    """Remove the worst pose if it is an outlier; otherwise restore all removed ones that fit after all."""
     count, shared = len(seen.poses), 12 + (found.offset is not None)
     chance = variance.outlying(found.misfit, shared)
     if chance.min() * count < OUTLIER and len(used) >= LEAST_TO_TEST:
@@ -246,7 +246,7 @@ def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) ->
 
 
 def _of_the_camera(linear: variance.Linear, found: variance.Components, pictures: Pictures) -> Array:
-    """What the uncertainty of the camera adds to the covariance of the shared unknowns.
+    """The contribution of the camera's uncertainty to the covariance of the shared unknowns.
 
     The pictures' pose of a view moves by −gain with a free parameter, the robot's residual there by J times that, and
     the estimate by −M Σ Aᵀ V⁻¹ of it.
@@ -260,5 +260,5 @@ def _of_the_camera(linear: variance.Linear, found: variance.Components, pictures
 
 
 def implied(found: Estimate) -> Poses:
-    """The robot's poses that the estimate implies, base_from_hand (V,)."""
+    """The robot's poses implied by the estimate, base_from_hand (V,)."""
     return equation.robot_pose(found.setup, found.x, found.z, found.poses)

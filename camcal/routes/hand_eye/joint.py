@@ -1,4 +1,4 @@
-"""The joint estimate of X, Z and all poses of the views, from the pictures and from the robot.
+"""The joint estimate of X, Z and all poses of the views, from the pictures and the robot's poses.
 
     minimise  ½ Σ w |project(C_i x) − u|² / s² + ½ Σ |log(R_B R_Mᵀ)|² / s_r² + |t_B − t_M|² / s_t²            (1)
 
@@ -24,7 +24,9 @@ from camcal.solve.problem import Problem, State
 
 
 class Noise(NamedTuple):
-    """Standard deviations: of an image coordinate (px), a rotation about an axis (rad), a translation along one."""
+    """Standard deviations of an image coordinate (px), of a rotation about an axis (rad), and of a translation
+    along one.
+    """
 
     image: float
     rotation: float
@@ -32,12 +34,12 @@ class Noise(NamedTuple):
 
     @property
     def robot(self) -> Array:
-        """Of the six residuals of a pose."""
+        """The standard deviations of the six residuals of a pose."""
         return np.repeat([self.rotation, self.translation], 3)
 
 
 class Measured(NamedTuple):
-    """The robot's poses at an offset of its clock, and how they move with it.
+    """The robot's poses at a clock offset, and their derivative with respect to it.
 
     Attributes
     ----------
@@ -57,7 +59,7 @@ Robot = Callable[[float], Measured]
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is estimated: the pictures' state holds the poses of the views."""
+    """The unknowns; the pictures' state holds the poses of the views."""
 
     image: State
     x: Pose
@@ -67,7 +69,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Linear:
-    """Both parts of the problem to first order, without weights.
+    """Both parts of the problem, linearised, without weights.
 
     Attributes
     ----------
@@ -117,7 +119,7 @@ class Joint:
         return _Equations.of(self.linear(state), self.noise)
 
     def solve(self, state: Any, equations: _Equations, damping: Array) -> tuple[Any, Array]:
-        """The damped step and the decrease that it promises."""
+        """The damped step and the decrease that it predicts."""
         step = equations.normal.step(float(damping[0]))
         if step is None:
             return None, np.array([np.nan])
@@ -135,7 +137,7 @@ class Joint:
         return Unknowns(image, _moved(state.x, shared[:6]), _moved(state.z, shared[6:12]), offset)
 
     def tried(self, trial: Trial) -> None:
-        """Nothing is learnt."""
+        """Do nothing: the problem does not learn from trials."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,9 @@ def _moved(pose: Pose, step: Array) -> Pose:
 
 
 def _from_centroid(c: Poses, offsets: Array) -> Array:
-    """d pose by (rotation about the centroid of the view's points, its place), (V, 6, 6): dt = dc + [R x̄]× δ."""
+    """d pose with respect to (rotation about the centroid of the view's points, its position), (V, 6, 6): dt = dc
+    + [R x̄]× δ.
+    """
     out = np.broadcast_to(np.eye(6), (len(c), 6, 6)).copy()
     out[:, 3:, :3] = so3.skew(np.einsum("vij,vj->vi", c.rotation, offsets))
     return out

@@ -1,4 +1,4 @@
-"""Kronecker products of many matrices, and rotations from what they solve for."""
+"""Kronecker products of many matrices, and rotations from solutions of Kronecker systems."""
 
 from __future__ import annotations
 

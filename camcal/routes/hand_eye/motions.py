@@ -1,4 +1,4 @@
-"""Whether the motions determine a hand-eye transformation: at least three poses, turned about axes that differ."""
+"""Whether the motions determine a hand-eye transformation: at least three poses, rotated about different axes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ABOVE_NOISE = 3.0
 
 @dataclass(frozen=True)
 class Motions:
-    """How much the camera turns from view to view.
+    """The rotations of the camera between views.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Motions:
 
 
 def measure(cameras: Poses, rotation_covariance: Array) -> Motions:
-    """The turns of the camera.
+    """Measure the rotations of the camera.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def measure(cameras: Poses, rotation_covariance: Array) -> Motions:
 
 
 def require_enough(count: int) -> None:
-    """Refuse fewer than three poses."""
+    """Raise an error for fewer than three poses."""
     if count < LEAST_VIEWS:
         raise DataError(
             f"{count} poses with a view; a hand-eye calibration needs {LEAST_VIEWS}.",
@@ -66,7 +66,7 @@ def require_enough(count: int) -> None:
 
 
 def require_two_axes(motions: Motions, setup: str | None = None) -> None:
-    """Refuse motions that turn about one axis only, or about none.
+    """Raise an error for motions that rotate about one axis only, or not at all.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def require_two_axes(motions: Motions, setup: str | None = None) -> None:
 
 
 def _axis(axis: Array) -> str:
-    """An axis in words: its letter where it is within 5 degrees of one, and its direction."""
+    """An axis in words: its letter if it is within 5 degrees of one, and its direction."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     letter = "xyz"[int(np.abs(axis).argmax())]
     words = "(" + " ".join(f"{a:.2f}" for a in axis.round(2) + 0.0) + ")"

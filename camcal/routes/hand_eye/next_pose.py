@@ -1,4 +1,4 @@
-"""Which poses to add: the ones that make X best known."""
+"""Suggested additional poses: those that determine X best."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BASES = 8
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A pose of the hand, what the camera sees there, and the sigmas (6,) of X with it and those before."""
+    """A pose of the hand, the camera's view there, and the sigmas (6,) of X with it and those before."""
 
     base_from_hand: Pose
     cam_from_board: Pose
@@ -37,7 +37,7 @@ class Suggestion:
 
 
 def suggest(found: Estimate, count: int = 3) -> list[Suggestion]:
-    """The poses that lower the variances of X most, one after the other, each given the ones before.
+    """The poses that lower the variances of X most, one after the other, each given those before it.
 
     What is minimised is the product of the six variances, which no unit changes. Only poses at which the camera sees
     the whole board are tried; whether the robot reaches them is not known.
@@ -82,7 +82,7 @@ def _candidates(found: Estimate) -> tuple[Poses, View]:
 
 
 def _information(found: Estimate, poses: Poses, view: View) -> Array:
-    """Aᵀ V⁻¹ A (K, 12, 12) of one more pose each."""
+    """Aᵀ V⁻¹ A (K, 12, 12) of one additional pose each."""
     camera = found.pictures.camera
     views = [replace(view, id=str(i), uv=camera.project(p.apply(view.xyz))) for i, p in enumerate(poses)]
     problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)))

@@ -1,4 +1,4 @@
-"""The offset between the clock of a stream of poses and that of the camera: where the search begins."""
+"""The offset between the clocks of a stream of poses and the camera: the start of its estimation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera, or a rig of several, saw of the board."""
+"""The board as seen by a camera, or by a rig of several."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class Pictures:
 
     @property
     def seen(self) -> Seen:
-        """Which camera took each view, and at which instant."""
+        """The camera and the instant of each view."""
         return Seen.alone(len(self.views)) if self.mount is None else self.mount.seen
 
     def take(self, rows: Array) -> Pictures:
-        """Some of the instants, by their indices."""
+        """Select some of the instants by their indices."""
         place = np.full(len(self), -1)
         place[rows] = np.arange(len(rows))
         instant = place[self.seen.instant]
@@ -90,7 +90,7 @@ class Pictures:
         )
 
     def problem(self) -> Problem:
-        """With the cameras held."""
+        """The least-squares problem with the cameras held."""
         if self.mount is None:
             return Problem(self.camera.lens, self.views, np.zeros((self.camera.lens.size, 0)), self.weights)
         lenses = [c.lens for c in self.mount.cameras]
@@ -106,7 +106,7 @@ class Pictures:
 
     @property
     def freedom(self) -> int:
-        """Coordinates less poses and estimated parameters of the calibration."""
+        """The number of coordinates minus that of poses and estimated parameters of the calibration."""
         return 2 * sum(map(len, self.views)) - 6 * len(self) - len(self.camera_covariance)
 
 

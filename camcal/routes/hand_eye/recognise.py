@@ -1,4 +1,4 @@
-"""Which set-up it is and how the robot writes its rotations, from what a closed form leaves of the poses.
+"""Recognition of the set-up and of the robot's rotation convention, from the residuals of a closed form.
 
 With the right ones G Z = X C holds in all views up to the noise (Shah's closed form for X and Z); with others the
 residual is of the size of the motions. Rotations alone do not tell all readings apart: a quaternion of another order is
@@ -33,7 +33,7 @@ NO_ROBOT = np.radians(10.0)
 
 @dataclass(frozen=True)
 class Reading:
-    """A set-up and a form of the rotation, and what they leave of the robot's poses.
+    """A set-up and a rotation convention, and the residuals of the robot's poses under them.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Reading:
 
     @property
     def words(self) -> str:
-        """For messages."""
+        """Describe the reading for messages."""
         return f"{self.setup}, rotations as {self.form.name}"
 
 
@@ -66,7 +66,7 @@ def readings(robot: RobotPoses, cameras: Poses, setups: Sequence[str], inverse: 
 
 
 def misfits(views: Views) -> tuple[float, float]:
-    """Root mean square rotation, rad, and translation, as a part of all, that Shah's closed form leaves."""
+    """The rms residuals of Shah's closed form: rotation, rad, and translation, as a fraction of the total."""
     x, z = shah.solve(views)
     left, right = views.robot @ z, x @ views.camera
     turn = so3.log(left.rotation @ np.swapaxes(right.rotation, 1, 2))
@@ -76,7 +76,7 @@ def misfits(views: Views) -> tuple[float, float]:
 
 
 def log_odds(better: Reading, other: Reading, views: int) -> float:
-    """Logarithm of how many times as likely the residuals make one reading.
+    """The log-likelihood ratio of one reading against another, from the residuals.
 
     Each fits six numbers to the rotations and six to the translations.
     """
@@ -93,7 +93,7 @@ def likeliest(found: Sequence[Reading]) -> Reading:
 
 
 def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views: int) -> Reading:
-    """The reading to go on with.
+    """The reading to use.
 
     What was said (`setup`, a form that is `certain`) is kept; what was not is the likeliest, where it is at least
     `ODDS` times as likely as what the names of the columns say.

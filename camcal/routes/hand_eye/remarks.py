@@ -1,4 +1,4 @@
-"""What makes a hand-eye transformation less good than it seems."""
+"""Conditions that reduce the value of a hand-eye transformation."""
 
 from __future__ import annotations
 

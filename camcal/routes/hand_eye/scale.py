@@ -1,4 +1,4 @@
-"""The unit of the robot's translations over that of the board's."""
+"""The ratio of the robot's unit of length to the board's."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DIFFERENT = 5.0
 
 
 def scale(views: Views) -> tuple[float, float]:
-    """How many times longer the robot's translations are than the board's lengths say, and its standard deviation.
+    """The ratio of the robot's translations to those predicted from the board's lengths, and its standard deviation.
 
     Least squares for (R_A − I) t_X − k R_X t_B = −t_A with an unknown k; 1 where both are in the same unit. Without
     turns about two axes k is undetermined: NaN.
@@ -41,7 +41,7 @@ def scale(views: Views) -> tuple[float, float]:
 
 
 def require_same_unit(factor: float, unit: str | None) -> None:
-    """Refuse poses whose lengths are in another unit than the board's.
+    """Raise an error if the poses' lengths are in another unit than the board's.
 
     Parameters
     ----------
@@ -67,5 +67,5 @@ def require_same_unit(factor: float, unit: str | None) -> None:
 
 
 def _is(factor: float, millimetres: float, unit: str | None) -> bool:
-    """Whether poses in a unit would explain the factor, to a tenth."""
+    """Return whether poses in a given unit would explain the ratio to within a tenth."""
     return unit in MILLIMETRES and abs(abs(factor) * millimetres / MILLIMETRES[unit] - 1) < 0.1

@@ -32,7 +32,7 @@ FURTHEST = np.log(20.0)
 
 @dataclass(frozen=True)
 class Components:
-    """The variances and what they make of the shared unknowns.
+    """The variances and the resulting estimate of the shared unknowns.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Components:
 
 
 def estimate(linear: Linear, start: Noise, freedom: float) -> Components:
-    """The restricted maximum likelihood of the three variances.
+    """Estimate the three variances by restricted maximum likelihood.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _components(model: _Model, here: _Point, logs: Array, inside: Array) -> Comp
 
 @dataclass(frozen=True)
 class _Point:
-    """The likelihood, its score and information by the logarithms of the variances, and the GLS there."""
+    """The likelihood at a point, its score and information by the logarithms of the variances, and the GLS there."""
 
     likelihood: float
     score: Array
@@ -138,7 +138,7 @@ class _Model:
         return np.concatenate([s[0] * self.k[None], np.broadcast_to(both, (2, *self.k.shape))])
 
     def floors(self, start: Noise) -> Array:
-        """The smallest logarithms of the variances that are searched."""
+        """The lower bounds of the logarithms of the variances in the search."""
         typical = np.einsum("vii->vi", self.k).mean(0) * start.image**2
         image = max(self.left, np.finfo(float).tiny) / max(self.freedom, 1.0)
         return np.log([1e-6 * image, FLOOR * typical[:3].mean(), FLOOR * typical[3:].mean()])
@@ -182,7 +182,7 @@ class _Model:
         return 0.5 * (first - 2 * crossed + third)
 
     def of_estimated_variances(self, logs: Array, here: _Point, of_variances: Array) -> Array:
-        """What the covariance (F, F) of the shared unknowns lacks because the variances are estimates.
+        """The correction of the covariance (F, F) of the shared unknowns for estimated variances.
 
         2 M Σ_kl w_kl (Aᵀ V⁻¹ V_k V⁻¹ V_l V⁻¹ A − Aᵀ V⁻¹ V_k V⁻¹ A M Aᵀ V⁻¹ V_l V⁻¹ A) M with the covariance w of the
         variances (Kenward & Roger 1997, sec. 2). Few poses need it: 8 have sigmas a tenth too small without.
@@ -194,7 +194,7 @@ class _Model:
         return np.asarray(m @ (added + added.T) @ m)
 
     def uphill(self, logs: Array, here: _Point, step: Array, floors: Array) -> tuple[Array, _Point, float]:
-        """Take a step, halved until the likelihood does not fall; and how far it went."""
+        """Take a step, halved until the likelihood does not fall; return the step length too."""
         for _ in range(30):
             trial = np.maximum(logs + step, floors)
             there = self.at(trial)
@@ -211,7 +211,7 @@ class _Model:
 
 
 def outlying(misfit: Array, shared: int) -> Array:
-    """Probabilities (V,) that noise alone makes a view's residual as large as it is.
+    """Probabilities (V,) that noise alone makes a view's residual at least this large.
 
     The others' scatter is the measure: F = (d / 6) / ((n − d) / (n − 6)) with n = 6 V − F degrees of freedom (an
     externally studentised residual; Cook & Weisberg 1982, sec. 2.2).
@@ -229,7 +229,7 @@ def weights(linear: Linear, noise: Noise, freedom: float) -> Array:
 
 
 def misfit_of_new(linear: Linear, noise: Noise, covariance: Array) -> Array:
-    """Squared lengths (V,) of residuals of poses that took no part, in the metric of V_i + A_i M A_iᵀ; see (1).
+    """Squared lengths (V,) of residuals of unused poses, in the metric of V_i + A_i M A_iᵀ; see (1).
 
     Parameters
     ----------

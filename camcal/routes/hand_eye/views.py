@@ -1,4 +1,4 @@
-"""What the closed forms take: the poses of the views, their motions, and the equations of the translations."""
+"""The input of the closed forms: the poses of the views, their motions, and the equations of the translations."""
 
 from __future__ import annotations
 
