@@ -1,4 +1,4 @@
-"""Pictures as they arrive in a folder: each once, when it is complete, and again when it changes."""
+"""Pictures arriving in a folder: each is reported once when it is complete, and again when it changes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Arrivals:
         self._seen: dict[Path, _Seen] = {}
 
     def look(self) -> tuple[list[Path], list[Path]]:
-        """Pictures to be taken now, in natural order, and those that were taken and are gone."""
+        """Pictures to process now, in natural order, and processed ones that were removed."""
         now = time.monotonic()
         there = {}
         for path in sorted(self.folder.iterdir(), key=natural_order):
@@ -62,12 +62,12 @@ class Arrivals:
 
     @property
     def waiting(self) -> int:
-        """Pictures that are there but not complete."""
+        """Pictures that exist but are not complete."""
         return sum(not seen.taken for seen in self._seen.values())
 
 
 def is_complete(path: Path) -> bool:
-    """Whether a file ends as a picture of its format does; False where the format has no such mark."""
+    """Return whether a file ends as a complete picture of its format does; False if the format has no such mark."""
     mark = next((end for names, end in _ENDS.items() if path.suffix.lower() in names), None)
     if mark is None:
         return False

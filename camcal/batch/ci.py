@@ -15,7 +15,7 @@ MOST_ROWS = 500
 
 
 def checks(rows: Sequence[Row], out: str) -> list[Check]:
-    """One check per job: it is done, and its gates hold."""
+    """One check per job: it has finished, and its gates pass."""
     made = []
     for row in rows:
         done = row["status"] == DONE

@@ -1,4 +1,4 @@
-"""Where jobs run: processes of this machine, or a running Dask cluster; both are `concurrent.futures` executors."""
+"""Executors of jobs: processes of this machine, or a running Dask cluster, as `concurrent.futures` executors."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Local:
             return ThreadPoolExecutor(1)
 
     def restart(self) -> None:
-        """Begin again with new processes, after one was lost and the pool with it."""
+        """Start new processes after one was lost, which breaks the pool."""
         self.close(done=False)
         self.executor = self._start()
 
     def close(self, done: bool) -> None:
-        """End the processes; at once where the work is not `done`."""
+        """End the processes; immediately if the work is not `done`."""
         processes = list((getattr(self.executor, "_processes", None) or {}).values())
         self.executor.shutdown(wait=done, cancel_futures=True)
         if not done:
@@ -95,14 +95,14 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Workers now; they may come and go."""
+        """The current number of workers, which may vary."""
         return max(1, sum(self.client.nthreads().values()))
 
     def restart(self) -> None:
-        """The cluster goes on by itself."""
+        """Do nothing: the cluster recovers by itself."""
 
     def close(self, done: bool) -> None:
-        """Leave the cluster; what was submitted and is not done is cancelled."""
+        """Disconnect from the cluster; submitted jobs that are not finished are cancelled."""
         with contextlib.suppress(Exception):
             self.executor.shutdown(wait=done)
         self.client.close(timeout=CONNECT)

@@ -1,4 +1,4 @@
-"""The cameras of a batch against each other: control charts of each type, outlier cameras, ranking.
+"""Comparison of the cameras of a batch: control charts of each type, outlier cameras, ranking.
 
 The scatter of a quantity over a fleet has two parts: how cameras differ (τ) and how well each is known (its own σ).
 A camera is compared with the median of its type by
@@ -78,7 +78,7 @@ class Control:
 
     @property
     def title(self) -> str:
-        """The quantity with its unit; of a rig's camera with its name."""
+        """The quantity with its unit, and the camera's name for a rig."""
         part, _, quantity = self.quantity.rpartition(" ")
         if quantity in QUANTITIES:
             return f"{part} {QUANTITIES[quantity][1]}".strip()
@@ -96,7 +96,7 @@ class Control:
 
 
 def type_of(row: Row) -> str:
-    """The type of a camera: as its job says, else its model and the size of its pictures."""
+    """The type of a camera: as given by its job, otherwise its model and picture size."""
     return row["type"] or f"{row['model']} {row['image_size']}".strip()
 
 
@@ -130,7 +130,7 @@ class _Group:
 
 
 def quantities(row: Row) -> dict[str, tuple[float, float]]:
-    """What is compared of a job, with its own standard deviation (0 where unknown), by name.
+    """The compared quantities of a job, with their standard deviations (0 if unknown), by name.
 
     Of a camera those of QUANTITIES; of a rig those of each camera, after its name and a blank, and the distances.
     """
@@ -147,7 +147,7 @@ def quantities(row: Row) -> dict[str, tuple[float, float]]:
 
 
 def limit_for(tests: int, cameras: int) -> float:
-    """The largest |z| that is no outlier, of `cameras` of a type, where so many values are tested."""
+    """The largest |z| that is not an outlier, for a type with `cameras` cameras and this number of tested values."""
     from scipy.special import stdtrit
 
     freedom = MAD_EFFICIENCY * (cameras - 1)

@@ -1,4 +1,4 @@
-"""Pictures out of a film or a camera device: frames in which the scene stands still, unlike the last picture."""
+"""Pictures from a film or a camera device: frames in which the scene is still and differs from the last picture."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ STEP = 0.2
 
 
 def is_source(path: Path) -> bool:
-    """Whether a path is a film or a device such as /dev/video0."""
+    """Return whether a path is a film or a device such as /dev/video0."""
     return path.is_char_device() or (path.is_file() and is_film(path))
 
 
 class Selector:
-    """Chooses frames: still, and unlike the last one that was chosen."""
+    """Selects frames that are still and differ from the last selected one."""
 
     def __init__(self) -> None:
         self._before: Array | None = None
         self._kept: Array | None = None
 
     def wants(self, frame: Array) -> bool:
-        """Whether a frame (height, width[, 3]) is to be kept; frames come in order."""
+        """Return whether to keep a frame (height, width[, 3]); frames come in order."""
         gray = frame if frame.ndim == 2 else frame.mean(2)
         height = max(1, round(gray.shape[0] * WIDTH / gray.shape[1]))
         small = cv2.resize(gray.astype(np.float32), (WIDTH, height), interpolation=cv2.INTER_AREA)
@@ -57,7 +57,7 @@ def _apart(a: Array, b: Array) -> float:
 
 
 class Grabber(threading.Thread):
-    """Writes chosen frames into a folder, where they are watched like other pictures.
+    """Writes selected frames into a folder, which is watched as usual.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a batch is to do: a folder with a sub-folder per camera, or a file that lists the jobs.
+"""The jobs of a batch: a folder with a sub-folder per camera, or a file that lists them.
 
     jobs:
       - {name: left, images: pictures/left, board: 9x6}
@@ -67,7 +67,7 @@ class Job:
 
     @property
     def digest(self) -> str:
-        """Identifies what is to be done: the same digest means the same inputs and options."""
+        """A digest of the job: equal for equal inputs and options."""
         said = [self.kind, self.sources, sorted((n, readable(v)) for n, v in self.options.items())]
         return hashlib.sha256(json.dumps(said, default=str).encode()).hexdigest()[:16]
 
@@ -257,7 +257,7 @@ def _cameras(value: Any, base: Path, where: str) -> tuple[str, ...]:
 
 
 def _check_models(jobs: Any) -> None:
-    """Refuse a model, or a held parameter, that does not exist, before any job is run."""
+    """Reject a model, or a held parameter, that does not exist, before any job is run."""
     from camcal.model import lenses
     from camcal.solve.parameters import apply_fixed
 

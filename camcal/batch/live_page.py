@@ -1,4 +1,4 @@
-"""The page of `camcal watch`: what the last pictures brought, and where to hold the target; it reloads itself."""
+"""The page of `camcal watch`: the effect of the last pictures, and where to hold the target; it reloads itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHOWN = 30  #: pictures in the table, the last ones
 
 
 class LivePage:
-    """A page on the loopback interface.
+    """A page served on the loopback interface.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class LivePage:
                 self.wfile.write(data)
 
             def log_message(self, *args: Any) -> None:
-                """Say nothing on stderr."""
+                """Suppress messages on stderr."""
 
         try:
             self.server = ThreadingHTTPServer((HOST, port), Handler)
@@ -67,21 +67,21 @@ class LivePage:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """The address of the page."""
         return f"http://{HOST}:{self.server.server_address[1]}/"
 
     def show(self, steps: Sequence[Step], chart: Chart | None, target: float | None) -> None:
-        """Renew the page."""
+        """Update the page."""
         self.text = page(steps, chart, target)
 
     def close(self) -> None:
-        """Take the page away."""
+        """Stop serving the page."""
         self.server.shutdown()
         self.server.server_close()
 
 
 def page(steps: Sequence[Step], chart: Chart | None, target: float | None) -> str:
-    """The page as text."""
+    """The page as HTML text."""
     style = Path(html.__file__).with_name("style.css").read_text(encoding="utf-8")
     last = steps[-1] if steps else None
     if last is None:

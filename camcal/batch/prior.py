@@ -1,4 +1,4 @@
-"""Cameras of one type help each other: a prior from the fleet for cameras that few views leave uncertain.
+"""A prior from cameras of the same type, for cameras that few views leave uncertain.
 
 The parameters p of a camera are the fleet's mean μ, the camera's own deviation of covariance T, and the error of its
 calibration of covariance C. With the mean and the covariance S of all p of a type,
@@ -66,7 +66,7 @@ def regularised(values: Array, covariances: Array) -> tuple[Array, Array, Array]
 
 
 def write_fleet(rows: Sequence[Row], storage: Storage) -> int:
-    """Write OUT/fleet/NAME.yaml, the regularised camera, for each camera of a type that is large enough.
+    """Write OUT/fleet/NAME.yaml, the regularised camera, for each camera of a sufficiently large type.
 
     Returns
     -------

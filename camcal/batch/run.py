@@ -1,4 +1,4 @@
-"""Distribute jobs, keep what is done, go on after a kill; a job that fails stops no other.
+"""Distribution of jobs, with resumption after a kill; a failed job does not stop the others.
 
 What is done stands in OUT/batch-state: files of rows (JSON lines), each written in one piece, so that neither a
 kill nor an object store without appending does harm. Reports that a killed run had not noted yet are read.
@@ -72,7 +72,7 @@ class State:
             self.rows[row["name"]] = packed(row | {"type": type_})
 
     def _from_report(self, name: str) -> Row | None:
-        """The row of a report that a killed run has written but not noted; None where it is none of a batch."""
+        """The row of a report that a killed run wrote but did not record; None if it is not a report of a batch."""
         try:
             report = parse_yaml(self.storage.read(f"{name}.yaml") or "", f"{name}.yaml", aliases=0)
             digest = report["options"][JOB]["value"]
@@ -89,7 +89,7 @@ class State:
             self.save()
 
     def save(self) -> None:
-        """Note what is new."""
+        """Save new rows."""
         if self._new:
             self._files += 1
             text = "".join(json.dumps(row) + "\n" for row in self._new)
@@ -159,7 +159,7 @@ def _check_free(storage: Storage, jobs: Sequence[Job], allowed: bool) -> None:
 
 
 def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]:
-    """The rows of jobs as they are done, in any order; a bounded number is in flight."""
+    """The rows of jobs as they finish, in any order; a bounded number is in flight."""
     waiting, alone = deque(jobs), deque[Job]()
     flying: dict[Future, list[Job]] = {}
     spent, count, finished = 0.0, 0, False
@@ -201,7 +201,7 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
 
 
 def _group(waiting: deque[Job], seconds: float, workers: int) -> list[Job]:
-    """The next jobs: about GROUP seconds of work, one where that is not known yet; fewer towards the end."""
+    """The next jobs: about GROUP seconds of work, one if that is not known yet; fewer towards the end."""
     wanted = min(MOST_IN_GROUP, int(GROUP / seconds)) if seconds > 0 else 1
     fair = len(waiting) // (AHEAD * workers)
     return [waiting.popleft() for _ in range(max(1, min(wanted, fair)))]

@@ -1,4 +1,4 @@
-"""Where a batch reads and writes: a local folder, or any file system that fsspec knows (s3, gs, ssh, ...)."""
+"""The storage of a batch: a local folder, or any file system supported by fsspec (s3, gs, ssh, ...)."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from camcal.system.writing import atomic_write
 
 
 def is_remote(path: str) -> bool:
-    """Whether a path names a file system: `s3://bucket/folder`."""
+    """Return whether a path names a remote file system: `s3://bucket/folder`."""
     return "://" in path
 
 
 def shown(address: str) -> str:
-    """An address as it may be shown and kept: without a password."""
+    """An address without its password, for display and storage."""
     return re.sub(r"(://[^/@:]*):[^/@]*@", r"\1:***@", address)
 
 
 @contextmanager
 def _answers(address: str, what: str) -> Iterator[None]:
-    """Say of any error of a remote file system what could not be done; each of them has errors of its own.
+    """Convert any error of a remote file system, each of which has its own exceptions, into a message.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Storage:
         return posixpath.join(self._folder, name) if name else self._folder
 
     def make(self, name: str = "") -> None:
-        """Make a folder, and those above it."""
+        """Make a folder and its parents."""
         if self.remote is not None:
             with _answers(self.root, "written"):
                 self.remote.makedirs(self._path(name), exist_ok=True)
@@ -94,7 +94,7 @@ class Storage:
                 self.remote.pipe_file(self._path(name), data)
 
     def read(self, name: str) -> str | None:
-        """The text of a file; None where there is none."""
+        """The text of a file; None if it does not exist."""
         try:
             if self.remote is None:
                 if not Path(self._path(name)).exists():
@@ -106,7 +106,7 @@ class Storage:
             return None
 
     def names(self, folder: str = "") -> set[str]:
-        """The names in a folder; none where it does not exist."""
+        """The names in a folder; empty if it does not exist."""
         try:
             if self.remote is None:
                 return {path.name for path in Path(self._path(folder)).iterdir()}
@@ -141,7 +141,7 @@ def _connect(address: str) -> tuple[Any, str]:
 
 @contextmanager
 def local_copies(sources: Sequence[str]) -> Iterator[list[str]]:
-    """Local paths of inputs; remote files and folders are copied for as long as they are needed.
+    """Local paths of inputs; remote files and folders are copied while they are needed.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def local_copies(sources: Sequence[str]) -> Iterator[list[str]]:
 
 
 def address_of(path: str, sources: Sequence[str], paths: Sequence[str]) -> str:
-    """Where an input came from: the address of what was copied for the job, else its own path."""
+    """The origin of an input: the remote address if it was copied for the job, otherwise its path."""
     for source, local in zip(sources, paths, strict=True):
         if is_remote(source) and (path == local or path.startswith(f"{local}/")):
             return shown(source).rstrip("/") + path[len(local) :]

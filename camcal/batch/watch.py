@@ -1,4 +1,4 @@
-"""A calibration that grows with each picture: what the picture brought, and where to hold the target next."""
+"""A calibration that is updated with each picture: the effect of the picture, and where to hold the target next."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FIRST_POSES = (
 
 @dataclass(frozen=True)
 class Step:
-    """What a picture brought.
+    """The effect of a picture.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Step:
 
 
 class Watcher:
-    """The pictures so far and the camera that they give.
+    """The pictures so far and the resulting camera.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Watcher:
 
     # ------------------------------------------------------------------ pictures
     def take(self, path: Path) -> Step:
-        """Search a picture, new or changed, and update the camera."""
+        """Search a new or changed picture, and update the camera."""
         began = time.perf_counter()
         self.outcomes[path] = self._examine(path)
         if not self.certain:
@@ -115,7 +115,7 @@ class Watcher:
         return replace(self._update(step), seconds=time.perf_counter() - began)
 
     def drop(self, path: Path) -> Step:
-        """Forget a picture that is gone."""
+        """Remove a picture that was deleted."""
         step = Step(self._ids()[path], "removed")
         del self.outcomes[path]
         return self._update(step)
@@ -125,7 +125,7 @@ class Watcher:
         return examine(Task(path, self.target, self.search["seconds"], folder))
 
     def _recognise(self) -> None:
-        """Find out from all pictures so far what the target is; a known one is searched for in each."""
+        """Recognise the target from all pictures so far; a known one is searched for in each."""
         said: dict[str, Any] = {}
 
         def listen(event: str, details: Mapping[str, Any]) -> None:
@@ -148,7 +148,7 @@ class Watcher:
         return dict(zip(files, view_ids(files), strict=True))
 
     def observations(self) -> Observations:
-        """All pictures so far, as `detect_images` gives them."""
+        """All pictures so far, in the form of `detect_images`."""
         assert self.target is not None
         ids = self._ids()
         found = [o for o in self.outcomes.values() if o.detection is not None]
@@ -172,7 +172,7 @@ class Watcher:
 
     # ------------------------------------------------------------------ the camera
     def _update(self, step: Step) -> Step:
-        """Calibrate again, and say what has changed."""
+        """Calibrate again, and report the changes."""
         views = sum(o.detection is not None for o in self.outcomes.values())
         before, self.chart = self.worst, None
         step = replace(step, views=views, before=before)
@@ -204,7 +204,7 @@ class Watcher:
 
 
 def worst_uncertainty(solution: Solution) -> tuple[float, str]:
-    """The worst projection uncertainty over the picture at the boards' distance, px, and where that is."""
+    """The worst projection uncertainty over the picture at the boards' distance, px, and its pixel."""
     low, high = Facts(solution).low_high
     found = map_over_image(projection_uncertainty(solution), low, high, board_distance(solution))
     u, v, sigma = found.worst

@@ -1,4 +1,4 @@
-"""One job, in whatever process: read, calibrate, write the report, and say in a row how it went."""
+"""One job, in any process: read, calibrate, write the report, and summarise it in a row."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ JOB = "job"  #: the entry among the options of a report that holds the digest of
 
 
 def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
-    """Do some jobs, one after the other; their rows, when all reports are on the disk.
+    """Run some jobs sequentially; return their rows once all reports are on disk.
 
     A report is written while the next job is computed: a disk that is asked to keep a file (fsync) takes as long as a
     quick calibration.
@@ -49,7 +49,7 @@ def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
 
 
 def _done(job: Job) -> tuple[Row, str | None]:
-    """The row of a job and the text of its report; None where it failed."""
+    """The row of a job and the text of its report; None if it failed."""
     began = time.perf_counter()
     row: Row = {"name": job.name, "type": job.type, "digest": job.digest}
     text = None
@@ -66,14 +66,14 @@ def _done(job: Job) -> tuple[Row, str | None]:
 
 
 def _keep(job: Job, row: Row, text: str, storage: Storage) -> None:
-    """Write the report of a job; where that is not possible, the job has failed."""
+    """Write the report of a job; if that is impossible, the job has failed."""
     with _failures_in(row, job):
         storage.write(f"{job.name}.yaml", text)
 
 
 @contextmanager
 def _failures_in(row: Row, job: Job) -> Iterator[None]:
-    """Note any error in the row of a job, in place of its figures: it must not stop the others."""
+    """Record any error in the row of a job instead of its figures; it must not stop the others."""
     try:
         yield
         return
@@ -113,7 +113,7 @@ def _report(job: Job) -> tuple[dict[str, Any], Any]:
 
 
 def _split(job: Job, source: str) -> tuple[str, str]:
-    """The camera that a source belongs to ("" of a table, and where there is one camera), and the source itself."""
+    """The camera of a source ("" for a table or a single camera), and the source itself."""
     pair = split_camera(source) if job.kind == CAMERAS else None
     return pair or ("", source)
 
@@ -169,7 +169,7 @@ def _rig(names: Sequence[str], paths: Sequence[str], values: dict[str, Any]) -> 
 
 
 def _on_board(data: Observations, options: dict[str, Any]) -> Observations:
-    """The data on the board of a report, where `board_shape` names one."""
+    """The data on the board of a report, if `board_shape` names one."""
     if not is_report(options["board_shape"]):
         return data
     from camcal.report.board import on_known_board
@@ -178,7 +178,7 @@ def _on_board(data: Observations, options: dict[str, Any]) -> Observations:
 
 
 def distortion_px(camera: Camera) -> float:
-    """The mean radial displacement by the lens at half the picture's height from the principal point, px.
+    """The mean radial distortion at half the picture's height from the principal point, px.
 
     Of the projections of eight rays that a camera without distortion would see there: one figure for any lens
     model. NaN where the size of the picture is not known or the lens does not see so far.
@@ -195,7 +195,7 @@ def distortion_px(camera: Camera) -> float:
 
 
 def summary_row(report: dict[str, Any]) -> Row:
-    """What the summary says of a finished job, from its report."""
+    """The summary row of a finished job, from its report."""
     fit, rig = report["fit"], report.get("rig")
     cameras = report["cameras"] if rig else {"": report["camera"]}
     row: Row = {
@@ -237,7 +237,7 @@ def _of_camera(camera: dict[str, Any]) -> Row:
 
 
 def _for_prior(report: dict[str, Any], solution: Solution) -> Row:
-    """What `prior.py` needs: the camera, its free parameters, and the covariance of these."""
+    """The input of `prior.py`: the camera, its free parameters, and their covariance."""
     from camcal.assess.covariance import covariance
 
     accuracy = covariance(solution)

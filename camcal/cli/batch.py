@@ -94,7 +94,7 @@ def _name_bad(rows: Iterable[Mapping[str, Any]]) -> None:
 
 
 class Progress:
-    """Says how far the jobs are: a bar on a terminal, else a few lines; with the time that is left."""
+    """Shows the progress of the jobs with the remaining time: a bar on a terminal, otherwise a few lines."""
 
     def __init__(self) -> None:
         self.began = time.monotonic()
@@ -102,7 +102,7 @@ class Progress:
         self.said = 0
 
     def __call__(self, row: Mapping[str, Any], done: int, total: int) -> None:
-        """Take a row; `done` of `total` jobs are done."""
+        """Process a row; `done` of `total` jobs have finished."""
         if self.first is None:
             self.first = done - 1  # those of an earlier run took no time
         note(f"{row['name']}: {row.get('reason') or row['status']}", 1)

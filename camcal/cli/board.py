@@ -1,4 +1,4 @@
-"""`camcal board`: a target to print, and the configuration that goes with it."""
+"""`camcal board`: a target to print, and the configuration for using it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def command(spec: str, output: Path, page: str, dpi: float, force: bool) -> None
 
 
 def _configuration(name: str, own_name: str, spec: str, instructions: tuple[str, ...]) -> str:
-    """The file that goes with a print: how to measure and mount it, and the target for `--config`."""
+    """The file that accompanies a print: how to measure and mount it, and the target for `--config`."""
     from textwrap import wrap
 
     lines = [f"# {name}; use: camcal checkerboard IMAGES --config {own_name}", "#"]

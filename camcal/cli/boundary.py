@@ -1,4 +1,4 @@
-"""The one place where an exception becomes a message and an exit code.
+"""The single place where exceptions become messages and exit codes.
 
 | exit | what happened                                   |
 |------|-------------------------------------------------|
@@ -33,7 +33,7 @@ NO_MEMORY = -4  #: cv2.Error.StsNoMem
 
 
 def run(args: Sequence[str]) -> int:
-    """Run one command line and return its exit code; no exception gets past this function.
+    """Run one command line and return its exit code; no exception escapes this function.
 
     click's own `main` is not used: it turns ^C and a bare EOFError into the same `Abort`, and a broken
     pipe into exit code 1.
@@ -91,7 +91,7 @@ def _invoke(args: list[str], state: dict[str, Any]) -> int:
 
 
 def explain_usage(error: click.ClickException) -> tuple[str, str | None]:
-    """Put one of click's errors into the words of camcal's: (message, hint)."""
+    """Rephrase one of click's errors as (message, hint)."""
     ctx = getattr(error, "ctx", None)
     help_hint = f"{ctx.command_path} --help shows what it takes." if ctx else None
     if isinstance(error, click.NoSuchOption):
@@ -107,7 +107,7 @@ def explain_usage(error: click.ClickException) -> tuple[str, str | None]:
 
 
 def _name_of(error: click.BadParameter) -> str:
-    """Return what the value was given to: the flag, the argument, or what the error itself names."""
+    """Return the target of a value: the flag, the argument, or the name in the error itself."""
     hint = error.param_hint
     if isinstance(hint, str):
         return hint

@@ -1,4 +1,4 @@
-"""The log that a bug leaves behind: traceback, command, versions."""
+"""The log of an internal error: traceback, command, versions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "click", "PyYAML
 
 
 def write_log(error: Exception, args: Sequence[str]) -> Path | None:
-    """Write what is needed to look into a bug; return where it is, or None where no folder takes it."""
+    """Write the details of an internal error; return the path, or None if no folder is writable."""
     text = "\n".join(
         [
             f"camcal {__version__} · {time.strftime('%Y-%m-%dT%H:%M:%S%z')}",
@@ -46,7 +46,7 @@ def write_log(error: Exception, args: Sequence[str]) -> Path | None:
 
 
 def _folders() -> Iterator[Path]:
-    """Where a log may go, best first: the platform's folder for the state of programs, the temporary folder."""
+    """Folders for a log, best first: the platform's state folder, the temporary folder."""
     with contextlib.suppress(RuntimeError):  # the system does not know the user
         yield platformdirs.user_state_path("camcal", appauthor=False)
     with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Camera files of other programs written along with a report: `--save-camera`, and `-o cam.yml`."""
+"""Camera files of other programs, written with a report: `--save-camera`, and `-o cam.yml`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ if TYPE_CHECKING:
 
 
 def is_report(path: Path | None, options: Mapping[str, Any]) -> bool:
-    """Whether `--output` is a report: with other endings than .yaml the main jobs write the camera alone."""
+    """Return whether `--output` is a report; with an extension other than .yaml the main jobs write only the
+    camera.
+    """
     from camcal.data.formats import format_of
 
     return path is None or "save_camera" not in options or format_of(path) in (None, "camcal")
 
 
 def targets(options: Mapping[str, Any]) -> list[tuple[str | None, Path]]:
-    """The camera files to write and their formats: of `--save-camera`, and `--output` where it is one.
+    """The camera files to write and their formats: of `--save-camera`, and `--output` if it is one.
 
     The format is None where the ending of the name says it.
     """
@@ -37,7 +39,7 @@ def targets(options: Mapping[str, Any]) -> list[tuple[str | None, Path]]:
 
 
 def check(options: Mapping[str, Any]) -> None:
-    """Raise a UsageError where a camera file cannot be written, before any work is done."""
+    """Raise a UsageError if a camera file cannot be written, before any work is done."""
     from camcal.data.formats import format_of
     from camcal.data.writing import check_writable
 

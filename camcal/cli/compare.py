@@ -41,7 +41,7 @@ def command(a: Path, b: Path | None, **options: Any) -> int:
 
 
 def _not_compared(a: Path, b: Path | None, error: CamcalError, options: dict[str, Any]) -> None:
-    """What CI systems read says of a comparison that could not be made."""
+    """Report a comparison that could not be made to CI systems."""
     from camcal.cli.output import write_for_ci
     from camcal.report.ci import Check
 

@@ -1,4 +1,4 @@
-"""What the shell's completion offers beside files and the names of tables: the cameras that a line names before."""
+"""Shell completion beyond files and names of tables: the cameras that the rest of the line names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OF_CAMERAS = ("camera", "reference", "hold")
 
 
 def camera_names() -> list[str]:
-    """The names in words NAME=PICTURES, and of the cameras in files, on the line that is completed.
+    """The names in arguments NAME=PICTURES, and of the cameras in files, on the line to be completed.
 
     The words come from the shell (`COMP_WORDS`, which all of click's scripts set): click does not parse a line that
     ends with an option without a value.
@@ -27,7 +27,7 @@ def camera_names() -> list[str]:
 
 
 def _in_file(path: Path) -> list[str]:
-    """The cameras of a camera file or of a table with a column `camera`; none of any other."""
+    """The cameras of a camera file or of a table with a column `camera`; none for other files."""
     from camcal.data.formats import read
     from camcal.data.labelled import read_labelled
     from camcal.errors import CamcalError

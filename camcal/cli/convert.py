@@ -50,7 +50,7 @@ def command(ctx: click.Context, source: Path, target: Path | None, **options: An
 
 
 def _target(target: Path | None, options: dict[str, Any]) -> Path | None:
-    """DST, or --output in its place; checked before any work is done."""
+    """DST, or --output instead; checked before any work is done."""
     if target is not None and options["output"] is not None:
         raise UsageError("DST and --output are both given.", "Give one of them.")
     target = target or options["output"]
@@ -79,7 +79,7 @@ def _format_name(target: Path, options: dict[str, Any]) -> str | None:
 
 
 def _source(source: Path, options: dict[str, Any]) -> CameraFile:
-    """The cameras to convert, with the size of the image where the command line says it."""
+    """The cameras to convert, with the image size if the command line gives it."""
     from camcal.data.formats import files
 
     found = files.read(source, options["source_format"], options["image_size"])
@@ -93,7 +93,7 @@ def _source(source: Path, options: dict[str, Any]) -> CameraFile:
 
 
 def _is_square(target: Path | None, options: dict[str, Any]) -> bool:
-    """Whether the format to write holds --to-model with one focal length alone, fx = fy."""
+    """Return whether the target format supports --to-model only with a single focal length, fx = fy."""
     name = None if target is None else _format_name(target, options)
     if name in (None, "camcal"):
         return False
@@ -109,7 +109,7 @@ def _is_square(target: Path | None, options: dict[str, Any]) -> bool:
 def _refitted(
     cameras: CameraFile, options: dict[str, Any], square: bool
 ) -> tuple[CameraFile, dict[str, Any]]:
-    """Every camera as the closest one of --to-model; the figures are those of the worst."""
+    """Every camera refitted as the closest one of --to-model; the figures are those of the worst."""
     made = [_closest(named.camera, options, square) for named in cameras.cameras]
     refitted = tuple(replace(c, camera=found.camera) for c, found in zip(cameras.cameras, made, strict=True))
     worst = max(made, key=lambda found: found.max_px)
@@ -152,7 +152,7 @@ def _document(ctx: click.Context, cameras: CameraFile, figures: dict[str, Any]) 
 def _write(
     document: dict[str, Any], cameras: CameraFile, target: Path, options: dict[str, Any]
 ) -> list[dict[str, Any]]:
-    """Write DST; what was written, with the difference of what reads back."""
+    """Write DST; return what was written, with the difference after reading it back."""
     name = _format_name(target, options)
     if name == "camcal":
         from camcal.report.document import save

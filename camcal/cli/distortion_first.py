@@ -1,4 +1,6 @@
-"""`camcal estimate --distortion`: the distortion is known, the rest calibrated, the joint solution beside it."""
+"""`camcal estimate --distortion`: the distortion is given, the rest calibrated, and compared with the joint
+solution.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
 def held_options(
     path: Path, data: Correspondences, options: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options of a calibration that holds a known distortion, and the report's `distortion_first`.
+    """The options of a calibration with held distortion, and the report's `distortion_first`.
 
     A pinhole camera is calibrated on undistorted points; at its focal length the known lens has other
     coefficients, and these are held. The joint solution of the same model and points stands beside it.

@@ -57,7 +57,7 @@ def _of_report(path: Path) -> dict[str, Any]:
 
 
 def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
-    """Pictures are looked at first, and then calibrated as `camcal checkerboard` would."""
+    """Examine pictures first, then calibrate them as `camcal checkerboard` would."""
     from camcal.cli.job import read_data
     from camcal.errors import CamcalError
     from camcal.plan.calibrate import calibrate
@@ -85,7 +85,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _once(findings: list[Any]) -> list[Any]:
-    """Leave out what names bad pictures a second time: warnings of them, and findings without a gain."""
+    """Remove findings that name bad pictures a second time: warnings about them, and findings without a gain."""
     looked = any(f.code.startswith("pictures-") for f in findings)
     codes = [f.code for f in findings]
     return [

@@ -51,7 +51,7 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
 
 
 def _rig(ctx: click.Context, camera: Path, data: tuple[str, ...], options: dict[str, Any]) -> int:
-    """Test a rig: one pose of the board at each instant, for all of its cameras together."""
+    """Evaluate a rig: one pose of the board per instant, for all its cameras together."""
     from camcal.cli.rig import deliver_rig, read_views
     from camcal.plan.known_rig import evaluate_rig
     from camcal.report.opening import load_rig_cameras

@@ -54,7 +54,7 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
 
 
 def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution | RigSolution:
-    """The calibration of the pictures: read from a report, or made."""
+    """The calibration of the pictures: read from a report, or computed."""
     if len(data) == 1 and is_report(data[0]):
         from camcal.report.hand_eye import load_calibration
 

@@ -1,4 +1,4 @@
-"""Whether an input is of the kind that a command takes: pictures or tables of points."""
+"""Checks that an input is of the kind that a command accepts: pictures or tables of points."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def refuse_missing(paths: Sequence[str | Path]) -> None:
 
 
 def refuse_tables(paths: Sequence[str | Path]) -> None:
-    """Raise a DataError that names the right command where a table of points stands among pictures."""
+    """Raise a DataError that names the right command if there is a table of points among pictures."""
     refuse_missing(paths)
     tables = [str(p) for p in paths if is_table(p)]
     if tables:
@@ -36,7 +36,9 @@ def refuse_tables(paths: Sequence[str | Path]) -> None:
 
 
 def refuse_pictures(paths: Sequence[str | Path]) -> None:
-    """Raise a DataError that names the right command where a picture, a film or a folder of them is no table."""
+    """Raise a DataError that names the right command if a picture, a film or a folder was given instead of a
+    table.
+    """
     refuse_missing(paths)
     others = [Path(p) for p in paths if not is_table(p)]
     if not others:

@@ -1,4 +1,4 @@
-"""What the calibrating commands share: read, calibrate, report, exit code."""
+"""The common part of the calibrating commands: read, calibrate, report, exit code."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ OnPicture = Callable[[Mapping[str, Any]], Any]
 
 
 def is_table(path: str | Path) -> bool:
-    """Whether a name is that of a table of points; `FILE#CAMERA` is one camera of it."""
+    """Return whether a name is that of a table of points; `FILE#CAMERA` is one camera of it."""
     return Path(path).suffix.lower().partition("#")[0] in TABLES
 
 
@@ -57,7 +57,7 @@ def names_of(settings: type[Settings]) -> list[str]:
 
 
 def output_is_free(options: dict[str, Any], *more: str) -> None:
-    """Raise a UsageError where a file cannot be written, before any work is done.
+    """Raise a UsageError if a file cannot be written, before any work is done.
 
     These are `--output`, `--trace`, and the options named in `more`.
     """
@@ -72,7 +72,7 @@ def output_is_free(options: dict[str, Any], *more: str) -> None:
 def read_data(
     paths: tuple[str, ...], options: dict[str, Any], on_picture: OnPicture | None = None
 ) -> Correspondences:
-    """Read tables of points or pictures of a board, whichever the names say."""
+    """Read tables of points or pictures of a board, depending on the names."""
     if all(is_table(path) for path in paths):
         from camcal.data.points import read_points
 
@@ -87,7 +87,7 @@ def read_data(
 
 
 def in_order(paths: tuple[Any, ...], options: Mapping[str, Any], ctx: click.Context) -> tuple[Any, ...]:
-    """The inputs as they were given; with --reproducible in the order of their names, in the report too.
+    """The inputs as given; with --reproducible sorted by name, in the report too.
 
     Those of a rig, `NAME=PATH`, stay in the order of their cameras: the first is the reference.
     """
@@ -133,7 +133,7 @@ def search_options(options: Mapping[str, Any]) -> dict[str, Any]:
 def detection_events(
     show: Callable[[int, int], None], on_picture: OnPicture | None = None
 ) -> Callable[[str, Mapping[str, Any]], None]:
-    """What the search in pictures says as it goes on; `show` is called with (done, count)."""
+    """Progress messages of the search in pictures; `show` is called with (done, count)."""
 
     def show_event(event: str, details: Mapping[str, Any]) -> None:
         if event in ("searched", "film"):
@@ -160,7 +160,7 @@ def detection_events(
 
 
 def _recognised(details: Mapping[str, Any]) -> str:
-    """One line: what the pictures show, and what to type to say so."""
+    """One line: the recognised target, and the option that selects it."""
     said = "target: {words}, in {pictures} of {of} {noun}".format(**details)
     if not details["whole"]:
         said += " (the end of the board is not seen; a part of this size is used)"
@@ -170,7 +170,7 @@ def _recognised(details: Mapping[str, Any]) -> str:
 
 
 def save_detections(found: Correspondences, path: Path, force: bool) -> None:
-    """Write what was found in pictures as a table that `camcal estimate` reads."""
+    """Write the detections as a table that `camcal estimate` reads."""
     from camcal.data.writing import write_points
 
     write_points(path, found, force, view_column="file")
@@ -184,7 +184,7 @@ def calibrate_and_report(
     save_corners: Path | None = None,
     sections: Mapping[str, Any] | None = None,
 ) -> int:
-    """Calibrate, write the report and show it; return 1 where the verdict is `fail`, else 0.
+    """Calibrate, write the report and show it; return 1 if the verdict is `fail`, otherwise 0.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def deliver_solution(
     options: dict[str, Any],
     sections: Mapping[str, Any] | None = None,
 ) -> int:
-    """Write the report to `output`, show it on stdout, sum it up on stderr; return the exit code.
+    """Write the report to `output`, show it on stdout, summarise it on stderr; return the exit code.
 
     `sections` are further entries of the report, such as `selection`: how the model was chosen.
     """
@@ -261,7 +261,7 @@ def delivered(
     command: list[str],
     tables: Callable[[dict[str, Any]], Any],
 ) -> int:
-    """Write a report and its cameras, show it on stdout, sum it up on stderr; return the exit code."""
+    """Write a report and its cameras, show it on stdout, summarise it on stderr; return the exit code."""
     from camcal.report.document import save
     from camcal.report.table import summary
 

@@ -32,7 +32,7 @@ TABLES: dict[str, tuple[str, str]] = {
 
 
 def entries(kind: str) -> list[dict[str, str]]:
-    """List `{name, summary}` of one table, without loading what it points to."""
+    """List `{name, summary}` of one table, without loading the entries."""
     module_name, attribute = TABLES[kind]
     module = importlib.import_module(module_name)
     known: Mapping[str, object] = getattr(module, attribute, {})
@@ -45,7 +45,7 @@ def entries(kind: str) -> list[dict[str, str]]:
 
 
 def _own_text(value: object) -> str:
-    """Return the help line that the table of commands holds itself; other tables hold a path only."""
+    """Return the help line if the table of commands holds it; other tables hold only a path."""
     return value[1] if isinstance(value, tuple) else ""
 
 
@@ -73,7 +73,7 @@ def command(kind: str, format: str) -> None:
 
 
 def _with_room(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The formats with what each can hold, which is known once they are loaded."""
+    """The formats with what each can represent, which is known once they are loaded."""
     from camcal.data.formats.files import named_format
 
     made = []
@@ -92,5 +92,5 @@ def _with_room(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _shown(models: list[str]) -> str:
-    """Lens models on a line; all for camcal's own format, which names none."""
+    """Lens models on one line; all of them for camcal's own format."""
     return ", ".join(m.replace("+", " +") for m in models) or "all"

@@ -1,4 +1,4 @@
-"""Man pages, written from the commands themselves: `python -m camcal.cli.man FOLDER`.
+"""Man pages, generated from the commands: `python -m camcal.cli.man FOLDER`.
 
 FOLDER gets camcal.1 and a page for each command, camcal-estimate.1 and so on, in the macros of man(7).
 """
@@ -83,7 +83,7 @@ def _commands() -> list[str]:
 
 
 def _exit_codes() -> list[str]:
-    """The table of the reference, so that there is one place for them."""
+    """The table of the reference, so that exit codes are documented once."""
     lines = [".SH EXIT STATUS"]
     for row in HEAD.splitlines():
         cells = [c.strip() for c in row.strip("|").split("|")]
@@ -108,7 +108,7 @@ def _text(help: str) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    """Text without what roff takes for a command: backslashes, hyphens of options, a point at the start of a line."""
+    """Escape roff syntax: backslashes, hyphens of options, a dot at the start of a line."""
     text = text.replace("\\", "\\e").replace("-", "\\-").replace("`", "")
     return "\\&" + text if text.startswith((".", "'")) else text
 

@@ -55,7 +55,7 @@ def command(report: Path, **options: Any) -> None:
 
 
 def _of_rig(solution: Any, options: dict[str, Any]) -> None:
-    """Where to hold the board so that the distances of the cameras are best known."""
+    """Where to hold the board so that the baselines become best determined."""
     if options["output"] is not None or options["target_px"] is not None:
         raise UsageError(
             "of a rig, the next instant is said in words only, and for its distances.",

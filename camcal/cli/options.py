@@ -1,4 +1,4 @@
-"""click's options, made from `camcal.settings`, and where the value of each came from.
+"""click's options, made from `camcal.settings`, and the origin of each value.
 
 A value comes from the flag, else from the environment (`CAMCAL_MAX_RMS` for `--max-rms`), else from the
 configuration file, else from the default. The file feeds click's `default_map`, so that click's own rules make a
@@ -32,7 +32,7 @@ CONFIG = "camcal.config"  #: the key of the path that was read, in `ctx.meta`
 
 
 class HintedError(click.BadParameter):
-    """A bad value with one thing to try."""
+    """A bad value, with a hint."""
 
     def __init__(self, error: UsageError, **kwargs: Any):
         super().__init__(error.message, **kwargs)
@@ -46,7 +46,7 @@ class KindType(click.ParamType):
         self.name, self.kind = kind.metavar, kind
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the value as the program works with it."""
+        """Return the value in the form that the program uses."""
         try:
             return self.kind.convert(value)
         except UsageError as error:
@@ -82,7 +82,9 @@ class SettingOption(click.Option):
         )
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
-        """Offer the cameras that the line names, where one is wanted; else what the kind of value offers."""
+        """Offer the cameras that the line names if one is expected; otherwise the completions of the kind of
+        value.
+        """
         from click.shell_completion import CompletionItem
 
         from camcal.cli.completion import OF_CAMERAS, camera_names
@@ -93,7 +95,7 @@ class SettingOption(click.Option):
         return [CompletionItem(before + comma + n) for n in camera_names() if n.startswith(last)]
 
     def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
-        """Let a word of a switch that has some follow it: `--crosscheck full`."""
+        """Allow a switch that takes words to be followed by one: `--crosscheck full`."""
         super().add_to_parser(parser, ctx)
         words = self.setting.kind.words() if self.setting.is_switch else []
         if not words:
@@ -119,13 +121,13 @@ class SettingOption(click.Option):
         parser._match_long_opt = split
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
-        """Take a word of a switch as it is, from wherever it comes."""
+        """Pass a word of a switch through unchanged."""
         if self.setting.is_switch and value in self.setting.kind.words():
             return value
         return super().type_cast_value(ctx, value)
 
     def process_value(self, ctx: click.Context, value: Any) -> Any:
-        """Convert the value; name the environment variable where a bad value stands there."""
+        """Convert the value; an error names the environment variable if the value came from one."""
         try:
             found = super().process_value(ctx, value)
             return KindType(self.setting.kind).convert(list(found), self, ctx) if self.multiple else found
@@ -136,7 +138,7 @@ class SettingOption(click.Option):
 
 
 def _default(setting: Option) -> dict[str, Any]:
-    """Return click's `default`; none of a required option, which click 8.3 would take for a value that was given."""
+    """Return click's `default`; nothing for a required option, since click 8.3 would treat it as a given value."""
     if setting.required:
         return {}
     return {"default": tuple(setting.default or ()) if setting.repeated else setting.default}
@@ -164,7 +166,7 @@ def options(command: str) -> Callable[[Any], Any]:
 
 
 def _use_one_thread(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
-    """With --reproducible, sums are formed in one order, however many processors there are."""
+    """With --reproducible, form sums in one order, whatever the number of processors."""
     if value:
         from camcal.system.processes import use_one_thread
 
@@ -173,7 +175,7 @@ def _use_one_thread(ctx: click.Context, param: click.Parameter, value: bool) -> 
 
 
 def _read_config(command: str) -> Callable[[click.Context, click.Parameter, Path | None], None]:
-    """Return the callback of `--config`, which feeds the file, else ./camcal.yaml, to the `default_map`."""
+    """Return the callback of `--config`, which feeds that file or ./camcal.yaml to the `default_map`."""
 
     def read(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
         from camcal.settings.config import DEFAULT_FILE, load_config, values_for
@@ -205,13 +207,13 @@ def resolved_options(ctx: click.Context) -> dict[str, dict[str, Any]]:
 
 
 def settle(ctx: click.Context, options: dict[str, Any], **usual: Any) -> None:
-    """Give options that nobody gave the values that the run takes, in `options` and in the report's list."""
+    """Give options without a value the values used in the run, in `options` and in the report's list."""
     for name, value in usual.items():
         if options[name] is None:
             options[name] = ctx.params[name] = value
 
 
 def origin_of(ctx: click.Context, name: str) -> str:
-    """Return where the value of an option came from: flag, env, file or default."""
+    """Return the origin of an option's value: flag, env, file or default."""
     source = ctx.get_parameter_source(name)
     return ORIGIN[source] if source else "default"

@@ -1,4 +1,4 @@
-"""What the user sees: results on stdout, everything else on stderr.
+"""Output for the user: results on stdout, everything else on stderr.
 
 `rich` is imported inside the functions, so that `--help` does not pay for it.
 """
@@ -42,12 +42,12 @@ def emit(document: Any, format: str, as_table: Callable[[], Any]) -> None:
 
 
 def console(stderr: bool = False) -> Any:
-    """Return a rich console: the terminal's width, or 80 columns where the stream is no terminal."""
+    """Return a rich console: the terminal's width, or 80 columns if the stream is not a terminal."""
     from rich.console import Console
     from rich.segment import Segment
 
     class SafeConsole(Console):
-        """rich leaves the program by itself where a pipe breaks; camcal's boundary does that.
+        """A console that leaves broken pipes to camcal's boundary; rich would exit by itself.
 
         What a terminal would obey is taken from all text before rich adds its own styles.
         """
@@ -67,7 +67,7 @@ def console(stderr: bool = False) -> Any:
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show on stderr how far a job is; the body calls what it is given with (done, total).
+    """Show progress on stderr; the body calls the yielded function with (done, total).
 
     Off a terminal and with -q nothing is shown.
     """
@@ -83,7 +83,7 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> Any:
-    """Return a rich table; columns whose cells are numbers stand on the right."""
+    """Return a rich table; columns of numbers are right-aligned."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -98,14 +98,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | Non
 
 
 def number(value: Any, digits: int = 6) -> str:
-    """Write a number for people: `digits` significant digits, integers as they are, a dash for nothing."""
+    """Format a number: `digits` significant digits, integers unchanged, a dash for None."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def write_for_ci(command: str, suite: str, checks: Sequence[Any], options: Mapping[str, Any]) -> None:
-    """Write what --junit and --annotations ask for."""
+    """Write the files for --junit and --annotations."""
     if options["junit"] is not None:
         from camcal.data.writing import atomic_write
         from camcal.report.ci import junit

@@ -1,4 +1,4 @@
-"""The command-line reference, docs/cli.md, written from the commands themselves.
+"""The command-line reference, docs/cli.md, generated from the commands.
 
 `python -m camcal.cli.reference > docs/cli.md` renews it; a test compares the two.
 """
@@ -66,7 +66,7 @@ def _chapter(title: str, command: click.Command) -> str:
 
 
 def argument(param: click.Argument) -> str:
-    """How the usage names an argument."""
+    """The placeholder of an argument in the usage line."""
     name = param.human_readable_name
     return name if param.required else f"[{name}]"
 
@@ -80,7 +80,7 @@ def _row(option: click.Option) -> str:
 
 
 def metavar(option: click.Option) -> str:
-    """How the usage names the value of an option."""
+    """The placeholder of an option's value in the usage line."""
     if option.metavar:
         return option.metavar
     choices = getattr(option.type, "choices", None)

@@ -1,4 +1,4 @@
-"""Results that are plain documents: to a file, to stdout, and a line that says so."""
+"""Results that are plain documents: written to a file, shown on stdout, and confirmed in a line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from camcal.cli.verbosity import note
 def deliver_route(
     found: dict[str, Any], options: Mapping[str, Any], as_table: Callable[[dict[str, Any]], Any]
 ) -> int:
-    """Say the warnings of a route's report, deliver it, and return the exit code; see `deliver`."""
+    """Show the warnings of a route's report, deliver it, and return the exit code; see `deliver`."""
     from camcal.cli.job import GATE_FELL
 
     for warning in found["warnings"]:
@@ -24,7 +24,7 @@ def deliver_route(
 def deliver(
     found: dict[str, Any], options: Mapping[str, Any], what: str, as_table: Callable[[], Any]
 ) -> None:
-    """Write a document to `--output` where it is given, and show it on stdout in `--format`.
+    """Write a document to `--output` if given, and show it on stdout in `--format`.
 
     Parameters
     ----------

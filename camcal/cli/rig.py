@@ -49,7 +49,7 @@ def command(ctx: click.Context, inputs: tuple[str, ...], **options: Any) -> int:
 
 
 def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2) -> tuple[RigViews, bool]:
-    """What the cameras saw, and whether pictures show it.
+    """The observations of the cameras, and whether they come from pictures.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _tell(event: str, details: Mapping[str, Any]) -> None:
 
 
 def deliver_rig(ctx: click.Context, solution: RigSolution, options: dict[str, Any]) -> int:
-    """Write the report and the rig, show them, sum them up; return the exit code."""
+    """Write the report and the rig, show and summarise them; return the exit code."""
     from camcal.cli.job import command_line, delivered
     from camcal.report.rig import document
     from camcal.report.rig_table import tables

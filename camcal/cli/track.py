@@ -66,7 +66,7 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
 
 # ------------------------------------------------------------------ before the run
 def _check_files(options: dict[str, Any]) -> None:
-    """Refuse outputs that cannot be written, before any work is done."""
+    """Raise an error for outputs that cannot be written, before any work is done."""
     from camcal.data.writing import check_writable
     from camcal.errors import UsageError
 
@@ -92,7 +92,7 @@ def _check_files(options: dict[str, Any]) -> None:
 def _estimator(
     ctx: click.Context, frames: tuple[str, ...], options: dict[str, Any]
 ) -> tuple[Any, TrackOptions]:
-    """Make the estimator; refuse options that it would ignore."""
+    """Make the estimator; raise an error for options that it would ignore."""
     from camcal.errors import UsageError
     from camcal.registry import look_up
     from camcal.track import ESTIMATORS
@@ -122,7 +122,7 @@ def _estimator(
 
 
 def _given(ctx: click.Context, name: str) -> bool:
-    """Whether an option was given for this run, not by default or in a configuration for many."""
+    """Return whether an option was given for this run, not by default or in a shared configuration."""
     found = ctx.get_parameter_source(name)
     return found not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, None)
 
@@ -143,7 +143,7 @@ def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
 
 
 def _must_match(options: dict[str, Any], track: TrackOptions) -> dict[str, Any]:
-    """Return what must be the same for a run to continue from a checkpoint."""
+    """Return the values that must match for a run to continue from a checkpoint."""
     values = track.checkpoint()
     if track.camera is not None:
         values["camera"] = [track.camera.lens.name, track.camera.params]
@@ -220,7 +220,7 @@ def _output(model: Any, options: dict[str, Any], live: bool) -> Any:
 
 
 class _ChangeLog:
-    """Writes each change to stderr as it is found, up to a number of them."""
+    """Writes each change to stderr as it is found, up to a maximum number."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,4 +1,4 @@
-"""What `camcal track` says and writes when its stream has ended."""
+"""Output of `camcal track` at the end of its stream."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ CHANGED = 1  #: the exit code of --fail-on-change
 
 
 def may_replace(options: dict[str, Any]) -> bool:
-    """Whether outputs may be overwritten: with --force, and those of a run that keeps a state."""
+    """Return whether outputs may be overwritten: with --force, or for a run with a state file."""
     return options["force"] or (options["state"] is not None and options["state"].is_file())
 
 
 def deliver(ctx: click.Context, summary: Summary, follower: Any, options: dict[str, Any]) -> int:
-    """Say on stderr what the run amounts to, write report and plots; the exit code."""
+    """Summarise the run on stderr, write report and plots; return the exit code."""
     for line in _said(summary):
         note(line)
     failed = options["fail_on_change"] and summary.change_count > 0

@@ -1,4 +1,4 @@
-"""`camcal track --rig`: whether the cameras of a rig stay where they were."""
+"""`camcal track --rig`: test whether the cameras of a rig have moved."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TAKEN = frozenset(("rig", "false_alarm", "fail_on_change", "output", "report", "
 
 
 def follow_rig(ctx: click.Context, frames: tuple[str, ...], options: dict[str, Any]) -> int:
-    """Follow a rig; the exit code."""
+    """Monitor a rig; return the exit code."""
     from camcal.cli.job import command_line
     from camcal.cli.options import resolved_options
     from camcal.cli.rig import read_views
@@ -59,7 +59,7 @@ def follow_rig(ctx: click.Context, frames: tuple[str, ...], options: dict[str, A
 
 
 def _check(ctx: click.Context) -> None:
-    """Refuse options that would be ignored."""
+    """Raise an error for options that would be ignored."""
     from camcal.errors import UsageError
 
     known = {o.name: o for o in (METHOD, *TrackOptions.command_line(), *RUN)}

@@ -73,7 +73,7 @@ def _check_maps(source: Any, options: dict[str, Any]) -> None:
 
 
 def _write_maps(made: Any, source: Any, options: dict[str, Any]) -> dict[str, int] | None:
-    """Write --maps; the rectangle without black, for the document."""
+    """Write --maps; return the rectangle without black pixels, for the document."""
     import numpy as np
 
     from camcal.data.remap_files import contents, crop_box
@@ -91,7 +91,7 @@ def _write_maps(made: Any, source: Any, options: dict[str, Any]) -> dict[str, in
 
 
 def _check(targets: list[Path], folder: Path, force: bool) -> None:
-    """Refuse what would overwrite something, before any work is done."""
+    """Raise an error for anything that would be overwritten, before any work is done."""
     from camcal.data.writing import check_writable
 
     if folder.exists() and not folder.is_dir():
@@ -110,7 +110,7 @@ def _check(targets: list[Path], folder: Path, force: bool) -> None:
 def _resample_all(
     files: list[Path], folder: Path, size: tuple[int, int] | None, made: Any, options: dict[str, Any]
 ) -> tuple[int, int]:
-    """Resample every picture; the number of those that could not be, and of all."""
+    """Resample every picture; return the number of failures, and of all pictures."""
     from camcal.cli.output import progress
     from camcal.detect.decode import UnreadableError
     from camcal.detect.resample import other_size, read_pictures, resample, write_picture, written_name

@@ -1,4 +1,4 @@
-"""How much is said on stderr: `-q`, nothing, `-v`, `-vv`."""
+"""The amount of output on stderr: `-q`, default, `-v`, `-vv`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import click
 
 
 def count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> int:
-    """Add -v and -q, wherever they stand on the command line, to the one verbosity of the run."""
+    """Add -v and -q, wherever they are on the command line, to the verbosity of the run."""
     state = ctx.find_root().ensure_object(dict)
     state["verbosity"] = state.get("verbosity", 0) + (-value if param.name == "quiet" else value)
     return value
 
 
 def verbosity_options(function: Any) -> Any:
-    """Add `-v/-vv` and `-q`; the group and every command have them, so that their place does not matter."""
+    """Add `-v/-vv` and `-q`; the group and every command have them, so that their position does not matter."""
     function = click.option(
         "-q", "--quiet", count=True, expose_value=False, is_eager=True, callback=count_verbosity,
         help="Say nothing on stderr but errors.",
@@ -33,7 +33,7 @@ def verbosity() -> int:
 
 
 def note(message: str, level: int = 0) -> None:
-    """Say something on stderr; `level` 0 is left out by -q, 1 needs -v."""
+    """Write a note to stderr; `level` 0 is suppressed by -q, 1 needs -v."""
     if verbosity() >= level:
         from camcal.system.text import message as shown
 

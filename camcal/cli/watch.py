@@ -59,7 +59,7 @@ def command(ctx: click.Context, folder: Path, **options: Any) -> int:
 
 
 def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
-    """The folder that is watched, and what writes into it where that is a film or a camera."""
+    """The watched folder, and the writer into it if the source is a film or a camera."""
     from camcal.errors import DataError, UsageError
 
     if path.is_dir():
@@ -142,7 +142,7 @@ def _say(step: Step) -> Step:
 
 
 def _save(ctx: click.Context, watcher: Watcher, options: dict[str, Any]) -> None:
-    """Write the report of the camera so far."""
+    """Write the report of the current camera."""
     from camcal.cli.job import command_line
     from camcal.report.document import document, save
 
@@ -154,7 +154,7 @@ def _save(ctx: click.Context, watcher: Watcher, options: dict[str, Any]) -> None
 def _final(
     ctx: click.Context, folder: Path, options: dict[str, Any], target: float | None = None
 ) -> int | None:
-    """Calibrate with all checks, as `camcal checkerboard`; None where the camera is not as well known as wanted."""
+    """Calibrate with all checks, as `camcal checkerboard`; None if the camera is not as certain as requested."""
     from camcal.batch.watch import worst_uncertainty
     from camcal.cli.job import calibrate_and_report, read_pictures
     from camcal.errors import CamcalError

@@ -105,7 +105,7 @@ def _table_row(cells: Sequence[str]) -> str:
 
 
 def _inline(text: str) -> str:
-    """Text that Markdown shows as it is, on one line."""
+    """Escape text for Markdown, on one line."""
     text = " ".join(str(text).split())
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     for character in "\\`*_[]|#":
@@ -114,7 +114,7 @@ def _inline(text: str) -> str:
 
 
 def append_summary(path: str | os.PathLike, text: str) -> None:
-    """Add a summary to a file such as $GITHUB_STEP_SUMMARY, which other steps add to, too.
+    """Append a summary to a file such as $GITHUB_STEP_SUMMARY, to which other steps also append.
 
     Raises
     ------

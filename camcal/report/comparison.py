@@ -26,7 +26,7 @@ Document = Mapping[str, Any]
 
 
 def load_side(path: str | os.PathLike, image_size: tuple[int, int] | None = None) -> Side:
-    """A camera to compare: of a camcal report with its uncertainty, of any other camera file without.
+    """A camera to compare: with its uncertainty from a camcal report, without one from any other camera file.
 
     `image_size` is of a camera whose file does not say it.
 
@@ -44,7 +44,8 @@ def load_side(path: str | os.PathLike, image_size: tuple[int, int] | None = None
 
 
 def load_rig_side(path: str | os.PathLike) -> RigSide | None:
-    """A rig to compare: of a report of `camcal rig` with its calibration, of any other file without; None of a camera.
+    """A rig to compare: with its calibration from a report of `camcal rig`, without from any other file; None for
+    a camera.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def side_within(side: RigSide, name: str) -> Side:
 
 
 def checks(comparison: Document) -> list[Check]:
-    """The gates of a comparison; one that passes where none was asked for."""
+    """The gates of a comparison; a single one that passes if none was requested."""
     gates = [
         Check(_title(gate), gate["passed"], sentence(gate), file=comparison["b"]["name"])
         for gate in comparison["gates"]
@@ -77,12 +78,12 @@ def checks(comparison: Document) -> list[Check]:
 
 
 def pair(comparison: Document) -> str:
-    """What was compared, in words."""
+    """Describe what was compared."""
     return f"{comparison['a']['name']} against {comparison['b']['name']}"
 
 
 def markdown(comparison: Document) -> str:
-    """A job summary: the differences of projection where both cameras have data, and the gates that fell."""
+    """A job summary: the differences of projection where both cameras have data, and the failed gates."""
     header = ("distance", "max px", "p95 px", "rms px", "max sigma")
     rows = [
         [
@@ -102,7 +103,7 @@ def _title(gate: Document) -> str:
 
 
 def sentence(gate: Document) -> str:
-    """A gate in words: what was found against what was allowed."""
+    """Describe a gate: the value found and the value allowed."""
     unit = f" {gate['unit']}" if gate["unit"] else ""
     verdict = "is within" if gate["passed"] else "exceeds"
     said = f"{gate['name']}: {gate['value']:.4g}{unit} {verdict} {gate['bound']:g}{unit}"

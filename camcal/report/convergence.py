@@ -1,4 +1,4 @@
-"""What `camcal compare-optimizers` writes: a document, the traces as a table, and the convergence plot."""
+"""Output of `camcal compare-optimizers`: a document, the traces as a table, and the convergence plot."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def trace(samples: Sequence[Sequence[float]]) -> str:
 
 
 def require_matplotlib() -> None:
-    """Raise a UsageError where matplotlib is not installed."""
+    """Raise a UsageError if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         raise UsageError("a plot needs matplotlib, which is not installed.", "pip install 'camcal[report]'")
 
 
 def plot(runs: Sequence[Run], path: Path, force: bool = False) -> None:
-    """Draw the excess of the cost over the best of all against evaluations and against seconds.
+    """Plot the excess of the cost over the best of all against evaluations and against seconds.
 
     The format follows the file's name (png, svg, pdf).
     """

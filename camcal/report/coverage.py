@@ -14,7 +14,7 @@ from camcal.plan.solution import Solution
 
 
 def section(solution: Solution) -> dict[str, Any] | None:
-    """What the views cover; None without views."""
+    """The coverage of the views; None without views."""
     facts = Facts(solution)
     if not len(facts.views):
         return None

@@ -1,4 +1,4 @@
-"""A solution as one plain document: `schema: camcal-report/1`. docs/report.md explains each key."""
+"""A solution as a plain document: `schema: camcal-report/1`. docs/report.md explains each key."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def assembled(
     warnings: Sequence[CalibrationWarning] = (),
     failures: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The report of a camera or of a rig: the sections that both have, in the schema's order, around their own.
+    """The report of a camera or a rig: the common sections, in the schema's order, combined with its own.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def assembled(
 
 
 def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[str, Any]:
-    """The camera, its error figures and the verdict alone: a camera file, not a report that can be looked into."""
+    """The camera, its error figures and the verdict alone: a camera file rather than a full report."""
     accuracy = accuracy_of(solution)
     data = solution.observations
     inputs = {**_inputs(data), "views": len(solution.poses)}
@@ -152,7 +152,7 @@ def compact_document(solution: Solution, command: Sequence[str] = ()) -> dict[st
 
 
 def checked(made: dict[str, Any]) -> dict[str, Any]:
-    """Refuse to write a key that the schema does not know: docs/report.md would not explain it."""
+    """Raise an error for a key that the schema does not have, since docs/report.md would not explain it."""
     unknown = unknown_key(Report, made)
     if unknown is not None:
         raise TypeError(f"the schema of the report has no key '{unknown}'")
@@ -191,7 +191,7 @@ def _camera(solution: Solution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def camera_of_fit(camera: Camera, sigmas: Mapping[str, float], start: Camera, free: Array) -> dict[str, Any]:
-    """The entry of an estimated camera, of the rows (P, F) that are its own of d params / d variables."""
+    """The entry of an estimated camera; its rows (P, F) of d params / d variables."""
     free = free[:, free.any(0)]  # columns of zeros belong to the board's shape, which `target` holds
     fixed = ~np.any(free, axis=1)
     held = [name for name, is_fixed in zip(camera.lens.names, fixed, strict=True) if is_fixed]
@@ -202,7 +202,7 @@ def camera_of_fit(camera: Camera, sigmas: Mapping[str, float], start: Camera, fr
 
 
 def _is_selection(free: Array) -> bool:
-    """Whether the free parameters are simply those that are not fixed, each for itself."""
+    """Return whether the free parameters are exactly the unfixed ones, without ties."""
     return np.array_equal(free, np.eye(len(free))[:, free.any(1)])
 
 
@@ -211,7 +211,7 @@ def _projection_matrix(camera: Camera, pose: Pose) -> Array:
 
 
 def _views(solution: Solution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
-    """The entries of all views in the input's order, and where the used ones stand among them."""
+    """The entries of all views in input order, and the indices of the used ones among them."""
     data = solution.observations
     sigmas = np.sqrt(np.diagonal(accuracy.poses(), axis1=1, axis2=2))
     entries = [
@@ -231,7 +231,7 @@ def _views(solution: Solution, accuracy: Covariance) -> tuple[list[dict[str, Any
 
 
 def _input_order(ids: list[str], data: Correspondences) -> list[int]:
-    """The order of the list of files where that names every view; else used views, then the rest."""
+    """The order of the list of files if it names every view; otherwise used views, then the rest."""
     paths = [str(f["path"]).replace("\\", "/") for f in data.files]
     by_path = {p: i for i, p in reversed(list(enumerate(paths)))}
     by_name = {p.rpartition("/")[2]: i for i, p in reversed(list(enumerate(paths)))}
@@ -245,7 +245,7 @@ def _input_order(ids: list[str], data: Correspondences) -> list[int]:
 
 
 def used_view(solution: Estimate, index: int, name: str, pose: Pose, sigmas: Array | None) -> dict[str, Any]:
-    """The entry of a block's picture, of its pose cam_from_board and the sigmas (6,) of that."""
+    """The entry of a block's picture, with its pose cam_from_board and that pose's sigmas (6,)."""
     view = solution.observations.views[index]
     rows = solution.observations.slices[index]
     residuals, inliers = solution.residuals[rows], solution.used[rows]

@@ -1,4 +1,4 @@
-"""The observations inside a report, exact to the last bit.
+"""The observations inside a report, without loss of precision.
 
     data: {encoding: zlib+base64, dtype: float64, byteorder: little, columns: [...], rows: n, text: ...}
 
@@ -58,7 +58,7 @@ def encode(data: Observations, places: Sequence[int]) -> dict[str, Any]:
 
 
 def decode(data: Data, ids: Sequence[str]) -> tuple[Observations, list[int]]:
-    """The observations of a `data` entry and the places of their views in the report; the inverse of `encode`.
+    """The observations of a `data` entry and the indices of their views in the report; the inverse of `encode`.
 
     Parameters
     ----------

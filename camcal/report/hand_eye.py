@@ -51,7 +51,7 @@ class HandEye:
 
     @property
     def names(self) -> tuple[str, str]:
-        """What `transform` and `other` are: hand_from_camera and base_from_board, or the like."""
+        """The names of `transform` and `other`: hand_from_camera and base_from_board, or the like."""
         return NAMES[self.setup]
 
     @property
@@ -76,12 +76,12 @@ class HandEye:
 
     @property
     def warnings(self) -> tuple[CalibrationWarning, ...]:
-        """Those of the calibration and of the hand-eye calibration."""
+        """The warnings of the calibration and of the hand-eye calibration."""
         return self.solution.warnings
 
     @property
     def verdict(self) -> str:
-        """`pass`, or `fail` where a gate fell."""
+        """`pass`, or `fail` if a gate failed."""
         return self.solution.verdict
 
     @property
@@ -90,7 +90,7 @@ class HandEye:
         return self.solution.grade
 
     def save(self, path: str | os.PathLike, force: bool = False) -> None:
-        """Write the report; raises UsageError where the file exists and `force` is not given."""
+        """Write the report; raises UsageError if the file exists and `force` is not given."""
         save(self.document(), path, force)
 
     def document(self, command: Sequence[str] = ()) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class HandEye:
         return {**made, "hand_eye": plain(self.section)}
 
     def __repr__(self) -> str:
-        """On one line."""
+        """Return one line."""
         x, robot = self.transform, self.section["robot"]
         t = " ".join(f"{c:.5g}" for c in x.translation)
         return f"<HandEye {self.names[0]}: ({t}), robot {robot['translation_rms']:.3g}, {self.verdict}>"
@@ -172,7 +172,7 @@ def read_times(path: str | os.PathLike) -> dict[str, float]:
 
 
 def section(found: Found) -> dict[str, Any]:
-    """`hand_eye` of a report."""
+    """The report's `hand_eye`."""
     made = found.estimate
     first, second = NAMES[made.setup]
     sigma, reach = made.sigma, made.half_width

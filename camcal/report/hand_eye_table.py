@@ -1,4 +1,4 @@
-"""A hand-eye calibration in the terminal, within 80 columns."""
+"""A hand-eye calibration for the terminal, within 80 columns."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def summary(report: Document) -> RenderableType:
 
 
 def sentence(report: Document) -> str:
-    """What was found, in one sentence."""
+    """Describe the result in one sentence."""
     h = report["hand_eye"]
     robot = h["robot"]
     said = (
@@ -47,7 +47,7 @@ def sentence(report: Document) -> str:
 
 
 def tables(report: Document) -> RenderableType:
-    """The transformations, the closed forms, the poses to add."""
+    """The transformations, the closed forms, the suggested poses."""
     h = report["hand_eye"]
     first, second = NAMES[h["setup"]]
     parts: list[RenderableType] = [_pose(first, h[first]), Text(""), _pose(second, h[second]), Text("")]

@@ -1,4 +1,4 @@
-"""What every document of camcal begins with."""
+"""The common head of camcal's documents."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def head(command: Sequence[str]) -> dict[str, Any]:
 
 
 def tool() -> dict[str, str]:
-    """Versions of what makes the document."""
+    """Versions of the software that makes the document."""
     import cv2
 
     return {

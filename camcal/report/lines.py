@@ -1,4 +1,4 @@
-"""What `camcal lines` and `camcal evaluate --lines` report."""
+"""The reports of `camcal lines` and `camcal evaluate --lines`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def report(
     crosscheck: bool,
     command: Sequence[str],
 ) -> dict[str, Any]:
-    """Find a lens from lines, and say how straight they become."""
+    """Estimate a lens from lines, and report how straight they become."""
     lines, found = read_lines(paths, image_size)
     chosen = found if robust == "auto" else robust == "lines"
     fit = estimate(lines, lenses.make(model), fix, chosen, resistant=robust != "none")
@@ -57,14 +57,14 @@ def report(
 
 
 def evaluation(camera: Camera, paths: Sequence[Any], command: Sequence[str]) -> dict[str, Any]:
-    """How straight a known camera makes lines."""
+    """The straightness of lines under a known camera."""
     lines, _ = read_lines(paths, camera.image_size)
     sections = {"straightness": section(camera, lines, len(lines))}
     return document(command, camera_entry(camera, fixed=camera.lens.names), sections)
 
 
 def section(camera: Camera, lines: Lines, given: int) -> dict[str, Any]:
-    """The report's `straightness`, px: of the points as they are, undistorted, and in the picture as taken."""
+    """The report's `straightness`, px: of the original points, undistorted, and in the original picture."""
     before, after = straightness.before(lines), straightness.after(camera, lines)
     own = straightness.in_picture(camera, lines)
     return {

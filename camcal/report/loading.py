@@ -1,4 +1,4 @@
-"""Reports and camera files read back: a `Solution`, or a `Camera` alone."""
+"""Reading of reports and camera files: a `Solution`, or a `Camera` alone."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Array = np.ndarray
 
 
 def load(path: str | os.PathLike) -> Solution:
-    """Read a report back.
+    """Read a report.
 
     Camera, observations and masks are those that were written, to the last bit; residuals and normal blocks
     are computed from them.
@@ -84,7 +84,7 @@ def judged(
     poses: Poses,
     data: Observations,
 ) -> dict[str, Any]:
-    """The fields of a solution that one of a camera and one of a rig have in common.
+    """The fields that solutions of a camera and of a rig share.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _all_free(frees: Sequence[Array], variables: int) -> Array:
 
 
 def load_camera(path: str | os.PathLike, image_size: tuple[int, int] | None = None) -> Camera:
-    """Read one camera from a camera file of any format; `FILE#NAME` is the camera NAME of a file with several.
+    """Read one camera from a camera file of any format; `FILE#NAME` selects the camera NAME of a file with several.
 
     `image_size` is of a camera whose file does not say it.
 
@@ -138,7 +138,7 @@ def load_camera(path: str | os.PathLike, image_size: tuple[int, int] | None = No
 
 
 def promise_of(path: str | os.PathLike) -> Promise | None:
-    """What the report of a camera says of its residuals; None for a camera file that is no report."""
+    """The residuals that the report of a camera predicts; None for a camera file that is not a report."""
     try:
         found = read_document(path)
     except CamcalError:
@@ -150,7 +150,7 @@ def promise_of(path: str | os.PathLike) -> Promise | None:
 
 @contextmanager
 def damage(source: str) -> Any:
-    """Say of any missing or misshapen entry that the file is damaged."""
+    """Convert any error about a missing or malformed entry into one that says the file is damaged."""
     try:
         yield
     except CamcalError:
@@ -161,7 +161,7 @@ def damage(source: str) -> Any:
 
 
 def start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
-    """Where the search for a camera began, and d params / d free parameters (P, F)."""
+    """The start of the search for a camera, and d params / d free parameters (P, F)."""
     given = [section.parameters[name] for name in camera.lens.names]
     start = np.array([p.value if p.start is UNSET else p.start for p in given], float)
     free = np.eye(len(given))[:, [not p.fixed for p in given]]
@@ -197,7 +197,7 @@ def _with_inputs(seen: Observations, report: Report, found: Mapping[str, Any]) -
 
 
 def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:
-    """The estimated shape of the board, where the report has one; a given shape is part of the points."""
+    """The estimated shape of the board, if the report has one; a given shape is part of the points."""
     shape = UNSET if target is None else target.shape
     if not isinstance(shape, Shape) or shape.kind not in KINDS:
         return None
@@ -212,7 +212,7 @@ def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:
 def normal_at(
     subject: Camera | Rig, frees: Sequence[Array], poses: Poses, seen: Observations, board: ShapedBoard | None
 ) -> NormalBlocks:
-    """The normal equations at the solution; with a board's shape, in offsets from the shape found."""
+    """The normal equations at the solution; a board's shape is relative to the estimated one."""
     used, cameras = seen.kept(), cameras_of(subject)
     kept, weights = used.views, None if used.precision is None else used.split(used.precision)
     lenses, instants = [c.lens for c in cameras], Seen(used.blocks.camera, used.blocks.view)
@@ -239,7 +239,7 @@ def warning_of(section: schema.Warning_) -> CalibrationWarning:
 
 
 def fit_of(section: schema.Fit) -> Fit:
-    """How the search went."""
+    """The statistics of the search."""
     nan = float("nan")
     return Fit(
         section.optimizer,
@@ -255,7 +255,7 @@ def fit_of(section: schema.Fit) -> Fit:
 
 
 def stage_of(section: schema.Stage) -> Stage:
-    """An attempt on the way."""
+    """One attempt of the plan."""
     matrix, projection = section.matrix, section.projection_matrix
     return Stage(
         section.name,

@@ -1,4 +1,4 @@
-"""Where to hold the board before a rig, in words and as a document."""
+"""Where to hold the board next for a rig, in words and as a document."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from camcal.report.next_view import words
 
 
 def suggest(solution: RigSolution, count: int = 1, seed: int = 0) -> dict[str, Any]:
-    """What `camcal next` answers of a rig; raises as `camcal.assess.next_instant.suggest`."""
+    """The answer of `camcal next` for a rig; raises as `camcal.assess.next_instant.suggest`."""
     now, found = search(solution, count, seed)
     return {
         "schema": "camcal-next/1",

@@ -41,7 +41,7 @@ _TITLE_WIDTH = 62
 def suggest(
     solution: Solution, count: int = 1, distance: float = np.inf, target: float | None = None, seed: int = 0
 ) -> tuple[dict[str, Any], list[Suggestion]]:
-    """What `camcal next` answers, and the poses behind it.
+    """The answer of `camcal next`, and the poses behind it.
 
     Raises
     ------
@@ -79,7 +79,7 @@ MORE = 3
 
 
 class _Same:
-    """A solution as a key: equal to itself alone."""
+    """A cache key that is equal only for the same solution object."""
 
     def __init__(self, solution: Solution):
         self.solution = solution
@@ -92,7 +92,7 @@ class _Same:
 
 
 def next_ones(solution: Solution) -> tuple[dict[str, Any], list[Suggestion]]:
-    """`suggest` of `MORE` pictures, kept for the next who asks for the same solution: the page and its findings do."""
+    """`suggest` for `MORE` pictures, cached per solution, since both the page and its findings use it."""
     return _next_ones(_Same(solution))
 
 
@@ -121,7 +121,7 @@ def _outline(solution: Solution, points: Array, pose: Pose) -> Array:
 
 
 def words(solution: Solution, points: Array, pose: Pose) -> str:
-    """Where to hold the target: place in the picture, tilt, size, distance."""
+    """Where to hold the target: position in the picture, tilt, size, distance."""
     facts = Facts(solution)
     outline = _outline(solution, points, pose)
     x, y = picture_limits(facts)
@@ -155,13 +155,13 @@ def _tilt(points: Array, pose: Pose) -> str:
 
 
 def _facing(points: Array, pose: Pose) -> Array:
-    """The target's rotation (3, 3) as seen along the line of sight to its middle."""
+    """The target's rotation (3, 3) relative to the line of sight to its centre."""
     middle = pose.apply(points.mean(0))
     return rotations_onto(middle[None] / np.linalg.norm(middle))[0].T @ pose.rotation
 
 
 def chart(solution: Solution) -> Chart | None:
-    """Where to hold the target for the next picture; None where that cannot be said, or only slowly."""
+    """A chart of where to hold the target next; None if that cannot be computed, or only slowly."""
     if solution.camera.lens.size > CHEAP_PARAMETERS:
         return None
     try:
@@ -172,7 +172,7 @@ def chart(solution: Solution) -> Chart | None:
 
 
 def drawing(solution: Solution, found: Suggestion, number: int = 1) -> Chart:
-    """The picture with the target where it should be held, over the points that there are."""
+    """The picture with the target at the suggested position, over the existing points."""
     facts = Facts(solution)
     points = target_points(solution)
     x, y = picture_limits(facts)
@@ -195,7 +195,7 @@ def drawing(solution: Solution, found: Suggestion, number: int = 1) -> Chart:
 
 
 def _flat_target(solution: Solution, points: Array, pose: Pose) -> list[Layer]:
-    """A flat grid drawn as a checkerboard, its sides that are nearer marked; nothing of another target."""
+    """A flat grid drawn as a checkerboard with its nearer sides marked; nothing for other targets."""
     around = surround(points)
     if not len(around):
         return []
@@ -223,7 +223,7 @@ def _flat_target(solution: Solution, points: Array, pose: Pose) -> list[Layer]:
 def _nearer_sides(
     facing: Array, x: tuple[float, float], y: tuple[float, float]
 ) -> list[list[tuple[float, float]]]:
-    """The one or two sides of a rectangle that are turned towards the camera; none where it faces it."""
+    """The one or two sides of a rectangle that are nearer to the camera; none if it faces the camera."""
     tilt_x, tilt_y = (float(facing[2, i]) for i in (0, 1))  # depth gained per unit along x and y
     steep = math.hypot(tilt_x, tilt_y)
     if steep < math.sin(math.radians(FACING_DEGREES)):

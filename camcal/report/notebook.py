@@ -1,4 +1,4 @@
-"""A solution as a table for notebooks."""
+"""A solution as an HTML table for notebooks."""
 
 from __future__ import annotations
 

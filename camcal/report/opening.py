@@ -1,4 +1,4 @@
-"""The two calls of the public interface for files of cameras: `camcal.load` and `camcal.save_camera`."""
+"""The public functions for camera files: `camcal.load` and `camcal.save_camera`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ def load(path: str | os.PathLike) -> Solution | HandEye | Camera | Rig:
 
 
 def is_rig(path: str | os.PathLike) -> bool:
-    """Whether a file holds a rig: several cameras with poses that are not the pictures of one, as Pix4D lists them."""
+    """Return whether a file holds a rig: several cameras with poses that are not pictures of one camera, as in
+    Pix4D's.
+    """
     found = files.read(path)
     if len(found.cameras) == 1 or not found.has_poses:
         return False
@@ -64,12 +66,14 @@ def is_rig(path: str | os.PathLike) -> bool:
 
 
 def _key(camera: Any) -> tuple[Any, ...]:
-    """What two cameras that are one have in common."""
+    """The common features of two entries that are the same camera."""
     return camera.lens.name, camera.lens.has_skew, camera.image_size, tuple(camera.params.tolist())
 
 
 def load_rig_cameras(path: str | os.PathLike) -> Rig:
-    """The cameras of a file of any format with their poses; the reference is a report's, else the first camera."""
+    """The cameras of a file of any format with their poses; the reference is the report's, otherwise the first
+    camera.
+    """
     found = files.read(path)
     cameras = {c.name: files.exact(c.camera) for c in found.cameras}
     poses = {c.name: c.pose for c in found.cameras if c.pose is not None}

@@ -1,4 +1,4 @@
-"""Cameras with their place in the world, from whatever file holds them."""
+"""Cameras with their poses in the world, from any file that holds them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _load(source: Path) -> tuple[PlacedCamera, ...]:
 
 
 def _rig(source: Path) -> tuple[PlacedCamera, ...]:
-    """The cameras of a file of any format that holds the poses of several; none of any other."""
+    """The cameras of a file of any format that holds the poses of several; none for other files."""
     known = files.read(source)
     if not known.has_poses or len(known.cameras) < 2:
         return ()

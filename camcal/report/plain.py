@@ -1,4 +1,4 @@
-"""Turn what travels through camcal into plain Python types: what YAML and JSON hold without loss."""
+"""Conversion into plain Python types, which YAML and JSON hold without loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""The files of a rectification: pictures, both side by side with rows drawn, maps, matrices by OpenCV's names."""
+"""The files of a rectification: pictures, a side-by-side view with rows drawn, maps, matrices under OpenCV's
+names.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,7 @@ class Writer:
         write_picture(self.folder / rows, _with_rows(made, self.pair.geometry.axis), self.force)
 
     def finish(self, rig: Path, alpha: float, command: Sequence[str]) -> dict[str, Any]:
-        """Write maps and matrices; the document of the rectification."""
+        """Write maps and matrices; return the document of the rectification."""
         geometry = self.pair.geometry
         arrays = {
             f"{name}_{axis}": m
@@ -97,7 +99,7 @@ class Writer:
 
 
 def _names(pair: Pair, index: int) -> tuple[str, str, str]:
-    """The names of both rectified pictures, which hold those of their cameras, and of the two side by side."""
+    """The names of both rectified pictures, which contain those of their cameras, and of the side-by-side view."""
     found, rest = [], ""
     for camera, path in zip(pair.names, pair.pictures[index], strict=True):
         name = written_name(path)
@@ -107,7 +109,7 @@ def _names(pair: Pair, index: int) -> tuple[str, str, str]:
 
 
 def _with_rows(pictures: Sequence[Array], axis: int) -> Array:
-    """Both pictures beside (or above) each other, with lines on which a point lies in both."""
+    """Both pictures beside or above each other, with lines on which a point lies in both."""
     made = np.concatenate([_colour(p) for p in pictures], 1 - axis)
     height, width = made.shape[:2]
     side = (height, width)[axis]
@@ -128,7 +130,7 @@ def _colour(picture: Array) -> Array:
 
 
 def table(found: dict[str, Any]) -> Any:
-    """What is shown of the document."""
+    """The table of the document for the terminal."""
     made = found["rectification"]
     rows = [
         ("pair", f"{made['direction']}, {made['cameras'][0]} first; {made['projection']}"),

@@ -1,4 +1,4 @@
-"""What `--reproducible` leaves out of a report: whatever differs between runs of the same input and options."""
+"""`--reproducible`: removal of everything that differs between runs with the same input and options."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ TIMES = ("seconds", "date")
 
 
 def without_times(value: Any, known: tuple[str, ...] = TIMES) -> Any:
-    """The document with null in the place of times; `options` are what the user asked for, and stay."""
+    """The document with null instead of times; `options` are the user's and are kept."""
     if isinstance(value, dict):
         return {
             name: None if name in known else part if name == "options" else without_times(part, known)

@@ -1,4 +1,4 @@
-"""The calibration of a rig as a document: `cameras` and `rig` in place of `camera`."""
+"""The calibration of a rig as a document: `cameras` and `rig` instead of `camera`."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def document(
 
 
 def compact_document(solution: RigSolution, command: Sequence[str] = ()) -> dict[str, Any]:
-    """The rig, its error figures and the verdict alone: a file of cameras, not a report that can be looked into."""
+    """The rig, its error figures and the verdict alone: a camera file rather than a full report."""
     whole = document(solution, command=command)
     left_out = (
         "stages",
@@ -85,7 +85,7 @@ def _cameras(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
-    """The poses of the cameras and their distances, with standard deviations where they were estimated."""
+    """The poses of the cameras and their distances, with standard deviations if they were estimated."""
     rig, names = solution.rig, list(solution.rig.cameras)
     held = not solution.extrinsics
     poses, baselines = {}, {}
@@ -107,7 +107,7 @@ def rig_section(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def _boards(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
-    """The poses of the boards that were placed along with the cameras."""
+    """The poses of the boards that were estimated together with the cameras."""
     target = solution.observations.target or {}
     names, groups, found = names_of(target), target.get("board_groups") or (), {}
     for index, sigma in zip(movable(target), board_sigmas(solution, accuracy), strict=False):
@@ -121,7 +121,7 @@ def _boards(solution: RigSolution, accuracy: Covariance) -> dict[str, Any]:
 
 
 def _views(solution: RigSolution, accuracy: Covariance) -> tuple[list[dict[str, Any]], list[int]]:
-    """The entries of all pictures, camera by camera, and where that of each block stands among them."""
+    """The entries of all pictures, camera by camera, and the index of each block's among them."""
     data, rig = solution.observations, solution.rig
     entries, at = [], []
     for block, (camera, view) in enumerate(zip(data.blocks.camera, data.blocks.view, strict=True)):

@@ -1,4 +1,4 @@
-"""A rig followed through time as a table and as a document."""
+"""A rig monitored over time, as a table and as a document."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = (
 
 
 def csv_text(found: Followed) -> str:
-    """A row for each camera and instant: how far it is from its place, by this instant alone."""
+    """A row for each camera and instant: the displacement of the camera, by this instant alone."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n")
     write.writerow(COLUMNS)
@@ -41,7 +41,7 @@ def csv_text(found: Followed) -> str:
 
 
 def sections(rig: RigSolution, found: Followed) -> dict[str, Any]:
-    """`rig`, with the cameras where they are after the last change, and `track`."""
+    """`rig`, with the cameras after the last change, and `track`."""
     follower = found.follower
     statuses = Counter({r.instant: r.status for r in follower.rows}.values())
     after = moved(rig, found).rig

@@ -1,4 +1,4 @@
-"""Reports of rigs read back: a `RigSolution` with its data."""
+"""Reading of rig reports: a `RigSolution` with its data."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 def load_rig(path: str | os.PathLike) -> RigSolution:
-    """Read the report of a rig back, with its data.
+    """Read the report of a rig, with its data.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def load_rig(path: str | os.PathLike) -> RigSolution:
 
 
 def load_solution(path: str | os.PathLike) -> Solution | RigSolution:
-    """Read a report back, of a camera or of a rig; `FILE#NAME` is one camera of a rig, at the joint estimate.
+    """Read the report of a camera or a rig; `FILE#NAME` is one camera of a rig, at the joint estimate.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def load_solution(path: str | os.PathLike) -> Solution | RigSolution:
 
 
 def is_rig_report(found: Mapping[str, Any]) -> bool:
-    """Whether a document is the report of `camcal rig`."""
+    """Return whether a document is a report of `camcal rig`."""
     return "cameras" in found and "rig" in found and "data" in found
 
 
@@ -120,6 +120,6 @@ def _data(report: Report, found: Mapping[str, Any]) -> tuple[Observations, Poses
 
 
 def _rank(found: Mapping[str, Any], instant: str) -> int:
-    """Where an instant stands among all that the report names."""
+    """The rank of an instant among all that the report names."""
     order = found["inputs"].get("instants") or []
     return order.index(instant) if instant in order else len(order)

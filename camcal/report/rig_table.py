@@ -1,4 +1,4 @@
-"""The report of a rig for people: its cameras, where they stand, the pictures by camera."""
+"""The report of a rig for the terminal: its cameras, their poses, the pictures by camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Document = Mapping[str, Any]
 
 
 def tables(report: Document) -> RenderableType:
-    """The cameras, their places, the pictures by camera, and the cross-check of a report."""
+    """The cameras, their poses, the pictures by camera, and the cross-check of a report."""
     parts: list[RenderableType] = [
         parameters_table(camera, name) for name, camera in report["cameras"].items()
     ]

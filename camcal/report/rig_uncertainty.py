@@ -1,4 +1,4 @@
-"""What `camcal uncertainty` says of a rig: its cameras, and how well each two of them work together."""
+"""The answer of `camcal uncertainty` for a rig: its cameras, and the accuracy of each pair."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def inquire(
 
 
 def _is_free(solution: RigSolution, name: str) -> bool:
-    """Whether anything of a camera's intrinsics was estimated."""
+    """Return whether any of a camera's intrinsics were estimated."""
     rows = [n.startswith(f"{name}.") for n in solution.names]
     return bool(solution.free[np.array(rows)].any())
 
@@ -64,7 +64,7 @@ def _is_free(solution: RigSolution, name: str) -> bool:
 def pair(
     solution: RigSolution, accuracy: Covariance, a: str, b: str, distances: Sequence[float] = ()
 ) -> dict[str, Any]:
-    """How well two cameras work together, at some distances from the first; by default that of the boards."""
+    """The accuracy of a pair of cameras at given distances from the first; by default at the boards' distance."""
     noise = sigma_hat(solution)
     at = [
         _figures(pair_uncertainty(solution, accuracy, a, b, d, noise))

@@ -1,4 +1,4 @@
-"""Documents of the commands beside the two main jobs: what each found, in the keys of the report."""
+"""Documents of the commands besides the two main jobs: their results, in the keys of the report."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def pose_entry(pose: Pose) -> dict[str, Any]:
 
 
 def bundle_entry(iterations: int, converged: bool, residuals: Array, used: Array) -> dict[str, Any]:
-    """The report's `fit` of a bundle adjustment: residuals (N, 2), px, and which rows (N,) it rests on."""
+    """The report's `fit` of a bundle adjustment: residuals (N, 2), px, and the used rows (N,)."""
     return {
         "iterations": iterations,
         "converged": converged,
@@ -81,7 +81,7 @@ def solution_entry(solution: Solution) -> dict[str, Any]:
 
 
 def view_entry(name: str, found: Found) -> dict[str, Any]:
-    """All solutions of a view, and the points that they do not rest on."""
+    """All solutions of a view, and the points that they do not use."""
     left_out = np.flatnonzero(~found.used)
     return {
         "id": name,

@@ -1,4 +1,4 @@
-"""What `camcal scene` reports."""
+"""The report of `camcal scene`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def report(
     seed: int,
     command: Sequence[str],
 ) -> dict[str, Any]:
-    """Find the camera of a picture, or of a table of lines."""
+    """Estimate the camera of a picture, or of a table of lines."""
     picture = path.suffix.lower() not in TABLES
     lines = _segments(path, image_size) if picture else read_lines([path], image_size)[0]
     found = estimate(lines, lenses.make(model), fix, seed, LOOSE if picture else 0.0)
@@ -45,7 +45,7 @@ def report(
 
 
 def section(found: Scene, lines: Lines) -> dict[str, Any]:
-    """The report's `scene`: the vanishing points of the directions that have lines, and the attitude."""
+    """The report's `scene`: the vanishing points of the directions with lines, and the attitude."""
     assert lines.image_size is not None
     width = max(lines.image_size)
     points = []
@@ -72,7 +72,7 @@ def section(found: Scene, lines: Lines) -> dict[str, Any]:
 
 
 def _pixel(found: Scene, direction: np.ndarray) -> list[float] | None:
-    """Where a direction, or the opposite one, is in the picture plane; None outside the domain of the lens."""
+    """The pixel of a direction, or of the opposite one; None outside the domain of the lens."""
     ahead = direction if direction[2] > 0 else -direction
     uv = found.camera.project(ahead)
     return uv.tolist() if np.isfinite(uv).all() else None

@@ -1,4 +1,4 @@
-"""What `camcal selfcalib` reports."""
+"""The report of `camcal selfcalib`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _csv(tracks: Tracks, views: Sequence[str]) -> str:
 
 
 def _tracks(table: Labelled) -> tuple[Tracks, int]:
-    """The tracks, each point once in each view, and how many images were there twice."""
+    """The tracks, each point once per view, and the number of duplicate images removed."""
     key = table.labels["view"].astype(np.int64) * len(table.names["point"]) + table.labels["point"]
     first = np.sort(np.unique(key, return_index=True)[1])
     if len(table.names["view"]) < 2:

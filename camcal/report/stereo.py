@@ -1,4 +1,4 @@
-"""Pairs of cameras of a rig and their pictures: rectified, and judged on pictures of anything."""
+"""Pairs of cameras of a rig and their pictures: rectification, and evaluation on arbitrary pictures."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Pair:
 
 
 def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> Pair:
-    """Two cameras of a rig by the words NAME=PICTURES; `layout` goes to `camcal.model.rectification.rectify`.
+    """Two cameras of a rig from arguments NAME=PICTURES; `layout` goes to `camcal.model.rectification.rectify`.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def natural(
     command: Sequence[str],
     fail_on: str = "wrong",
 ) -> dict[str, Any]:
-    """The report of a rig judged on pictures of anything.
+    """The report of a rig evaluated on arbitrary pictures.
 
     The verdict is fail where `max_rms`, px, is exceeded, or with `fail_on` doubtful where points lie off their rows.
 
@@ -252,7 +252,7 @@ def _turned(turn: Mapping[str, Any]) -> str:
 
 
 def natural_table(made: Mapping[str, Any]) -> Any:
-    """Each pair of pictures in a row, and all together."""
+    """A table with a row for each pair of pictures, and one for all together."""
     from rich.console import Group
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""The report for people: tables for stdout, and a summary of verdict and warnings. 80 columns are enough.
+"""The report for the terminal: tables for stdout, and a summary of verdict and warnings, within 80 columns.
 
 Both take the document, not the solution, so that a report read from a file shows the same.
 """
@@ -50,7 +50,7 @@ def tables(report: Document) -> RenderableType:
 
 
 def summary(report: Document) -> RenderableType:
-    """The warnings with what to do, why a gate fell, and the verdict in a sentence, which comes last."""
+    """The warnings with their hints, the failed gates, and last the verdict in a sentence."""
     lines: list[RenderableType] = []
     for warning in report["warnings"]:
         severity = warning["severity"]
@@ -68,7 +68,7 @@ def summary(report: Document) -> RenderableType:
 
 
 def sentence(report: Document) -> str:
-    """What was found, in one sentence."""
+    """Describe the result in one sentence."""
     fit = report["fit"]
     used = sum(v["status"] == "used" for v in report["views"])
     models = (
@@ -103,7 +103,7 @@ def count(n: int, noun: str) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """`digits` significant digits, so that columns line up; a dash for nothing."""
+    """A number with `digits` significant digits, so that columns align; a dash for None."""
     if value is None or math.isnan(value):
         return "-"
     return "0" if value == 0 else f"{value:#.{digits}g}".rstrip(".")
@@ -119,7 +119,7 @@ def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
 
 
 def table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
-    """A table whose first column stands on the left, the others on the right but for those in `left`."""
+    """A table whose first column is left-aligned, and the others right-aligned except those in `left`."""
     made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for name in columns:
         on_the_left = name == columns[0] or name in left
@@ -128,7 +128,7 @@ def table(title: str, *columns: str, left: Sequence[str] = ()) -> Table:
 
 
 def parameters_table(camera: Mapping[str, Any], name: str = "") -> Table:
-    """The parameters of a camera; `name` is that of a rig's."""
+    """The parameters of a camera; `name` is its name in a rig."""
     size = "x".join(map(str, camera["image_size"] or ())) or "of unknown size"
     head = f"{name}: " if name else ""
     made = table(f"{head}{camera['model']}, pictures {size}", "parameter", "value", "± sigma", "start")

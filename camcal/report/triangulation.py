@@ -1,4 +1,4 @@
-"""What `camcal triangulate` writes."""
+"""The output of `camcal triangulate`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COLUMNS = ("point", *"XYZ", "sigma_X", "sigma_Y", "sigma_Z", "residual", "outlie
 
 
 def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Sequence[str]) -> dict[str, Any]:
-    """Read cameras and image points, triangulate, and say what was found.
+    """Read cameras and image points, triangulate, and report the result.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Seque
 
 
 def csv_text(found: dict[str, Any]) -> str:
-    """The points of a report as CSV, every number to its last bit."""
+    """The points of a report as CSV, with all digits of every number."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -79,7 +79,7 @@ def _cameras(paths: Sequence[Path]) -> tuple[PlacedCamera, ...]:
 
 
 def _matched(table: Labelled, cameras: Sequence[PlacedCamera], path: Path) -> Array:
-    """Which camera each name of the table means, (C,)."""
+    """The camera that each name of the table refers to, (C,)."""
     known = {c.name: i for i, c in enumerate(cameras)}
     counted = {str(i + 1): i for i in range(len(cameras))}
     out = []
@@ -95,7 +95,7 @@ def _matched(table: Labelled, cameras: Sequence[PlacedCamera], path: Path) -> Ar
 
 
 def _calibration(paths: Sequence[Path], found: Triangulated, images: Images) -> Array | None:
-    """The covariances (P, 3, 3) that the calibration of a rig adds; None of cameras whose report has none."""
+    """The covariances (P, 3, 3) that the calibration of a rig adds; None for cameras whose report has none."""
     if len(paths) != 1 or paths[0].suffix.lower() not in (".yaml", ".yml", ".json"):
         return None
     document = read_document(paths[0])

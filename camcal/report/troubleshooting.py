@@ -1,4 +1,4 @@
-"""The page docs/troubleshooting.md: every warning by its code, with what usually causes it and what to do.
+"""Generator of docs/troubleshooting.md: every warning by its code, with its usual cause and remedy.
 
 `python -m camcal.report.troubleshooting > docs/troubleshooting.md` renews it. What each code means is taken from the
 table of docs/report.md, so that it stands in one place.
@@ -273,7 +273,7 @@ was needed and what to try; exit codes are in the [README](../README.md).
 
 
 def page() -> str:
-    """The whole page as Markdown; KeyError for a code that nothing is known to do about."""
+    """The whole page as Markdown; KeyError for a code without a known remedy."""
     rows = [
         f"| `{code}` | {found} | {' | '.join(REMEDIES[code])} |" for code, found in found_by_code().items()
     ]
@@ -281,7 +281,7 @@ def page() -> str:
 
 
 def found_by_code() -> dict[str, str]:
-    """Each code with what it means: the rows of the table in docs/report.md, then the routes'."""
+    """Each code with its meaning: the rows of the table in docs/report.md, then those of the routes."""
     text = (DOCS / "report.md").read_text(encoding="utf-8").split("\n## Warnings\n")[1].split("\n## ")[0]
     made: dict[str, str] = {}
     for codes, found in re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|$", text, re.MULTILINE):

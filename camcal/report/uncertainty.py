@@ -1,4 +1,4 @@
-"""The report's `uncertainty`: how far noise moves projections, over the image and at two distances."""
+"""The report's `uncertainty`: the effect of noise on projections, over the image and at two distances."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = np.ndarray
 
 
 def section(solution: Solution, accuracy: Covariance | None = None) -> dict[str, Any] | None:
-    """Maps at the median board distance and at infinity; None where nothing of the camera was estimated."""
+    """Maps at the median board distance and at infinity; None if no camera parameter was estimated."""
     if not solution.free.shape[1] or not len(solution.poses):
         return None
     uncertainty = projection_uncertainty(solution, accuracy)
@@ -53,7 +53,7 @@ def _entry(found: UncertaintyMap, uncertainty: ProjectionUncertainty) -> dict[st
 
 
 def point(uncertainty: ProjectionUncertainty, pixel: Array, distance: float) -> dict[str, Any]:
-    """What `camcal uncertainty` says of one pixel: the worst direction's sigma, and the covariance, px²."""
+    """The answer of `camcal uncertainty` for one pixel: the worst direction's sigma, and the covariance, px²."""
     covariance = uncertainty.at_pixels(np.asarray(pixel, float)[None], distance)
     return {
         "u": float(pixel[0]),
@@ -65,14 +65,14 @@ def point(uncertainty: ProjectionUncertainty, pixel: Array, distance: float) -> 
 
 
 def rounded(value: float, digits: int = 5) -> float:
-    """A value of a map, to `digits` significant digits: maps are for looking at."""
+    """A value of a map, rounded to `digits` significant digits, which suffice for display."""
     return float(f"{value:.{digits}g}")
 
 
 def inquire(
     solution: Solution, pixels: Sequence[tuple[float, float]] = (), distances: Sequence[float] = ()
 ) -> dict[str, Any]:
-    """What `camcal uncertainty` answers.
+    """The answer of `camcal uncertainty`.
 
     Parameters
     ----------

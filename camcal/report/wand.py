@@ -1,4 +1,4 @@
-"""What `camcal wand` reports."""
+"""The report of `camcal wand`."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def report(
 
 
 def _sightings(table: Labelled, bar: Sequence[float]) -> tuple[Sightings, int]:
-    """The images, sorted by instant, and how many were there twice."""
+    """The images, sorted by instant, and the number of duplicates removed."""
     if len(table.names["camera"]) < 2:
         raise DataError(
             f"'{table.path}' holds one camera; two or more are needed.", "Give tracks of all cameras."
@@ -108,7 +108,7 @@ def _marker(name: str) -> str:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """By the numbers inside, so that pt10 comes after pt2."""
+    """A sort key by the numbers inside, so that pt10 comes after pt2."""
     return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", name) if p]
 
 
@@ -176,7 +176,7 @@ def _placed(found: WandCalibration) -> list[PlacedCamera]:
 
 
 def _lengths(found: WandCalibration, seen: Sightings) -> Array:
-    """The distances (T,) of the outer markers, each triangulated by itself: what the fit does not force."""
+    """The distances (T,) of the outer markers, each triangulated separately, which the fit does not constrain."""
     part = seen.take(found.used)
     outer = np.array([part.places.argmin(), part.places.argmax()])
     part = part.take(np.isin(part.marker, outer))
@@ -211,7 +211,7 @@ def _left_out(
 
 
 def _checks(found: WandCalibration, seen: Sightings) -> list[dict[str, Any]]:
-    """cv2.triangulatePoints beside camcal on the two cameras that share the most markers."""
+    """cv2.triangulatePoints compared with camcal on the two cameras that share the most markers."""
     key = seen.instant * len(seen.places) + seen.marker
     rows = [
         {int(key[r]): r for r in np.flatnonzero((seen.camera == c) & found.used)}

@@ -1,4 +1,4 @@
-"""What a report comes to, in words."""
+"""The result of a report, in words."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Document = Mapping[str, Any]
 
 
 def trust(report: Document) -> str:
-    """What noise leaves of the camera's accuracy, in a sentence; empty where nothing was estimated."""
+    """Describe the remaining uncertainty of the camera in a sentence; empty if nothing was estimated."""
     found = report.get("uncertainty")
     if not found:
         return ""

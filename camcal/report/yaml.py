@@ -33,7 +33,7 @@ _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0[ox]
 
 
 class ReportDumper(_Dumper):
-    """Key order kept, no anchors, short collections in flow style, long text as a block."""
+    """Keeps the order of keys; no anchors, short collections in flow style, long text as a block."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """No anchors: a repeated list is written twice."""
@@ -41,7 +41,7 @@ class ReportDumper(_Dumper):
 
 
 def _short(value: Any, room: int) -> int:
-    """The room that is left on a line after `value`; negative where it does not fit."""
+    """The space that is left on a line after `value`; negative if it does not fit."""
     if room < 0:
         return room
     if isinstance(value, dict):
@@ -103,7 +103,7 @@ def _finite(value: Any, marker: str) -> Any:
 
 
 def save(document: dict[str, Any], path: str | os.PathLike, force: bool = False) -> None:
-    """Write a document as YAML, or as JSON where the file's name ends in `.json`; in full or not at all.
+    """Write a document atomically as YAML, or as JSON if the file name ends in `.json`.
 
     Raises
     ------

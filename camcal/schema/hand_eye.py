@@ -32,14 +32,14 @@ class KnownPose(PlainPose):
 
 
 class Estimated(Section):
-    """A figure that was estimated."""
+    """An estimated value."""
 
     value: Annotated[Figure, key("the estimate")]
     sigma: Annotated[Sigma, key("one standard deviation; null where the figure is too small to be measured")]
 
 
 class Robot(Section):
-    """How accurate the robot is."""
+    """The accuracy of the robot."""
 
     translation_rms: Annotated[
         Figure, key("root mean square length of what is left of the robot's positions, unit of the target")
@@ -50,7 +50,7 @@ class Robot(Section):
 
 
 class Image(Section):
-    """What is left of the image points."""
+    """The residuals of the image points."""
 
     rms_point: Annotated[Figure, key("over the used points, px")]
     sigma: Annotated[
@@ -72,7 +72,7 @@ class Method(Section):
 
 
 class Motions(Section):
-    """How far the camera turns from view to view."""
+    """The rotations of the camera between views."""
 
     turns_deg: Annotated[
         list[Figure],
@@ -95,7 +95,7 @@ class PoseOfView(Section, kw_only=True):
 
 
 class NextPose(Section):
-    """A pose to add."""
+    """A suggested pose."""
 
     base_from_hand: Annotated[PlainPose, key("where to move the hand")]
     cam_from_board: Annotated[PlainPose, key("what the camera sees there")]

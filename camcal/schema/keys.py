@@ -30,7 +30,7 @@ def sections(kind: type[Section] = Report, path: str = "") -> Iterator[tuple[str
 
 
 def _inner(hint: Any) -> Iterator[tuple[str, type[Section]]]:
-    """Yield the sections that a type holds, with what leads to them."""
+    """Yield the sections that a type contains, with the path to them."""
     if isinstance(hint, type) and issubclass(hint, Section):
         yield "", hint
         return
@@ -57,7 +57,7 @@ def _text(hint: Any) -> str:
 
 
 def renewed(page: str) -> str:
-    """Return a page with its tables of keys made anew.
+    """Return a page with its tables of keys regenerated.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The types that the sections of a report are made of."""
+"""The types of the sections of a report."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["UNSET", "Section", "UnsetType", "key"]
 
 
 class Section(msgspec.Struct):
-    """A group of keys. Keys that it does not know are ignored when it is read, and refused when it is written."""
+    """A group of keys. Unknown keys are ignored when it is read, and rejected when it is written."""
 
     open: ClassVar[bool] = False  #: whether other keys may be written too
 
 
 def key(text: str, **limits: Any) -> Meta:
-    """Return the annotation of a key: what docs/report.md says of it, and limits of its value."""
+    """Return the annotation of a key: its description in docs/report.md, and the limits of its value."""
     return Meta(description=text, **limits)
 
 

@@ -1,4 +1,4 @@
-"""Read a plain document as the sections of the schema; name the path to a value that does not fit."""
+"""Read a plain document as the sections of the schema; errors name the path to the bad value."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _fits(kind: Any, value: Any) -> bool:
 
 
 def _located(kind: Any, value: Any, path: str) -> str | None:
-    """Say which part of a value does not fit, by descending to it; None where all parts do."""
+    """Describe which part of a value does not fit, by descending to it; None if all parts fit."""
     kind, metas = _bare(kind, value)
     for name, inner, part in _parts(kind, value):
         if part is msgspec.NODEFAULT:
@@ -71,7 +71,7 @@ def _join(path: str, name: str | int) -> str:
 
 
 def _bare(kind: Any, value: Any) -> tuple[Any, tuple[Meta, ...]]:
-    """Take annotations off a type, and of a union the member that is meant: not null, not left out."""
+    """Remove annotations from a type, and select the relevant member of a union: not null, not missing."""
     metas: tuple[Meta, ...] = ()
     while True:
         if get_origin(kind) is Annotated:
@@ -135,7 +135,7 @@ def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
 
 
 def _needed(kind: Any, metas: tuple[Meta, ...]) -> str:
-    """What a type takes, in words."""
+    """Describe what a type accepts."""
     if get_origin(kind) is Literal:
         return " or ".join(f"'{word}'" for word in get_args(kind))
     if get_origin(kind) is tuple:

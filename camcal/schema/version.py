@@ -1,4 +1,4 @@
-"""The name of the report's schema, and what a reader accepts."""
+"""The name of the report's schema, and the versions that a reader accepts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SCHEMA = f"{NAME}/{VERSION}"
 
 
 def check(document: Mapping[str, Any], source: str) -> None:
-    """Refuse what is not a camcal report of a version that this camcal reads.
+    """Raise an error unless a document is a camcal report of a version that this camcal reads.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The camera that a simulation looks through, and the document that states it and all else that is true."""
+"""The camera of a simulation, and the document of all true values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def example_camera(
     values: Mapping[str, float | None] | None = None,
     skew: bool = False,
 ) -> Camera:
-    """The first example camera of a model, at another size and with other values where they are given.
+    """The first example camera of a model, with another size and other values if given.
 
     Another size scales fx, fy, cx, cy and the skew, so that the view stays the same; `values` are set last.
 
@@ -52,7 +52,7 @@ def example_camera(
 
 
 def truth_document(camera: Camera, poses: Poses, names: list[str], **more: Any) -> dict[str, Any]:
-    """What is true of simulated data, as plain values; `camera` and `views` as in a report."""
+    """The true values of simulated data as plain values; `camera` and `views` as in a report."""
     return {
         "schema": TRUTH_SCHEMA,
         "tool": {"camcal": __version__},

@@ -81,14 +81,14 @@ def run_all(
 
 
 def _limited(options: Options | None, share: float) -> Options:
-    """Options with a limit of time, the smaller of their own and a share."""
+    """Options with a time limit, the smaller of their own and a share."""
     options = options or Options()
     limits = [max(share, 0.0)] + ([] if options.max_seconds is None else [options.max_seconds])
     return replace(options, max_seconds=min(limits))
 
 
 def perturbed(problem: Problem, state: State, count: int, size: float, seed: int) -> list[State]:
-    """Other starts near one: parameters and poses moved at random.
+    """Other starts near a given one: parameters and poses moved at random.
 
     Focal length, depth and the principal point (by the focal length) move by `size` relative, rotations by
     `size` rad, distortion by `size` itself, each times a standard normal number. A start that does not
@@ -119,7 +119,7 @@ def perturbed(problem: Problem, state: State, count: int, size: float, seed: int
 
 
 def judged(problem: Problem, runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """A row for each optimiser: the run from the first start, and its perturbed starts summed up.
+    """A row for each optimiser: the run from the first start, and a summary of its perturbed starts.
 
     `distance` is the relative excess of the cost over the best of all runs; `distance_sigma` that of the
     camera, sqrt(Δᵀ S Δ) / σ, in standard deviations of the estimate.
@@ -179,7 +179,7 @@ def _summed_up(runs: Sequence[Run], excess: Callable[[Result], float]) -> dict[s
 
 
 def thinned(samples: Sequence[Any], most: int = 60) -> list[Any]:
-    """At most so many of the samples, first and last among them, evenly spread in the logarithm."""
+    """At most the given number of samples, including the first and last, evenly spaced in the logarithm."""
     if len(samples) <= most:
         return list(samples)
     picked = np.unique(np.geomspace(1, len(samples), most).round().astype(int)) - 1

@@ -18,7 +18,7 @@ Array = np.ndarray
 def board_poses(
     target: Target, camera: Camera, rng: np.random.Generator, views: int, spread: Spread | None = None
 ) -> Poses:
-    """Poses that keep the whole sheet of a target in the picture, its quiet margin included."""
+    """Poses that keep the whole sheet of a target in the picture, including its quiet margin."""
     x0, y0, x1, y1 = target.pattern().extent
     x, y = np.linspace(x0, x1, 9), np.linspace(y0, y1, 9)
     # the outline with points between the corners: its edges are curved in a picture with distortion
@@ -47,7 +47,7 @@ def simulate_pictures(
 
 
 def uneven_looks(base: Look, rng: np.random.Generator, count: int) -> list[Look]:
-    """The same look under light that comes from another side in each picture."""
+    """The same look with light from a different side in each picture."""
     return [
         Look(**{**base.__dict__, "gradient": rng.uniform(0, 0.4), "direction": rng.uniform(0, 2 * np.pi)})
         for _ in range(count)
@@ -55,7 +55,7 @@ def uneven_looks(base: Look, rng: np.random.Generator, count: int) -> list[Look]
 
 
 def bowed_sheet(target: Target, bow: float) -> Surface:
-    """A sheet that bulges along x: its middle stands `bow` nearer to the camera than its rims."""
+    """A sheet that bulges along x: its middle is `bow` nearer to the camera than its edges."""
     x0, _, x1, _ = target.pattern().extent
     middle, half = (x0 + x1) / 2, (x1 - x0) / 2
 

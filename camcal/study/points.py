@@ -59,7 +59,7 @@ def simulate_points(
 
 
 def outlier_moves(count: int, part: float, rng: np.random.Generator) -> Array:
-    """Displacements (count, 2) in px: zero but for `part` of the rows."""
+    """Displacements (count, 2) in px: zero except for `part` of the rows."""
     moves = np.zeros((count, 2))
     chosen = rng.choice(count, round(part * count), replace=False)
     angle, length = rng.uniform(0, 2 * np.pi, len(chosen)), rng.uniform(*OUTLIER_PX, len(chosen))
@@ -80,7 +80,7 @@ def corner_rig(cells: int = 6, spacing: float = 30.0) -> Array:
 
 
 def facing_corner() -> Array:
-    """The rotation (3, 3) with which a camera looks into the corner of a cube, z up: cam_from_rig."""
+    """The rotation (3, 3) of a camera that looks into the corner of a cube, z up: cam_from_rig."""
     forward = -np.ones(3) / np.sqrt(3)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

@@ -27,7 +27,7 @@ NODE_STEP = 4  #: px between the rays that the lens is asked for; a spline gives
 
 @dataclass(frozen=True)
 class Look:
-    """What the light, the lens and the sensor do to a picture; grey levels are those of 8 bits.
+    """The effects of light, lens and sensor on a picture; grey levels are those of 8 bits.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ def _nodes(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A sheet with ink on it, seen from a camera."""
+    """A sheet with ink on it, seen by a camera."""
 
     ink: BlackArea
     paper: BlackArea
@@ -179,7 +179,9 @@ class _Scene:
     look: Look
 
     def meet(self, rays: Array) -> tuple[Array, Array]:
-        """Where rays (..., 3) of the camera's frame meet the sheet: xy (..., 2), and whether in front."""
+        """The intersections of rays (..., 3) of the camera's frame with the sheet: xy (..., 2), and whether in
+        front.
+        """
         origin = self.board_from_cam.translation
         direction = rays @ self.board_from_cam.rotation.T
         with np.errstate(all="ignore"):
@@ -193,14 +195,14 @@ class _Scene:
         return xy, front
 
     def coverage(self, xy: Array, width: Array, front: Array) -> tuple[Array, Array]:
-        """How much of each box is sheet, and how much of it is ink; 0 to 1."""
+        """The fractions of each box that are sheet, and of the sheet that are ink; 0 to 1."""
         paper = np.where(front, self.paper.mean(xy, width), 0.0)
         if self.board_from_cam.translation[2] >= 0:
             return paper, np.zeros_like(paper)  # the printed side faces negative z; the other is blank
         return paper, self.ink.mean(xy, width)
 
     def grey(self, xy: Array, width: Array, front: Array) -> Array:
-        """Grey levels of boxes of the sheet and of what is behind it."""
+        """Grey levels of boxes of the sheet and of the background."""
         return self.shade(*self.coverage(xy, width, front))
 
     def shade(self, paper: Array, ink: Array) -> Array:
@@ -209,7 +211,7 @@ class _Scene:
         return look.background + paper * (look.white - look.background) - ink * (look.white - look.black)
 
     def classify(self, xy: Array, width: Array, seen: Array) -> tuple[Array, Array]:
-        """Grey level of each pixel, and whether an edge crosses it or comes near."""
+        """The grey level of each pixel, and whether an edge crosses or approaches it."""
         grey = np.full(seen.shape, self.look.background)
         crossed = np.zeros_like(seen)
         low, high = np.array(self.ink.pattern.extent).reshape(2, 2)
@@ -226,7 +228,7 @@ def _mixed(part: Array) -> Array:
 
 
 def _footprint(xy: Array) -> Array:
-    """Sides (..., 2) of the box of the same second moments as a pixel's image on the board."""
+    """Sides (..., 2) of the box with the same second moments as a pixel's image on the board."""
     along_u = (xy[1:-1, 2:] - xy[1:-1, :-2]) / 2
     along_v = (xy[2:, 1:-1] - xy[:-2, 1:-1]) / 2
     with np.errstate(all="ignore"):

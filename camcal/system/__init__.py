@@ -1,1 +1,1 @@
-"""The border to the operating system: files read and written, streams, processes, text that leaves the program."""
+"""The interface to the operating system: files read and written, streams, processes, text output."""

@@ -1,4 +1,4 @@
-"""YAML, JSON and TOML of strangers: parsed by parsers that run and expand nothing, with limits.
+"""Untrusted YAML, JSON and TOML, read by parsers that execute and expand nothing, with limits.
 
 A few lines of nested aliases stand for gigabytes, deep nesting overflows the stack of a recursive parser, and a
 number of thousands of digits takes quadratic time; all are refused before anything is built.
@@ -28,7 +28,7 @@ Path = str | os.PathLike
 
 
 def parse_json(text: str, path: Path) -> Any:
-    """The content of a JSON document; DataError where it is none."""
+    """The content of a JSON document; DataError if it is invalid."""
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
@@ -38,7 +38,7 @@ def parse_json(text: str, path: Path) -> Any:
 
 
 def parse_toml(text: str, path: Path) -> Any:
-    """The content of a TOML document; DataError where it is none."""
+    """The content of a TOML document; DataError if it is invalid."""
     try:
         return tomllib.loads(text)
     except _FAILURES as error:
@@ -46,7 +46,7 @@ def parse_toml(text: str, path: Path) -> Any:
 
 
 def parse_yaml(text: str, path: Path, aliases: int = MOST_ALIASES) -> Any:
-    """The content of a YAML document, with at most so many aliases; DataError where it is none."""
+    """The content of a YAML document with at most the given number of aliases; DataError if it is invalid."""
     text = as_yaml(text)
     try:
         _check_events(text, path, aliases)
@@ -60,20 +60,20 @@ def parse_yaml(text: str, path: Path, aliases: int = MOST_ALIASES) -> Any:
 
 
 def as_yaml(text: str) -> str:
-    """OpenCV's YAML as YAML: 4.x begins with `%YAML:1.0`; matrices have tags, nd-matrices since 5.0."""
+    """Convert OpenCV's YAML to YAML: 4.x starts with `%YAML:1.0`; matrices have tags, nd-matrices since 5.0."""
     if text.startswith("%YAML"):
         text = text.partition("\n")[2]
     return text.replace("!!opencv-matrix", "").replace("!!opencv-nd-matrix", "")
 
 
 def broken(path: Path, kind: str, why: object) -> DataError:
-    """The error of a document that is not what it is read as."""
+    """The error for a document that is not of the expected kind."""
     said = str(why).partition("\n")[0].rstrip(".") or type(why).__name__
     return DataError(f"'{path}' is not readable as {kind}: {said[:200]}.", "Is it damaged?")
 
 
 def _check_events(text: str, path: Path, most: int) -> None:
-    """Refuse deep nesting, many aliases, and aliases within what has an anchor."""
+    """Reject deep nesting, many aliases, and aliases within anchored nodes."""
     depth = aliases = 0
     anchored: list[int] = []
     for event in yaml.parse(text, _Loader):

@@ -16,12 +16,12 @@ _OF_OPENCV = "OPENCV_FOR_THREADS_NUM"
 
 
 def use_one_thread() -> None:
-    """Let libraries that are not loaded yet, here and in worker processes, use one thread."""
+    """Limit libraries that are not loaded yet, here and in worker processes, to one thread."""
     os.environ.update(dict.fromkeys((*THREADS, _OF_OPENCV), "1"))
 
 
 def limit_linear_algebra() -> None:
-    """Let linear algebra that is not loaded yet use one thread, where the user says nothing else.
+    """Limit linear algebra that is not loaded yet to one thread, unless the user sets another number.
 
     Its matrices have some ten rows here: a second thread waits in a loop and costs as much processor time again
     (13 pictures of 640 x 480: 3.7 s in place of 6.4 s).
@@ -31,7 +31,7 @@ def limit_linear_algebra() -> None:
 
 
 class Terminated(BaseException):
-    """The program was asked to end; raised where it is at work, so that it cleans up as on ^C."""
+    """The program was asked to terminate; raised in the running code so that it cleans up as on ^C."""
 
     def __init__(self, number: int):
         super().__init__(number)
@@ -53,7 +53,7 @@ def end_on_signals() -> None:
 
 
 def start_worker() -> None:
-    """Begin a worker process: ^C is the parent's, one thread, and an end with the parent however that ends."""
+    """Start a worker process: ^C is left to the parent, one thread, and it ends with the parent in every case."""
     import multiprocessing
     import threading
 
@@ -67,7 +67,7 @@ def start_worker() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Wait for the end of the parent, which the system tells, and end."""
+    """Wait until the system reports the end of the parent, then exit."""
     from multiprocessing import connection
 
     connection.wait([parent])

@@ -1,4 +1,4 @@
-"""Reading files whole: with a limit, and nothing but ordinary files."""
+"""Reading whole files: with a size limit, and only regular files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0
 def read_file(
     path: str | os.PathLike, most: int, what: str = "a file", hint: str = "Check the path."
 ) -> bytes:
-    """The bytes of an ordinary file.
+    """The bytes of a regular file.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read_file(
 def read_text(
     path: str | os.PathLike, most: int, what: str = "a text file", hint: str = "Check the path."
 ) -> str:
-    """The text of an ordinary file in UTF-8, without a byte order mark; DataError as `read_file`."""
+    """The text of a regular file in UTF-8, without a byte order mark; DataError as `read_file`."""
     data = read_file(path, most, what, hint)
     try:
         return data.decode("utf-8-sig")
@@ -72,7 +72,7 @@ def _other(mode: int) -> str:
 
 
 def is_file(path: str | os.PathLike) -> bool:
-    """Whether there is an ordinary file; False for a loop of links and for names that the system refuses."""
+    """Return whether the path is a regular file; False for a loop of links and for names that the system rejects."""
     try:
         return Path(path).is_file()
     except (OSError, ValueError):

@@ -14,7 +14,7 @@ from camcal.system.text import printable
 
 
 class Outlet(io.TextIOBase):
-    """A stream that takes any text: what its encoding lacks is replaced, what a terminal would obey too.
+    """A stream that accepts any text: characters that it cannot encode, or that control a terminal, are replaced.
 
     Parameters
     ----------
@@ -37,31 +37,31 @@ class Outlet(io.TextIOBase):
         self.stream, self.name, self.lossy, self.raw = stream, name, lossy, raw
 
     def styled(self) -> Outlet:
-        """The same stream for a program that makes escape sequences itself, from text that is clean."""
+        """The same stream for a program that writes its own escape sequences around clean text."""
         return Outlet(self.stream, self.name, self.lossy, raw=True)
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """That of the stream."""
+        """The encoding of the stream."""
         return getattr(self.stream, "encoding", None) or "utf-8"
 
     @property
     def errors(self) -> str:  # type: ignore[override]
-        """Nothing is refused."""
+        """The error handling: nothing is rejected."""
         return "replace"
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Return whether it is a terminal."""
         return self.stream is not None and not self.stream.closed and self.stream.isatty()
 
     def fileno(self) -> int:
-        """The descriptor."""
+        """Return the file descriptor."""
         if self.stream is None:
             raise io.UnsupportedOperation("fileno")
         return self.stream.fileno()
 
     def writable(self) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def write(self, text: str) -> int:
@@ -76,7 +76,7 @@ class Outlet(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Hand on what is buffered."""
+        """Flush the buffer."""
         with self._losses():
             if self.stream is not None:
                 self.stream.flush()
@@ -98,7 +98,7 @@ class Outlet(io.TextIOBase):
 
 @contextlib.contextmanager
 def outlets() -> Iterator[None]:
-    """Let everything that a run writes to stdout and stderr pass through outlets."""
+    """Route everything that a run writes to stdout and stderr through outlets."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = Outlet(before[0], "stdout"), Outlet(before[1], "stderr", lossy=True)
     try:
@@ -108,14 +108,14 @@ def outlets() -> Iterator[None]:
 
 
 def standard_input() -> BinaryIO:
-    """The bytes of stdin; DataError where it was closed before the program began."""
+    """The bytes of stdin; DataError if it was closed before the program started."""
     if sys.stdin is None:
         raise DataError("stdin is closed; a table is needed there.", "Name a file, or pipe one in.")
     return sys.stdin.buffer
 
 
 def hold_standard_descriptors() -> None:
-    """Open /dev/null in the place of closed descriptors 0, 1, 2.
+    """Open /dev/null in place of closed descriptors 0, 1, 2.
 
     Otherwise the next file that is opened would be one of them, and a library's warnings would go into a report.
     """
@@ -128,7 +128,7 @@ def hold_standard_descriptors() -> None:
 
 
 def close(*files: Any) -> None:
-    """Hand on what is left in stdout and stderr at the end; one that the system refuses gets nothing more."""
+    """Flush stdout and stderr at the end; after an error of the system nothing more is written."""
     for stream in files:
         try:
             if stream is not None:
@@ -138,7 +138,7 @@ def close(*files: Any) -> None:
 
 
 def silence(stream: Any) -> None:
-    """Point a stream at nothing, so that the interpreter's last flush does not complain."""
+    """Point a stream at /dev/null, so that the interpreter's final flush does not fail."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         sink = os.open(os.devnull, os.O_WRONLY)
         os.dup2(sink, stream.fileno())

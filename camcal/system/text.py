@@ -1,4 +1,4 @@
-"""Text that leaves the program: what a terminal, a spreadsheet or a file's encoding would take for something else.
+"""Text output: escaping of what a terminal, a spreadsheet or a file's encoding would interpret.
 
 Names come from file names and tables of strangers. A terminal obeys control characters in them (ECMA-48), a
 right-to-left override hides the end of a name (Unicode TR 36, 2.5), and a spreadsheet runs a cell that begins
@@ -20,7 +20,7 @@ LONGEST_MESSAGE = 2000  #: characters; a screen of text
 
 
 def readable(text: str) -> str:
-    r"""The text as UTF-8 can hold it: bytes of a file's name that are none become `\xe9`."""
+    r"""The text in valid UTF-8: invalid bytes of a file name become `\xe9`."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -29,7 +29,7 @@ def readable(text: str) -> str:
 
 
 def printable(text: str) -> str:
-    """The text without what a terminal would obey; each such character is replaced by one sign of the same width."""
+    """The text without terminal control characters; each is replaced by one character of the same width."""
     return _UNSAFE.sub("\ufffd", readable(text))
 
 
@@ -39,18 +39,18 @@ def escaped(text: str) -> str:
 
 
 def has_unsafe(text: str) -> bool:
-    """Whether a terminal would obey something in the text."""
+    """Return whether the text contains terminal control characters."""
     return _UNSAFE.search(text) is not None
 
 
 def listed(parts: Sequence[str], most: int = 5) -> str:
-    """The first few of a list, and how many more there are."""
+    """The first few items of a list, and the number of the others."""
     more = len(parts) - most
     return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def message(text: str) -> str:
-    """The text of a message: one line, long words and long texts with their middle left out."""
+    """A message on one line; long words and long texts are shortened in the middle."""
     text = " ".join(printable(text).split())
     text = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda found: _without_middle(found[0], LONGEST_WORD), text)
     return _without_middle(text, LONGEST_MESSAGE)
@@ -66,5 +66,5 @@ def cell(name: str) -> str:
 
 
 def from_cell(name: str) -> str:
-    """The name that `cell` was given."""
+    """The name from which `cell` made a cell."""
     return name[1:] if name[:1] == "'" and cell(name[1:]) == name else name

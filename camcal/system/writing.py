@@ -1,4 +1,4 @@
-"""Writing files: complete or not at all, and never over another file unasked.
+"""Atomic writing of files, which never overwrites another file unless asked to.
 
 What is written goes to a file beside the target whose name nobody can guess, which then takes the target's name.
 Such a file is locked for as long as it is written. One that nobody has locked was left by a process that was
@@ -65,12 +65,12 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path is a device, a pipe or a socket: it is written to and never replaced."""
+    """Return whether a path is a device, a pipe or a socket, which is written to and never replaced."""
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = False) -> None:
-    """Write a file so that it is there in full or not at all.
+    """Write a file atomically.
 
     A process that reads meanwhile sees the old file or the new one. Text is written as UTF-8 with the line ends
     it has. A device or a pipe (`/dev/stdout`) is written to directly. A symbolic link stays; its target is
@@ -102,7 +102,7 @@ def atomic_write(path: str | os.PathLike, content: str | bytes, force: bool = Fa
 
 @contextlib.contextmanager
 def refusals(target: str | os.PathLike) -> Iterator[None]:
-    """Say of an error of the system that `target` could not be written."""
+    """Convert an error of the system into one that says that `target` could not be written."""
     try:
         yield
     except BrokenPipeError:  # the reader of a pipe went away: exit code 141
@@ -120,7 +120,7 @@ def write_all(handle: int, data: bytes) -> None:
 
 
 class PartFile:
-    """A file that is being written, and takes the name of its target when it is complete.
+    """A file being written, which is renamed to its target when it is complete.
 
     Parameters
     ----------
@@ -141,11 +141,11 @@ class PartFile:
             os.close(self._handle)  # swept by another run before it was locked
 
     def write(self, data: bytes) -> None:
-        """Add to what is written."""
+        """Append data."""
         write_all(self._handle, data)
 
     def commit(self, force: bool) -> None:
-        """Give the file its name.
+        """Rename the file to its target.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class PartFile:
             os.unlink(self.path)  # noqa: PTH108
 
     def discard(self) -> None:
-        """Remove the file, where it has not taken its name."""
+        """Remove the file unless it was renamed."""
         self._close()
         with contextlib.suppress(OSError):
             os.unlink(self.path)  # noqa: PTH108
@@ -191,7 +191,7 @@ class PartFile:
 
 
 def _lock(handle: int) -> bool:
-    """Lock an open file for this process alone; False where another has it. The lock ends with the process."""
+    """Lock an open file for this process; False if another process has locked it. The lock ends with the process."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -202,13 +202,13 @@ def _lock(handle: int) -> bool:
 
 
 def lock_or_refuse(handle: int, path: str | os.PathLike) -> None:
-    """Lock a file that grows; UsageError where another run is writing to it."""
+    """Lock a file that grows; UsageError if another run is writing to it."""
     if fcntl is not None and not _lock(handle):
         raise UsageError(f"'{path}' is being written by another run.", "Choose another --output.")
 
 
 def sweep(folder: Path) -> None:
-    """Remove what killed runs of this user have left in a folder, once in a process: nobody has it locked."""
+    """Remove files that killed runs of this user left in a folder, once per process; locked ones are kept."""
     if str(folder) in _swept or fcntl is None:
         return
     _swept.add(str(folder))
@@ -220,7 +220,7 @@ def sweep(folder: Path) -> None:
 
 
 def _remove_stale(path: str) -> None:
-    """Remove a part file of this user that no process has locked; never what a link leads to."""
+    """Remove a part file of this user that no process has locked; links are not followed."""
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         status = os.fstat(handle)

@@ -1,4 +1,4 @@
-"""What a report shows to be wrong with its calibration."""
+"""Diagnosis of a calibration from its report."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PICTURES = frozenset(
 
 
 def examine(report: Document, solution: Solution, source: str, try_models: bool = True) -> list[Finding]:
-    """All findings on a calibration, in order.
+    """All findings about a calibration, in order.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
 
 
 def gates(report: Document) -> Iterator[Finding]:
-    """The gates that fell."""
+    """Findings for failed gates."""
     for failure in report.get("failures", []):
         if failure.startswith("graded "):
             continue  # that warning is a finding of its own
@@ -76,14 +76,14 @@ def gates(report: Document) -> Iterator[Finding]:
 
 
 def lost(report: Document) -> Iterator[Finding]:
-    """Pictures that were not used."""
+    """A finding for unused pictures."""
     views = report["views"]
     unused = [v for v in views if v["status"] != "used"]
     return remedies.lost_pictures(len(views) - len(unused), unused)
 
 
 def warnings(report: Document, pictures: Finding | None, board: Finding | None) -> Iterator[Finding]:
-    """The report's warnings, each with the gain of what does away with it."""
+    """The report's warnings, each with the gain of its remedy."""
     for warning in report["warnings"]:
         code = warning["code"]
         gain: Gain | None = None
@@ -120,6 +120,6 @@ def sentence(report: Document, findings: list[Finding]) -> str:
 
 
 def diagnose(report: Document, solution: Solution, source: str) -> dict[str, Any]:
-    """The document on a calibration."""
+    """The document about a calibration."""
     found = examine(report, solution, source)
     return diagnosis("calibration", sentence(report, found), found, source=source)

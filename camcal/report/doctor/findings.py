@@ -1,4 +1,4 @@
-"""A finding: what is wrong, what to do, what that gains; and findings in order."""
+"""A finding: the problem, the remedy, and its gain; and the order of findings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRADES: tuple[Grade, ...] = ("wrong", "better", "note")
 
 @dataclass(frozen=True)
 class Gain:
-    """What a remedy promises: a figure that shrinks.
+    """The predicted gain of a remedy: a figure that becomes smaller.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Gain:
 
     @property
     def times(self) -> float:
-        """How many times smaller the figure becomes."""
+        """The factor by which the figure decreases."""
         return self.now / self.after if self.after > 0 else math.inf
 
     @property
@@ -50,7 +50,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong, or could be better.
+    """A problem, or a possible improvement.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Finding:
 
 
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
-    """What is wrong first; within a grade the largest gain first, then those whose gain is not known."""
+    """Sort findings: the worst grade first; within a grade the largest gain first, then those with unknown gain."""
 
     def key(finding: Finding) -> tuple[int, float]:
         return GRADES.index(finding.grade), -(finding.gain.times if finding.gain else 0.0)
@@ -81,7 +81,7 @@ def ordered(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def diagnosis(about: str, sentence: str, findings: Sequence[Finding], **more: Any) -> dict[str, Any]:
-    """The document that `camcal doctor` gives: `healthy` is false where something is wrong."""
+    """The document of `camcal doctor`; `healthy` is false if something is wrong."""
     found = ordered(findings)
     return {
         "schema": SCHEMA,

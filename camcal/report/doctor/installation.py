@@ -1,4 +1,4 @@
-"""What camcal runs on: versions, OpenCV, extras, processors, the cache; and a calibration whose truth is known."""
+"""The installation: versions, OpenCV, extras, processors, the cache; and a calibration with known truth."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ EXACT_PX = 1e-6
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at."""
+    """One checked item."""
 
     name: str
     found: str
@@ -36,7 +36,7 @@ class Check:
 
 
 def checks() -> list[Check]:
-    """All of them; a check that breaks is itself a finding."""
+    """All checks; a check that raises an error is itself a finding."""
     made: list[Check] = []
     for one in (_versions, _opencv, _pictures, _calibration, _extras, _machine, _cache, _settings):
         try:
@@ -68,7 +68,7 @@ def _versions() -> Iterator[Check]:
 
 
 def _required() -> Iterator[tuple[str, str]]:
-    """Names and least versions of what camcal needs, without extras."""
+    """Names and minimum versions of camcal's requirements, without extras."""
     try:
         lines = metadata.requires("camcal") or []
     except metadata.PackageNotFoundError:  # run from its folder
@@ -116,7 +116,7 @@ def _is_installed(name: str) -> bool:
 
 
 def _pictures() -> Iterator[Check]:
-    """Whether cv2 reads back what it writes."""
+    """Check that cv2 reads back what it writes."""
     import cv2
     import numpy as np
 
@@ -140,7 +140,7 @@ def _pictures() -> Iterator[Check]:
 
 
 def _calibration() -> Iterator[Check]:
-    """Calibrate exact points of a known camera, and compare."""
+    """Calibrate exact points of a known camera and compare the result with it."""
     import numpy as np
 
     from camcal.model.placement import simulate_poses
@@ -198,13 +198,13 @@ def _cache() -> Iterator[Check]:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether the folder, or the nearest that there is of those above it, takes files."""
+    """Return whether the folder, or its nearest existing parent, is writable."""
     there = next((p for p in (folder, *folder.parents) if p.exists()), None)
     return there is not None and there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 
 def _settings() -> Iterator[Check]:
-    """What changes the options without being on the command line."""
+    """Settings that change options without being on the command line."""
     given = sorted(name for name in os.environ if name.startswith("CAMCAL_"))
     if Path("camcal.yaml").is_file():
         given.insert(0, "./camcal.yaml")
@@ -212,7 +212,7 @@ def _settings() -> Iterator[Check]:
 
 
 def diagnose(look: Callable[[], list[Check]] = checks) -> dict[str, Any]:
-    """The document on the installation."""
+    """The document about the installation."""
     made = look()
     findings = [
         Finding(

@@ -1,4 +1,4 @@
-"""What pictures of a target show to be wrong before anything is calibrated."""
+"""Diagnosis of pictures of a target before any calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENOUGH = 10
 
 
 def examine(found: Correspondences) -> list[Finding]:
-    """Findings on pictures in which a target was looked for."""
+    """Findings about pictures that were searched for a target."""
     return [*_quality(found), *_count(found)]
 
 
@@ -37,7 +37,7 @@ def _count(found: Correspondences) -> Iterator[Finding]:
 
 
 def nothing_found(error: CamcalError, seen: Sequence[Mapping[str, Any]]) -> list[Finding]:
-    """The finding where the pictures do not show one target; `seen` are the events of `detect_images`."""
+    """The finding if the pictures do not show a common target; `seen` are the events of `detect_images`."""
     reasons = {p["id"]: p["reason"] for p in seen if p["status"] != "found"}
     differ = len(set(reasons.values())) > 1
     reasons_given = f": {listed([f'{k} ({v})' for k, v in reasons.items()])}" if differ else ""
@@ -49,11 +49,11 @@ def nothing_found(error: CamcalError, seen: Sequence[Mapping[str, Any]]) -> list
 
 
 def not_calibrated(error: CamcalError) -> Finding:
-    """The finding where a calibration of the pictures fails."""
+    """The finding if a calibration of the pictures fails."""
     return Finding("not-calibrated", "wrong", error.message, error.hint or "Take more and other pictures.")
 
 
 def lost(found: Correspondences) -> Iterator[Finding]:
-    """The pictures that were of no use."""
+    """The pictures that were not usable."""
     entries = [{"id": v.id, "status": v.status, "reason": v.reason} for v in found.skipped]
     return lost_pictures(len(found), entries)

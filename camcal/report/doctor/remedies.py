@@ -1,4 +1,4 @@
-"""What could be done about a calibration, and how much it would gain as far as that can be predicted."""
+"""Possible improvements of a calibration, and their predicted gain."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Document = Mapping[str, Any]
 
 
 def next_views(solution: Solution, source: str) -> Finding | None:
-    """More pictures where they tell most."""
+    """Additional pictures where they are most informative."""
     if (
         not solution.free.any()
         or solution.camera.image_size is None
@@ -75,7 +75,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
 
 
 def board_shape(solution: Solution) -> Finding | None:
-    """A board that is not what it is taken for."""
+    """A board whose shape differs from the assumed one."""
     found = promise(Facts(solution))
     if found is None or found.p_value > SIGNIFICANT or found.after > BOARD_GAIN * found.before:
         return None
@@ -89,7 +89,7 @@ def board_shape(solution: Solution) -> Finding | None:
 
 
 def lens_model(solution: Solution, report: Document, board: Finding | None) -> Finding | None:
-    """Another lens model, tried out on views held out where the residuals call for one.
+    """Another lens model, tested by hold-out if the residuals indicate one.
 
     Where the board's shape leaves only the corners' noise, there is nothing for a lens model to explain.
     """
@@ -119,7 +119,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
 
 
 def _detector_sigma(report: Document) -> float:
-    """What sigma_hat would be if all but the corners' noise were explained, px."""
+    """The sigma_hat if everything except the corners' noise were explained, px."""
     ratio = (report.get("bias") or {}).get("ratio")
     return float(report["fit"]["sigma_hat"] * math.sqrt(max(1 - ratio["ratio"], 0.0))) if ratio else 0.0
 
@@ -132,14 +132,14 @@ def _calls_for_a_model(report: Document) -> bool:
 
 
 def large_effects(report: Document) -> list[Mapping[str, Any]]:
-    """The tests of the residuals that find something that matters, the largest effect first."""
+    """The residual tests with a relevant effect, the largest first."""
     tests = (report.get("bias") or {}).get("tests") or []
     found = [t for t in tests if t["p_corrected"] < 1e-3 and t["effect"] > LARGE_EFFECT]
     return sorted(found, key=lambda t: -t["effect"])
 
 
 def bias(report: Document) -> Finding | None:
-    """Residuals of which much is not noise."""
+    """Residuals of which a large part is not noise."""
     ratio = (report.get("bias") or {}).get("ratio")
     if not ratio or not ratio["ratio"] >= BIASED or ratio["p_value"] > 1e-3:
         return None
@@ -156,7 +156,7 @@ def bias(report: Document) -> Finding | None:
 
 
 def worse_views(solution: Solution, report: Document) -> Finding | None:
-    """Views that are worse than the others, by their rms or by what the pictures look like."""
+    """Views that are worse than the others, by their rms or by their picture quality."""
     seen = {v["id"]: v for v in report["views"]}
     own = figures.per_view(solution)
     rms = np.array([f.rms_point for f in own])
@@ -181,7 +181,7 @@ def worse_views(solution: Solution, report: Document) -> Finding | None:
 
 
 def _without(solution: Solution, views: list[int]) -> Gain | None:
-    """sigma_hat with the residuals that are there, without some views."""
+    """sigma_hat from the current residuals, without some views."""
     of_those = np.isin(solution.observations.view, list(views)) & solution.used
     squares, points = float(np.square(solution.residuals[of_those]).sum()), int(of_those.sum())
     freedom = figures.redundancy(solution)
@@ -193,7 +193,7 @@ def _without(solution: Solution, views: list[int]) -> Gain | None:
 
 
 def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
-    """Pictures that were of no use: entries of a report's `views`."""
+    """Pictures that were not usable: entries of a report's `views`."""
     if not lost:
         return
     every = used + len(lost)

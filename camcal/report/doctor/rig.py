@@ -1,4 +1,4 @@
-"""What a report shows to be wrong with the calibration of a rig."""
+"""Diagnosis of a rig calibration from its report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LARGE = 0.5
 
 
 def examine(report: Document, solution: RigSolution) -> list[Finding]:
-    """All findings on a rig, in order."""
+    """All findings about a rig, in order."""
     found = [*gates(report), *warnings(report, None, None), *lost(report)]
     if solution.extrinsics:
         found += _pairs(solution)
@@ -31,7 +31,7 @@ def examine(report: Document, solution: RigSolution) -> list[Finding]:
 
 
 def _pairs(solution: RigSolution) -> Iterator[Finding]:
-    """Pairs whose epipolar lines are less certain than a point is."""
+    """Pairs whose epipolar lines are less certain than a measured point."""
     accuracy, noise = covariance(solution), sigma_hat(solution)
     for a, b in combinations(solution.rig.cameras, 2):
         found = pair(solution, accuracy, a, b)["at"]
@@ -50,13 +50,13 @@ def _pairs(solution: RigSolution) -> Iterator[Finding]:
 
 
 def diagnose(report: Document, solution: RigSolution, source: str) -> dict[str, Any]:
-    """The document on a rig."""
+    """The document about a rig."""
     found = examine(report, solution)
     return diagnosis("rig", f"{sentence(report, found)} {_known(solution)}".strip(), found, source=source)
 
 
 def _known(solution: RigSolution) -> str:
-    """How well the distances are known, in a sentence."""
+    """Describe how well the baselines are known."""
     if not solution.extrinsics:
         return ""
     accuracy, said = covariance(solution), []

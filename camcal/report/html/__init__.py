@@ -1,1 +1,1 @@
-"""A report as one self-contained page: no network, readable on a phone, in the dark and on paper."""
+"""A report as one self-contained page that needs no network, with layouts for phones, dark mode and print."""

@@ -1,4 +1,4 @@
-"""The page: what the template is filled with."""
+"""The page: the values for the template."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SECTIONS = {
 
 
 def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml") -> str:
-    """A report as one HTML document, everything within it.
+    """A report as one self-contained HTML document.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
 
 
 def filled(template: Any, report: dict[str, Any], source: str, turned: dict[str, Any], **own: Any) -> str:
-    """A page: what that of one camera and that of a rig have in common, and the parts of its `own`.
+    """A page: the common parts of a camera's and a rig's, and the parts of its `own`.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def filled(template: Any, report: dict[str, Any], source: str, turned: dict[str,
 
 
 def template_of(name: str) -> Any:
-    """A template of this folder; UsageError where jinja2 is not installed."""
+    """A template of this folder; UsageError if jinja2 is not installed."""
     try:
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
     except ImportError:
@@ -114,7 +114,9 @@ def template_of(name: str) -> Any:
 
 
 def code_of(solution: Solution) -> str:
-    """The camera as Python to copy: K and dist for OpenCV, or the parameters by name where OpenCV has no such model."""
+    """The camera as Python code to copy: K and dist for OpenCV, or the parameters by name if OpenCV has no such
+    model.
+    """
     camera = solution.camera
     try:
         k, dist = camera.opencv()

@@ -1,4 +1,4 @@
-"""Thumbnails of the pictures with their corners and residuals, where the files are still there."""
+"""Thumbnails of the pictures with their corners and residuals, if the files still exist."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MOST_NAMED = 6  #: pictures that have changed
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """A picture as a data URI, and what is drawn over it in the picture's own pixels."""
+    """A picture as a data URI, and the overlay in the picture's own pixels."""
 
     id: str
     caption: str
@@ -42,7 +42,7 @@ class Thumbnail:
 
 
 def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tuple[list[Thumbnail], str]:
-    """Those that can be shown, and a sentence on the rest.
+    """The available thumbnails, and a sentence about the missing ones.
 
     Parameters
     ----------
@@ -81,11 +81,11 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
 
 
 class ChangedError(Exception):
-    """A file is not the picture of the calibration: its SHA-256 is another, or not known."""
+    """A file is not the picture of the calibration: its SHA-256 differs or is unknown."""
 
 
 def _paths(report: dict[str, Any], folder: Path) -> dict[str, tuple[Path, str | None]]:
-    """Where the picture of each view is and the SHA-256 that it had, by the view's id."""
+    """The path of each view's picture and its original SHA-256, by the view's id."""
     found = {}
     names = {e["id"] for e in report["views"]}
     for file in report["inputs"]["files"] or []:
@@ -99,7 +99,7 @@ def _paths(report: dict[str, Any], folder: Path) -> dict[str, tuple[Path, str | 
 
 
 def _tails(path: Path) -> Iterator[str]:
-    """`b/c.jpg`, `a/b/c.jpg`, ...: the ids of views whose names alone would not differ."""
+    """`b/c.jpg`, `a/b/c.jpg`, ...: ids of views that have the same file name."""
     parts = path.parts
     for count in range(2, len(parts) + 1):
         yield "/".join(parts[-count:])
@@ -151,7 +151,7 @@ def _dots(uv: Array) -> str:
 
 @dataclass(frozen=True)
 class Preview:
-    """A picture as it was taken and without distortion, as data URIs."""
+    """A picture as taken and without distortion, as data URIs."""
 
     id: str
     before: str
@@ -159,7 +159,7 @@ class Preview:
 
 
 def preview(solution: Solution, report: dict[str, Any], folder: Path) -> Preview | None:
-    """The used picture whose points reach farthest from the principal point; None where all files are gone."""
+    """The used picture whose points reach farthest from the principal point; None if all files are missing."""
     paths, data, centre = _paths(report, folder), solution.observations, solution.camera.params[2:4]
     reach = {
         v.id: float(np.linalg.norm(v.uv - centre, axis=1).max(initial=0.0))
@@ -178,7 +178,7 @@ def preview(solution: Solution, report: dict[str, Any], folder: Path) -> Preview
 
 
 def _undistorted(camera: Camera, gray: Array) -> tuple[Array, Array]:
-    """A picture, made smaller, and the same without distortion."""
+    """A reduced picture, and the same without distortion."""
     import cv2
 
     height, width = gray.shape
@@ -207,7 +207,7 @@ def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
 
 
 def _gray(path: Path, sha256: str | None) -> Array | None:
-    """A picture, 8 bits; None where it cannot be read.
+    """A picture, 8 bits; None if it cannot be read.
 
     A report of a stranger may name any file: only what was in the calibration is shown.
 

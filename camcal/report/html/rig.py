@@ -1,4 +1,4 @@
-"""The page of a rig: what its template is filled with."""
+"""The page of a rig: the values for its template."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CHARTS = ("residuals", "histogram", "views", "coverage", "distortion-curve")
 
 
 def page(report: dict[str, Any], solution: RigSolution, source: str = "report.yaml") -> str:
-    """The report of a rig as one HTML document, everything within it; see `camcal.report.html.page.page`."""
+    """The report of a rig as one self-contained HTML document; see `camcal.report.html.page.page`."""
     template = template_of("rig.html")
     return filled(
         template,

@@ -1,4 +1,4 @@
-"""The camera and the boards in space, as polygons that the page can turn.
+"""The camera and the boards in space, as polygons that the page can rotate.
 
 The first picture is drawn here, so that it is there without scripts and on paper; `scene.js` projects the
 same polygons by the same rule when the reader turns them.
@@ -40,7 +40,7 @@ AXIS, BAR = 1.1, 0.4
 
 @dataclass(frozen=True)
 class Shape:
-    """A polygon (N, 3) in the camera's frame: `kind` is a class of the style sheet, a label stands at its end."""
+    """A polygon (N, 3) in the camera's frame: `kind` is a class of the style sheet, the label is drawn at its end."""
 
     points: Array
     kind: str
@@ -66,7 +66,7 @@ def shapes(solution: Solution) -> list[Shape]:
 
 
 def _boards(solution: Solution, view: View) -> list[tuple[str, Array, Array]]:
-    """The boards of a rig's view that stand fast to each other: title, points (N, 3), axes; empty of one board."""
+    """The rigidly connected boards of a rig's view: title, points (N, 3), axes; empty for a single board."""
     target = solution.observations.target or {}
     if "board_poses" not in target or view.point_ids is None:
         return []
@@ -82,7 +82,9 @@ def _boards(solution: Solution, view: View) -> list[tuple[str, Array, Array]]:
 
 
 def _outlines(xyz: Array, pose: Pose, planar: bool, axes: Array) -> list[Array]:
-    """The box around the points in their own axes: one rectangle of a board, six of a rig; camera's frame."""
+    """The bounding box of the points in their own axes: one rectangle for a board, six for a 3D rig; camera's
+    frame.
+    """
     if planar and np.ptp(xyz[:, 2]) == 0:
         axes = np.eye(3)  # a grid lies along its own axes, which those of its scatter need not follow
     local = xyz @ axes
@@ -107,7 +109,7 @@ def _camera(facts: Facts, size: float) -> list[Shape]:
 
 
 def axes_and_scale(made: list[Shape], unit: str) -> tuple[list[Shape], str]:
-    """The axes of the (first) camera, and a bar of a round length below the boards with that length in words."""
+    """The axes of the (first) camera, and a scale bar of a round length below the boards."""
     size = float(max(np.ptp(s.points, axis=0).max() for s in made if s.kind.startswith("camera")))
     axes = [
         Shape(np.array([np.zeros(3), AXIS * size * e]), "axis", f"{n} of the camera", n)
@@ -128,7 +130,7 @@ def round_length(most: float) -> float:
 
 
 def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:
-    """The point about which the scene turns, and the radius of the ball around it."""
+    """The point about which the scene rotates, and the radius of the sphere around it."""
     every = np.concatenate([s.points for s in made])
     pivot = (every.min(0) + every.max(0)) / 2
     return pivot, float(np.linalg.norm(every - pivot, axis=1).max()) or 1.0
@@ -137,7 +139,7 @@ def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:
 def projected(
     points: Array, pivot: Array, radius: float, yaw: float, pitch: float, fill: float = 1.0
 ) -> tuple[Array, float]:
-    """Places (N, 2) in the drawing, and the mean depth, by which nearer polygons cover farther ones.
+    """Positions (N, 2) in the drawing, and the mean depth, by which polygons are sorted.
 
     Turned about the vertical by `yaw` and then about the horizontal by `pitch`, radians; the ball of `radius`
     fills `fill` of the drawing's height. `scene.js` does the same.
@@ -150,24 +152,24 @@ def projected(
 
 
 def filling(made: list[Shape], pivot: Array, radius: float, yaw: float, pitch: float) -> float:
-    """How large to draw the ball so that the scene fits into the drawing."""
+    """The size of the sphere at which the scene fits into the drawing."""
     every = np.concatenate([projected(s.points, pivot, radius, yaw, pitch)[0] for s in made])
     middle = np.array([WIDTH / 2, HEIGHT / 2])
     return min(LARGEST, FILL * float((middle / np.abs(every - middle).max(0)).min()))
 
 
 def drawing(solution: Solution) -> dict[str, Any]:
-    """The first picture as SVG polygons, and what `scene.js` needs to turn it."""
+    """The initial view as SVG polygons, and the data that `scene.js` needs to rotate it."""
     return drawing_of(shapes(solution), len(solution.poses), _unit(solution))
 
 
 def _unit(solution: Estimate) -> str:
-    """The unit of the target's lengths, as far as the data say."""
+    """The unit of the target's lengths, if the data have one."""
     return str((solution.observations.target or {}).get("unit") or "")
 
 
 def rig_drawing(solution: RigSolution) -> dict[str, Any]:
-    """The same of a rig: all cameras, and the board of each instant in the frame of the rig."""
+    """The same for a rig: all cameras, and the board of each instant in the frame of the rig."""
     made: dict[str, list[Shape]] = {}
     cameras = []
     for name in solution.rig.cameras:
@@ -185,7 +187,7 @@ def rig_drawing(solution: RigSolution) -> dict[str, Any]:
 
 
 def _shown(solution: RigSolution) -> int:
-    """How many boards all pictures together show: one at each instant, or as many as stand there."""
+    """The number of boards in the scene: one per instant, or the number of fixed boards."""
     data = solution.observations
     which = labels(data)
     several = which is not None and "board_poses" in (data.target or {})
@@ -193,7 +195,7 @@ def _shown(solution: RigSolution) -> int:
 
 
 def drawing_of(made: list[Shape], count: int, unit: str = "") -> dict[str, Any]:
-    """Shapes as SVG polygons and as data; `count` boards there are, with lengths in `unit`."""
+    """Shapes as SVG polygons and as data, with `count` boards and lengths in `unit`."""
     more, said = axes_and_scale(made, unit)
     made = [*made, *more]
     pivot, radius = pivot_and_scale(made)
@@ -235,5 +237,5 @@ def drawing_of(made: list[Shape], count: int, unit: str = "") -> dict[str, Any]:
 
 
 def _linked(shape: Shape) -> str:
-    """The attribute by which the page marks the view of a board."""
+    """The attribute by which the page links a board to its view."""
     return f' data-view="{escape(shape.title)}"' if shape.kind == "board" else ""
