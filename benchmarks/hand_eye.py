@@ -6,12 +6,17 @@ best in brackets), the largest bias in standard errors (above 2.6 in one of six 
 root mean square of error over sigma, the robot's noise as estimated, and the root mean square errors of the
 translation, mm: of the joint estimate and of the closed forms. cv2's is run where its wheel has it (4.14; not 5.0).
 
-Usage: python benchmarks/hand_eye.py [--runs 500] [--poses 15] [--update docs/hand-eye.md]
+Usage: python benchmarks/hand_eye.py [--runs 500] [--poses 15] [--rows in-hand:0,to-hand:5] [--results FILE]
+       python benchmarks/hand_eye.py --poses 15 --results FILE --update docs/hand-eye.md
+
+`--results` takes the rows one by one as they are done (a line of JSON each), so that a study can be run in pieces;
+`--update` writes the table of all rows that are in it.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import cv2
@@ -76,10 +81,25 @@ def study(setup, mm, runs, poses):
 
 def main():
     parser = argparse.ArgumentParser()
+    every = [f"{setup}:{mm:g}" for setup in ("in-hand", "to-hand") for mm in NOISES]
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--poses", type=int, default=15)
+    parser.add_argument("--rows", default=",".join(every))
+    parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--update", type=Path)
     given = parser.parse_args()
+    if given.update is None:
+        for row in given.rows.split(","):
+            setup, mm = row.split(":")
+            made = {
+                "poses": given.poses,
+                "row": row,
+                "cells": study(setup, float(mm), given.runs, given.poses),
+            }
+            print(made["cells"], flush=True)
+            with given.results.open("a") as file:
+                file.write(json.dumps(made) + "\n")
+        return
     header = [
         "set-up",
         "noise",
@@ -92,15 +112,9 @@ def main():
     ]
     if hasattr(cv2, "calibrateHandEye"):
         header.append(f"cv2 {cv2.__version__} park")
-    rows = []
-    for setup in ("in-hand", "to-hand"):
-        for mm in NOISES:
-            rows.append(study(setup, mm, given.runs, given.poses))
-            print(rows[-1], flush=True)
-    table = markdown(header, rows)
-    print(table)
-    if given.update:
-        update(given.update, f"study-{given.poses}", table)
+    done = [json.loads(line) for line in given.results.read_text().splitlines()]
+    rows = {d["row"]: d["cells"] for d in done if d["poses"] == given.poses}
+    update(given.update, f"study-{given.poses}", markdown(header, [rows[r] for r in every if r in rows]))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Do the 95 % intervals of relative poses and distances hold the truth?
 
-    python benchmarks/rig_coverage.py [--runs 500] [--rigs 2,4,12,few,boards,ring,late] [--others 50]
+    python benchmarks/rig_coverage.py [--runs 500] [--rigs 2,4,12,few,boards,ring,late,late-3,in-step] [--others 50]
 
 Simulated rigs, noise of .2 px, of `RIGS`:
 
@@ -9,13 +9,15 @@ Simulated rigs, noise of .2 px, of `RIGS`:
     boards     two cameras that look in opposite directions at two boards that stand fast, 15 instants
     ring       four cameras that look in four directions at four boards around them; the rig turns
     late       as 2, with a board that a hand moves on, and a camera that is one frame late
+    late-3     the same with three cameras, of which the last is two frames late
 
 Printed are, over all runs and cameras: the share of the intervals (1.96 sigma) of each component of the relative poses
 and of each distance that hold the truth, the mean error in standard errors of that mean (bias, the largest of all
 components; of 6 a camera the largest is 2.6, of 66 3.4 in one study of twenty), and the root mean square error of the
 distance between the first two cameras. The search begins at the truth, which takes less time and ends at the same
-figures; with --whole each run is a `calibrate_rig`, as `late` always is: it is judged after `--lag`, and printed is in
-how many runs the lag was named.
+figures; with --whole each run is a `calibrate_rig`, as those of `late` always are: they are judged after `--lag`, and
+printed is in how many runs the lag was named, and nothing else. In step is the same board without a lag: how often one
+is named then.
 
 With --others N the same distances of the first N runs by cv2.stereoCalibrate, cv2.calibrateMultiview (5.0), mrcal
 (`--mrcal PYTHON`) and aniposelib (`--anipose PYTHON`), where they are installed.
@@ -24,6 +26,7 @@ With --others N the same distances of the first N runs by cv2.stereoCalibrate, c
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 import tempfile
@@ -58,8 +61,8 @@ MODEL = "opencv4"
 HERE = Path(__file__).parent
 #: mm; cv2.calibrateMultiview refuses points in mm as lying on a line
 UNIT = 1000.0
-#: frames by which the camera of `late` lags
-LAG = 1
+#: frames by which cameras lag in the rigs of that name
+LAGS = {"late": {"c1": 1}, "late-3": {"c2": 2}, "in-step": {}}
 
 
 #: data, true rig, and true poses rig_from_board (of the first board) of the instants
@@ -157,18 +160,19 @@ def ring(seed: int) -> Made:
     return among_boards(rig, [base @ p for p in places], 16, 0.4, seed)
 
 
-def late(seed: int) -> Made:
-    """Two cameras before a board that moves by 20 to 60 mm and some degrees from frame to frame; c1 is a frame late."""
-    rig = simulated(2, 1)[1]
-    rng, points = np.random.default_rng(seed), board()
+def late(cameras: int, lags: dict[str, int], seed: int) -> Made:
+    """Cameras before a board that moves by 20 to 60 mm and some degrees from frame to frame; those of `lags` late."""
+    rig = simulated(cameras, 1)[1]
+    rng, points, most = np.random.default_rng(seed), board(), max(lags.values(), default=1)
     steps = np.cumsum(rng.uniform(-1, 1, (24, 6)) * [0.12, 0.12, 0.12, 40, 30, 40], 0)
     steps -= steps.mean(0)
     steps[:, :3] += rng.uniform(-0.1, 0.1, 3)
     poses = [Pose.from_vector(s[:3], s[3:] + [0, 0, 950]) for s in steps]
     columns: dict[str, list] = {"xyz": [], "uv": [], "view": [], "camera": []}
     for index, name in enumerate(rig.cameras):
-        for view in range(LAG, len(poses)):
-            uv = rig.cameras[name].project((rig.cam_from_rig[name] @ poses[view - LAG * index]).apply(points))
+        for view in range(most, len(poses)):
+            place = poses[view - lags.get(name, 0)]
+            uv = rig.cameras[name].project((rig.cam_from_rig[name] @ place).apply(points))
             inside = np.flatnonzero(((uv > 0) & (uv < np.array(SIZE) - 1)).all(1))
             if len(inside) >= 12:
                 columns["xyz"].append(points[inside])
@@ -179,7 +183,7 @@ def late(seed: int) -> Made:
         **{k: np.concatenate(v) for k, v in columns.items()},
         view_ids=tuple(map(str, range(len(poses)))),
         cameras=tuple(rig.cameras),
-        image_sizes=(SIZE, SIZE),
+        image_sizes=(SIZE,) * cameras,
     )
     return data, rig, Poses.stack(poses)
 
@@ -192,7 +196,9 @@ RIGS: dict[str, Callable[[int], Made]] = {
     "few": few,
     "boards": boards,
     "ring": ring,
-    "late": late,
+    "late": lambda seed: late(2, LAGS["late"], seed),
+    "late-3": lambda seed: late(3, LAGS["late-3"], seed),
+    "in-step": lambda seed: late(3, {}, seed),
 }
 
 
@@ -210,14 +216,14 @@ def errors(solution: RigCalibration, truth: Rig) -> tuple[list[float], list[floa
     return poses, distances
 
 
-def lag_named(data: Observations) -> bool:
-    """Whether a calibration as if the cameras were in step names c1 as late by the right number of frames."""
-    said = f"c1 by {LAG} frame late"
+def lags_named(data: Observations) -> dict[str, int]:
+    """The lags that a calibration as if the cameras were in step names."""
     try:
-        solution = camcal.calibrate_rig(data, model=MODEL, robust="none", crosscheck=False)
-        return any(w.code == "cameras-out-of-step" and said in w.message for w in solution.warnings)
+        solution = camcal.calibrate_rig(data, model=MODEL, robust="none", checks=False)
     except CamcalError as error:
-        return said in error.message
+        said = error.message.partition("not in step: ")[2]
+        return {name: int(count) for name, count in re.findall(r"(c\d) by (\d) frames? late", said)}
+    return next((s.info.get("lags", {}) for s in solution.stages if s.name == "spanning-tree"), {})
 
 
 def at_truth(data: Observations, rig: Rig, poses: Poses) -> RigCalibration:
@@ -256,13 +262,13 @@ def study(name: str, runs: int, others: dict[str, str | None], first: int, whole
     for seed in range(runs):
         data, rig, poses_true = RIGS[name](seed)
         options = {}
-        if name == "late":
-            named += lag_named(data)
-            options = {"lag": {"c1": LAG}}
+        if name in LAGS:
+            named += lags_named(data) == LAGS[name]
+            options = {"lag": LAGS[name]}
         try:
             solution = (
                 camcal.calibrate_rig(data, model=MODEL, robust="none", checks=False, **options)
-                if whole or name == "late"
+                if whole or name in LAGS
                 else at_truth(data, rig, poses_true)
             )
         except CamcalError as error:
@@ -283,7 +289,7 @@ def study(name: str, runs: int, others: dict[str, str | None], first: int, whole
         f"| {name} | {len(z)} | {100 * (np.abs(z) <= WIDTH).mean():.1f} % | {100 * (np.abs(d) <= WIDTH).mean():.1f} % "
         f"| {bias:.1f} of {z.shape[1]} | {rms(ours, true):.4f} of {true:.1f} |"
         + (f" failed {failed}" if failed else "")
-        + (f" lag named in {named}" if name == "late" else ""),
+        + (f" lags named rightly in {named}" if name in LAGS else ""),
         flush=True,
     )
     for who, found in theirs.items():

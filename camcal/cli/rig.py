@@ -57,12 +57,27 @@ def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2)
         Where the words are neither one table nor cameras with their pictures.
     """
     from camcal.data.rig_table import RigViews, read_rig
+
+    folders = cameras_with_pictures(inputs, least)
+    if folders is None:
+        return RigViews.of(read_rig(inputs[0], options["image_size"], least), least), False
+    return _detected(folders, options), True
+
+
+def cameras_with_pictures(inputs: tuple[str, ...], least: int = 2) -> dict[str, list[str]] | None:
+    """The pictures of each camera by the words NAME=PICTURES; None where the only word is a table.
+
+    Raises
+    ------
+    UsageError
+        Where the words are neither.
+    """
     from camcal.errors import UsageError
     from camcal.settings.rig import split_camera
 
     pairs = [(split_camera(text), text) for text in inputs]
     if len(inputs) == 1 and (pairs[0][0] is None or Path(inputs[0]).is_file()):
-        return RigViews.of(read_rig(inputs[0], options["image_size"], least), least), False
+        return None
     folders: dict[str, list[str]] = {}
     for pair, text in pairs:
         if pair is None:
@@ -75,7 +90,7 @@ def read_views(inputs: tuple[str, ...], options: dict[str, Any], least: int = 2)
         raise UsageError(
             f"a rig has two or more cameras; '{next(iter(folders))}' is one.", "Try: left=FOLDER right=FOLDER"
         )
-    return _detected(folders, options), True
+    return folders
 
 
 def _detected(folders: Mapping[str, list[str]], options: dict[str, Any]) -> RigViews:

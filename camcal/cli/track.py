@@ -33,9 +33,10 @@ def command(ctx: click.Context, frames: tuple[str, ...], **options: Any) -> int:
     FRAMES is a table with the columns frame,X,Y,Z,u,v[,sigma][,t], or - for such a table from stdin, where
     each row of the answer comes as its frame is complete; or pictures of one fixed target (with --camera).
     The answer has a row a frame: the projection matrix, K, R, t, their sigmas, the innovation and its test.
-    With --rig it is the places of a rig's cameras that are followed: the answer has a row a camera and instant.
+    With --rig it is the places of a rig's cameras that are followed: the answer has a row a camera and instant. The
+    cameras see a board, or with --natural anything.
     """
-    if options["rig"] is not None:
+    if options["rig"] is not None or options["natural"]:
         from camcal.cli.track_rig import follow_rig
 
         return follow_rig(ctx, frames, options)

@@ -75,12 +75,15 @@ def matches(first: Array, second: Array) -> tuple[Array, Array]:
     """Pixels (N, 2) of matching points of two grey pictures (8 or 16 bits); (0, 0) is the centre of the top-left
     pixel.
     """
-    first, second = _bytes(first), _bytes(second)
-    a, b = points_of(first), points_of(second)
+    return between(first, second, points_of(first), points_of(second))
+
+
+def between(first: Array, second: Array, a: Points, b: Points) -> tuple[Array, Array]:
+    """The same, for pictures whose points are known."""
     own = matched(a, b)
     if not len(own):
         return np.zeros((0, 2)), np.zeros((0, 2))
-    return _placed(first, second, a.uv[own[:, 0]], b.uv[own[:, 1]])
+    return _placed(_bytes(first), _bytes(second), a.uv[own[:, 0]], b.uv[own[:, 1]])
 
 
 def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Array]:

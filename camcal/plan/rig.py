@@ -149,14 +149,11 @@ def _link(progress: Progress) -> Change:
     if progress.notes["boards"]:
         info["boards"] = list(progress.notes["boards"])
     rms = float(np.sqrt(np.square(off).sum(1).mean()))
+    late = {data.cameras[c]: n for c, n in lags(pictures, known, tree, turns, corners).items()}
+    if late:
+        info["lags"] = late
     stage = Stage("spanning-tree", rms, None, time.perf_counter() - begin, info=info)
-    late = lags(pictures, known, tree, turns, corners)
-    notes = {
-        "rig": rig,
-        "poses": poses,
-        "links": known,
-        "lags": {data.cameras[c]: n for c, n in late.items()},
-    }
+    notes = {"rig": rig, "poses": poses, "links": known, "lags": late}
     return Change(data=data, given=data, stage=stage, notes=notes)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,8 +38,9 @@ class Followed:
         With the changes and a row for each camera and instant.
     names : tuple of str
     alone : tuple of str
-        Instants at which fewer than two cameras saw the board.
+        Instants at which fewer than two cameras saw the board, or the pictures of no two share enough points.
     points : int
+        Of boards, or matches.
     """
 
     follower: RigFollower
@@ -64,13 +66,7 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
     DataError
         Where a camera is not one of the rig's, or no instant was seen by two of them.
     """
-    names = tuple(rig.rig.cameras)
-    strangers = [n for n in views.parts if n not in names]
-    if strangers:
-        raise DataError(
-            f"the rig has no camera '{strangers[0]}'; it has {', '.join(names)}.",
-            "Name the cameras as the rig does.",
-        )
+    require_cameras(rig, views.parts)
     data, poses = _seen(rig, views, robust)
     made, alone = _instants(rig, data, poses)
     if not made:
@@ -78,11 +74,36 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
             "no board was seen by two cameras at the same instant.", "Hold it where their pictures overlap."
         )
     known, _ = _instants(rig, rig.observations, rig.poses)
-    follower = RigFollower(names, covariance(rig).free, *excess(made, known), rig.rms_point, false_alarm)
+    return tested(rig, made, known, rig.rms_point, false_alarm, alone, int(data.used.sum()))
+
+
+def require_cameras(rig: RigSolution, names: Iterable[str]) -> None:
+    """Raise a DataError where one is not of the rig."""
+    strangers = [n for n in names if n not in rig.rig.cameras]
+    if strangers:
+        raise DataError(
+            f"the rig has no camera '{strangers[0]}'; it has {', '.join(rig.rig.cameras)}.",
+            "Name the cameras as the rig does.",
+        )
+
+
+def tested(
+    rig: RigSolution,
+    made: Sequence[Instant],
+    known: Sequence[Instant],
+    least_px: float,
+    false_alarm: float,
+    alone: tuple[str, ...],
+    points: int,
+) -> Followed:
+    """The instants in their order through the test; `known` are those of the calibration, where there are any."""
+    names = tuple(rig.rig.cameras)
+    accuracy = covariance(rig).free
+    follower = RigFollower(names, accuracy, *excess(made, known, accuracy), least_px, false_alarm)
     for one in made:
         follower.take(one)
     follower.finish()
-    return Followed(follower, names, alone, int(data.used.sum()))
+    return Followed(follower, names, alone, points)
 
 
 def _instants(rig: RigSolution, data: Observations, poses: Poses) -> tuple[list[Instant], tuple[str, ...]]:

@@ -71,7 +71,7 @@ def judge(pair: Rectification, first: Array, second: Array, name: str = "the pai
     if good.sum() < LEAST:
         raise _too_few(name, int(good.sum()))
     noise = np.full(len(good), np.nan)
-    noise[good] = _local_scatter(np.c_[first[good], disparity[good]], vertical[good])
+    noise[good] = local_scatter(np.c_[first[good], disparity[good]], vertical[good])
     return Natural(first, second, vertical, disparity, good, noise)
 
 
@@ -143,11 +143,12 @@ def _agreeing(pair: Rectification, first: Array, second: Array) -> Array:
     return agreeing(a, b, NEAR / pair.focal, axes=3)[1]
 
 
-def _local_scatter(places: Array, values: Array) -> Array:
+def local_scatter(places: Array, values: Array) -> Array:
     """Each value minus the mean of its nearest points, over √(1 + 1/k): for pure noise, this has the noise's
     variance.
 
-    `places` (N, 3) are pixels and disparities, each in units of its spread: a wrong translation is felt by the depth.
+    `places` (N, 3) are pixels and disparities, of which each column counts in units of its spread: a wrong translation
+    is felt by the depth.
     """
     places = places / np.maximum(places.std(0), 1e-12)
     count = min(NEIGHBOURS, len(places) - 1)

@@ -113,6 +113,13 @@ RUN = (
         "Report of `camcal rig`: FRAMES are what its cameras see of a board, as for `camcal rig`; the alarm goes where "
         "one was knocked.",
     ),
+    Option(
+        "natural",
+        Switch(),
+        "With --rig: FRAMES are pictures or films of anything, NAME=PICTURES, or a table view,camera,point,u,v of "
+        "points that cameras share; no board is needed.",
+        False,
+    ),
     Option("fail_on_change", Switch(), "Exit code 1 where the camera has changed.", False),
     Option("state", OUT, "Checkpoint: written during the run; a run with an existing one continues from it."),
     Option(

@@ -6,8 +6,8 @@ has the covariance
     S_k = N_kk + K_k P K_kᵀ + N_k. Q N_.k                                                                  (1)
 
 without a change: noise, the calibration's errors (covariance P), and those of places that were estimated after earlier
-changes (Q). g_kᵀ S_k⁻¹ g_k is χ² with 6 degrees of freedom,
-tested as F with those of the noise. Windows of 2, 4, ... instants find small steps and slow
+changes (Q). g_kᵀ S_k⁻¹ g_k is χ² with 6 degrees of freedom (5 where matches of one pair do not show the length of its
+baseline), tested as F with those of the noise. Windows of 2, 4, ... instants find small steps and slow
 drift: a generalised likelihood ratio test (Basseville & Nikiforov 1993, sec. 2.4.3) on a grid of change times.
 """
 
@@ -23,7 +23,7 @@ from scipy import stats
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Pose
 from camcal.track.events import axis
-from camcal.track.rig_equations import Instant
+from camcal.track.rig_equations import Instant, inverse
 
 Array = np.ndarray
 
@@ -34,20 +34,20 @@ SETTLING = 8
 #: two instants in a row that are both off tell the same change with this probability at least, else the first is an
 #: outlier: a board found wrongly
 SAME = 1e-3
-#: median of χ² with 6 degrees of freedom
-_MEDIAN = float(stats.chi2.median(6))
 
 
 @dataclass(frozen=True)
 class Test:
     """The result for one camera over a window.
 
-    `step` is δ (6,) of cam_from_rig, rotation (rad) and translation, `sigma` its standard deviations, `pixels` the root
-    mean square shift of the image points, the board's pose fitted anew, `freedom` the degrees of freedom of the noise.
+    `chi2` has `rank` degrees of freedom; `step` is δ (6,) of cam_from_rig, rotation (rad) and translation, `sigma` its
+    standard deviations, `pixels` the root mean square shift of the image points, the board's pose fitted anew (of
+    matches: across their epipolar lines), `freedom` the degrees of freedom of the noise.
     """
 
     camera: int
     chi2: float
+    rank: int
     freedom: float
     step: Array
     sigma: Array
@@ -55,8 +55,8 @@ class Test:
 
     @property
     def probability(self) -> float:
-        """The probability of a statistic this large without a change."""
-        return float(stats.f.sf(self.chi2 / 6, 6, self.freedom))
+        """Of so large a figure without a change."""
+        return float(stats.f.sf(self.chi2 / self.rank, self.rank, self.freedom)) if self.rank else 1.0
 
 
 @dataclass(frozen=True)
@@ -174,15 +174,13 @@ class RigFollower:
         own = slice(6 * camera, 6 * camera + 6)
         n, g, k, every = normal[own, own], right[own], by[own], normal[own]
         s = n + k @ self.calibration @ k.T + every @ self.baseline_covariance @ every.T
-        scale = np.sqrt(np.maximum(np.diagonal(n), np.finfo(float).tiny))
-        unit = np.outer(scale, scale)
-        inverse = np.linalg.pinv(n / unit, hermitian=True) / unit
-        step = inverse @ g
-        sigma = np.sqrt(np.maximum(np.diagonal(inverse @ s @ inverse), 0.0))
+        inverted, rank = inverse(n)
+        step = inverted @ g
+        sigma = np.sqrt(np.maximum(np.diagonal(inverted @ s @ inverted), 0.0))
         squares = [i.pixels * (step @ i.normal[own, own] @ step) for i in window]
         shift = float(np.sqrt(max(np.mean(squares), 0.0)))
-        chi2 = float(g / scale @ np.linalg.pinv(s / unit, hermitian=True) @ (g / scale))
-        return Test(camera, chi2, self.freedom, step, sigma, shift)
+        chi2 = float(g @ inverse(s)[0] @ g)
+        return Test(camera, chi2, rank, self.freedom, step, sigma, shift)
 
     def _alike(self, a: Instant, b: Instant) -> bool:
         """Return whether two instants show the same change of the camera for which both have the strongest
@@ -192,7 +190,8 @@ class RigFollower:
         if not common:
             return False
         k = max(common, key=lambda c: self.test([a, b], c).chi2)
-        return disagreement(a, b, k) / self.factor < stats.chi2.isf(SAME, 6)
+        chi2, rank = disagreement(a, b, k, self.calibration)
+        return chi2 / self.factor < stats.chi2.isf(SAME, rank)
 
     def _add(self, instants: list[Instant]) -> Knock | None:
         self.kept += instants
@@ -261,7 +260,7 @@ class RigFollower:
         own = slice(6 * camera, 6 * camera + 6)
         normal = _sum([i.normal for i in self.kept]) / self.factor
         self.baseline[own] += self.test(self.kept, camera).step
-        self.baseline_covariance[own, own] = np.linalg.pinv(normal[own, own], hermitian=True)
+        self.baseline_covariance[own, own] = inverse(normal[own, own])[0]
         self.kept, self.settling = [], None
 
     def _note(self, instant: Instant, status: str, changed: bool = False) -> None:
@@ -276,39 +275,43 @@ def _sum(arrays: Sequence[Array]) -> Array:
     return np.asarray(np.sum(arrays, axis=0))
 
 
-def disagreement(a: Instant, b: Instant, camera: int) -> float:
-    """χ² (6) of the difference between two instants' estimates of a camera."""
+def disagreement(a: Instant, b: Instant, camera: int, calibration: Array) -> tuple[float, int]:
+    """χ² of the difference of what two instants say of a camera, and its degrees of freedom: what both tell.
+
+    An error of the calibration (covariance (F, F)) moves both, and each in its own way where they see other places.
+    """
     own = slice(6 * camera, 6 * camera + 6)
-    covariances, steps = [], []
-    for i in (a, b):
-        d = np.sqrt(np.maximum(np.diagonal(i.normal)[own], np.finfo(float).tiny))
-        inverse = np.linalg.pinv(i.normal[own, own] / np.outer(d, d), hermitian=True) / np.outer(d, d)
-        covariances.append(inverse)
-        steps.append(inverse @ i.right[own])
-    total = covariances[0] + covariances[1]
-    d = np.sqrt(np.diagonal(total))
-    off = (steps[1] - steps[0]) / d
-    return float(off @ np.linalg.pinv(total / np.outer(d, d), hermitian=True) @ off)
+    found = [inverse(i.normal[own, own]) for i in (a, b)]
+    off = found[1][0] @ b.right[own] - found[0][0] @ a.right[own]
+    moved = found[1][0] @ b.by_calibration[own] - found[0][0] @ a.by_calibration[own]
+    weights, rank = inverse(found[0][0] + found[1][0] + moved @ calibration @ moved.T)
+    return float(off @ weights @ off), rank
 
 
-def excess(instants: Sequence[Instant], calibration: Sequence[Instant]) -> tuple[float, float]:
-    """The excess scatter of instants over their noise, as a factor of the variance, and its degrees of freedom.
+def excess(instants: Sequence[Instant], known: Sequence[Instant], calibration: Array) -> tuple[float, float]:
+    """By how much instants scatter more than their noise says, as a factor of the variance, and its degrees of freedom.
 
     Lenses and boards that are not quite as modelled put a board a little elsewhere at each place. Seen from neighbours,
-    of which a change of the rig moves one pair only (the median), and from the instants of the calibration (the mean);
-    the larger counts, 1 at least.
+    of which a change of the rig moves one pair only (the median), and from `known` instants, those of the calibration
+    with its covariance (the mean); the larger counts, 1 at least.
     """
     pairs = [
-        disagreement(a, b, k) for a, b in pairwise(instants) for k in a.cameras if k in b.cameras
+        chi2 / stats.chi2.median(rank)
+        for a, b in pairwise(instants)
+        for k in a.cameras
+        if k in b.cameras
+        for chi2, rank in [disagreement(a, b, k, calibration)]
+        if rank
     ]  # each instant is in two of them
-    own = [float(i.right @ np.linalg.pinv(i.normal, hermitian=True) @ i.right) for i in calibration]
-    ranks = [6 * (len(i.cameras) - 1) for i in calibration]
+    inverses = [inverse(i.normal) for i in known]
+    own = [float(i.right @ n @ i.right) for i, (n, _) in zip(known, inverses, strict=True)]
+    ranks = [rank for _, rank in inverses]
     found = [1.0]
     if pairs:
-        found.append(float(np.median(pairs)) / _MEDIAN)
+        found.append(float(np.median(pairs)))
     if own:
         found.append(sum(own) / sum(ranks))
-    steps = sum(6 * (len(i.cameras) - 1) for i in instants[1:])
+    steps = sum(inverse(i.normal)[1] for i in instants[1:])
     return max(found), float(max(steps / 2 + sum(ranks), 6))
 
 

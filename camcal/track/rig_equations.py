@@ -22,6 +22,10 @@ from camcal.model.pose import Pose
 
 Array = np.ndarray
 
+#: eigenvalues of normal equations of unit diagonal, relative to the largest, that count as 0: rounding leaves 1e-15,
+#: and directions that data see a hundred thousand times worse than others are 1e-10
+NULL = 1e-11
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -112,6 +116,24 @@ def instant(name: str, seen: Sequence[Picture], rig: Sequence[Pose], by_rig: Arr
     wf = w @ f
     wa = w @ a - wf @ np.linalg.solve(f.T @ wf, wf.T @ a)
     return Instant(name, tuple(p.camera for p in seen), a.T @ wa, wa.T @ r, wa.T @ b, pixels)
+
+
+def inverse(matrix: Array) -> tuple[Array, int]:
+    """A generalised inverse of a positive semidefinite matrix whose rows have different units, and its rank.
+
+    The rank is that of the matrix scaled to a unit diagonal; see `NULL`. Solutions by the inverse are orthogonal to the
+    null space in the units as they are.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
+    unit = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(matrix / unit)
+    kept = values > NULL * max(float(values[-1]), np.finfo(float).tiny)
+    found = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / unit
+    if not kept.all():
+        null = np.linalg.qr(vectors[:, ~kept] / scale[:, None])[0]
+        found = found - null @ (null.T @ found)
+        found = found - (found @ null) @ null.T
+    return found, int(kept.sum())
 
 
 def _moved(point: Array) -> Array:
