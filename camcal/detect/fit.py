@@ -20,6 +20,8 @@ SETTLED = 0.1
 #: blurs; a Gauss-Newton step of that length, of the corner or of the blur, ends within half its square of the minimum:
 #: .001 of the blur, a tenth of the sigma of a corner without visible noise
 SHORT = 0.05
+LONG = 0.5  #: blurs; beyond such a step the derivatives at its start say nothing of the edges
+SLIGHT = 1e-8  #: damping of those steps, which keeps equations of windows without an edge solvable
 STILL = 0.01  #: px; a corner with less to move when the iterations run out counts as converged all the same
 ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
 PRODUCTS = 1e-5  #: of a diagonal of 1; the rounding of a sum of some hundred products in float32
@@ -113,24 +115,25 @@ def fit_sizes(
     first = _Corners(windows.inner(sizes[usual]), limits)
     with np.errstate(over="ignore", invalid="ignore"):
         equations = first.linearise(start, first.left[0])
-        step = first.solve(start, equations, np.zeros(len(start)))[0]
-        begin = first.retract(start, np.where(np.isfinite(step), step, 0.0))
+        moved, _, length = _stepped(first, start, equations)
+        begin = np.where((length <= LONG)[:, None], moved, start)
         parts = _normal_equations(windows, begin, limits, [s.columns for s in sizes])
     fits = []
     for size, equations in zip(sizes, parts, strict=True):
         inner = windows.inner(size)
         with np.errstate(over="ignore", invalid="ignore"):
-            step, gain = first.solve(begin, equations, np.zeros(len(start)))
-            params = first.retract(begin, step)
-            near = np.abs(step[:, [model.DX, model.DY, model.BLUR]]).max(1) <= SHORT * begin[:, model.BLUR]
-        found, far = (
-            _found(params, equations._replace(cost=equations.cost - gain), inner, near),
-            np.flatnonzero(~near),
-        )
-        if len(far):
-            found = found.replaced(far, fit(inner.take(far), begin[far], limits))
-        fits.append(found)
+            params, cost, length = _stepped(first, begin, equations)
+        found = _found(params, equations._replace(cost=cost), inner, length <= SHORT)
+        far = np.flatnonzero(~found.converged)
+        fits.append(found.replaced(far, fit(inner.take(far), begin[far], limits)) if len(far) else found)
     return fits
+
+
+def _stepped(problem: _Corners, state: Array, equations: Normal) -> tuple[Array, Array, Array]:
+    """Parameters after a Gauss-Newton step, the cost that it predicts, and its length in blurs."""
+    step, gain = problem.solve(state, equations, np.full(len(state), SLIGHT))
+    length = np.abs(step[:, [model.DX, model.DY, model.BLUR]]).max(1, initial=0) / state[:, model.BLUR]
+    return problem.retract(state, step), equations.cost - gain, length
 
 
 def _inverse(matrix: Array) -> Array:

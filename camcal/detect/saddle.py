@@ -153,7 +153,8 @@ def sharpen(
     start = known.params.copy()
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    fits = _with_errors(windows, fit(windows, start, limits), sides * share[:, None, None], limits)
+    (fits,) = fit_sizes(windows, [windows.whole], 0, start, limits)
+    fits = _with_errors(windows, fits, sides * share[:, None, None], limits)
     return tested(windows, as_seen(fits, shape), sides, half, grey_span(gray))
 
 
