@@ -77,12 +77,10 @@ def _second_pass(progress: Progress) -> Change:
 
 def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibration]:
     """The window size that is better than the default, or the default; its points, and the fit to them."""
-    first, found = progress.fit, progress.given
-    tried = [
-        (window, points, fit, Candidate(fit, hold_out(fit, progress.how)))
-        for window, points in zip(WINDOWS, _again(found, found, first, WINDOWS), strict=False)
-        for fit in [_refitted(first, points, progress)]
-    ]
+    fit, found, tried = progress.fit, progress.given, []
+    for window, points in zip(WINDOWS, _again(found, found, fit, WINDOWS), strict=False):
+        fit = _refitted(fit, points, progress)  # from the fit to the smaller windows, which is near
+        tried.append((window, points, fit, Candidate(fit, hold_out(fit, progress.how))))
     usual = next((t for t in tried if t[0] == INNER_HALF), tried[0])
     for other in sorted(tried, key=lambda t: figures.ranked(_rms(t[3].holdout))):
         if other is usual or better(other[3], usual[3])[0]:
