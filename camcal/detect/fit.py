@@ -93,13 +93,20 @@ def _found(params: Array, normal: Normal, windows: Windows, converged: Array) ->
     return Fits(params, covariance, noise, converged)
 
 
-def fit_sizes(
-    windows: Windows, sizes: Sequence[Inner], usual: int, start: Array, limits: tuple[float, float]
-) -> list[Fits]:
-    """Fit the model in windows of several sizes, with the derivatives of the largest for all of them.
+def approached(windows: Windows, start: Array, limits: tuple[float, float]) -> Array:
+    """Parameters (K, 7) one step nearer to the fit; where that step is longer than `LONG`, those of the start."""
+    problem = _Corners(windows, limits)
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved, _, length = _stepped(problem, start, problem.linearise(start, problem.left[0]))
+    return np.where((length <= LONG)[:, None], moved, start)
 
-    One step leads from the start to the corners in the windows of the usual size, and one from there to those in
-    each size. Corners whose second step is longer than `SHORT` are fitted by iteration.
+
+def fit_sizes(
+    windows: Windows, sizes: Sequence[Inner], start: Array, limits: tuple[float, float]
+) -> list[Fits]:
+    """Fit the model in windows of several sizes by one step, with the derivatives of the largest for all of them.
+
+    Corners whose step is longer than `SHORT` are fitted by iteration.
 
     Parameters
     ----------
@@ -107,25 +114,20 @@ def fit_sizes(
         The largest.
     sizes : sequence of Inner
         Ascending; the last stands for all pixels.
-    usual : int
-        Which of `sizes` to begin with.
     start, limits
         As for `fit`.
     """
-    first = _Corners(windows.inner(sizes[usual]), limits)
+    problem = _Corners(windows, limits)
     with np.errstate(over="ignore", invalid="ignore"):
-        equations = first.linearise(start, first.left[0])
-        moved, _, length = _stepped(first, start, equations)
-        begin = np.where((length <= LONG)[:, None], moved, start)
-        parts = _normal_equations(windows, begin, limits, [s.columns for s in sizes])
+        parts = _normal_equations(windows, start, limits, [s.columns for s in sizes])
     fits = []
     for size, equations in zip(sizes, parts, strict=True):
         inner = windows.inner(size)
         with np.errstate(over="ignore", invalid="ignore"):
-            params, cost, length = _stepped(first, begin, equations)
+            params, cost, length = _stepped(problem, start, equations)
         found = _found(params, equations._replace(cost=cost), inner, length <= SHORT)
         far = np.flatnonzero(~found.converged)
-        fits.append(found.replaced(far, fit(inner.take(far), begin[far], limits)) if len(far) else found)
+        fits.append(found.replaced(far, fit(inner.take(far), start[far], limits)) if len(far) else found)
     return fits
 
 

@@ -15,7 +15,7 @@ from camcal.detect import edge_model as model
 from camcal.detect.aliasing import grey_limits, with_sampling
 from camcal.detect.blur_shape import as_seen, rounded
 from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
-from camcal.detect.fit import Fits, first_guess, fit, fit_sizes
+from camcal.detect.fit import Fits, approached, first_guess, fit, fit_sizes
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
 from camcal.detect.ranks import median
@@ -146,16 +146,7 @@ def sharpen(
     """
     if not len(known):
         return known
-    share = shares(known, sides, half, largest)
-    windows = cut(gray, known.uv, sides, share, SEEN * known.blur + 1, largest)
-    windows, limits = _known_shape(gray, windows, known, sides, share, board_from_pixel)
-    windows, seen = rounded(windows, sides, shape)
-    start = known.params.copy()
-    if shape is not None:
-        start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    (fits,) = fit_sizes(windows, [windows.whole], 0, start, limits)
-    fits = _with_errors(windows, fits, sides * share[:, None, None], limits)
-    return tested(windows, as_seen(fits, shape), sides, half, grey_span(gray))
+    return sharpen_sizes(gray, known, sides, board_from_pixel, [half], largest, shape)[0]
 
 
 def sharpen_sizes(
@@ -163,46 +154,40 @@ def sharpen_sizes(
     known: Corners,
     sides: Array,
     board_from_pixel: BoardFromPixel,
-    halves: Sequence[Array],
+    halves: Sequence[float | Array],
     largest: float,
+    shape: Array | None = None,
 ) -> list[Corners]:
     """As `sharpen`, in windows of several sizes at once.
 
+    A step in windows of the usual size shows the shading; with that known, another leads to the corners of each size.
+
     Parameters
     ----------
-    halves : sequence of (K,) arrays
+    halves : sequence of float or (K,) arrays
         Half-widths of the windows, of a square, ascending.
     """
     if not len(known):
         return [known for _ in halves]
     share = np.stack([shares(known, sides, half, largest) for half in halves])
     windows, sizes = nested(gray, known.uv, sides, share, SEEN * known.blur + 1)
-    windows, limits = _known_shape(gray, windows, known, sides, share[-1], board_from_pixel)
-    usual = int(np.argmin([abs(half.max() - INNER_HALF) for half in halves]))
-    corners = []
-    for fits, size, half, least in zip(
-        fit_sizes(windows, sizes, usual, known.params, limits), sizes, halves, share, strict=True
-    ):
-        inner = windows.inner(size)
-        fits = _with_errors(inner, fits, sides * least[:, None, None], limits)
-        corners.append(tested(inner, fits, sides, half, grey_span(gray)))
-    return corners
-
-
-def _known_shape(
-    gray: Array,
-    windows: Windows,
-    known: Corners,
-    sides: Array,
-    share: Array,
-    board_from_pixel: BoardFromPixel,
-) -> tuple[Windows, tuple[float, float]]:
-    """The windows with straight edges and even shading; the grey values at which the picture is cut off."""
     limits = grey_limits(gray, windows)
-    windows = straightened(windows, sides, share, board_from_pixel)
-    offset = known.params[:, model.OFFSET]
-    slope = slopes(known.uv, offset, known.contrast, ~unusual(known.noise))
-    return evened(windows, slope, offset, known.contrast, limits), limits
+    windows = straightened(windows, sides, share[-1], board_from_pixel)
+    usual = sizes[int(np.argmin([abs(np.max(half) - INNER_HALF) for half in halves]))]
+    straight, seen = rounded(windows.inner(usual), sides, shape)
+    start = known.params.copy()
+    if shape is not None:
+        start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
+    start = approached(straight, start, limits)
+    offset, contrast = start[:, model.OFFSET], np.abs(start[:, model.CONTRAST])
+    slope = slopes(known.uv, offset, contrast, ~unusual(known.noise))
+    windows, _ = rounded(evened(windows, slope, offset, contrast, limits), sides, shape)
+    corners, span = [], grey_span(gray)
+    for i, fits in enumerate(fit_sizes(windows, sizes, start, limits)):
+        inner = windows.inner(sizes[i])
+        fits = _with_errors(inner, fits, sides * share[i][:, None, None], limits)
+        corners.append(tested(inner, as_seen(fits, shape), sides, halves[i], span))
+    return corners
 
 
 def _with_errors(windows: Windows, fits: Fits, axes: Array, limits: tuple[float, float]) -> Fits:

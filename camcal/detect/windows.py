@@ -58,11 +58,6 @@ class Windows:
         """Select some of the windows."""
         return Windows(*(a[rows] for a in (self.origin, self.q, self.value, self.counts, self.inside)))
 
-    @property
-    def whole(self) -> Inner:
-        """Their own size."""
-        return Inner(self.value.shape[1], self.inside)
-
     def inner(self, size: Inner) -> Windows:
         """The smaller windows inside these."""
         q, value, counts = (a[..., : size.columns] for a in (self.q, self.value, self.counts))

@@ -78,16 +78,10 @@ def f_bound(p: Any, m: Any, n: Any) -> Any:
     return n * (1 / share - 1) / m
 
 
-def t_quantile(p: float, n: float) -> float:
-    """The t that Student's distribution with n degrees of freedom does not exceed with probability p, by (3).
-
-    By bisection of the logarithm of y = n / (n + t²), with which the tail probability grows.
-    """
-    tail, low, high = 2 * min(p, 1 - p), -700.0, 0.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if beta_part(n / 2, 0.5, math.exp(middle)) < tail else (low, middle)
-    return math.copysign(math.sqrt(n * math.expm1(-high)), p - 0.5)
+def t_exceeded(t: float, n: float) -> float:
+    """Probability that Student's distribution with n degrees of freedom exceeds t, by (3)."""
+    tail = 0.5 * beta_part(n / 2, 0.5, n / (n + float(t) ** 2))
+    return tail if t > 0 else 1 - tail
 
 
 def chi2_quantile(p: Any, n: Any) -> Any:

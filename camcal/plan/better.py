@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from camcal.assess.holdout import HoldOut
-from camcal.least_squares.distributions import t_quantile
+from camcal.least_squares.distributions import t_exceeded
 from camcal.solve.calibration import Calibration, Estimate
 
 #: of twenty choices between equals one falls on the larger model
@@ -50,11 +50,10 @@ def better(candidate: Candidate, incumbent: Candidate) -> tuple[bool, str]:
     t, views = gain(candidate.holdout, incumbent.holdout)
     if np.isnan(t):
         return False, "there are too few views to hold some out"
-    sure = t_quantile(1 - CHANCE, views - 1)
     fewer = same_points(new, old) and new.free_count < old.free_count
     where = "below" if t > 0 else "above"
     said = f"its error on views held out lies {abs(t):.1f} standard errors {where} the other's"
-    return bool(t > (-sure if fewer else sure)), said
+    return t_exceeded(t, views - 1) < (1 - CHANCE if fewer else CHANCE), said
 
 
 def physical(calibration: Estimate) -> bool:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from camcal.detect import edge_model, saddle
-from camcal.detect.fit import LEAST_BLUR, SETTLED, first_guess, fit, fit_sizes
+from camcal.detect.fit import LEAST_BLUR, SETTLED, approached, first_guess, fit, fit_sizes
 from camcal.detect.lattice import Lattice
 from camcal.detect.local_map import board_from_corners
 from camcal.detect.windows import cut, nested
@@ -166,7 +166,8 @@ def test_windows_of_several_sizes_are_fitted_as_each_alone(off):
     shares = np.repeat([[0.35], [0.5], [0.65]], len(true), 1)
     windows, sizes = nested(gray, start, sides, shares, 4.0)
     begin = first_guess(windows, guess, np.full(len(true), 1.0))
-    for size, fits in zip(sizes, fit_sizes(windows, sizes, 1, begin, limits), strict=True):
+    near = approached(windows.inner(sizes[1]), begin, limits)
+    for size, fits in zip(sizes, fit_sizes(windows, sizes, near, limits), strict=True):
         alone = fit(windows.inner(size), begin, limits)
         assert fits.converged.all() and alone.converged.all()
         sigma = np.sqrt(0.5 * np.trace(alone.covariance, axis1=1, axis2=2))

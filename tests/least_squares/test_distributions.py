@@ -41,10 +41,12 @@ def test_normality(draw, count):
     assert ours.excess_kurtosis(x) == pytest.approx(stats.kurtosis(x), rel=1e-9, abs=1e-12)
 
 
-@given(PROBABILITY, st.integers(1, 5000))
-def test_t(p, n):
-    """rel: what is left of an upper tail of 1e-9 in the double 1 - p; abs: t is a root, and 0 in the middle."""
-    assert ours.t_quantile(p, n) == pytest.approx(stats.t.ppf(p, n), rel=1e-6, abs=1e-6)
+@given(st.floats(-50, 50), st.integers(1, 5000))
+def test_t(t, n):
+    assert ours.t_exceeded(t, n) == pytest.approx(
+        stats.t.sf(t, n), rel=1e-9, abs=1e-8
+    )  # in the middle t is a root
+    assert ours.t_exceeded(-np.inf, n) == 1 and ours.t_exceeded(np.inf, n) == 0
 
 
 @pytest.mark.parametrize("freedom", [20_000, 1_000_000])
