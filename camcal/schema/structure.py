@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, UnsetType
@@ -107,14 +107,19 @@ def _parts(kind: Any, value: Any) -> list[tuple[str | int, Any, Any]]:
 @cache
 def hints_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """The types of a section's keys, annotations included, in their order."""
-    hints = get_type_hints(kind, include_extras=True)
-    return {field.encode_name: hints[field.name] for field in msgspec.structs.fields(kind)}
+    return {field.encode_name: field.type for field in _fields(kind)}
 
 
 @cache
 def _required(kind: type[msgspec.Struct]) -> frozenset[str]:
     """The keys that a section must have."""
-    return frozenset(field.encode_name for field in msgspec.structs.fields(kind) if field.required)
+    return frozenset(field.encode_name for field in _fields(kind) if field.required)
+
+
+@cache
+def _fields(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    """What msgspec knows of a section's keys: it evaluates all their types, which takes a third of a millisecond."""
+    return msgspec.structs.fields(kind)
 
 
 def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
