@@ -43,6 +43,26 @@ ELSEWHERE = {
     "--distortion-model": "'--model'",
     "--camera-model": "'--model'",
     "--flags": "'--model' and '--fix'",
+    "--method": "'--start'",
+    "calibrate": "'checkerboard' (pictures) or 'estimate' (points)",
+    "intrinsics": "'checkerboard' (pictures) or 'estimate' (points)",
+    "charuco": "'images'",
+    "apriltag": "'images'",
+    "video": "'images' (it takes films)",
+    "film": "'images' (it takes films)",
+    "dlt": "'estimate --start dlt'",
+    "stereo": "'rig' (left=PICTURES right=PICTURES)",
+    "stereo-calibrate": "'rig' (left=PICTURES right=PICTURES)",
+    "extrinsics": "'pose' (one camera) or 'rig' (several)",
+    "pnp": "'pose'",
+    "validate": "'evaluate'",
+    "verify": "'evaluate'",
+    "test": "'evaluate'",
+    "check": "'doctor'",
+    "show": "'report'",
+    "view": "'report'",
+    "plot": "'report'",
+    "residuals": "'report'",
 }
 
 
@@ -55,8 +75,10 @@ def suggestion(word: str, known: Iterable[str]) -> str | None:
     meant = ELSEWHERE.get(word.lower())
     if meant is not None and word not in known and any(f"'{k}" in meant for k in known):
         return f"Did you mean {meant}?"
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"Did you mean '{close[0]}'?" if close else None
+    # without the dashes of options, which all of these have in common
+    bare = {name.lstrip("-"): name for name in known}
+    close = difflib.get_close_matches(word.lstrip("-"), bare, n=1)
+    return f"Did you mean '{bare[close[0]]}'?" if close else None
 
 
 def look_up(table: Mapping[str, str], name: str, kind: str) -> Any:

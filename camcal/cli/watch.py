@@ -72,7 +72,8 @@ def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
             "Give the folder that pictures arrive in.",
         )
     if not is_source(path):
-        raise DataError(f"there is no folder '{path}'.", "Make it first, then let the pictures arrive there.")
+        what, hint = _missing(path)
+        raise DataError(f"there is no {what} '{path}'.", hint)
     if options["once"]:
         raise UsageError("--once is for a folder of pictures.", "For a film: camcal checkerboard FILM")
     folder = options["output"].with_name(f"{options['output'].stem}-frames")
@@ -82,6 +83,20 @@ def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
     note(f"Frames are kept in '{folder}'.")
     grabber.start()
     return folder, grabber
+
+
+def _missing(path: Path) -> tuple[str, str]:
+    """What a path that is not there would be, and what to do about it."""
+    from camcal.detect.frames import is_film
+
+    if path.name.isdigit():
+        return "folder", f"For a camera: /dev/video{path.name}. For a folder: make it first."
+    if path.parent == Path("/dev"):
+        there = ", ".join(map(str, sorted(path.parent.glob("video*")))) or "none"
+        return "camera", f"Is it connected? Of /dev/video* there is: {there}."
+    if is_film(path):
+        return "film", "Check the path."
+    return "folder", "Make it first, then let the pictures arrive there."
 
 
 def _watch(

@@ -26,6 +26,8 @@ JUDGED = 8  #: frames of a stretch whose sharpness is measured; the others are o
 WIDTH = 320  #: px; frames are judged reduced to about this width, where noise and compression do not count
 #: px a frame; motion by which a frame counts as half as sharp as it looks: a shutter is open for about half of it
 HALF_AS_SHARP = 2.0
+#: how the reasons begin of frames that are good and not needed
+REPEATED, SURPLUS = "it shows the target where ", "it adds less than "
 MOVED = 0.005  #: of the picture's diagonal; a target that moved by less in every point shows nothing new
 #: times the sharper quarter's blur; from there on the corners lose half of their accuracy
 BLURRED = 1.5
@@ -196,9 +198,9 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
 
     order, repeated = chosen_views(gains, count, same)
     for a, b in repeated.items():
-        reasons[kept[a]] = f"it shows the target where {shown[kept[b]].name} does"
+        reasons[kept[a]] = f"{REPEATED}{shown[kept[b]].name} does"
     for a in set(range(len(kept))) - set(order) - set(repeated):
-        reasons[kept[a]] = f"it adds less than the {len(order)} frames that are kept (--frames)"
+        reasons[kept[a]] = f"{SURPLUS}the {len(order)} frames that are kept (--frames)"
     return reasons
 
 

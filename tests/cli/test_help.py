@@ -70,6 +70,9 @@ def test_version(camcal):
     [
         (["chekerboard"], "Error: unknown command 'chekerboard'.\n  Did you mean 'checkerboard'?\n"),
         (["xyz"], "Error: unknown command 'xyz'.\n  camcal --help lists the commands.\n"),
+        (["stereo"], "Error: unknown command 'stereo'.\n  Did you mean 'rig' (left=PICTURES right=PICTURES)?\n"),
+        (["dlt", "p"], "Error: unknown command 'dlt'.\n  Did you mean 'estimate --start dlt'?\n"),
+        (["rig", "--left", "a"], "Error: unknown option '--left'.\n  camcal rig --help"),
         (["estimate", "--modle", "x"], "Error: unknown option '--modle'.\n  Did you mean '--model'?\n"),
         (["--quite"], "Error: unknown option '--quite'.\n  Did you mean '--quiet'?\n"),
         (["list", "modls"], "Error: KIND: 'modls' is not known here.\n  Did you mean 'models'?\n"),

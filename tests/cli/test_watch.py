@@ -43,6 +43,14 @@ def test_once_is_a_calibration_with_advice(camcal):
     Path("empty").mkdir()
     assert camcal("watch", "empty", "--once", "-o", "e.yaml")[0] == 3
     assert camcal("watch", "absent", "-o", "e.yaml")[0] == 3
+    for absent, said in (
+        ("/dev/video99", "there is no camera '/dev/video99'"),
+        ("0", "/dev/video0"),
+        ("a.mp4", "there is no film 'a.mp4'"),
+        ("/dev/null", "cannot be opened as a film or a camera"),
+    ):
+        code, _, err = camcal("watch", absent, "-o", "e.yaml")
+        assert code == 3 and said in err and len(err.splitlines()) == 2
     assert camcal("watch", SAMPLES, "--once", "-o", "w.yaml")[0] == 2  # exists
 
 

@@ -126,6 +126,9 @@ def test_lost_pictures_gain_by_their_number():
     assert found.gain.times == pytest.approx(2.0)  # 8 pictures in place of 2
     assert "6 of 8" in found.message and "0.jpg (too dark)" in found.message and "1 more" in found.message
     assert not list(remedies.lost_pictures(2, []))
+    frames = [{"id": "f.avi#1", "status": "rejected", "reason": "it shows the target where f.avi#3 does"}]
+    assert not list(remedies.lost_pictures(2, frames))
+    assert next(remedies.lost_pictures(2, frames + lost)).message.startswith("6 of 8 pictures")
     assert next(remedies.lost_pictures(100, lost[:1])).grade == "note"
 
 

@@ -13,6 +13,7 @@ from camcal.assess.checks.board import GAIN as BOARD_GAIN
 from camcal.assess.checks.board import SIGNIFICANT, promise
 from camcal.assess.checks.facts import Facts
 from camcal.assess.holdout import CHEAP_PARAMETERS, CHEAP_POINTS
+from camcal.detect.films import REPEATED, SURPLUS
 from camcal.errors import CamcalError
 from camcal.plan.solution import Solution
 from camcal.report.doctor.findings import Finding, Gain
@@ -36,7 +37,7 @@ _TODO = {
     "radius": "Try models with more radial terms: camcal select.",
     "angle": "Try models with decentering or thin-prism terms: camcal select.",
     "board-position": "Let camcal find the board's shape: --board-shape auto.",
-    "view": "Look at the noisiest pictures: blur, light.",
+    "view": "Look at the noisiest pictures: blur, exposure.",
     "noise-by-radius": "Give sigmas with the points, or sharpen the borders of the picture (a smaller aperture).",
     "neighbours": "Try --board-shape auto, and models: camcal select.",
     "gaussian": "Outliers make such tails: --robust huber.",
@@ -193,7 +194,8 @@ def _without(solution: Solution, views: list[int]) -> Gain | None:
 
 
 def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
-    """Pictures that were not usable: entries of a report's `views`."""
+    """Pictures that were not usable: entries of a report's `views`. Repeated frames of a film are not among them."""
+    lost = [v for v in lost if not str(v["reason"]).startswith((REPEATED, SURPLUS))]
     if not lost:
         return
     every = used + len(lost)
