@@ -1,63 +1,96 @@
 """From a picture's arrival to the answer of `camcal watch`: 2 megapixels, 30 views there.
 
-    python benchmarks/watch.py
+    nice -n 10 python benchmarks/watch.py [--pictures 6] [--write docs/figures/watch.txt]
 
-Pictures of a 9 x 6 board are rendered by `camcal simulate images`; the time is that from taking a picture up to the
-answer, the report written, without the wait for a complete file (at most 0.1 s between two looks at the folder).
+`camcal watch` runs as a user starts it, on a folder with 30 pictures of a 9 x 6 board that `camcal simulate images`
+renders. Then further pictures arrive, one after the other; the time is that from the moment a file has its name up to
+the line that says where to hold the target next, on the wall clock, and in processor time of the whole process, the
+renewed report and the page of --serve included.
 """
 
 from __future__ import annotations
 
+import argparse
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from camcal.batch.watch import Watcher
-from camcal.report.document import document, save
-from camcal.settings.calibration import CalibrationOptions
-from camcal.settings.detection import DetectionOptions
+SIZE, THERE = "1920x1080", 30
+TICK = os.sysconf("SC_CLK_TCK")
 
-SIZE, VIEWS = "1920x1080", 31
+
+def processor(pid: int) -> float:
+    """Processor seconds of a process, user and system."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def answers(process: subprocess.Popen[str]) -> Iterator[str]:
+    """The lines that say what a picture brought, each when what comes after it has been said, too."""
+    assert process.stderr is not None
+    what = ""
+    for line in process.stderr:
+        if line.startswith("  next:"):
+            yield what
+        what = line
+
+
+def measured(folder: Path, pictures: int) -> np.ndarray:
+    """Wall and processor seconds (pictures, 2) of each picture that arrives."""
+    command = [sys.executable, "-m", "camcal", "simulate", "images", "--target", "checkerboard:9x6:25mm"]
+    command += ["--image-size", SIZE, "--views", str(THERE + pictures), "-o", str(folder / "made")]
+    subprocess.run(command, check=True)
+    made = sorted((folder / "made").glob("view*"))
+    (folder / "in").mkdir()
+    for path in made[:THERE]:
+        shutil.copy(path, folder / "in")
+    command = [sys.executable, "-m", "camcal", "watch", str(folder / "in"), "-o", str(folder / "r.yaml")]
+    process = subprocess.Popen(
+        [*command, "--serve", "0", "--no-cache"], stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+    try:
+        said = answers(process)
+        for _ in range(THERE):
+            assert "points" in next(said)
+        found = []
+        for path in made[THERE:]:
+            time.sleep(0.5)
+            shutil.copy(path, folder / "arriving")
+            before, begin = processor(process.pid), time.perf_counter()
+            (folder / "arriving").rename(folder / "in" / path.name)
+            assert path.name in next(said)
+            wall = time.perf_counter() - begin
+            time.sleep(0.5)  # the report and the page are renewed after the answer
+            found.append((wall, processor(process.pid) - before))
+        return np.array(found)
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pictures", type=int, default=6)
+    parser.add_argument("--write", type=Path)
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        command = [
-            "simulate",
-            "images",
-            "--target",
-            "checkerboard:9x6:25mm",
-            "--image-size",
-            SIZE,
-            "--views",
-            VIEWS,
-        ]
-        subprocess.run(
-            [sys.executable, "-m", "camcal", *map(str, command), "-o", str(folder / "in")], check=True
-        )
-        search = {name: option.default for name, option in DetectionOptions.options().items()}
-        told = {name: option.default for name, option in CalibrationOptions.options().items()}
-        watcher = Watcher({**search, "board": (9, 6), "cache": False}, told)
-        taken = []
-        for path in sorted((folder / "in").glob("view*")):
-            wall, processor = time.perf_counter(), time.process_time()
-            step = watcher.take(path)
-            if watcher.solution is not None:
-                save(document(watcher.solution), folder / "r.yaml", force=True)
-            taken.append((time.perf_counter() - wall, time.process_time() - processor))
-            assert step.status == "found", step
-        last = np.array(taken[-5:])
-        wall, processor = last.mean(0)
-        slowest = max(seconds for seconds, _ in taken)
-        print(
-            f"{len(taken)} pictures of {SIZE}; the last five: {wall:.2f} s, {processor:.2f} s of processor time;"
-        )
-        print(f"the slowest of all: {slowest:.2f} s")
+        wall, used = measured(Path(place), given.pictures).T
+    text = (
+        f"{given.pictures} pictures of {SIZE} arrive, {THERE} and more are there: answer after "
+        f"{np.median(wall):.2f} s (median; {wall.min():.2f} to {wall.max():.2f} s) on the wall clock, "
+        f"{np.median(used):.2f} s of processor time with report and page; "
+        f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d')}\n"
+    )
+    print(text, end="")
+    if given.write:
+        given.write.write_text(text)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ does each parameter that has a part in them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -149,13 +150,24 @@ class Covariance:
         return sorted(pairs, key=lambda pair: -abs(pair[2]))
 
 
+#: the covariance of a fit, with the sigma_0 and the free parameters that it was made with
+_known: WeakKeyDictionary[NormalBlocks, tuple[float, Array, Covariance]] = WeakKeyDictionary()
+
+
 def covariance(solution: Estimate) -> Covariance:
-    """The covariance of a solution's parameters and poses.
+    """The covariance of a solution's parameters and poses; computed once for a fit, whoever asks.
 
     Where the redundancy is not positive (no more coordinates than parameters) nothing is known of the noise,
     and every free parameter's sigma is infinite.
     """
     scale = sigma_0(solution)
+    known = _known.get(solution.normal)
+    if known is None or known[0] != scale or known[1] is not solution.free:
+        known = _known[solution.normal] = (scale, solution.free, _covariance(solution, scale))
+    return known[2]
+
+
+def _covariance(solution: Estimate, scale: float) -> Covariance:
     unknown_noise = not np.isfinite(scale)
     poses = eliminate_poses(solution.normal)
     columns = np.diag(solution.normal.intrinsics)

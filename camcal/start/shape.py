@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -103,6 +104,10 @@ def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     )
 
 
+#: what was chosen for observations: each attempt of a plan asks
+_chosen: WeakKeyDictionary[Observations, tuple[list[str], str]] = WeakKeyDictionary()
+
+
 def choose(correspondences: Observations) -> tuple[list[str], str]:
     """The closed forms that suit the data, the best last, and the reason.
 
@@ -117,12 +122,17 @@ def choose(correspondences: Observations) -> tuple[list[str], str]:
     DataError
         Where a view cannot be used at all (see `unusable`).
     """
-    form = check(correspondences)
+    if correspondences not in _chosen:
+        _chosen[correspondences] = _choice(check(correspondences), correspondences.point_count)
+    return _chosen[correspondences]
+
+
+def _choice(form: Shapes, points: int) -> tuple[list[str], str]:
     ratio = form.spreads[:, 2] / form.spreads[:, 0]
     count = len(ratio)
     if count == 1 and not form.planar[0]:
         return ["central", "dlt"], (
-            f"one view of {correspondences.point_count} points in space "
+            f"one view of {points} points in space "
             f"(extent out of the best plane {ratio[0]:.2g} of the largest extent)"
         )
     if form.planar.all():
