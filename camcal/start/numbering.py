@@ -69,13 +69,8 @@ def _numberings(count: int) -> Iterator[tuple[str, Array]]:
 
 
 def _left(view: View, plane: Array) -> float:
-<<<<<<< HEAD
     """The median distance of a view's points from a homography of points (N, 2), relative to their spacing."""
-    h = homography.homographies(plane[None], view.uv[None])[0]
-=======
-    """The median distance of a view's points from a homography of points (N, 2), in parts of their spacing."""
     h = homography.homographies(plane[None], view.uv[None], steps=0)[0]  # half a spacing is a coarse question
->>>>>>> 165044a (Covariance and choice of closed form are made once for a fit; the numbering is judged by an algebraic homography)
     seen = np.c_[plane, np.ones(len(plane))] @ h.T
     with np.errstate(all="ignore"):
         off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - view.uv, axis=1)
