@@ -9,6 +9,9 @@ translation, mm: of the joint estimate and of the closed forms. cv2's is run whe
 Usage: python benchmarks/hand_eye.py [--runs 500] [--poses 15] [--rows in-hand:0,to-hand:5] [--results FILE]
        python benchmarks/hand_eye.py --poses 15 --results FILE --update docs/hand-eye.md
 
+With `--calibrated` the camera is calibrated from the same pictures (opencv4), and the table compares it estimated along
+with the camera held.
+
 `--results` takes the rows one by one as they are done (a line of JSON each), so that a study can be run in pieces;
 `--update` writes the table of all rows that are in it.
 """
@@ -17,12 +20,15 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from tables import markdown, update
 
+import camcal
+from camcal.plan.hand_eye import _pictures, camera_along
 from camcal.routes.hand_eye.estimate import estimate
 from camcal.routes.hand_eye.pictures import alone
 from tests.routes.hand_eye.hands import hand, off
@@ -41,6 +47,41 @@ def cv2_error(h, c, name):
         list(robot.rotation), list(robot.translation), list(c.rotation), list(c.translation), method=method
     )
     return float(np.linalg.norm(np.ravel(t) - h.x.translation))
+
+
+def calibrated(setup, mm, runs, poses):
+    """One row of the table of cameras that are calibrated from the same pictures."""
+    errors, held, sigmas, inside, noises, focal = [], [], [], [], [], []
+    for seed in range(runs):
+        h = hand(setup, 20_000 + seed, poses, mm=mm, deg=mm / 10)
+        views = [(v.xyz, v.uv) for v in h.pictures.views]
+        data = camcal.Correspondences.from_views(views, image_size=h.pictures.camera.image_size)
+        solution = camcal.calibrate(data, model="opencv4", robust="none", checks=False)
+        pictures, _ = _pictures(solution)
+        found = estimate(setup, pictures, h.robot)
+        known = replace(pictures, gain=pictures.gain[:, :, :0], camera_covariance=np.zeros((0, 0)))
+        other = estimate(setup, known, h.robot)
+        errors.append(off(found.x, h.x))
+        held.append(off(other.x, h.x))
+        sigmas.append(found.sigma[:6])
+        inside.append(np.abs(errors[-1]) <= found.half_width[:6])
+        noises.append([[e.noise.translation, np.degrees(e.noise.rotation)] for e in (found, other)])
+        fx = camera_along(found, solution)["fx"]
+        focal.append([fx[0] - 600, fx[2] - 600])
+    d, e = np.array(errors), np.array(held)
+    share = 100 * np.mean(inside, 0)
+    found, other = (" / ".join(f"{v:.2g}" for v in np.median(np.array(noises)[:, k], 0)) for k in (0, 1))
+    return [
+        setup,
+        f"{mm:g}",
+        f"{share.mean():.1f} ({share.min():.1f} to {share.max():.1f})",
+        f"{np.abs(d.mean(0) / (d.std(0) / np.sqrt(runs))).max():.1f}",
+        f"{np.sqrt(np.square(d / np.array(sigmas)).mean()):.2f}",
+        found,
+        other,
+        *(f"{np.sqrt(np.square(v[:, 3:]).sum(1).mean()):.3f}" for v in (d, e)),
+        *(f"{v:.2f}" for v in np.sqrt(np.mean(np.square(focal), 0))),
+    ]
 
 
 def study(setup, mm, runs, poses):
@@ -85,6 +126,7 @@ def main():
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--poses", type=int, default=15)
     parser.add_argument("--rows", default=",".join(every))
+    parser.add_argument("--calibrated", action="store_true")
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--update", type=Path)
     given = parser.parse_args()
@@ -94,11 +136,28 @@ def main():
             made = {
                 "poses": given.poses,
                 "row": row,
-                "cells": study(setup, float(mm), given.runs, given.poses),
+                "cells": (calibrated if given.calibrated else study)(
+                    setup, float(mm), given.runs, given.poses
+                ),
             }
             print(made["cells"], flush=True)
             with given.results.open("a") as file:
                 file.write(json.dumps(made) + "\n")
+        return
+    done = [json.loads(line) for line in given.results.read_text().splitlines()]
+    rows = {d["row"]: d["cells"] for d in done if d["poses"] == given.poses}
+    if given.calibrated:
+        header = [
+            "set-up",
+            "noise",
+            "inside 95 %",
+            "bias",
+            "error/sigma",
+            "noise found, mm, deg",
+            "camera held",
+        ]
+        header += ["translation, mm", "camera held", "fx, px", "by the pictures"]
+        update(given.update, "study-calibrated", markdown(header, [rows[r] for r in every if r in rows]))
         return
     header = [
         "set-up",
@@ -112,8 +171,6 @@ def main():
     ]
     if hasattr(cv2, "calibrateHandEye"):
         header.append(f"cv2 {cv2.__version__} park")
-    done = [json.loads(line) for line in given.results.read_text().splitlines()]
-    rows = {d["row"]: d["cells"] for d in done if d["poses"] == given.poses}
     update(given.update, f"study-{given.poses}", markdown(header, [rows[r] for r in every if r in rows]))
 
 

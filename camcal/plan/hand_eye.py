@@ -57,6 +57,8 @@ class Found:
         Of the views with a pose, outliers included; `estimate.used` indexes them.
     scale, scale_sigma : float
         Length of the robot's motions over what the board says.
+    camera : mapping of parameter -> (value, sigma, value before, sigma before)
+        Of a single camera that was calibrated from the same pictures, with the robot's poses; empty of others.
     suggestions : list of Suggestion
     warnings : tuple of CalibrationWarning
     crosscheck : list of entries of the report
@@ -67,6 +69,7 @@ class Found:
     names: tuple[str, ...]
     scale: float
     scale_sigma: float
+    camera: Mapping[str, tuple[float, float, float, float]]
     suggestions: list[Suggestion]
     warnings: tuple[CalibrationWarning, ...]
     crosscheck: list[dict[str, Any]]
@@ -96,7 +99,7 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     robot = _in_unit(robot, asked.poses_unit, unit)
     pictures, ids = _pictures(solution)
     if robot.names is None:
-        return _of_stream(pictures, ids, robot, asked, solution.observations.target)
+        return _of_stream(pictures, ids, robot, asked, solution)
     rows, places = matched(robot, ids)
     if not rows:
         raise DataError(
@@ -115,7 +118,7 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     require_same_unit(size[0], unit)
     made = estimate(reading.setup, pictures, poses, asked.robust != "none")
     other = recognise.better_reading(found, reading, len(rows))
-    return _told(made, reading, other, names, size, lost, asked, solution.observations.target)
+    return _told(made, reading, other, names, size, lost, asked, solution)
 
 
 def _of_stream(
@@ -123,7 +126,7 @@ def _of_stream(
     ids: tuple[str, ...],
     robot: RobotPoses,
     asked: Asked,
-    target: Mapping[str, Any] | None,
+    solution: Solution | RigSolution,
 ) -> Found:
     """The calibration with poses that have times instead of views."""
     assert robot.times is not None
@@ -142,9 +145,9 @@ def _of_stream(
     reading = Reading(asked.setup, robot.form, *recognise.misfits(views))
     reading = recognise.choose([reading], replace(robot, certain=True), asked.setup, len(ids))
     size = scale(views)
-    require_same_unit(size[0], (target or {}).get("unit"))
+    require_same_unit(size[0], (solution.observations.target or {}).get("unit"))
     made = estimate(asked.setup, pictures, at, asked.robust != "none", begin)
-    return _told(made, reading, None, ids, size, (0, 0), asked, target)
+    return _told(made, reading, None, ids, size, (0, 0), asked, solution)
 
 
 def _told(
@@ -155,15 +158,30 @@ def _told(
     size: tuple[float, float],
     lost: tuple[int, int],
     asked: Asked,
-    target: Mapping[str, Any] | None,
+    solution: Solution | RigSolution,
 ) -> Found:
-    side = (target or {}).get("square")
-    square = None if side is None else f"{side * size[0]:.3g} {(target or {}).get('unit', '')}".strip()
+    target = solution.observations.target or {}
+    side = target.get("square")
+    square = None if side is None else f"{side * size[0]:.3g} {target.get('unit', '')}".strip()
     suggestions = suggest(made)
     views = views_of(made.setup, made.measured, made.poses)
     checks = _crosscheck(made, views) if asked.crosscheck else []
     said = tuple(remarks(made, reading, other, names, size, lost, square))
-    return Found(made, reading, names, *size, suggestions, said, checks)
+    camera = camera_along(made, solution) if isinstance(solution, Solution) else {}
+    return Found(made, reading, names, *size, camera, suggestions, said, checks)
+
+
+def camera_along(made: Estimate, solution: Solution) -> dict[str, tuple[float, float, float, float]]:
+    """The parameters of a camera with the robot's poses, and by the pictures alone; see `Found.camera`."""
+    count = len(made.camera)
+    if not count:
+        return {}
+    root = solution.free @ made.pictures.camera_root
+    camera, left = solution.camera, made.shared[-count:, -count:]
+    sigmas = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, left, root), 0.0))
+    before = np.sqrt(np.square(root).sum(1))
+    columns = (camera.params + root @ made.camera, sigmas, camera.params, before)
+    return dict(zip(camera.lens.names, zip(*(c.tolist() for c in columns), strict=True), strict=True))
 
 
 def _crosscheck(made: Estimate, views: Views) -> list[dict[str, Any]]:

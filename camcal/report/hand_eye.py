@@ -189,6 +189,9 @@ def section(found: Found) -> dict[str, Any]:
         "motions": {f: getattr(made.motions, f) for f in ("turns_deg", "axes", "noise_deg")},
         "scale": _estimated(found.scale, found.scale_sigma),
     }
+    if found.camera:
+        keys = ("value", "sigma", "before", "sigma_before")
+        out["camera"] = {n: dict(zip(keys, row, strict=True)) for n, row in found.camera.items()}
     if made.offset is not None:
         out["time_offset"] = _estimated(made.offset, made.offset_sigma)
     return {**out, "views": _views(found), "next": [_next(s) for s in found.suggestions]}

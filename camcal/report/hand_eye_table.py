@@ -54,6 +54,8 @@ def tables(report: Document) -> RenderableType:
     if "time_offset" in h:
         value, sigma = with_sigma(h["time_offset"]["value"], h["time_offset"]["sigma"])
         parts += [Text(f"time offset {value} ± {sigma} s, to be added to the camera's time"), Text("")]
+    if "camera" in h:
+        parts += [_camera(h["camera"]), Text("")]
     parts += [_methods(h["methods"]), Text(""), _worst(h["views"])]
     if h["next"]:
         parts += [Text(""), _next(h["next"])]
@@ -77,6 +79,15 @@ def _pose(name: str, pose: Mapping[str, Any]) -> Table:
         cells = [cell for v, s in zip(values, sigmas, strict=True) for cell in with_sigma(v, s)]
         made.add_row(label, *cells)
     return made
+
+
+def _camera(parameters: Mapping[str, Mapping[str, Any]]) -> Table:
+    table = _table("camera, estimated along", "parameter", "value", "sigma", "by the pictures", "sigma")
+    for name, p in parameters.items():
+        if p["sigma_before"] > 0:
+            pairs = (with_sigma(p[v], p[s]) for v, s in (("value", "sigma"), ("before", "sigma_before")))
+            table.add_row(name, *(cell for pair in pairs for cell in pair))
+    return table
 
 
 def _methods(methods: list[Mapping[str, Any]]) -> Table:

@@ -38,6 +38,15 @@ class Estimated(Section):
     sigma: Annotated[Sigma, key("one standard deviation; null where the figure is too small to be measured")]
 
 
+class CameraParameter(Section):
+    """A parameter of a camera that was calibrated from the same pictures."""
+
+    value: Annotated[float, key("with the robot's poses")]
+    sigma: Annotated[float, key("one standard deviation; 0 where it is held")]
+    before: Annotated[float, key("by the pictures alone, as in `camera`")]
+    sigma_before: Annotated[float, key("one standard deviation of that")]
+
+
 class Robot(Section):
     """The accuracy of the robot."""
 
@@ -127,6 +136,10 @@ class HandEye(Section, kw_only=True):
     methods: Annotated[list[Method], key("the closed forms; the joint estimate begins at the best of them")]
     motions: Annotated[Motions, key("the turns that the result rests on")]
     scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
+    camera: Annotated[
+        dict[str, CameraParameter] | UnsetType,
+        key("of a camera calibrated from the same pictures: its parameters, estimated along"),
+    ] = UNSET
     time_offset: Annotated[
         Estimated | UnsetType, key("of poses with times: s, to be added to the camera's time")
     ] = UNSET

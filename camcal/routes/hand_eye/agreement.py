@@ -7,7 +7,7 @@ from scipy import stats
 
 from camcal.model.pose import Array
 from camcal.routes.hand_eye import equation, shah
-from camcal.routes.hand_eye.views import Views
+from camcal.routes.hand_eye.views import Views, from_rotations
 
 #: Poses of a sample: one more than are needed, so that noise counts less. With a third of the poses wrong, one sample
 #: in five is without them, and all of SAMPLES have one with the probability 2e-15.
@@ -26,16 +26,15 @@ def agreeing(views: Views, setup: str, seed: int = 0) -> Array:
         return np.ones(count, bool)
     rng = np.random.default_rng(seed)
     measured = views.robot_poses(setup)
-    best: tuple[float, Array] | None = None
-    for _ in range(SAMPLES):
-        rows = rng.choice(count, SAMPLE, replace=False)
-        x, z = shah.solve(Views(views.robot[rows], views.camera[rows]))
-        off = equation.residuals(setup, x, z, views.camera, measured)
-        sizes = np.stack([np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)])
-        score = float(np.log(np.median(sizes, axis=1) + np.finfo(float).tiny).sum())
-        if best is None or score < best[0]:
-            best = score, sizes
-    assert best is not None
+    rows = np.stack([rng.choice(count, SAMPLE, replace=False) for _ in range(SAMPLES)])
+    robot, camera = views.robot.rotation[rows], views.camera.rotation[rows]
+    of_x, of_z = shah.rotations_of(robot, camera)
+    places = views.robot.translation[rows], views.camera.translation[rows]
+    x, z = from_rotations(robot, *places, of_x, of_z)
+    off = equation.residuals(setup, x, z, views.camera, measured)  # (SAMPLES, V, 6)
+    sizes = np.stack([np.linalg.norm(off[..., :3], axis=-1), np.linalg.norm(off[..., 3:], axis=-1)])
+    scores = np.log(np.median(sizes, axis=2) + np.finfo(float).tiny).sum(0)
+    best = sizes[:, np.argmin(np.where(np.isfinite(scores), scores, np.inf))]
     # the length of three numbers of standard deviation 1 has the median 1.54
-    unit = np.median(best[1], axis=1, keepdims=True) / np.sqrt(stats.chi2.median(3))
-    return np.asarray((best[1] <= FAR * np.maximum(unit, 1e-12)).all(0))
+    unit = np.median(best, axis=1, keepdims=True) / np.sqrt(stats.chi2.median(3))
+    return np.asarray((best <= FAR * np.maximum(unit, 1e-12)).all(0))

@@ -40,12 +40,12 @@ def derivatives(setup: str, x: Pose, z: Pose, c: Poses) -> Derivatives:
 
 
 def residuals(setup: str, x: Pose, z: Pose, c: Poses, measured: Poses) -> Array:
-    """Rotation vector (rad, in the base's frame) and translation (V, 6) of the implied poses relative to the
+    """Rotation vector (rad, in the base's frame) and translation (..., V, 6) of the implied poses relative to the
     measured ones.
     """
     b = robot_pose(setup, x, z, c)
     turn = so3.log(b.rotation @ np.swapaxes(measured.rotation, 1, 2))
-    return np.concatenate([turn, b.translation - measured.translation], 1)
+    return np.concatenate([turn, b.translation - measured.translation], -1)
 
 
 def from_left(turn: Array) -> Array:

@@ -37,10 +37,11 @@ class Estimate:
     setup : {"in-hand", "to-hand"}
     x, z : Pose
         See `camcal.routes.hand_eye`.
-    covariance : (12, 12) array
-        Of X and Z: rotation (rad, on the left) and translation of each; the camera's uncertainty included.
+    shared : (S, S) array
+        Covariance of X and Z: rotation (rad, on the left) and translation of each; of the offset, where that is
+        estimated; and of the camera's errors `camera`.
     freedom : (12,) array
-        Degrees of freedom of each variance.
+        Degrees of freedom of the variance of each of X and Z.
     noise : Noise
         Standard deviations of an image coordinate, of the robot's rotations about an axis and of a coordinate of its
         translations.
@@ -57,15 +58,16 @@ class Estimate:
     motions : Motions
     used : (V,) int array
         Which of the views given these are; the others are outliers.
+    camera : (K,) array
+        Errors of the camera that was given, in the unknowns of `Pictures.camera_root`.
     offset : float or None
         s, to be added to the camera's time.
-    offset_sigma : float or None
     """
 
     setup: str
     x: Pose
     z: Pose
-    covariance: Array
+    shared: Array
     freedom: Array
     noise: Noise
     relative: Array
@@ -78,8 +80,18 @@ class Estimate:
     used: Array
     measured: Poses
     pictures: Pictures
+    camera: Array
     offset: float | None = None
-    offset_sigma: float | None = None
+
+    @property
+    def covariance(self) -> Array:
+        """Of X and Z (12, 12)."""
+        return self.shared[:12, :12]
+
+    @property
+    def offset_sigma(self) -> float | None:
+        """The standard deviation of the offset, s."""
+        return None if self.offset is None else float(np.sqrt(self.shared[12, 12]))
 
     @property
     def sigma(self) -> Array:
@@ -149,14 +161,14 @@ def estimate(
     used = np.flatnonzero(agreeing(views_of(setup, whole(offset or 0.0).poses, seen.poses), setup))
     for _ in range(len(everyone)):
         found = _estimate(setup, pictures.take(used), _taken(robot, used), offset)
-        after = _tested(found, seen, whole, used)
+        after = _tested(found, pictures, seen, whole, used)
         if np.array_equal(after, used):
             break
         used = after
     return replace(found, used=used)
 
 
-def _tested(found: Estimate, seen: Alone, robot: Robot, used: Array) -> Array:
+def _tested(found: Estimate, pictures: Pictures, seen: Alone, robot: Robot, used: Array) -> Array:
     """Remove the worst pose if it is an outlier; otherwise restore all removed ones that fit after all."""
     count, shared = len(seen.poses), 12 + (found.offset is not None)
     chance = variance.outlying(found.misfit, shared)
@@ -165,9 +177,10 @@ def _tested(found: Estimate, seen: Alone, robot: Robot, used: Array) -> Array:
     aside = np.setdiff1d(np.arange(count), used)
     if not len(aside):
         return used
-    joint = Joint(found.setup, seen.problem, robot, found.noise)
-    linear = joint.linear(Unknowns(seen.state, found.x, found.z, found.offset or 0.0))
-    misfit = variance.misfit_of_new(linear, found.noise, found.covariance)[aside]
+    timed, shifts = found.offset is not None, pictures.shifts
+    joint = Joint(found.setup, seen.problem, robot, found.noise, timed, shifts)
+    linear = joint.linear(Unknowns(seen.state, found.x, found.z, found.offset or 0.0, found.camera))
+    misfit = variance.misfit_of_new(linear, found.noise, found.shared)[aside]
     fits = aside[stats.f.sf(misfit / 6, 6, max(6 * len(used) - shared, 1)) * count >= OUTLIER]
     return np.sort(np.concatenate([used, fits]))
 
@@ -188,7 +201,7 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
     begin = start(setup, pictures, robot, offset)
     at, noise = begin.image, begin.noise
     for _ in range(MOST_ROUNDS):
-        joint = Joint(setup, begin.problem, robot, noise, offset is not None)
+        joint = Joint(setup, begin.problem, robot, noise, offset is not None, pictures.shifts)
         at = solve(joint, at)
         linear = joint.linear(at)
         if not np.isfinite(linear.image).all():
@@ -200,21 +213,17 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
         noise = found.noise
         if settled:
             break
-    more = _of_the_camera(linear, found, pictures)
-    total = found.covariance + more
-    with np.errstate(divide="ignore", invalid="ignore"):
-        widened = (np.diagonal(total) / np.diagonal(found.covariance)) ** 2
     points = sum(map(len, pictures.views))
     weight = 1.0 if pictures.weights is None else np.concatenate(pictures.weights).mean()
     return Estimate(
         setup,
         at.x,
         at.z,
-        total[:12, :12],
-        (found.freedom * widened)[:12],
+        found.covariance,
+        found.freedom[:12],
         noise,
         found.relative,
-        begin.problem.poses(at.image),
+        joint.poses(at),
         linear.residual,
         found.misfit,
         float(np.sqrt(linear.image[:, 6, 6].sum() / points / weight)),
@@ -223,8 +232,8 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
         np.arange(len(pictures)),
         robot(at.offset).poses,
         pictures,
+        at.camera,
         at.offset if offset is not None else None,
-        float(np.sqrt(total[12, 12])) if offset is not None else None,
     )
 
 
@@ -242,21 +251,13 @@ def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) ->
         [best.rotation_rms, best.translation_rms], [1e-12, 1e-12 * closed_forms.length_unit(views)]
     )
     noise = Noise(seen.sigma, *(rough / np.sqrt(3)).tolist())
-    return Start(seen.problem, Unknowns(seen.state, best.x, best.z, offset or 0.0), noise, methods, motions)
-
-
-def _of_the_camera(linear: variance.Linear, found: variance.Components, pictures: Pictures) -> Array:
-    """The contribution of the camera's uncertainty to the covariance of the shared unknowns.
-
-    The pictures' pose of a view moves by −gain with a free parameter, the robot's residual there by J times that, and
-    the estimate by −M Σ Aᵀ V⁻¹ of it.
-    """
-    if not pictures.camera_covariance.size:
-        return np.zeros_like(found.covariance)
-    moved = linear.by_pose @ -pictures.gain
-    weights = variance.weights(linear, found.noise, pictures.freedom)
-    by_camera = -found.covariance @ np.einsum("vif,vij,vjg->fg", linear.by_shared, weights, moved)
-    return by_camera @ pictures.camera_covariance @ by_camera.T
+    return Start(
+        seen.problem,
+        Unknowns(seen.state, best.x, best.z, offset or 0.0, np.zeros(pictures.camera_root.shape[1])),
+        noise,
+        methods,
+        motions,
+    )
 
 
 def implied(found: Estimate) -> Poses:

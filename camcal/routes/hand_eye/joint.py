@@ -5,12 +5,16 @@
 over X, Z and every C_i, with B_i the robot's pose that they imply and M_i the measured one (see `equation`). The
 poses of the views are blocks that are eliminated first. With a stream of poses, the offset of its clock is an unknown
 besides: M_i is the stream at t_i + offset.
+
+A camera that was calibrated from the same pictures is estimated along. Its errors z, in units of what the pictures
+leave undecided (variance 1 each, `Pictures.camera_root`), move the pose that picture i says by S_i z, so that (1) holds
+with C_i moved so and gains ½ |z|²: the pictures' likelihood with the camera's parameters to first order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +69,7 @@ class Unknowns:
     x: Pose
     z: Pose
     offset: float = 0.0
+    camera: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -76,17 +81,20 @@ class Linear:
     residual : (V, 6) array
         Of the robot: rotation, rad, and translation.
     by_shared : (V, 6, F) array
-        Its derivatives by X, Z (rotation, translation of each) and, where that is unknown, the offset.
+        Its derivatives by X, Z (rotation, translation of each), where that is unknown the offset, and the camera.
     by_pose : (V, 6, 6) array
         By the view's pose, in the coordinates of the pictures' problem.
     image : (V, 7, 7) array
         Products of the pictures' rows: pose and residual.
+    camera : (K,) array
+        z, of variance 1 each before the robot's poses are looked at; the last columns of `by_shared`.
     """
 
     residual: Array
     by_shared: Array
     by_pose: Array
     image: Array
+    camera: Array
 
 
 class Joint:
@@ -94,13 +102,22 @@ class Joint:
 
     count, rounding = 1, 0.0
 
-    def __init__(self, setup: str, pictures: Problem, robot: Robot, noise: Noise, timed: bool = False):
+    def __init__(
+        self,
+        setup: str,
+        pictures: Problem,
+        robot: Robot,
+        noise: Noise,
+        timed: bool = False,
+        shifts: Array | None = None,
+    ):
         self.setup, self.pictures, self.robot, self.noise, self.timed = setup, pictures, robot, noise, timed
         self.all = np.arange(pictures.instants)
+        self.shifts = np.zeros((pictures.instants, 6, 0)) if shifts is None else shifts
 
     def linear(self, at: Unknowns) -> Linear:
         """Residuals and derivatives; NaN in `image` where a point leaves the lens's domain."""
-        c = self.pictures.poses(at.image)
+        c = self.poses(at)
         measured = self.robot(at.offset)
         residual = equation.residuals(self.setup, at.x, at.z, c, measured.poses)
         chain = equation.from_left(residual[:, :3])
@@ -111,8 +128,16 @@ class Joint:
             moved[:, :3] = np.linalg.solve(so3.left_jacobian(-residual[:, :3]), moved[:, :3, None])[..., 0]
             shared.append(-moved[:, :, None])
         by_pose = chain @ d.by_c @ _from_centroid(c, self.pictures.offsets)
+        shared.append(by_pose @ self.shifts)
         image = self.pictures.pose_normals(at.image, self.all)
-        return Linear(residual, np.concatenate(shared, 2), by_pose, image)
+        return Linear(residual, np.concatenate(shared, 2), by_pose, image, at.camera)
+
+    def poses(self, at: Unknowns) -> Poses:
+        """cam_from_board (V,) with the camera as it is estimated."""
+        c, step = self.pictures.poses(at.image), self.shifts @ at.camera
+        centres = c.apply(self.pictures.offsets) + step[:, 3:]
+        rotation = so3.exp(step[:, :3]) @ c.rotation
+        return Poses(rotation, centres - np.einsum("vij,vj->vi", rotation, self.pictures.offsets))
 
     def linearise(self, state: Unknowns, members: Array) -> _Equations:
         """The weighted normal equations."""
@@ -134,7 +159,8 @@ class Joint:
             centres=state.image.centres + own[:, 3:],
         )
         offset = state.offset + (float(shared[12]) if self.timed else 0.0)
-        return Unknowns(image, _moved(state.x, shared[:6]), _moved(state.z, shared[6:12]), offset)
+        camera = state.camera + shared[12 + self.timed :]
+        return Unknowns(image, _moved(state.x, shared[:6]), _moved(state.z, shared[6:12]), offset, camera)
 
     def tried(self, trial: Trial) -> None:
         """Do nothing: the problem does not learn from trials."""
@@ -150,18 +176,27 @@ class _Equations:
         roots = (1 / noise.robot)[:, None]
         residual, a, j = linear.residual * roots[:, 0], linear.by_shared * roots, linear.by_pose * roots
         image = linear.image / noise.image**2
-        cost = 0.5 * (np.square(residual).sum() + image[:, 6, 6].sum())
+        cost = 0.5 * (np.square(residual).sum() + image[:, 6, 6].sum() + np.square(linear.camera).sum())
+        known, pulled = prior(linear)
         at = np.swapaxes(a, 1, 2)
         jt = np.swapaxes(j, 1, 2)
         normal = BlockNormal(
             float(cost),
-            (at @ a).sum(0),
-            np.einsum("vkf,vk->f", a, residual),
+            (at @ a).sum(0) + np.diag(known),
+            np.einsum("vkf,vk->f", a, residual) + pulled,
             at @ j,
             jt @ j + image[:, :6, :6],
             np.einsum("vkc,vk->vc", j, residual) + image[:, :6, 6],
         )
         return cls(np.array([cost if np.isfinite(cost) else np.inf]), normal)
+
+
+def prior(linear: Linear) -> tuple[Array, Array]:
+    """The information (F,) of the shared unknowns before the robot's poses, and the gradient (F,) of ½ |z|²."""
+    known, pulled = (np.zeros(linear.by_shared.shape[2]) for _ in range(2))
+    begin = len(known) - len(linear.camera)
+    known[begin:], pulled[begin:] = 1.0, linear.camera
+    return known, pulled
 
 
 def solve(problem: Joint, start: Unknowns) -> Unknowns:

@@ -8,13 +8,12 @@ from camcal.model.pose import Array
 
 
 def kron(a: Array, b: Array) -> Array:
-    """A ⊗ B (M, p r, q s) of matrices (M, p, q) and (M, r, s): vec(A X Bᵀ) = (A ⊗ B) vec X, vec by rows."""
-    m, p, q = a.shape
-    _, r, s = b.shape
-    return np.einsum("mij,mkl->mikjl", a, b).reshape(m, p * r, q * s)
+    """A ⊗ B (..., p r, q s) of matrices (..., p, q) and (..., r, s): vec(A X Bᵀ) = (A ⊗ B) vec X, vec by rows."""
+    shape = *a.shape[:-2], a.shape[-2] * b.shape[-2], a.shape[-1] * b.shape[-1]
+    return np.einsum("...ij,...kl->...ikjl", a, b).reshape(shape)
 
 
 def spanned(vector: Array) -> Array:
-    """The matrix (3, 3) of a vector (9,), rows one after the other, scaled to determinant 1."""
-    matrix = vector.reshape(3, 3)
-    return matrix / np.cbrt(np.linalg.det(matrix))
+    """The matrices (..., 3, 3) of vectors (..., 9), rows one after the other, scaled to determinant 1."""
+    matrix = vector.reshape(*vector.shape[:-1], 3, 3)
+    return np.asarray(matrix / np.cbrt(np.linalg.det(matrix))[..., None, None])

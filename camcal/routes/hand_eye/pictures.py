@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem, Seen, State
+
+#: eigenvalues of correlations relative to the largest that count as 0: rounding
+RANK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,27 @@ class Pictures:
             return problem.state(self.camera.params, self.poses)
         params = np.concatenate([c.params for c in self.mount.cameras])
         return problem.state(params, self.poses, self.mount.places)
+
+    @cached_property
+    def camera_root(self) -> Array:
+        """L (F, K) with L Lᵀ = `camera_covariance`: unknowns of variance 1 that the pictures leave to the camera."""
+        values, vectors = np.linalg.eigh(self._scaled_covariance)
+        kept = values > RANK * values.max(initial=0.0)
+        return np.asarray(self._camera_sigma[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+    @property
+    def _camera_sigma(self) -> Array:
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.camera_covariance), 0.0)))
+
+    @property
+    def _scaled_covariance(self) -> Array:
+        unit = np.where(self._camera_sigma > 0, self._camera_sigma, 1.0)
+        return np.asarray(self.camera_covariance / np.outer(unit, unit))
+
+    @property
+    def shifts(self) -> Array:
+        """d pose / d those unknowns (V, 6, K): rotation about the centroid of a view's points, and its place."""
+        return np.asarray(-self.gain @ self.camera_root)
 
     @property
     def freedom(self) -> int:

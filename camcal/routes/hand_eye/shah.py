@@ -16,9 +16,9 @@ def solve(views: Views) -> tuple[Pose, Pose]:
 
 
 def rotations_of(robot: Array, camera: Array) -> tuple[Array, Array]:
-    """The rotations of X and Z from those of G and C, (V, 3, 3), alone.
+    """The rotations of X and Z (..., 3, 3) from those of G and C, (..., V, 3, 3), alone.
 
     R_X = R_G R_Z R_Cᵀ, so that vec R_X = (R_G ⊗ R_C) vec R_Z, and the sum over V views has the singular value V.
     """
-    u, _, vt = np.linalg.svd(kron(robot, camera).sum(0))
-    return so3.nearest(spanned(u[:, 0])), so3.nearest(spanned(vt[0]))
+    u, _, vt = np.linalg.svd(kron(robot, camera).sum(-3))
+    return so3.nearest(spanned(u[..., :, 0])), so3.nearest(spanned(vt[..., 0, :]))

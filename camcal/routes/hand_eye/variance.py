@@ -8,6 +8,7 @@ with y_i the robot's residual at the pose that the picture alone says, H_i the p
 J_i the residual's derivative by it. With P = V⁻¹ − V⁻¹ A (Aᵀ V⁻¹ A)⁻¹ Aᵀ V⁻¹ the score of the variance k is
 −½ (tr P V_k − yᵀ P V_k P y) and its information F_kl = ½ tr P V_k P V_l (Patterson & Thompson 1971;
 Harville 1977, eq. 5.1).
+What is known of a camera that is estimated along (`joint.prior`) is added to Aᵀ V⁻¹ A.
 The residuals of the pictures that no pose explains add their own χ² part for s².
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from camcal.model.pose import Array
-from camcal.routes.hand_eye.joint import Linear, Noise
+from camcal.routes.hand_eye.joint import Linear, Noise, prior
 
 #: Steps of the scoring; from any start within a factor of 1000 the variances are found to 1e-9 in about ten.
 MOST_STEPS = 60
@@ -118,6 +119,8 @@ class _Model:
     k: Array  #: (V, 6, 6)
     left: float  #: Σ r² of the pictures with the pose of each view by itself
     freedom: float
+    known: Array  #: (F,): information on the shared unknowns besides
+    pulled: Array  #: (F,): the gradient of its part of the cost
 
     @classmethod
     def of(cls, linear: Linear, freedom: float) -> _Model:
@@ -128,7 +131,7 @@ class _Model:
         j = linear.by_pose
         y = linear.residual - np.einsum("vij,vj->vi", j, own)
         left = float((linear.image[:, 6, 6] - np.einsum("vi,vi->v", g, own)).sum())
-        return cls(y, linear.by_shared, j @ inverse @ np.swapaxes(j, 1, 2), left, freedom)
+        return cls(y, linear.by_shared, j @ inverse @ np.swapaxes(j, 1, 2), left, freedom, *prior(linear))
 
     def parts(self, logs: Array) -> Array:
         """s² K_i, s_r² diag(I, 0), s_t² diag(0, I): (3, V, 6, 6)."""
@@ -148,10 +151,10 @@ class _Model:
         v = parts.sum(0)
         w = np.linalg.inv(v)
         wa = w @ self.a
-        normal = np.einsum("vif,vig->fg", self.a, wa)
+        normal = np.einsum("vif,vig->fg", self.a, wa) + np.diag(self.known)
         d = np.sqrt(np.diagonal(normal))
         m = np.linalg.inv(normal / np.outer(d, d)) / np.outer(d, d)
-        beta = -m @ np.einsum("vif,vi->f", wa, self.y)
+        beta = -m @ (np.einsum("vif,vi->f", wa, self.y) + self.pulled)
         py = np.einsum("vij,vj->vi", w, self.y + self.a @ beta)
         wvw = w @ parts @ w  # (3, V, 6, 6)
         inner = (np.swapaxes(self.a, 1, 2) @ wvw @ self.a).sum(1)
@@ -165,6 +168,7 @@ class _Model:
             np.linalg.slogdet(v)[1].sum()
             + np.linalg.slogdet(normal)[1]
             + np.einsum("vi,vi->", self.y + self.a @ beta, py)
+            + np.square(self.pulled + self.known * beta).sum()
             + self.freedom * logs[0]
             + self.left / s2
         )

@@ -61,12 +61,12 @@ class Views:
         return x, self.second(x)
 
     def from_rotations(self, of_x: Array, of_z: Array) -> tuple[Pose, Pose]:
-        """X and Z from both rotations: least squares for R_G t_Z − t_X = R_X t_C − t_G."""
+        """X and Z from both rotations."""
         g, c = self.robot, self.camera
-        left = np.concatenate([g.rotation, np.broadcast_to(-np.eye(3), g.rotation.shape)], 2).reshape(-1, 6)
-        right = (c.translation @ of_x.T - g.translation).ravel()
-        t = np.linalg.lstsq(left, right, rcond=None)[0]
-        return Pose(of_x, t[3:]), Pose(of_z, t[:3])
+        x, z = from_rotations(
+            g.rotation[None], g.translation[None], c.translation[None], of_x[None], of_z[None]
+        )
+        return Pose(x.rotation[0, 0], x.translation[0, 0]), Pose(z.rotation[0, 0], z.translation[0, 0])
 
     def robot_poses(self, setup: str) -> Poses:
         """base_from_hand (V,) of a set-up."""
@@ -78,3 +78,23 @@ def views_of(setup: str, base_from_hand: Poses, cam_from_board: Poses) -> Views:
     """The views of a set-up from the robot's poses and the camera's (V,)."""
     robot: Any = base_from_hand.inverse() if setup == "in-hand" else base_from_hand
     return Views(robot, cam_from_board)
+
+
+def from_rotations(
+    robot: Array, robot_places: Array, camera_places: Array, of_x: Array, of_z: Array
+) -> tuple[Pose, Pose]:
+    """X and Z of S samples of V views, with the axes (S, 1): least squares for R_G t_Z − t_X = R_X t_C − t_G.
+
+    Parameters
+    ----------
+    robot : (S, V, 3, 3) array
+        Rotations of G.
+    robot_places, camera_places : (S, V, 3) arrays
+        Translations of G and C.
+    of_x, of_z : (S, 3, 3) arrays
+    """
+    samples = len(robot)
+    left = np.concatenate([robot, np.broadcast_to(-np.eye(3), robot.shape)], 3).reshape(samples, -1, 6)
+    right = (camera_places @ np.swapaxes(of_x, 1, 2) - robot_places).reshape(samples, -1, 1)
+    t = (np.linalg.pinv(left) @ right)[:, None, :, 0]
+    return Pose(of_x[:, None], t[..., 3:]), Pose(of_z[:, None], t[..., :3])

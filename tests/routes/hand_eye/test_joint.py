@@ -189,3 +189,56 @@ def test_residual_rotations_are_those_of_the_base():
     found = estimate("in-hand", h.pictures, h.robot)
     turn = so3.exp(found.residuals[:, :3])
     np.testing.assert_allclose(turn @ h.robot.rotation, implied(found).rotation, atol=1e-9)
+
+
+@pytest.mark.parametrize("setup", ["in-hand", "to-hand"])
+def test_a_camera_calibrated_from_the_same_pictures_is_estimated_along(setup):
+    """An exact robot makes the camera better: the truth is within the smaller intervals."""
+    from camcal import Correspondences, calibrate
+    from camcal.plan.hand_eye import _pictures, camera_along
+
+    h = hand(setup, 11, 12, mm=0.02, deg=0.002)
+    data = Correspondences.from_views([(v.xyz, v.uv) for v in h.pictures.views], image_size=(640, 480))
+    solution = calibrate(data, model="opencv4", robust="none", checks=False)
+    found = estimate(setup, _pictures(solution)[0], h.robot)
+    value, sigma, before, sigma_before = camera_along(found, solution)["fx"]
+    assert before == solution.camera.values["fx"]
+    assert sigma < 0.6 * sigma_before and abs(value - 600) < 4 * sigma
+    assert (np.abs(off(found.x, h.x)) < 4 * found.sigma[:6]).all()
+
+
+def test_a_camera_that_is_estimated_along_is_that_of_one_likelihood():
+    """The same minimum as that of the whole problem with one parameter of the camera, pictures and robot."""
+    from scipy.optimize import least_squares
+
+    from camcal import Correspondences, calibrate
+    from camcal.model.pose import Pose
+    from camcal.plan.hand_eye import _pictures, camera_along
+    from camcal.routes.hand_eye import equation
+
+    h = hand("in-hand", 12, 6, mm=0.2, deg=0.02)
+    data = Correspondences.from_views([(v.xyz, v.uv) for v in h.pictures.views], image_size=(640, 480))
+    fixed = {"cx": 319.5, "cy": 239.5}
+    solution = calibrate(data, model="pinhole", fix=fixed, robust="none", checks=False)
+    found = estimate("in-hand", _pictures(solution)[0], h.robot, robust=False)
+    xyz, uv = h.pictures.views[0].xyz, np.array([v.uv for v in h.pictures.views])
+
+    def residuals(p):
+        poses = [Pose.from_vector(q[:3], q[3:]) for q in p[:-2].reshape(-1, 6)]
+        x, z, c = poses[0], poses[1], Poses.stack(poses[2:])
+        seen = np.array([pose.apply(xyz) for pose in c])
+        predicted = p[-2:] * seen[..., :2] / seen[..., 2:] + [319.5, 239.5]
+        robot = equation.residuals("in-hand", x, z, c, h.robot) / found.noise.robot
+        return np.r_[(predicted - uv).ravel() / found.noise.image, robot.ravel()]
+
+    begin = np.concatenate(
+        [np.r_[p.rotation_vector, p.translation] for p in (found.x, found.z, *found.poses)]
+    )
+    camera = camera_along(found, solution)
+    begin = np.r_[begin, [camera[n][0] for n in ("fx", "fy")]]
+    made = least_squares(residuals, begin, x_scale="jac")
+    step = made.x - begin
+    assert np.abs(step[3:6] / found.sigma[3:6]).max() < 0.1  # the camera's part is to first order
+    assert np.abs(step[-2:] / [camera[n][1] for n in ("fx", "fy")]).max() < 0.1
+    spread = np.linalg.inv(made.jac.T @ made.jac)[-2:, -2:]
+    np.testing.assert_allclose(np.sqrt(np.diagonal(spread)), [camera[n][1] for n in ("fx", "fy")], rtol=0.1)
