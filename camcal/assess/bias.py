@@ -151,7 +151,7 @@ def residual_tests(found: Standardised) -> list[ResidualTest]:
                radial[:, None], _rings(radius)),
         _means("angle", "Do residuals turn or point outward in some directions from the centre?",
                np.c_[radial, tangential], sector),
-        _means("board-position", "Do some points of the board lie off their place in all views?",
+        _means("board-position", "Are some points of the board displaced in the same way in all views?",
                found.on_board, found.point),
         _means("view", "Are some views noisier than others?", length[:, None], found.view, "share of spread"),
         _means("noise-by-radius", "Does the noise grow or shrink towards the border?",

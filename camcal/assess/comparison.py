@@ -169,13 +169,13 @@ def common_bounds(a: Side, b: Side, size: tuple[int, int] | None = None) -> tupl
         first, second = (f"{width}x{height}" for width, height in sizes)
         raise DataError(
             f"the cameras are for pictures of different sizes, {first} and {second}.",
-            "Compare cameras of the same size, or give the size to look at: --image-size WxH",
+            "Compare cameras of the same size, or give the size to use: --image-size WxH",
         )
     if size or sizes:
         return np.zeros(2), np.subtract(size or sizes[0], 1.0)
     seen = [s.points for s in (a, b) if s.points is not None]
     if not seen:
-        raise DataError("neither camera says how large its pictures are.", "Give it: --image-size 640x480")
+        raise DataError("neither camera has an image size.", "Give it: --image-size 640x480")
     return np.min([p.min(0) for p in seen], 0), np.max([p.max(0) for p in seen], 0)
 
 
@@ -209,7 +209,7 @@ def _in_sigmas(vectors: Array, covariances: Array) -> Array:
 def parameters(a: Side, b: Side) -> list[ParameterChange]:
     """The parameters that both cameras have, in the order of A's.
 
-    Distortion coefficients of different families share names (k1), but not their meaning: they are left out.
+    Distortion coefficients of different families share names (k1), but not their meaning: they are omitted.
     """
     ours, theirs = a.camera.values, b.camera.values
     alike = type(a.camera.lens) is type(b.camera.lens)
@@ -269,7 +269,7 @@ def gates(
         if max_sigma is not None:
             if inside.max_sigma is None:
                 raise DataError(
-                    "no uncertainty is known: neither file holds the data of its calibration.",
+                    "no uncertainty is available: neither file contains the data of its calibration.",
                     "Give a camcal report, or use --max-px.",
                 )
             made.append(Gate(f"projection {where}", inside.max_sigma, max_sigma, "sigma", inside.worst_sigma))
@@ -277,7 +277,8 @@ def gates(
     for name, bound in (tolerances or {}).items():
         if name not in by_name:
             raise DataError(
-                f"the cameras do not both have a parameter '{name}'.", f"They share: {', '.join(by_name)}."
+                f"the cameras do not both have the parameter '{name}'.",
+                f"Common parameters: {', '.join(by_name)}.",
             )
         made.append(Gate(f"parameter {name}", abs(by_name[name].change), bound))
     return made

@@ -124,7 +124,7 @@ def difference(
     if pixels is None:
         size = a.image_size or b.image_size
         if size is None:
-            raise ValueError("neither camera knows its image size; give the pixels")
+            raise ValueError("neither camera has an image size; pass the pixels")
         pixels = grid_of(size)
     rays, seen_a = a.lens.unproject(a.params, pixels)
     rays_b, seen_b = b.lens.unproject(b.params, pixels)

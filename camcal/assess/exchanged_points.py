@@ -92,5 +92,5 @@ def describe(found: Exchanged, view: View) -> str:
     if found.shifted:
         rows = listed([name(row) for row in found.shifted], 12)
         by = ", ".join(f"{c:g}" for c in np.round(found.by, 6) + 0.0)
-        said.append(f"points {rows} lie where those displaced by ({by}) belong")
+        said.append(f"points {rows} match the points displaced by ({by})")
     return f"view '{found.view}': " + "; ".join(said)

@@ -76,7 +76,7 @@ def _uv(function: Callable[[Array, Array], Array]) -> Callable[[View, Array], Vi
 
 SUSPICIONS: tuple[Suspicion, ...] = (
     Suspicion(
-        "v is counted upwards (the image's y axis points up)",
+        "v increases upwards (the image's y axis points up)",
         "Use v = height - 1 - v.",
         _uv(lambda uv, m: np.c_[uv[:, 0], 2 * m[1] - uv[:, 1]]),
     ),
@@ -97,8 +97,8 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     ),
     *(
         Suspicion(
-            f"the pictures are of another size, {1 / s:.4g} times that of the calibration",
-            "Use pictures as the camera was calibrated with, or scale its parameters (camcal convert).",
+            f"the pictures have another size, {1 / s:.4g} times that of the calibration",
+            "Use pictures of the size used in the calibration, or scale the parameters (camcal convert).",
             _uv(lambda uv, m, s=s: (uv + 0.5) * s - 0.5),  # type: ignore[misc]
         )
         for s in SCALES
@@ -172,7 +172,7 @@ def _named(solution: Calibration, given: Observations) -> CalibrationWarning | N
         return None
     return CalibrationWarning(
         "data-exchanged",
-        f"{best.words}: so taken, the median residual falls from {own:.3g} to {left:.3g} px.",
+        f"{best.words}: with this change, the median residual falls from {own:.3g} to {left:.3g} px.",
         best.hint,
         "wrong" if own > SEVERAL_PX else "doubtful",
     )

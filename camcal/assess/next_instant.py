@@ -79,14 +79,14 @@ def suggest(solution: RigCalibration, count: int = 1, seed: int = 0) -> tuple[Re
     """
     if not solution.extrinsics:
         raise DataError(
-            "nothing of this rig was estimated, so no picture makes it better known.",
+            "no parameter of this rig was estimated, so no picture can improve it.",
             "Give the report of `camcal rig`, not of `camcal evaluate`.",
         )
     accuracy = covariance(solution)
     if accuracy.null.size or not np.isfinite(accuracy.sigma_0):
         raise EstimationError(
-            "the data do not determine the rig, so that no picture can be said to be the next.",
-            "Hold parameters (--fix), or take pictures that fill the picture of every camera.",
+            "the data do not determine the rig, so no next picture can be suggested.",
+            "Fix parameters (--fix), or take pictures in which the board fills the image of every camera.",
         )
     rigid = solution.free.shape[1] - (0 if solution.board is None else solution.board.size)
     known = accuracy.free[:rigid, :rigid]
@@ -126,9 +126,7 @@ def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, 
     for name in solution.rig.cameras:
         alone = within(solution, name)
         if alone.camera.image_size is None:
-            raise DataError(
-                "the report does not say how large the pictures are.", "Calibrate with --image-size."
-            )
+            raise DataError("the report has no image size.", "Calibrate with --image-size.")
         points = _all_points(solution) if several else target_points(alone)
         planar = bool(np.ptp(points[:, 2]) == 0)
         back = solution.rig.cam_from_rig[name].inverse()
@@ -142,7 +140,7 @@ def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, 
     if not made:
         raise DataError(
             "no pose was found that shows the board to two cameras at once.",
-            "The pictures of the cameras hardly overlap: use a larger board, or turn the cameras to each other.",
+            "The fields of view hardly overlap: use a larger board, or turn the cameras towards each other.",
         )
     return made
 

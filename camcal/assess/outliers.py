@@ -49,11 +49,11 @@ _FLAT_RAY = 0.05
 
 
 _HINTS = {
-    "rejected-view": "Look at that picture: is it the same board, sharp, and its points in order?",
-    "other-board": "Leave the picture out, or give the right size of that board.",
-    "mirrored-views": "Its points are in mirrored order (or the picture is): mend or leave out that view.",
-    "rejected-mirror-image": "The picture seems to be mirrored as a whole: mirror it back, or leave it out.",
-    "mismatched-points": "They were left out; mend their order to use them.",
+    "rejected-view": "Check that picture: is it the same board, sharp, with its points in order?",
+    "other-board": "Remove the picture, or give the correct size of that board.",
+    "mirrored-views": "Its points are in mirrored order (or the picture is): correct or remove that view.",
+    "rejected-mirror-image": "The picture seems to be mirrored: mirror it back, or remove it.",
+    "mismatched-points": "They were not used; correct their order to use them.",
 }
 
 
@@ -106,7 +106,7 @@ def named(
             code, what = "rejected-mirror-image", "it fits as a mirror image"
         reason = f"{entry.reason}; {what}" if what else entry.reason
         skipped.append(replace(entry, reason=reason, points=len(view), rms_point=rms))
-        said.append((code, f"view '{entry.id}' was left out: {reason}.", "note"))
+        said.append((code, f"view '{entry.id}' was not used: {reason}.", "note"))
     if robust and not facts.blameless:
         said += [("other-board", s.words(data.views[s.index].id), "doubtful") for s in _suspects(solution)]
     used = {v.id: v for v in data.views}

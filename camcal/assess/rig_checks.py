@@ -54,9 +54,9 @@ def out_of_step(lags: Mapping[str, int]) -> CalibrationWarning:
     said = [f"{' and '.join(frames)} late"] * bool(frames) + [f"{' and '.join(ahead)} early"] * bool(ahead)
     return CalibrationWarning(
         "cameras-out-of-step",
-        f"the cameras are not in step: {', '.join(said)}. The board stands where the others see it only after "
+        f"the cameras are not synchronous: {', '.join(said)}. The board stands where the others see it only after "
         "shifting these views.",
-        f"Put them in step: --lag {','.join(f'{n}={k}' for n, k in lags.items())}; or trigger the cameras together.",
+        f"Correct it with --lag {','.join(f'{n}={k}' for n, k in lags.items())}; or trigger the cameras together.",
         "wrong",
     )
 
@@ -66,7 +66,7 @@ def _not_converged(solution: RigCalibration) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "not-converged",
             f"the joint refinement did not converge: {solution.fit.stop_reason}.",
-            "Look at the residuals by camera; leave out pictures that do not belong.",
+            "Check the residuals by camera; remove pictures that do not belong.",
         )
 
 
@@ -75,7 +75,7 @@ def _undetermined(accuracy: Covariance) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "undetermined-parameters",
             f"the data do not determine {', '.join(accuracy.undetermined)}.",
-            "Add tilted views all over the picture, hold parameters (--fix), or choose a smaller model.",
+            "Add tilted views across the whole picture, fix parameters (--fix), or choose a smaller model.",
         )
 
 
@@ -91,7 +91,7 @@ def _few_instants(solution: RigCalibration) -> Iterator[CalibrationWarning]:
                 "few-shared-instants",
                 f"camera {name} shares {count} instant{'s' * (count != 1)} with the others: its place rests on "
                 "little.",
-                "Take pictures of the board where this camera and another one see it.",
+                "Take pictures in which this camera and another one see the board.",
             )
 
 
@@ -102,6 +102,6 @@ def _loose(solution: RigCalibration, accuracy: Covariance) -> Iterator[Calibrati
         if not turn <= LOOSE_DEG:
             yield CalibrationWarning(
                 "loose-relative-pose",
-                f"the orientation of camera {name} to {solution.rig.reference} is known to {turn:.2g} degrees only.",
-                "Take pictures of the board near and large in both cameras, tilted in different directions.",
+                f"the orientation of camera {name} to {solution.rig.reference} is known only to {turn:.2g} degrees.",
+                "Take pictures of the board close to both cameras, tilted in different directions.",
             )

@@ -82,7 +82,7 @@ class Cluster:
                 "Try: pip install 'camcal[cluster]'",
             ) from None
         if not ADDRESS.fullmatch(address):
-            raise UsageError(f"'{address}' is no address of a Dask scheduler.", "Try: tcp://HOST:8786")
+            raise UsageError(f"'{address}' is not the address of a Dask scheduler.", "Try: tcp://HOST:8786")
         try:
             self.client = Client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:

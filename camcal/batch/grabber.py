@@ -75,7 +75,8 @@ class Grabber(threading.Thread):
         self.capture = cv2.VideoCapture(str(source))
         if not self.capture.isOpened():
             raise DataError(
-                f"'{source}' cannot be opened as a film or a camera.", "Check the name, and who uses it."
+                f"'{source}' cannot be opened as a film or a camera.",
+                "Check the name, and whether another program uses it.",
             )
         self.live = source.is_char_device()
         rate = self.capture.get(cv2.CAP_PROP_FPS)

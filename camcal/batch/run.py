@@ -116,7 +116,7 @@ def run(
     workers : int
         Processes.
     scheduler : str, optional
-        Address of a Dask cluster, in place of processes.
+        Address of a Dask cluster, instead of local processes.
     resume, force : bool
         What is done with reports that are there: those of finished jobs are kept, or all are replaced.
     on_row : callable
@@ -154,7 +154,7 @@ def _check_free(storage: Storage, jobs: Sequence[Job], allowed: bool) -> None:
         raise UsageError(
             f"{shown(storage.root)} holds {len(taken)} report{'s' * (len(taken) > 1)} of these jobs already, "
             f"'{taken[0]}.yaml' among them.",
-            "Go on with --resume, replace them with --force, or choose another folder.",
+            "Continue with --resume, replace them with --force, or choose another folder.",
         )
 
 

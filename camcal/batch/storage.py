@@ -43,7 +43,7 @@ def _answers(address: str, what: str) -> Iterator[None]:
         why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise DataError(
             f"{shown(address)}: cannot be {what}: {shown(why)}.",
-            "Check the address, and that you may use it.",
+            "Check the address and your access rights.",
         ) from None
 
 
@@ -64,7 +64,7 @@ class Storage:
     def __init__(self, root: str):
         if root == "-":
             raise UsageError(
-                "'-' is no name of a folder.", "A batch writes several files: name a folder for them."
+                "'-' is not a folder name.", "A batch writes several files: give a folder for them."
             )
         self.root = root if is_remote(root) else str(Path(root).absolute())
         self.remote: Any

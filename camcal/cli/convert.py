@@ -52,7 +52,7 @@ def command(ctx: click.Context, source: Path, target: Path | None, **options: An
 def _target(target: Path | None, options: dict[str, Any]) -> Path | None:
     """DST, or --output instead; checked before any work is done."""
     if target is not None and options["output"] is not None:
-        raise UsageError("DST and --output are both given.", "Give one of them.")
+        raise UsageError("both DST and --output are given.", "Give one of them.")
     target = target or options["output"]
     if target is None:
         if options["to_model"] is None:
@@ -133,7 +133,7 @@ def _closest(source: Any, options: dict[str, Any], square: bool) -> Any:
         raise EstimationError(
             f"no camera of model '{lens.name}' is within {options['max_px']:g} px of this one: the closest "
             f"differs by {found.rms_px:.3g} px rms, at worst {worst}.",
-            f"Choose a model that can do more ({', '.join(m for m in RICHER if m != lens.name)}), "
+            f"Choose a more general model ({', '.join(m for m in RICHER if m != lens.name)}), "
             "or give a larger --max-px.",
         )
     return found
@@ -169,7 +169,7 @@ def _write(
             if form.rectified and len(cameras.cameras) == 2
             else ""
         )
-        note(f"The poses between the cameras are not written: {form.title} has no place for them{held}.")
+        note(f"The poses between the cameras are not written: {form.title} cannot store them{held}.")
     made = []
     for path, gap in files.write(target, cameras, name, options["force"]).items():
         note(f"Camera written to {path} ({form.name}): it reads back within {gap.max_px:.1g} px.")

@@ -26,7 +26,7 @@ def held_options(
 
     known = load_camera(path, data.image_size)
     if known.image_size is None:
-        raise UsageError(f"'{path}' does not say how large the picture is.", "Give --image-size WxH.")
+        raise UsageError(f"'{path}' has no image size.", "Give --image-size WxH.")
     plain = {"robust": options["robust"], "seed": options["seed"], "checks": False, "crosscheck": False}
     flat = calibrate(without_distortion(known, data), model="pinhole", fix={"aspect": None}, **plain)
     lens = at_focal_length(known, float(flat.camera.params[0]))

@@ -71,7 +71,7 @@ def _of_data(paths: tuple[str, ...], options: dict[str, Any]) -> dict[str, Any]:
         if not lost:
             raise  # nothing was looked at: no such folder, no pictures
         wrong = pictures.nothing_found(error, lost)
-        return diagnosis("pictures", f"These pictures are of no use yet: {wrong[0].message}", wrong)
+        return diagnosis("pictures", f"These pictures cannot be used yet: {wrong[0].message}", wrong)
     own = pictures.examine(found) if found.picture_quality else []
     try:
         solution = calibrate(found, options["model"])

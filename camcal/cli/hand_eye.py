@@ -43,9 +43,9 @@ def command(ctx: click.Context, data: tuple[str, ...], **options: Any) -> int:
     found = hand_eye(solution, robot, times=times, **{name: options[name] for name in names})
     if found.section["rotation"] != robot.form.name:
         form = found.section["rotation"]
-        note(f"The rotations are read as {form}: that fits far better. To say so: --rotation {form}")
+        note(f"The rotations are read as {form}: that fits far better. To select it: --rotation {form}")
     if options["setup"] is None:
-        note(f"The set-up is {found.setup}: that fits far better. To say so: --setup {found.setup}")
+        note(f"The set-up is {found.setup}: that fits far better. To select it: --setup {found.setup}")
     report = found.document(command_line(ctx))
     if verbosity() >= 0:
         console(stderr=True).print(summary(report))

@@ -147,14 +147,14 @@ def detection_events(
             note("{path}: {searched} of {frames} frames are searched".format(**details))
         elif event == "turned":
             note(
-                "{count} of {of} pictures were held another way: used as the sensor saw them".format(
+                "{count} of {of} pictures were held in another orientation: used as the sensor recorded them".format(
                     **details
                 )
             )
         elif event == "target":
             note(_recognised(details))
         elif event == "cache":
-            note(f"what was found cannot be kept for the next run: {details['reason']}", 1)
+            note(f"detections cannot be cached for the next run: {details['reason']}", 1)
 
     return show_event
 
@@ -163,10 +163,10 @@ def _recognised(details: Mapping[str, Any]) -> str:
     """One line: the recognised target, and the option that selects it."""
     said = "target: {words}, in {pictures} of {of} {noun}".format(**details)
     if not details["whole"]:
-        said += " (the end of the board is not seen; a part of this size is used)"
+        said += " (the edge of the board is not visible; a part of this size is used)"
     if details["others"]:
         said += "; also " + ", ".join(details["others"])
-    return f"{said}. To say so: --target {details['spec']}"
+    return f"{said}. To select it: --target {details['spec']}"
 
 
 def save_detections(found: Correspondences, path: Path, force: bool) -> None:
@@ -215,7 +215,7 @@ def calibrate_and_report(
 
 def _on_event(event: str, details: Mapping[str, Any]) -> None:
     if event == "selected":
-        note(f"model {details['chosen']}: {details['why']}. To say so: --model {details['chosen']}")
+        note(f"model {details['chosen']}: {details['why']}. To select it: --model {details['chosen']}")
     if event != "refined-points":
         return
     before, after = details["holdout_before"], details["holdout_after"]

@@ -58,8 +58,8 @@ def _of_rig(solution: Any, options: dict[str, Any]) -> None:
     """Where to hold the board so that the baselines become best determined."""
     if options["output"] is not None or options["target_px"] is not None:
         raise UsageError(
-            "of a rig, the next instant is said in words only, and for its distances.",
-            "Leave out -o and --target-px, or name one camera: rig.yaml#left",
+            "for a rig, the next instant is described in words only, and for its baselines.",
+            "Omit -o and --target-px, or name one camera: rig.yaml#left",
         )
     from camcal.cli.output import emit
     from camcal.report.next_instant import suggest
@@ -105,7 +105,7 @@ def _table(answer: dict[str, Any]) -> Any:
         wanted = answer["target"]
         more = wanted["more_pictures"]
         said = (
-            f"More than {wanted['tried']} pictures for {wanted['worst_px']:g} px: sharper corners gain more."
+            f"More than {wanted['tried']} pictures for {wanted['worst_px']:g} px: sharper corners help more."
             if more is None
             else f"{more} more picture{'' if more == 1 else 's'} for {wanted['worst_px']:g} px."
         )

@@ -80,7 +80,7 @@ def _warnings(entries: list[dict[str, Any]]) -> list[dict[str, str]]:
             made.append(
                 warning(
                     "no-redundancy",
-                    f"view '{entry['id']}': three points leave no residuals to take the noise from.",
+                    f"view '{entry['id']}': three points leave no residuals from which to estimate the noise.",
                     "Add a column sigma (px), or more points.",
                 )
             )

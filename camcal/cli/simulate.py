@@ -141,7 +141,7 @@ def _check_folder(folder: Path, names: list[str], force: bool) -> None:
             check_writable(folder / name, force)
     elif folder.exists() or not folder.parent.is_dir():
         found = "is a file" if folder.exists() else f"cannot be made: there is no {folder.parent}"
-        raise UsageError(f"the folder {folder} {found}.", "Give another place: -o FOLDER")
+        raise UsageError(f"the folder {folder} {found}.", "Choose another folder: -o FOLDER")
 
 
 def _truth_path(output: Path) -> Path:

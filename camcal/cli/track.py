@@ -81,7 +81,7 @@ def _check_files(options: dict[str, Any]) -> None:
         from camcal.track import plots
 
         if options["output"] is None:
-            raise UsageError("plots are drawn from the table, and it goes to stdout.", "Give -o FILE too.")
+            raise UsageError("plots need the table in a file, but it goes to stdout.", "Give -o FILE too.")
         plots.require_matplotlib()
         if options["plots"].is_dir():
             for path in plots.paths(options["plots"]):
@@ -169,8 +169,8 @@ def _frames(
         tables = [name for name in frames if _is_table((name,))]
         if tables and len(frames) > 1:
             raise UsageError(
-                f"{len(frames)} inputs, '{tables[0]}' among them; a table goes alone.",
-                "Put the tables together, frames in ascending order.",
+                f"{len(frames)} inputs, '{tables[0]}' among them; a table must be the only input.",
+                "Concatenate the tables, with frames in ascending order.",
             )
         return _from_pictures(frames, options)
     if frames[0] == "-":
@@ -231,4 +231,4 @@ class _ChangeLog:
         if self.count <= SHOWN:
             note(f"{change.message}.")
         elif self.count == SHOWN + 1:
-            note("Further changes are counted but not shown; see whether --motion fits.")
+            note("Further changes are counted but not shown; check whether --motion is suitable.")

@@ -18,11 +18,11 @@ def verbosity_options(function: Any) -> Any:
     """Add `-v/-vv` and `-q`; the group and every command have them, so that their position does not matter."""
     function = click.option(
         "-q", "--quiet", count=True, expose_value=False, is_eager=True, callback=count_verbosity,
-        help="Say nothing on stderr but errors.",
+        help="Write only errors to stderr.",
     )(function)  # fmt: skip
     return click.option(
         "-v", "--verbose", count=True, expose_value=False, is_eager=True, callback=count_verbosity,
-        help="Say more; -vv also shows the traceback of a bug.",
+        help="Write more to stderr; -vv also shows the traceback of an internal error.",
     )(function)  # fmt: skip
 
 

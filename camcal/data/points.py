@@ -124,7 +124,7 @@ def _same_size(
         return size or own
     raise DataError(
         f"{path}: pictures of {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
-        "One camera has one image size.",
+        "All pictures of a camera must have the same size.",
     )
 
 

@@ -236,7 +236,7 @@ def joined(
     instants : mapping of camera -> mapping of view id -> instant
         Which views are of the same instant.
     order : sequence of str
-        The instants, in their order; those that no camera saw are left out.
+        The instants, in their order; those that no camera saw are omitted.
     """
     seen = {instants[name][v] for name, part in parts.items() for v in part.view_ids}
     ids = tuple(i for i in order if i in seen)

@@ -80,7 +80,7 @@ class Known:
         limit = np.maximum(STRAY * room * np.linalg.norm(jacobian, axis=1).min(1), 1.5)
         stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > limit)
         self.good[rows[stray]] = False
-        self.reasons |= {int(i): "not where its neighbours say" for i in rows[stray]}
+        self.reasons |= {int(i): "not where its neighbours predict" for i in rows[stray]}
 
     def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
         """The predicted positions of points within `reach` of good ones: ids, uv and d uv / d point."""

@@ -138,8 +138,8 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
         "at the border of the picture": windows.inside < LEAST_INSIDE,
         "too little contrast": contrast < LEAST_CONTRAST * span / 255,
         "blurred away": params[:, model.BLUR] > MOST_BLUR * shortest,
-        "not where its neighbours say": shift > np.maximum(MOST_SHIFT * half * shortest, START_ERROR),
-        "edges do not follow the board": turn > MOST_TURN,
+        "not where its neighbours predict": shift > np.maximum(MOST_SHIFT * half * shortest, START_ERROR),
+        "its edges do not follow the board": turn > MOST_TURN,
         "does not look like a corner": misfit > max(MOST_MISFIT, RARE * median(misfit)),
         "uncertain": ~fits.converged | ~((variance > 0) & (variance < MOST_SIGMA**2)),
     }

@@ -49,7 +49,7 @@ class Outcome:
         `found`, `not_found`, `unreadable`, or `rejected` for a frame that is not kept.
     size : (width, height) or None
     board : (columns, rows) or None
-        Size of the grid that was seen, where another one was asked for.
+        Size of the grid that was seen, where another one was requested.
     taken : Taken
         What the file says of the camera.
     sight : Sight or None

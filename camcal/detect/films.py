@@ -119,9 +119,7 @@ def _numbers(film: Film, chosen: Range) -> tuple[int, int]:
     if chosen.start <= 0 and chosen.end == np.inf:
         return 0, MOST_FRAMES
     if not film.rate:
-        raise DataError(
-            f"'{film.path}' does not say how many frames it has a second.", "Leave --from and --to out."
-        )
+        raise DataError(f"'{film.path}' has no frame rate.", "Omit --from and --to.")
     return round(chosen.start * film.rate), int(min(chosen.end * film.rate, MOST_FRAMES))
 
 

@@ -95,7 +95,7 @@ def _opened(path: Path) -> cv2.VideoCapture:
     if _NUMBERED.search(path.name) is None:
         try:
             if path.exists() and not path.is_file():
-                raise UnreadableError("it is no ordinary file")
+                raise UnreadableError("it is not a regular file")
             path.open("rb").close()
         except OSError as error:
             raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error

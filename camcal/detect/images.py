@@ -83,7 +83,7 @@ def detect_images(
     keep_frames : int, optional
         How many frames of films are kept at most; None keeps every one that shows the target.
     every : int, optional
-        Search every so many frames, in place of the sharpest and stillest ones.
+        Search every so many frames, instead of the sharpest and stillest ones.
     from_time, to_time : float, optional
         Seconds; the part of a film that is searched.
 
@@ -125,7 +125,7 @@ def _wanted(
     if target is not None and target != "checkerboard":
         if board is not None or square is not None:
             raise UsageError(
-                "a target and a board were both given.",
+                "both a target and a board were given.",
                 "Give the sizes with the target, as in checkerboard:9x6:25mm.",
             )
         return targets.make_all(target) if isinstance(target, str) else [target]
@@ -166,14 +166,14 @@ def _recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sea
         raise DataError(
             f"{mirrored} of {len(looked)} pictures are mirror images: their markers can be read only after they are "
             "turned over.",
-            "Take them without the mirror effect (a setting of front cameras and of video calls), or flip the files "
+            "Turn off the mirror effect (a setting of front cameras and of video calls), or flip the files "
             "from left to right, all of them.",
         )
     number = unread(sights, best)
     if number:
         raise DataError(
             f"{number} of {len(looked)} pictures show a board whose squares hold markers that cannot be read.",
-            "Name the board, as in --target charuco:9x7:40mm:20mm:4X4_100, or take sharper, larger pictures.",
+            "Specify the board, as in --target charuco:9x7:40mm:20mm:4X4_100, or take sharper, larger pictures.",
         )
     if best is None:
         raise _nothing_found("target", looked, None, run)
@@ -215,7 +215,7 @@ def _as_checkerboard(
         raise DataError(
             f"{len(shown)} of {len(looked)} pictures show a checkerboard, but too few show its end, "
             f"and they do not agree on its size: {sizes}.",
-            f"Say its size in inner corners, as in --board {columns}x{rows}.",
+            f"Give its size in inner corners, as in --board {columns}x{rows}.",
         )
     size, whole, votes = found
     target = Checkerboard(*size, *_length(square))
@@ -285,7 +285,7 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
     other = contradiction(target, sights, pictures)
     if other is not None:
         raise DataError(
-            f"the pictures show {words(other)}; {words(target)} was asked for.", f"Try: --target {other.spec}"
+            f"the pictures show {words(other)}; {words(target)} was requested.", f"Try: --target {other.spec}"
         )
 
 
@@ -328,7 +328,9 @@ def _correspondences(searched: list[Searched], detected: bool, run: Search) -> O
         elif o.size != size:
             skipped.append(SkippedView(ids[o.path], "rejected", _other_size(o.size, size)))
         elif camera is not None and _other_camera(o.taken, camera):
-            reason = f"it was taken by {o.taken}, most of the others by {camera}: calibrate each camera alone"
+            reason = (
+                f"it was taken by {o.taken}, most of the others by {camera}: calibrate each camera separately"
+            )
             skipped.append(SkippedView(ids[o.path], "rejected", reason))
         else:
             views += several.views_of(searched, number, ids[o.path])
@@ -364,7 +366,7 @@ def _other_size(found: tuple[int, int] | None, needed: tuple[int, int] | None) -
     words = ["x".join(map(str, s or ())) for s in (found, needed)]
     said = f"the picture has {words[0]} pixels, most of the others {words[1]}"
     if found and needed and found == needed[::-1]:
-        said += ": it was turned by a program; take the file as the camera wrote it"
+        said += ": a program rotated it; use the original file of the camera"
     return said
 
 

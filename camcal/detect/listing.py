@@ -65,7 +65,10 @@ def _expand(path: Path) -> list[Path]:
         matches = [Path(p) for p in glob.glob(str(path), recursive=True)]  # noqa: PTH207 (any base)
         files = sorted((p for p in matches if p.is_file()), key=natural_order)
         if not files:
-            raise DataError(f"no file matches '{path}'.", "Check the pattern; quote it against the shell.")
+            raise DataError(
+                f"no file matches '{path}'.",
+                "Check the pattern; put it in quotes so that the shell does not expand it.",
+            )
         return _with_pages(files)
     raise DataError(f"there is no file or folder '{path}'.", "Check the spelling.")
 
@@ -135,13 +138,13 @@ def _no_pictures(folder: Path, entries: list[Path]) -> DataError:
     inside = sorted((p for p in entries if p.is_dir() and holds_pictures(p)), key=natural_order)
     if len(inside) == 1:
         return DataError(
-            f"the folder '{folder}' holds no pictures itself.", f"Its folder does. Try: '{inside[0]}'"
+            f"the folder '{folder}' itself contains no pictures.", f"Its folder does. Try: '{inside[0]}'"
         )
     if inside:
         names = listed([p.name for p in inside], MOST_NAMED)
         pairs = " ".join(shlex.quote(f"{p.name}={p}") for p in inside[:MOST_NAMED])
         return DataError(
-            f"the folder '{folder}' holds no pictures itself; the folders inside it do: {names}.",
+            f"the folder '{folder}' itself contains no pictures; the folders inside it do: {names}.",
             f"They look like those of several cameras. Try: camcal rig {pairs} -o rig.yaml, or one folder at a time "
             f"(for pictures of one camera: '{folder}/*/*').",
         )

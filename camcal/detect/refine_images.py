@@ -108,5 +108,5 @@ def _read_again(file: Mapping[str, str] | None) -> Array:
         Where it cannot be read, or is no longer what the corners came from.
     """
     if file is None:
-        raise UnreadableError("no picture belongs to it")
+        raise UnreadableError("it has no picture")
     return read_gray(Path(file["path"]), file["sha256"])[0]

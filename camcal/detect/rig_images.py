@@ -79,7 +79,7 @@ def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
         if same > SAME * min(len(contents[a]), len(contents[b])):
             raise DataError(
                 f"cameras '{a}' and '{b}' have the same pictures: {same} of {len(contents[a])} and {len(contents[b])}.",
-                "Give each camera the pictures that it took itself.",
+                "Give each camera its own pictures.",
             )
 
 
@@ -118,8 +118,8 @@ def match(pictures: Mapping[str, Sequence[str]]) -> dict[str, dict[str, str]]:
         return {c: {n: str(i + 1) for i, n in enumerate(names)} for c, names in pictures.items()}
     said = ", ".join(f"{c} {n}" for c, n in counts.items())
     raise DataError(
-        f"the pictures cannot be sorted into instants: their names do not agree, and their numbers differ ({said}).",
-        "Name pictures of the same instant by the same number: left01.jpg and right01.jpg.",
+        f"the pictures cannot be grouped into instants: their names do not agree, and their numbers differ ({said}).",
+        "Give pictures of the same instant the same number: left01.jpg and right01.jpg.",
     )
 
 

@@ -124,4 +124,4 @@ class Search:
 
 
 def _crashed(task: Task) -> Outcome:
-    return Outcome(task.path, "unreadable", "the process that read it has died")
+    return Outcome(task.path, "unreadable", "the process that read it ended unexpectedly")

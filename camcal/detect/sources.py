@@ -203,7 +203,7 @@ def decode_page(data: bytes, number: int) -> Array:
     except cv2.error as error:
         raise UnreadableError(f"page {number} cannot be decoded: {str(error.err).strip()[:80]}") from error
     if not done or not len(pages):
-        raise UnreadableError(f"page {number} is damaged, or there is none")
+        raise UnreadableError(f"page {number} is damaged or missing")
     return as_gray(pages[0])
 
 

@@ -94,7 +94,7 @@ def cut(
     half : float or (K,) array
         Half-width of a window as a share of the square.
     reach : float or (K,) array
-        px; pixels farther than this from both edges are left out.
+        px; pixels farther than this from both edges are omitted.
     largest : float
         px; half the side of the largest window.
     """

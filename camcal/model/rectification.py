@@ -137,7 +137,7 @@ def aligned(second_from_first: Pose) -> tuple[Array, float, int]:
     length = float(np.linalg.norm(between))
     if length == 0:
         raise EstimationError(
-            "the two cameras stand at the same place: there is no baseline to rectify along.",
+            "the two cameras are at the same position: there is no baseline to rectify along.",
             "Check the translations in the file of the rig.",
         )
     axis = int(abs(between[1]) > abs(between[0]))
@@ -181,9 +181,7 @@ def rectify(
     """
     for camera in (first, second):
         if camera.image_size is None:
-            raise UsageError(
-                "the file of the rig does not say how large the pictures are.", "Write image_size into it."
-            )
+            raise UsageError("the rig file has no image size.", "Write image_size into it.")
     assert first.image_size is not None
     cameras, new = (first, second), size or first.image_size
     turns, shift, axis = aligned(second_from_first)
@@ -302,7 +300,7 @@ def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) ->
     for camera, turn in zip(cameras, turns, strict=True):
         if _sources(camera, turn, np.stack([along, -along]))[1].any():
             raise EstimationError(
-                "the cameras stand one behind the other: the baseline lies in the field of view, and perspective "
+                "one camera is behind the other: the baseline lies in the field of view, and perspective "
                 "pictures cannot be rectified.",
                 f"Try: --projection {LATITUDE_LONGITUDE}",
             )
@@ -310,6 +308,6 @@ def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) ->
 
 def _nothing_shared() -> EstimationError:
     return EstimationError(
-        "nothing is left that both rectified pictures show: the cameras look in different directions.",
+        "the rectified pictures have no common area: the cameras look in different directions.",
         "Choose two cameras of the rig that look the same way, or give --alpha 1.",
     )

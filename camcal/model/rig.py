@@ -45,7 +45,7 @@ class Rig:
         cameras, poses = dict(self.cameras), dict(self.cam_from_rig)
         if self.reference not in cameras:
             raise UsageError(
-                f"the rig has no camera '{self.reference}' to be its reference.",
+                f"the rig has no camera '{self.reference}' for its reference.",
                 "It has: " + (", ".join(cameras) or "none") + ".",
             )
         poses.setdefault(self.reference, Pose.identity())

@@ -85,7 +85,7 @@ def complete(data: Observations) -> Observations:
         shared = np.ones(len(points), bool)
     chosen = [_sorted(view, at, shared) for view, at, keep in zip(data.views, ids, full, strict=True) if keep]
     if sum(len(v) for v in chosen) < LEAST_SHARE * data.point_count or shared.sum() < 4:
-        raise NotComparableError("cv2 wants all points in every view, and too few are")
+        raise NotComparableError("cv2 needs all points in every view, and too few views have them")
     return data.with_views(chosen)
 
 
@@ -102,7 +102,7 @@ def _check_size(data: Observations, full: bool) -> None:
         )
     if unknowns > QUICK_UNKNOWNS and not full:
         raise NotComparableError(
-            f"cv2 takes seconds for {unknowns} unknowns; --crosscheck full waits for them"
+            f"cv2 takes seconds for {unknowns} unknowns; use --crosscheck full to wait for it"
         )
 
 

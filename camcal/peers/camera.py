@@ -14,7 +14,7 @@ from camcal.solve.calibration import Calibration
 def camera_by_cv2(solution: Calibration) -> tuple[Camera, str]:
     """Calibrate the solution's points with cv2 from scratch; return the camera and the name of the function.
 
-    cv2 knows neither weights nor robust losses: it gets the points that the solution rests on, all alike.
+    cv2 knows neither weights nor robust losses: it gets the points used by the solution, all alike.
 
     Raises
     ------

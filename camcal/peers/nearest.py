@@ -48,7 +48,7 @@ def nearest(solution: Calibration, stage: str, full: bool = True) -> Entry:
     apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
     why += (
         f"; the nearest of cv2's is '{model}', which reaches rms {result.rms_point:.6g} px and projects up to "
-        f"{apart.max_px:.3g} px elsewhere: another model, so neither can be wrong by it"
+        f"{apart.max_px:.3g} px elsewhere; it is another model, so the difference is not an error of either"
     )
     opencv = {
         "model": model,

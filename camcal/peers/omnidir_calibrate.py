@@ -35,10 +35,10 @@ def run(task: Task, guess: Camera | None) -> Result:
         Where cv2 cannot estimate the same parameters, refuses the data, or is to begin at a guess.
     """
     if not hasattr(cv2, "omnidir"):
-        raise NotComparableError("this cv2 is without its contributed modules")
+        raise NotComparableError("this cv2 lacks the contributed modules")
     if guess is not None:
         raise NotComparableError(
-            f"{NAME} takes no start from Python; --crosscheck full lets it begin by itself"
+            f"{NAME} accepts no start from Python; with --crosscheck full it runs from its own start"
         )
     refuse_rigs(task, NAME)
     solution = task.solution
@@ -58,7 +58,7 @@ def run(task: Task, guess: Camera | None) -> Result:
         )
     views = np.ravel(kept).astype(int)
     if len(views) < len(task.views):
-        raise LeftOutError(f"{NAME} does without {len(task.views) - len(views)} of the views", tuple(views))
+        raise LeftOutError(f"{NAME} ignored {len(task.views) - len(views)} of the views", tuple(views))
     k, xi, d = np.array(k, float), np.array(xi, float).ravel(), np.array(d, float).ravel()
     poses, turns, shifts = poses_of(task, rvecs, tvecs)
     if not all(np.isfinite(a).all() for a in (k, xi, d, turns, shifts)):

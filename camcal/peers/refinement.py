@@ -196,7 +196,9 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
         status = "not_applicable" if blind else "fail"
         said.append(f"cv2 reaches a lower rms, {theirs:.9g} px instead of {ours:.9g} px")
         if blind:
-            said.append(f"but its distortion folds back before {blind} of the points: no camera sees them so")
+            said.append(
+                f"but its distortion folds back before {blind} of the points, so this camera cannot see them"
+            )
     elif theirs > ours * (1 + SAME) + LOWER_PX + (_rounding(solution) if result.rounded else 0.0):
         said.append(f"cv2 ends at a higher rms, {theirs:.9g} px instead of {ours:.9g} px")
     elif not (apart.max_px <= PROJECTION_PX or sigmas <= SIGMAS):

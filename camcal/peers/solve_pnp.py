@@ -33,7 +33,9 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
     if len(xyz) < 4:
         return entry(STAGE, name, "not_applicable", "three points: every solution is exact")
     if (rays[:, 2] < FLATTEST).any():
-        return entry(STAGE, name, "not_applicable", "cv2 takes no rays at right angles to the axis or beyond")
+        return entry(
+            STAGE, name, "not_applicable", "cv2 accepts only rays less than 90 degrees from the axis"
+        )
     ab = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
     method = cv2.SOLVEPNP_IPPE if planar else cv2.SOLVEPNP_SQPNP
     try:

@@ -24,7 +24,7 @@ def against_cv2(first: Seen, second: Seen, xyz: Array) -> Entry:
     rays = [camera.unproject(uv) for camera, _, uv in (first, second)]
     good = np.logical_and.reduce([r[:, 2] > FLATTEST for r in rays]) & np.isfinite(xyz).all(1)
     if not good.any():
-        return entry(STAGE, NAME, "not_applicable", "no point is seen well ahead by two cameras")
+        return entry(STAGE, NAME, "not_applicable", "no point is seen well in front of two cameras")
     matrices = [np.c_[pose.rotation, pose.translation] for _, pose, _ in (first, second)]
     flat = [np.ascontiguousarray((r[good, :2] / r[good, 2:]).T) for r in rays]
     with one_thread():

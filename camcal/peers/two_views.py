@@ -39,7 +39,9 @@ def motion(camera: Camera, first: Array, second: Array, ours: Pose) -> Entry:
     name = "cv2.findEssentialMat"
     rays = [camera.unproject(uv) for uv in (first, second)]
     if any((r[:, 2] < 0.05).any() for r in rays):
-        return entry(STAGE, name, "not_applicable", "cv2 takes no rays at right angles to the axis or beyond")
+        return entry(
+            STAGE, name, "not_applicable", "cv2 accepts only rays less than 90 degrees from the axis"
+        )
     a, b = (np.ascontiguousarray(r[:, :2] / r[:, 2:]) for r in rays)
     with one_thread():
         e, mask = cv2.findEssentialMat(a, b, np.eye(3), cv2.LMEDS)

@@ -24,7 +24,7 @@ def against_cv2(stage: str, camera: Camera, uv: Array) -> Entry:
     rays = camera.unproject(uv)
     ahead = rays[:, 2] > 0
     if not ahead.any():
-        return entry(stage, NAME, "not_applicable", "no pixel has a ray ahead of the camera")
+        return entry(stage, NAME, "not_applicable", "no pixel has a ray in front of the camera")
     ours = rays[ahead, :2] / rays[ahead, 2:]
     bend = form.distortion if len(form.distortion) else None
     with one_thread():

@@ -23,7 +23,7 @@ Project = Callable[[Array, Array, Array], Array]
 def refuse_rigs(task: Task, name: str) -> None:
     """Raise NotComparableError if the points are not boards in z = 0."""
     if any(np.abs(xyz[:, 2]).max() > 0 for xyz, _ in task.views):
-        raise NotComparableError(f"{name} takes boards in z = 0 only")
+        raise NotComparableError(f"{name} accepts only boards in z = 0")
 
 
 def held(solution: Calibration, groups: Groups, name: str) -> list[str]:
@@ -50,7 +50,9 @@ def held(solution: Calibration, groups: Groups, name: str) -> list[str]:
         if not any(inside):
             flags.append(flag)
             if any(values.get(n, 0.0) != 0 for n in group):
-                raise NotComparableError(f"{name} begins by itself and holds {', '.join(group)} at 0 only")
+                raise NotComparableError(
+                    f"{name} uses its own start and can hold {', '.join(group)} only at 0"
+                )
     return flags
 
 

@@ -125,7 +125,7 @@ def _refused(trial: Trial) -> str:
     if not trial.p_value < SIGNIFICANT:
         return f"a flat board would fit as well with probability {trial.p_value:.2g}"
     if trial.kind == "free" and not (trial.change is not None and trial.change.better):
-        return "the camera is not expected to be nearer to the truth with every point free"
+        return "freeing every point is not expected to improve the camera"
     return ""
 
 

@@ -113,7 +113,7 @@ def _assumed(
         warnings.append(
             CalibrationWarning(
                 "weak-geometry",
-                f"the closed form is hardly determined by these views: {found.info['degenerate']}.",
+                f"these views hardly determine the closed form: {found.info['degenerate']}.",
                 "Add views of the target tilted by 20 to 45 degrees in different directions.",
             )
         )

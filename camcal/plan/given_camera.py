@@ -50,7 +50,7 @@ def camera_of(progress: Progress) -> Camera:
         Where the camera is for pictures of another size, or a closed form is named besides.
     """
     if progress.options.start is not None:
-        raise UsageError("a closed form and a camera to start from are both given.", "Give one of them.")
+        raise UsageError("both a closed form and a start camera are given.", "Give one of them.")
     given = progress.options.start_camera
     theirs = progress.data.image_size
     if isinstance(given, Camera):
@@ -60,8 +60,8 @@ def camera_of(progress: Progress) -> Camera:
     ours = known.image_size
     if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):
         raise UsageError(
-            f"the camera to start from is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
-            "Give a camera of the same size, or leave --start-camera out.",
+            f"the start camera is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
+            "Give a camera for the same image size, or omit --start-camera.",
         )
     return known
 

@@ -104,7 +104,7 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     if not rows:
         raise DataError(
             f"no view of '{robot.path}' ({robot.names[0]}, ...) is a view of the pictures ({ids[0]}, ...).",
-            "Name the views as the pictures are named, with or without folder and ending.",
+            "Use the names of the pictures as view names, with or without folder and extension.",
         )
     require_enough(len(rows))
     lost = (len(ids) - len(rows), len(robot) - len(rows))
@@ -136,7 +136,7 @@ def _of_stream(
     require_enough(len(ids))
     factor = next((f for bound, f in STAMPS if robot.times[0] >= bound), 1.0)
     if asked.setup is None:
-        raise UsageError("poses with times need the set-up said.", "Add --setup in-hand or --setup to-hand.")
+        raise UsageError("poses with times require the set-up.", "Add --setup in-hand or --setup to-hand.")
     require_two_axes(_turns(pictures), asked.setup)
     stream = Stream(robot.times / factor, robot.poses(None, asked.inverse))
     begin = offset.search(asked.setup, stream, times, pictures.poses, asked.max_offset)
@@ -242,7 +242,7 @@ def _in_unit(robot: RobotPoses, given: str | None, unit: str | None) -> RobotPos
     if unit not in MILLIMETRES:
         raise UsageError(
             f"the poses are in {given}, but the unit of the pictures' lengths is not known.",
-            "Leave --poses-unit out, and give both in the same unit.",
+            "Omit --poses-unit, and give both in the same unit.",
         )
     return robot.scaled(MILLIMETRES[given] / MILLIMETRES[unit])
 
@@ -252,7 +252,7 @@ def _time(name: str, times: Mapping[str, float] | None) -> float:
     if times is not None:
         short = name.replace("\\", "/").rpartition("/")[2]
         if name not in times and short not in times:
-            raise DataError(f"--times has no time of the view '{name}'.", "Add it, or leave the view out.")
+            raise DataError(f"--times has no time of the view '{name}'.", "Add it, or remove the view.")
         return times[name] if name in times else times[short]
     stem = re.sub(r"\.[A-Za-z]\w*$", "", name.replace("\\", "/").rpartition("/")[2])
     if re.fullmatch(r"\d+(\.\d+)?", stem):

@@ -112,5 +112,5 @@ def _check_size(camera: Camera, correspondences: Observations) -> None:
     if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):
         raise DataError(
             f"the camera is for pictures of {ours[0]}x{ours[1]}, these are of {theirs[0]}x{theirs[1]}.",
-            "Pictures as the camera was calibrated with are needed.",
+            "Pictures of the size used in the calibration are needed.",
         )

@@ -46,7 +46,7 @@ def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Ma
         return _ranked(given, asked, WIDE, f"{ORDINARY} finds no camera ({error.message.rstrip('.')})")
     why, models = _does_not_hold(progress)
     if why:
-        return _ranked(given, asked, models, f"{ORDINARY} does not hold: {why}")
+        return _ranked(given, asked, models, f"{ORDINARY} is unsuitable: {why}")
     found = {"chosen": ORDINARY, "why": "an ordinary lens, and the data determine its coefficients"}
     return follow(BETTER, progress), found
 
@@ -64,7 +64,7 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
     if any(lens_checks.outside_domain(facts)):
         return "its distortion folds back before some of the points", WIDE
     if any(fit_checks.systematic(facts)):
-        return "its residuals follow the distance from the centre", WIDE
+        return "its residuals depend on the distance from the centre", WIDE
     if not fit.fit.converged:
         return "its refinement does not converge", WIDE
     if any(w.code == "fold-in-image" and w.severity != "note" for w in lens_checks.fold_in_image(facts)):

@@ -111,7 +111,7 @@ def known_camera(name: str, asked: RigOptions) -> Camera | None:
     if given is None:
         if name in asked.hold:
             raise UsageError(
-                f"'{name}' is to be held, but no intrinsics are given for it.", f"Try: --cameras {name}=FILE"
+                f"'{name}' is held, but no intrinsics are given for it.", f"Try: --cameras {name}=FILE"
             )
         return None
     if isinstance(given, Camera):
@@ -141,9 +141,7 @@ def pictures_of(fits: Mapping[str, Calibration], views: RigViews, data: Observat
         variances = board_variance(fit)
         for i, view in enumerate(fit.observations.view_ids):
             key = name, views.instants[name][view]
-            if (
-                key not in found or variances[i] < found[key][1]
-            ):  # of two boards that stand fast to each other
+            if key not in found or variances[i] < found[key][1]:  # of two boards that are fixed to each other
                 found[key] = fit.poses[i], float(variances[i])
     blocks = data.blocks
     keys = [(data.cameras[c], data.view_ids[v]) for c, v in zip(blocks.camera, blocks.view, strict=True)]

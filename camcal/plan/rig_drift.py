@@ -71,7 +71,8 @@ def follow(rig: RigSolution, views: RigViews, false_alarm: float = 1e-6, robust:
     made, alone = _instants(rig, data, poses)
     if not made:
         raise DataError(
-            "no board was seen by two cameras at the same instant.", "Hold it where their pictures overlap."
+            "no board was seen by two cameras at the same instant.",
+            "Hold it where their fields of view overlap.",
         )
     known, _ = _instants(rig, rig.observations, rig.poses)
     return tested(rig, made, known, rig.rms_point, false_alarm, alone, int(data.used.sum()))
@@ -153,7 +154,7 @@ def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, l
         blocks = problem.linearise(solved.state)
         if blocks is None:
             raise DataError(
-                f"camera '{name}': points lie outside the domain of its lens.", "Leave those views out."
+                f"camera '{name}': points lie outside the domain of its lens.", "Remove those views."
             )
         normal = blocks.normal()
         gain = eliminate_poses(normal).gain

@@ -58,8 +58,8 @@ def usable(observations: Observations, known: bool = False) -> Observations:
     count = len(observations)
     if count > 1 and shape.all_same(observations.views):
         raise DataError(
-            f"all {count} views hold exactly the same points: they are one view; different ones are needed.",
-            "Move and tilt the target between views. To calibrate from the one view, keep one copy of it.",
+            f"all {count} views hold exactly the same points, so they count as one view; different views are needed.",
+            "Move and tilt the target between views. To calibrate from a single view, keep one copy of it.",
         )
     least = known_pose.LEAST if known else shape.LEAST_3D
     bad = shape.unusable(observations, least_3d=least)

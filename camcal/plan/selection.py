@@ -156,11 +156,11 @@ def _choose(ranked: Sequence[Candidate]) -> tuple[Candidate, str]:
     if not usable:
         usable, remark = (
             [c for c in ranked if c.solution is not None],
-            "; every model has something against it",
+            "; every model has a problem",
         )
     if not np.isfinite(usable[0].holdout_rms):
         best = min(usable, key=lambda c: c.information()[1])
-        return best, f"the lowest BIC: too few views to hold some out{remark}"
+        return best, f"the lowest BIC: too few views for a hold-out{remark}"
     bound = usable[0].holdout_rms * (1 + WORTH)
     best = min((c for c in usable if c.holdout_rms <= bound), key=lambda c: (c.parameters, c.holdout_rms))
     if best is usable[0]:

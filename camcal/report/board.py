@@ -28,7 +28,7 @@ def on_known_board(correspondences: Correspondences, path: str | os.PathLike) ->
     shape = target.get("shape") or {}
     if "points" not in shape:
         raise DataError(
-            f"{path} holds no board shape; a report that found one is needed.",
+            f"{path} has no board shape; a report with an estimated shape is needed.",
             "Make one with --board-shape free or auto.",
         )
     square = float((correspondences.target or {}).get("square") or target.get("square") or 1.0)
@@ -37,7 +37,7 @@ def on_known_board(correspondences: Correspondences, path: str | os.PathLike) ->
         gaps = np.linalg.norm(view.xyz[:, None] - ideal[None], axis=2).min(1)
         if gaps.max() > _SAME * square:
             raise DataError(
-                f"{path} holds the shape of another board: it lacks points of view '{view.id}'.",
+                f"{path} has the shape of another board: it lacks points of view '{view.id}'.",
                 "Give the report that was made with this board.",
             )
     used = {**dict(correspondences.target or {}), "shape": {**shape, "kind": "known", "from": str(path)}}

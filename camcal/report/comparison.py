@@ -108,7 +108,7 @@ def sentence(gate: Document) -> str:
     verdict = "is within" if gate["passed"] else "exceeds"
     said = f"{gate['name']}: {gate['value']:.4g}{unit} {verdict} {gate['bound']:g}{unit}"
     if np.isnan(gate["value"]):
-        return f"{said}: there is no part of the picture that both cameras have data for"
+        return f"{said}: there is no part of the picture for which both cameras have data"
     place = gate.get("place")
     if gate["passed"] or place is None:
         return said

@@ -2,7 +2,7 @@
 
     data: {encoding: zlib+base64, dtype: float64, byteorder: little, columns: [...], rows: n, text: ...}
 
-The text holds the columns one after the other (each `rows` little-endian doubles), compressed by zlib. `view`
+The text holds the columns concatenated (each `rows` little-endian doubles), compressed by zlib. `view`
 is an index into the report's `views`, `id` the number of the target's point (-1: none), `sigma` NaN where
 none was given, `used` 0 for a rejected point; a column `weight` follows where a robust loss weighted the
 points. Rows stand in the order of the views, and of the points in each.
@@ -106,11 +106,11 @@ def _table(data: Data) -> dict[str, Array]:
         # no more than the rows need: a few bytes could stand for more than fits in memory
         raw = zlib.decompressobj().decompress(packed, 8 * count + 1)
     except (ValueError, binascii.Error, zlib.error) as error:
-        raise DataError(f"the report's data are damaged ({error}).", "Is the file cut off?") from error
+        raise DataError(f"the report's data are damaged ({error}).", "Is the file truncated?") from error
     if len(raw) != 8 * count:
         raise DataError(
             f"the report's data are damaged: not {data.rows} rows of {len(data.columns)} columns.",
-            "Is the file cut off?",
+            "Is the file truncated?",
         )
     values = np.frombuffer(raw, "<f8").astype(float).reshape(len(data.columns), data.rows)
     table = dict(zip(data.columns, values, strict=True))

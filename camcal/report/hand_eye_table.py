@@ -104,7 +104,7 @@ def _worst(views: list[Mapping[str, Any]]) -> Table:
     """The poses with the largest residuals, and all outliers."""
     used = [v for v in views if v["status"] == "used"]
     used.sort(key=lambda v: -sum(c * c for c in v["translation_residual"]))
-    made = _table(f"what is left of {len(used)} poses", "the largest", "translation", "deg", "")
+    made = _table(f"residuals of {len(used)} poses", "the largest", "translation", "deg", "")
     for v in used[:5]:
         length = sum(c * c for c in v["translation_residual"]) ** 0.5
         made.add_row(escape(v["id"]), number(length, 3), number(v["rotation_residual_deg"], 3), "")

@@ -92,7 +92,7 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
         made.append(
             warning(
                 "one-direction",
-                f"all {len(kept)} lines have one direction, within some 10 degrees: nothing tests the lens along them.",
+                f"all {len(kept)} lines have one direction, within some 10 degrees: the lens is untested along them.",
                 "Add pictures with the lines in other directions.",
             )
         )
@@ -100,8 +100,9 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
         made.append(
             warning(
                 "lines-left-out",
-                f"{int((~fit.used).sum())} of {len(fit.used)} lines are not straight beside the others and left out.",
-                "Curves of the scene are expected among them.",
+                f"{int((~fit.used).sum())} of {len(fit.used)} lines are not straight compared with the "
+                "others and are not used.",
+                "Curves in the scene can be among them.",
             )
         )
     if fit.undetermined:
@@ -109,9 +110,11 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
             warning(
                 "undetermined",
                 f"the lines leave {', '.join(fit.undetermined)} undetermined.",
-                "Straight lines stay straight under such changes; hold the parameters (--fix), or take another model.",
+                "Straight lines stay straight under such changes; fix the parameters (--fix), or use another model.",
             )
         )
     if not fit.converged:
-        made.append(warning("not-converged", "the fit stopped before it settled.", "Try fewer coefficients."))
+        made.append(
+            warning("not-converged", "the fit stopped before it converged.", "Try fewer coefficients.")
+        )
     return made

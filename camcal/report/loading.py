@@ -56,8 +56,8 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
     """The solution of a document that `document` made."""
     if "track" in found:
         raise DataError(
-            f"'{source}' is a report of `camcal track`: it holds a camera, but no views that could be judged.",
-            "Give it where a camera is asked for (evaluate, compare, convert, undistort, track --camera).",
+            f"'{source}' is a report of `camcal track`: it has a camera, but no views to evaluate.",
+            "Use it where a camera is expected (evaluate, compare, convert, undistort, track --camera).",
         )
     if "cameras" in found and "rig" in found:
         raise DataError(
@@ -66,7 +66,7 @@ def from_document(found: Mapping[str, Any], source: str = "report") -> Solution:
         )
     report = structure(Report, found, source)
     if not isinstance(report.camera, Section):
-        raise DataError(f"'{source}' is damaged: 'camera' is missing.", "Make the report again.")
+        raise DataError(f"'{source}' is damaged: 'camera' is missing.", "Create the report again.")
     with damage(source):
         camera = camera_of_entry(found["camera"], source)
         start, free = start_and_free(report.camera, camera)
@@ -157,7 +157,7 @@ def damage(source: str) -> Any:
         raise
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         what = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
-        raise DataError(f"'{source}' is damaged: {what}.", "Make the report again.") from error
+        raise DataError(f"'{source}' is damaged: {what}.", "Create the report again.") from error
 
 
 def start_and_free(section: Section, camera: Camera) -> tuple[Camera, Array]:
@@ -175,7 +175,7 @@ def _poses(views: Sequence[View]) -> Poses:
     if len(given) < len(views):
         name = next(v.id for v in views if v.cam_from_board is None)
         raise DataError(
-            f"the view '{name}' has points that were used, but no pose.", "Make the report again."
+            f"the view '{name}' has points that were used, but no pose.", "Create the report again."
         )
     vectors = np.array([g.rotation_vector for g in given]).reshape(-1, 3)
     return Poses(rotations.exp(vectors), np.array([g.translation for g in given]).reshape(-1, 3))

@@ -52,11 +52,11 @@ def suggest(
     """
     if not solution.free.any():
         raise DataError(
-            "nothing of this camera was estimated, so no picture makes it better known.",
+            "no parameter of this camera was estimated, so no picture can improve it.",
             "Give the report of a calibration, not of `camcal evaluate`.",
         )
     if solution.camera.image_size is None:
-        raise DataError("the report does not say how large the pictures are.", "Calibrate with --image-size.")
+        raise DataError("the report has no image size.", "Calibrate with --image-size.")
     search = NextView(solution, distance, seed=seed)
     if not np.isfinite(search.design.sigma_0):
         raise EstimationError("there are no more coordinates than unknowns: the noise is not known.")

@@ -70,7 +70,9 @@ def is_rig_report(found: Mapping[str, Any]) -> bool:
 def from_document(found: Mapping[str, Any], source: str = "report") -> RigSolution:
     """The solution of a document that `camcal.report.rig.document` made."""
     if not is_rig_report(found):
-        raise DataError(f"'{source}' is no report of a rig with its data.", "Give what `camcal rig` wrote.")
+        raise DataError(
+            f"'{source}' is not a report of a rig with its data.", "Give a report of `camcal rig`."
+        )
     report = structure(Report, found, source)
     assert report.cameras is not UNSET and report.rig is not UNSET  # type: ignore[comparison-overlap]
     with damage(source):

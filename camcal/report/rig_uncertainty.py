@@ -38,7 +38,7 @@ def inquire(
     """
     if not solution.extrinsics:
         raise DataError(
-            "nothing of this rig was estimated, so its uncertainty is not known.",
+            "no parameter of this rig was estimated, so its uncertainty is unknown.",
             "Give the report of `camcal rig`, not of `camcal evaluate`.",
         )
     accuracy = covariance(solution)

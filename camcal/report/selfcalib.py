@@ -95,7 +95,7 @@ def _view(
     entry: dict[str, Any] = {
         "id": name,
         "status": "used" if known else "rejected",
-        "reason": None if known else "too few of its points are placed by other views",
+        "reason": None if known else "too few of its points are determined by other views",
         "points": int(rows.sum()),
         "rejected_points": int((rows & ~found.used).sum()),
         "rms_point": float(np.sqrt(np.square(residuals[used]).sum(1).mean())) if known else None,

@@ -69,9 +69,7 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
         if named is None:
             raise DataError(f"'{path}' has no camera '{name}'.", f"It has: {', '.join(rig.names[:20])}.")
         if named.pose is None:
-            raise DataError(
-                f"'{path}' does not say where the camera '{name}' stands.", "Give the file of a rig."
-            )
+            raise DataError(f"'{path}' has no pose of the camera '{name}'.", "Give the file of a rig.")
         poses[name] = (files.exact(named.camera), named.pose)
     first, second = given
     pair = _laid_out(poses[first], poses[second], layout)
@@ -238,7 +236,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
             warning(
                 "vertical-disparity",
                 f"the points lie {median:.3g} px from their rows (median), where their noise leaves {noise:.3g} px.",
-                "The cameras have moved against each other, or the rig was not calibrated well: calibrate it again. "
+                "The cameras have moved relative to each other, or the rig was calibrated poorly: calibrate it again. "
                 + _turned(made["turn"]),
             )
             | {"severity": "doubtful"}

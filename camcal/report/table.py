@@ -157,7 +157,7 @@ def _views(views: Sequence[Mapping[str, Any]]) -> RenderableType:
         worst = sorted(used, key=lambda v: -_or_zero(v["rms_point"]))[:WORST_VIEWS]
         others = [v for v in views if v["status"] != "used"]
         shown = worst + others[:WORST_VIEWS]
-        title += f": the {len(worst)} worst" + (" and those left out" if others else "")
+        title += f": the {len(worst)} worst" + (" and unused ones" if others else "")
         if len(others) > WORST_VIEWS:
             title += f" (first {WORST_VIEWS})"
     made = table(title, "view", "points", "rms", "", left=[""])
@@ -183,7 +183,7 @@ def board_table(shape: Mapping[str, Any]) -> RenderableType:
     if shape.get("turned"):
         names = shape["turned"]
         some = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-        said = f"turned by half a turn against the others, and counted anew: {len(names)} views ({some})"
+        said = f"rotated by 180 degrees relative to the others, and renumbered: {len(names)} views ({some})"
         parts.append(Padding(Text(said), (0, 0, 0, 2)))
     if shape.get("tried") and not shape.get("from"):
         made = table("", "tried", "rms", "hold-out", "p")

@@ -88,7 +88,7 @@ def _matched(table: Labelled, cameras: Sequence[PlacedCamera], path: Path) -> Ar
         if index is None:
             raise DataError(
                 f"{path}: there is no camera '{name}'; the cameras are {', '.join(known)}.",
-                "Name the cameras so in the table, or count them from 1.",
+                "Use these names in the table, or numbers from 1.",
             )
         out.append(index)
     return np.array(out)
@@ -159,7 +159,7 @@ def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, s
         made.append(
             warning(
                 "undetermined-points",
-                f"{len(lost)} points are left out, first '{first['point']}': {first['reason']}.",
+                f"{len(lost)} points are omitted, first '{first['point']}': {first['reason']}.",
                 "A point needs two images whose rays meet at an angle.",
             )
         )

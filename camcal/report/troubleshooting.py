@@ -1,7 +1,7 @@
 """Generator of docs/troubleshooting.md: every warning by its code, with its usual cause and remedy.
 
 `python -m camcal.report.troubleshooting > docs/troubleshooting.md` renews it. What each code means is taken from the
-table of docs/report.md, so that it stands in one place.
+table of docs/report.md, so that it stands in one position.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "`--fix fx=VALUE,cx=VALUE,cy=VALUE`.",
     ),
     "weak-geometry": (
-        "Views that differ by shifts alone, or by turns about the optical axis.",
+        "Views that differ only by shifts, or by rotations about the optical axis.",
         "Tilt the board by 20 to 40 degrees, to the left, right, up and down; `camcal next REPORT` says where.",
     ),
     "few-views": (
@@ -27,13 +27,13 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "`camcal doctor IMAGES`, then more pictures.",
     ),
     "fronto-parallel-views": (
-        "The board was held straight before the camera in all pictures.",
-        "Tilt it: focal length and distance cannot be told apart otherwise.",
+        "The board was parallel to the image in all pictures.",
+        "Tilt it: otherwise focal length and distance cannot be separated.",
     ),
-    "parallel-views": ("All pictures with the same tilt.", "Tilt the board to other sides."),
+    "parallel-views": ("All pictures with the same tilt.", "Tilt the board in other directions."),
     "duplicate-views": (
-        "A film, or pictures taken in a row without a movement.",
-        "Leave repeats out: they count as one.",
+        "A film, or consecutive pictures without movement.",
+        "Remove repetitions: they count as one.",
     ),
     "repeated-view": (
         "Two pictures of the same pose.",
@@ -45,16 +45,16 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "mirrored-picture": (
         "A picture flipped by the camera's software, or corners numbered the other way round.",
-        "Turn the flipping off, or leave those pictures out.",
+        "Turn off the flipping, or remove those pictures.",
     ),
-    "rejected-mirror-image": ("As `mirrored-picture`.", "As there; camcal has left these views out."),
+    "rejected-mirror-image": ("As `mirrored-picture`.", "As above; camcal did not use these views."),
     "rejected-view": (
-        "A board that was not found right, or that moved.",
-        "Look at the picture; nothing more if it is bad.",
+        "A board that was detected wrongly, or that moved.",
+        "Check the picture; no action is needed if it is bad.",
     ),
     "other-board": (
         "Pictures of several boards in one folder.",
-        "Calibrate each board's pictures alone, or give `--target`.",
+        "Calibrate each board's pictures separately, or give `--target`.",
     ),
     "mismatched-points": (
         "A row or column of the table is shifted, or points are exchanged.",
@@ -62,10 +62,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "rejected-points": (
         "Wrong corners: glare, shadows, hands over the board.",
-        "Look at the pictures that the report names.",
+        "Check the pictures that the report names.",
     ),
     "undetermined-parameters": (
-        "More parameters than the data tell: a rich lens model, a principal point from few tilts.",
+        "More parameters than the data determine: a rich lens model, a principal point from few tilts.",
         "A smaller model (`-m opencv4`), `--fix NAME`, or pictures where `camcal next` says.",
     ),
     "weak-parameters": (
@@ -73,16 +73,16 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "More pictures with tilt: `camcal next REPORT`.",
     ),
     "correlated-parameters": (
-        "Two parameters do the same to these pictures, such as fx and the distance.",
-        "Nothing, where the uncertainty of projection is small (`camcal uncertainty`); else more tilt.",
+        "Two parameters have the same effect on these pictures, such as fx and the distance.",
+        "None is needed if the projection uncertainty is small (`camcal uncertainty`); otherwise more tilt.",
     ),
     "points-outside-model": (
-        "A model that cannot hold this lens.",
+        "A model that cannot represent this lens.",
         "`-m auto`, or a wide-lens model such as `kb4`.",
     ),
     "pictures-blurred": (
         "Out of focus.",
-        "Focus at the distance of the board, then leave the focus as it is.",
+        "Focus at the distance of the board, then keep the focus fixed.",
     ),
     "pictures-motion": ("The board or the camera moved.", "A tripod, more light, a shorter exposure."),
     "pictures-overexposed": (
@@ -94,27 +94,30 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Noise of a high gain, compression, or a structured print.",
         "More light, no compression.",
     ),
-    "pictures-small": ("The board is far away.", "Come nearer: half of the picture."),
+    "pictures-small": ("The board is far away.", "Move closer: the board should fill half of the picture."),
     "fold-in-image": (
-        "A polynomial that was not held in the corners of the picture.",
+        "A polynomial without data in the corners of the picture.",
         "Pictures with the board in the corners, a smaller model, or a wide-lens model.",
     ),
     "image-circle": (
         "The picture's corners lie outside a fisheye's image circle.",
-        "Nothing: no point can lie there.",
+        "None is needed: no point can lie there.",
     ),
     "poor-coverage": (
-        "The board was in the middle only.",
+        "The board was only in the middle.",
         "Pictures with the board at the sides and in the corners.",
     ),
     "points-outside-image": (
         "A wrong `--image-size`, u and v exchanged, or pictures that were resized.",
         "Check the size.",
     ),
-    "few-points": ("Fewer data than unknowns need.", "More points or views, a smaller model, `--fix`."),
+    "few-points": (
+        "Too few data for the number of unknowns.",
+        "More points or views, a smaller model, `--fix`.",
+    ),
     "outliers": (
         "Wrong points that are used.",
-        "`--robust auto`, and look at the points that the report names.",
+        "`--robust auto`, and check the points that the report names.",
     ),
     "large-residuals": (
         "A wrong board size, wrong correspondences, a lens that the model cannot follow.",
@@ -126,8 +129,8 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "`--board-shape auto`; glass or aluminium behind the print.",
     ),
     "shifted-group": (
-        "A pole, row or mark taken for the one beside it, or measured wrongly.",
-        "Check the points named; leave them out and compare the two cameras (`camcal compare`).",
+        "A column, row or mark mistaken for its neighbour, or measured wrongly.",
+        "Check the named points; remove them and compare the two cameras (`camcal compare`).",
     ),
     "circle-centres": (
         "Centres of a circle grid found as the centroids of their images (`cv2.findCirclesGrid`).",
@@ -139,7 +142,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "heavy-tailed-residuals": (
         "Some bad pictures or points among good ones.",
-        "`--robust auto`; look at the worst views.",
+        "`--robust auto`; check the worst views.",
     ),
     "light-tailed-residuals": (
         "Errors that are not noise: rounding, interpolation, a repeated pattern.",
@@ -152,7 +155,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "few-shared-instants": (
         "The cameras hardly see the board at the same time.",
-        "Hold the board where both see it.",
+        "Hold the board where both cameras see it.",
     ),
     "loose-relative-pose": (
         "Few shared instants, or a small board far away.",
@@ -163,21 +166,21 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Fix focus and zoom, switch stabilisation off; `-m auto`, `--board-shape auto`.",
     ),
     "zoom-or-refocus": (
-        "Zoom or autofocus worked between the pictures.",
-        "Fix both; calibrate the pictures before and after apart, or `camcal track`.",
+        "The zoom or autofocus changed between the pictures.",
+        "Fix both; calibrate the pictures before and after separately, or use `camcal track`.",
     ),
     "several-cameras": (
         "Pictures of two cameras in one folder.",
-        "Calibrate each alone, or together with `camcal rig`.",
+        "Calibrate each separately, or together with `camcal rig`.",
     ),
     "resized-pictures": (
         "A part of the pictures was exported smaller.",
-        "Take all of them from the camera itself.",
+        "Use the original pictures of the camera.",
     ),
-    "cropped-pictures": ("A part of the pictures was cropped.", "Take the whole pictures."),
+    "cropped-pictures": ("A part of the pictures was cropped.", "Use the uncropped pictures."),
     "turned-pictures": (
         "A part of the pictures was turned by 180 degrees.",
-        "Take them as the sensor saw them.",
+        "Use them in the orientation of the sensor.",
     ),
     "principal-point-moves": (
         "A stabiliser in lens, sensor or software; a loose lens.",
@@ -194,21 +197,21 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "does-not-fit": (
         "Another focus or zoom than at the calibration, another camera, resized pictures, a wrong board.",
-        "Check which camera took the pictures and how; else calibrate again.",
+        "Check which camera took the pictures and how; otherwise calibrate again.",
     ),
     "not-converged": ("A model that the data hardly determine.", "A smaller model, or another `--start`."),
     "hand-eye-convention": (
-        "Angles in another order or unit than was asked for.",
+        "Angles in another order or unit than was requested.",
         "Use the form that the message names.",
     ),
     "hand-eye-outliers": (
         "Poses read while the robot moved, or pictures of another pose.",
-        "Check the pairs named.",
+        "Check the named pairs.",
     ),
-    "hand-eye-few-poses": ("Too few poses.", "Ten poses and more, turned about two axes at least."),
+    "hand-eye-few-poses": ("Too few poses.", "Ten or more poses, rotated about at least two axes."),
     "hand-eye-unmatched": (
         "Names of pictures and poses do not agree.",
-        "Name poses as the views in the report.",
+        "Use the report's view names for the poses.",
     ),
     "hand-eye-weak-direction": ("Turns about nearly one axis.", "The poses that the report's `next` lists."),
     "hand-eye-scale": ("A wrong `--square`, or poses in another unit.", "Check both lengths."),
@@ -216,18 +219,18 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "A flat, small or far target: two poses look alike.",
         "Points out of the plane, or a nearer picture.",
     ),
-    "no-redundancy": ("Just as many points as unknowns.", "A point more: nothing else shows an error."),
+    "no-redundancy": ("As many points as unknowns.", "One more point; otherwise errors cannot be detected."),
     "undetermined-points": (
         "One image of a point, or parallel rays.",
-        "A camera more, or a longer baseline.",
+        "One more camera, or a longer baseline.",
     ),
     "outlier-images": (
-        "A point that was taken for another one in some picture.",
+        "A point that was mistaken for another one in some picture.",
         "Check the cameras that the table names.",
     ),
-    "lines-left-out": ("Curves of the scene.", "Nothing, if they are curved indeed."),
-    "one-direction": ("All lines run the same way.", "Pictures with lines across."),
-    "undetermined": ("Lines do not hold these parameters.", "`--fix` them, or take another model."),
+    "lines-left-out": ("Curves of the scene.", "None is needed if they really are curved."),
+    "one-direction": ("All lines have the same direction.", "Pictures with lines in other directions."),
+    "undetermined": ("Lines do not determine these parameters.", "`--fix` them, or use another model."),
     "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
     "views-left-out": ("Views that share too few points.", "More tracks."),
     "points-twice": ("Two images of a point in one view.", "Give each point its own id."),
@@ -237,23 +240,24 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "few-matches": ("Little texture, or pictures of different scenes.", "More texture, several pairs."),
     "vertical-disparity": (
-        "The cameras have moved against each other, a poor calibration, pictures that were not taken at once.",
+        "The cameras have moved relative to each other, a poor calibration, or pictures that were not "
+        "taken at the same time.",
         "Check the trigger; calibrate the rig again.",
     ),
 }
 #: of the routes, whose pages have no table of codes
 FOUND = {
     "several-poses": "`camcal pose`: more than one pose fits",
-    "no-redundancy": "`camcal pose`: nothing is left to judge the pose by",
+    "no-redundancy": "`camcal pose`: there are no residuals to judge the pose by",
     "undetermined-points": "`camcal triangulate`: points without a position",
     "outlier-images": "`camcal triangulate`: images that disagree with the others of their point",
-    "lines-left-out": "`camcal lines`: lines that are not straight beside the others",
+    "lines-left-out": "`camcal lines`: lines that are not straight compared with the others",
     "one-direction": "`camcal lines`: all lines have one direction",
-    "undetermined": "`camcal lines`: parameters that lines leave undetermined",
-    "principal-point-assumed": "`camcal scene`, `selfcalib`, `wand`: the middle of the picture is taken for it",
+    "undetermined": "`camcal lines`: parameters that lines do not determine",
+    "principal-point-assumed": "`camcal scene`, `selfcalib`, `wand`: the middle of the picture is assumed",
     "views-left-out": "`camcal selfcalib`: views that could not be added",
     "points-twice": "`camcal selfcalib`, `camcal wand`: a point twice in one view",
-    "instants-left-out": "`camcal wand`: instants that take no part",
+    "instants-left-out": "`camcal wand`: instants that are not used",
     "few-matches": "`camcal evaluate --natural`: fewer than 50 matches",
     "vertical-disparity": "`camcal evaluate --natural`: points lie further from their rows than noise explains",
 }
@@ -264,7 +268,7 @@ HEAD = """\
 This page is generated: `python -m camcal.report.troubleshooting > docs/troubleshooting.md`.
 
 Each warning of a report has a `code`, a `severity`, a message with the figures and a hint. `camcal doctor REPORT`
-ranks what is wrong by what would gain most. For errors that end a run, the message itself says what was found, what
+ranks the findings by the gain of their remedies. The message of an error that ends a run says what was found, what
 was needed and what to try; exit codes are in the [README](../README.md).
 
 | code | what was found | usual cause | what to do |

@@ -89,7 +89,7 @@ def inquire(
     """
     if not solution.free.shape[1] or not len(solution.poses):
         raise DataError(
-            "nothing of this camera was estimated, so its uncertainty is not known.",
+            "no parameter of this camera was estimated, so its uncertainty is unknown.",
             "Give the report of a calibration, not of `camcal evaluate`.",
         )
     uncertainty = projection_uncertainty(solution)
@@ -108,7 +108,7 @@ def inquire(
         if np.isnan(entry["sigma_px"]):
             raise DataError(
                 f"the lens model has no ray for the pixel ({entry['u']:g}, {entry['v']:g}).",
-                "Ask for a pixel nearer to the image's centre.",
+                "Choose a pixel nearer to the image centre.",
             )
     unit = (solution.observations.target or {}).get("unit")
     return {

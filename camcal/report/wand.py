@@ -247,7 +247,7 @@ def _warnings(
         made.append(
             warning(
                 "instants-left-out",
-                f"{lost} of {len(views)} instants take no part: too few cameras see their markers, or these disagree.",
+                f"{lost} of {len(views)} instants are not used: too few cameras see their markers, or these disagree.",
                 "`wand.left_out` names the images.",
             )
         )

@@ -18,7 +18,7 @@ def trust(report: Document) -> str:
         return ""
     near, far = found["maps"][0], found["maps"][-1]
     if not math.isfinite(near["median"]):
-        return "The data leave open where this camera sees a point: do not use it."
+        return "The data do not determine this camera's projections: do not use it."
     said = (
         "At the boards' distance noise leaves a point uncertain by "
         f"{number(near['centre']['sigma_px'], 2)} px in the middle of the picture, "

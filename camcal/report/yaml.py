@@ -132,5 +132,5 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
     if found is None:
         found = parse_yaml(text, path, aliases=0)
     if not isinstance(found, dict):
-        raise DataError(f"'{path}' is no camera file: it holds no mapping.", "Give a camcal report.")
+        raise DataError(f"'{path}' is not a camera file: it contains no mapping.", "Give a camcal report.")
     return found

@@ -54,7 +54,7 @@ def at_focal_length(camera: Camera, f: float) -> Camera:
     if not worst <= EXACT:
         raise EstimationError(
             f"model '{lens.name}' cannot hold this distortion at another focal length: {worst:.2g} px apart.",
-            "Find the distortion with a model of series: division:n, brown, polynomial:n.",
+            "Estimate the distortion with a series model: division:n, brown, polynomial:n.",
         )
     return Camera(lens, found.params, camera.image_size)
 

@@ -130,7 +130,8 @@ def _straight(camera: Camera, lines: Lines, short: Array) -> Array:
     chosen = ~short & (rms <= bound)
     if chosen.sum() < 2:
         raise DataError(
-            f"of {len(lines)} lines found, {int(chosen.sum())} can be straight lines in space; 2 are needed.",
+            f"of {len(lines)} lines found, {int(chosen.sum())} are consistent with straight lines in "
+            "space; 2 are needed.",
             "Give pictures of long straight lines: taut strings, a printed grid, edges of buildings.",
         )
     return chosen

@@ -86,7 +86,7 @@ def _points(files: Sequence[Path]) -> tuple[list[Points], tuple[int, int]]:
         if size is not None and own != size:
             raise DataError(
                 f"'{path}' is {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
-                "One camera has one image size.",
+                "All pictures of a camera must have the same size.",
             )
         size = own
         found.append(points_of(gray))

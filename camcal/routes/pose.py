@@ -113,7 +113,7 @@ def _require_spread(view: View, used: Array) -> None:
         what = "lie on a line: any turn about it" if spread[0] > 0 else "are one point: any turn about it"
         raise EstimationError(
             f"view '{view.id}': its {used.sum()} points {what} fits as well, the pose is undetermined.",
-            "Add a point beside the line.",
+            "Add a point off the line.",
         )
 
 

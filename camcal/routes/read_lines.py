@@ -74,7 +74,7 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
         if size is not None and own != tuple(size):
             raise DataError(
                 f"'{path}' is {own[0]}x{own[1]}; {size[0]}x{size[1]} is needed.",
-                "One camera has one image size.",
+                "All pictures of a camera must have the same size.",
             )
         size = own
         found = find_lines(gray)
@@ -84,7 +84,7 @@ def _of_pictures(paths: list[Path], image_size: tuple[int, int] | None) -> Lines
         least = LEAST_LENGTH * float(np.hypot(*size)) if size else 0
         raise DataError(
             f"no line of {least:.0f} px or more is found in {len(paths)} picture{'s' * (len(paths) != 1)}.",
-            "Picture taut strings, a printed grid, or long edges of a building.",
+            "Photograph taut strings, a printed grid, or long edges of a building.",
         )
     return Lines.of(parts, names, size)
 

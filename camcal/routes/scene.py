@@ -195,7 +195,7 @@ def _undetermined(scene: Scene, sigma: float, width: int) -> EstimationError:
     what = (
         f"{len(far)} of {len(scene.directions)} vanishing points are at infinity"
         if far
-        else "they meet too far away"
+        else "they intersect too far away"
     )
     return EstimationError(
         f"the vanishing points leave the focal length undetermined (known to {known}): {what}, their directions "

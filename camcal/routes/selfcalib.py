@@ -220,7 +220,7 @@ def _result(
     part = tracks.take(rows)
     fitted = adjust(bundle, part, free)
     if fitted is None:
-        raise EstimationError("a point has left the domain of the lens.", "Try another model (-m).")
+        raise EstimationError("a point left the domain of the lens.", "Try another model (-m).")
     covariance = camera_covariance(fitted, part, free)
     used = np.zeros(len(tracks), bool)
     used[rows] = True

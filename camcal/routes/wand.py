@@ -274,7 +274,7 @@ def _result(
         rows = again
         now = adjust(wand, seen.take(rows), frees)
         if now is None:
-            raise EstimationError("a marker has left the domain of the lens.", "Try another model (-m).")
+            raise EstimationError("a marker left the domain of the lens.", "Try another model (-m).")
         fitted, total = now, total + now.iterations
         wand = _placed_again(now.state, seen, rows)
     assert fitted is not None

@@ -24,10 +24,10 @@ class Parameter(Section):
     value: Annotated[Finite, key("the result")]
     sigma: Annotated[
         Sigma,
-        key("one standard deviation; null of a fixed parameter, `.inf` where the data do not determine it"),
+        key("one standard deviation; null of a fixed parameter, `.inf` if the data do not determine it"),
     ] = None
-    start: Annotated[Finite | UnsetType, key("where the refinement began")] = UNSET
-    fixed: Annotated[bool, key("whether it was held")] = False
+    start: Annotated[Finite | UnsetType, key("start of the refinement")] = UNSET
+    fixed: Annotated[bool, key("whether it was fixed")] = False
 
 
 class Correlation(Section):
@@ -94,5 +94,5 @@ class Rig(Section, kw_only=True):
     baselines: Annotated[dict[str, Baseline] | UnsetType, key("distances, by `left-right`")] = UNSET
     boards: Annotated[
         dict[str, RigBoard] | UnsetType,
-        key("where several boards stand to each other, by their names, those that hold a frame left out"),
+        key("relative poses of several boards, by name, except those that define a frame"),
     ] = UNSET

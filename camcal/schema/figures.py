@@ -25,19 +25,21 @@ class Fit(Section):
         Figure,
         key(
             "√(Σ w‖r‖² / (2N - p)) with w = 1/sigma² of each point; `sigma_hat` where no sigmas were given. A pure "
-            "number with them: by how much they are too small"
+            "number with them: the factor by which they are too small"
         ),
     ]
     median: Annotated[Figure, key("of the lengths of the residuals")]
     p95: Annotated[Figure, key("95th percentile of the lengths of the residuals")]
     max: Annotated[Figure, key("the longest residual")]
-    points_used: Annotated[Count, key("points that the solution rests on")]
-    points_rejected: Annotated[Count, key("points of used views that it does not rest on")]
-    free_parameters: Annotated[Count, key("estimated parameters, poses and the board's shape included")]
+    points_used: Annotated[Count, key("points used by the solution")]
+    points_rejected: Annotated[Count, key("rejected points of used views")]
+    free_parameters: Annotated[
+        Count, key("number of estimated parameters, including poses and the board's shape")
+    ]
     condition: Annotated[
         Figure, key("condition number of the scaled normal matrix of the camera, poses eliminated")
     ]
-    info: Annotated[dict[str, Any] | None, key("what the optimiser has to say besides")]
+    info: Annotated[dict[str, Any] | None, key("further information from the optimiser")]
 
 
 class Place(Section):
@@ -102,8 +104,8 @@ class Difference(Section):
 class Holdout(Section):
     """Figures on views that took no part."""
 
-    views: Annotated[Count, key("how many views were held out in turn")]
-    folds: Annotated[Count, key("in how many rounds")]
+    views: Annotated[Count, key("number of views held out in turn")]
+    folds: Annotated[Count, key("number of rounds")]
     points: Annotated[Count, key("their used points")]
     rms_point: Annotated[
         Figure, key("over these points, by the cameras that did not see them, poses refitted")
@@ -151,12 +153,12 @@ class Influence(Section):
     cook: Annotated[
         Figure, key("Cook's distance; 1: leaving the view out moves the camera by one standard deviation")
     ]
-    p_value: Annotated[Figure, key("how likely noise alone lets it disagree as much with the others")]
+    p_value: Annotated[Figure, key("probability that noise alone makes it disagree as much with the others")]
     information: Annotated[Figure, key("its share of the information; the shares add up to 1")]
 
 
 class Bias(Section):
-    """Whether the residuals look like noise, and what each view does to the camera."""
+    """Whether the residuals look like noise, and the influence of each view on the camera."""
 
     tests: Annotated[
         list[ResidualTest], key("tests of the residuals; [trust.md](trust.md) has what they ask")
@@ -184,8 +186,6 @@ class Coverage(Section):
     tilt_degrees: Annotated[
         Spread | None, key("angle between a board's normal and the optical axis; null for points in space")
     ]
-    normals_spread_degrees: Annotated[
-        Figure, key("how far the boards' normals lie from their common axis, root mean square")
-    ]
+    normals_spread_degrees: Annotated[Figure, key("rms angle of the boards' normals from their common axis")]
     distance: Annotated[Spread, key("distance of a view's points from the camera")]
     different_views: Annotated[Count, key("views, those that repeat another within 1 px counted once")]

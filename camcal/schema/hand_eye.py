@@ -35,7 +35,7 @@ class Estimated(Section):
     """An estimated value."""
 
     value: Annotated[Figure, key("the estimate")]
-    sigma: Annotated[Sigma, key("one standard deviation; null where the figure is too small to be measured")]
+    sigma: Annotated[Sigma, key("one standard deviation; null if the value is too small to be measured")]
 
 
 class CameraParameter(Section):
@@ -51,9 +51,9 @@ class Robot(Section):
     """The accuracy of the robot."""
 
     translation_rms: Annotated[
-        Figure, key("root mean square length of what is left of the robot's positions, unit of the target")
+        Figure, key("rms residual of the robot's positions, in the unit of the target")
     ]
-    rotation_rms_deg: Annotated[Figure, key("root mean square angle of what is left of its rotations")]
+    rotation_rms_deg: Annotated[Figure, key("rms residual of its rotations, as an angle")]
     translation_sigma: Annotated[Estimated, key("standard deviation of a coordinate of its positions")]
     rotation_sigma_deg: Annotated[Estimated, key("standard deviation of its rotations about an axis")]
 
@@ -76,8 +76,8 @@ class Method(Section):
         Vector | None, key("of the hand-eye transformation, rad; null where it failed")
     ]
     translation: Annotated[Vector | None, key("of the same")]
-    translation_rms: Annotated[Figure, key("what it leaves of the robot's positions")]
-    rotation_rms_deg: Annotated[Figure, key("what it leaves of the robot's rotations")]
+    translation_rms: Annotated[Figure, key("residual of the robot's positions")]
+    rotation_rms_deg: Annotated[Figure, key("residual of the robot's rotations")]
 
 
 class Motions(Section):
@@ -85,10 +85,10 @@ class Motions(Section):
 
     turns_deg: Annotated[
         list[Figure],
-        key("root mean square turn about the main axis and two across it, over all pairs of views"),
+        key("rms rotation about the main axis and the two perpendicular axes, over all pairs of views"),
     ]
     axes: Annotated[list[Vector], key("these axes in the camera's frame")]
-    noise_deg: Annotated[list[Figure], key("what the pictures' noise makes of them")]
+    noise_deg: Annotated[list[Figure], key("the part of them caused by the pictures' noise")]
 
 
 class PoseOfView(Section, kw_only=True):
@@ -107,7 +107,7 @@ class NextPose(Section):
     """A suggested pose."""
 
     base_from_hand: Annotated[PlainPose, key("where to move the hand")]
-    cam_from_board: Annotated[PlainPose, key("what the camera sees there")]
+    cam_from_board: Annotated[PlainPose, key("the view of the camera there")]
     sigma_rotation_deg: Annotated[
         Three, key("standard deviations of the transformation with this pose and those before it")
     ]
@@ -122,7 +122,7 @@ class HandEye(Section, kw_only=True):
     ]
     hand_from_camera: Annotated[KnownPose | UnsetType, key("of a camera in the hand")] = UNSET
     base_from_board: Annotated[
-        KnownPose | UnsetType, key("of a camera in the hand: where the board stands")
+        KnownPose | UnsetType, key("of a camera in the hand: the pose of the board")
     ] = UNSET
     base_from_camera: Annotated[KnownPose | UnsetType, key("of a camera beside the robot")] = UNSET
     hand_from_board: Annotated[
@@ -130,9 +130,9 @@ class HandEye(Section, kw_only=True):
     ] = UNSET
     robot: Annotated[Robot, key("the robot's accuracy")]
     image: Annotated[Image, key("the pictures' accuracy")]
-    poses: Annotated[Count, key("number of poses that the result rests on")]
-    outliers: Annotated[Count, key("number of poses left out")]
-    rotation: Annotated[str, key("how the rotations of the poses were read, as for `--rotation`")]
+    poses: Annotated[Count, key("number of used poses")]
+    outliers: Annotated[Count, key("number of poses not used")]
+    rotation: Annotated[str, key("the rotation convention of the poses, as for `--rotation`")]
     methods: Annotated[list[Method], key("the closed forms; the joint estimate begins at the best of them")]
     motions: Annotated[Motions, key("the turns that the result rests on")]
     scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
@@ -145,5 +145,6 @@ class HandEye(Section, kw_only=True):
     ] = UNSET
     views: Annotated[list[PoseOfView], key("the robot at each view")]
     next: Annotated[
-        list[NextPose], key("poses that would make the transformation best known, one after the other")
+        list[NextPose],
+        key("suggested poses that determine the transformation best, each given those before it"),
     ]

@@ -35,7 +35,7 @@ class Stage(Section):
 
     name: Annotated[str, key("`dlt`, `central`, `zhang`, ..., `refine`")]
     rms_point: Annotated[Figure, key("over the used points")]
-    seconds: Annotated[Figure, key("time that it took")]
+    seconds: Annotated[Figure, key("duration")]
     matrix: Annotated[Matrix | None, key("3x3")]
     parameters: Annotated[
         dict[str, Finite] | UnsetType, key("by name, where the stage has a camera with a lens")
@@ -45,7 +45,7 @@ class Stage(Section):
     )
     info: Annotated[
         dict[str, Any] | UnsetType,
-        key("what the stage has to say besides: why it was chosen, what it assumed, condition numbers"),
+        key("further information: why it was chosen, what it assumed, condition numbers"),
     ] = UNSET
 
 
@@ -58,7 +58,7 @@ class Crosscheck(Section):
         Literal["pass", "fail", "not_applicable"],
         key("`pass`, `fail`, or `not_applicable` where cv2 has no counterpart"),
     ]
-    why: Annotated[str | None, key("the reason, and from where cv2 began")]
+    why: Annotated[str | None, key("the reason, and the start of cv2")]
     opencv: Annotated[
         dict[str, Any] | None,
         key(
@@ -69,7 +69,7 @@ class Crosscheck(Section):
     difference: Annotated[
         dict[str, Any] | None,
         key(
-            "camcal's figure less cv2's: `rms_point`, and `parameters` by name; `projection_max_px` and "
+            "camcal's value minus cv2's: `rms_point`, and `parameters` by name; `projection_max_px` and "
             "`projection_rms_px`, the difference of projection over the image after the best-fitting rotation; "
             "`pixels_outside`, pixels of that comparison which a camera does not see; `sigmas`, by how many "
             "standard deviations all free parameters together differ; of rotations `matrix_max` and `angle_max` "
@@ -95,9 +95,9 @@ class Head(Section, kw_only=True):
 
     schema: Annotated[Literal["camcal-report/1"], key(f"`{SCHEMA}`")] = "camcal-report/1"
     tool: Annotated[Tool, key("versions: `camcal`, `opencv`, `numpy`, `python`")]
-    command: Annotated[list[str], key("the words after `camcal`, as they were typed")]
+    command: Annotated[list[str], key("the arguments after `camcal`, as typed")]
     date: Annotated[
-        str | UnsetType | None, key("when it was made, UTC (ISO 8601); null with `--reproducible`")
+        str | UnsetType | None, key("creation time, UTC (ISO 8601); null with `--reproducible`")
     ] = UNSET
 
 
@@ -115,7 +115,7 @@ class Report(Head, kw_only=True):
     stages: Annotated[list[Stage], key("every estimate on the way")]
     camera: Annotated[Camera | UnsetType, key("the result")] = UNSET
     cameras: Annotated[dict[str, Camera] | UnsetType, key("of a rig, in place of `camera`: by name")] = UNSET
-    rig: Annotated[Rig | UnsetType, key("of a rig: the places of its cameras")] = UNSET
+    rig: Annotated[Rig | UnsetType, key("of a rig: the relative poses of its cameras")] = UNSET
     hand_eye: Annotated[
         HandEye | UnsetType,
         key("of `camcal hand-eye`: where the camera sits on the robot's hand, or beside it"),
@@ -134,7 +134,7 @@ class Report(Head, kw_only=True):
     fit: Annotated[Fit, key("the error figures and how the refinement ended")]
     uncertainty: Annotated[
         Uncertainty | None,
-        key("how far noise moves projections; null where nothing of the camera was estimated"),
+        key("the effect of noise on projections; null if no camera parameter was estimated"),
     ] = None
     holdout: Annotated[
         Holdout | None,
@@ -146,7 +146,7 @@ class Report(Head, kw_only=True):
     bias: Annotated[
         Bias | None,
         key(
-            "whether the residuals look like noise, and what each view does to the camera; null of more than "
+            "whether the residuals look like noise, and the influence of each view on the camera; null of more than "
             "10,000 points and without checks"
         ),
     ] = None
@@ -159,12 +159,12 @@ class Report(Head, kw_only=True):
     crosscheck: Annotated[list[Crosscheck], key("every stage against OpenCV")]
     warnings: Annotated[
         list[Warning_],
-        key("what makes the result less good than it seems: `code`, `severity`, `message`, `hint`"),
+        key("conditions that reduce the value of the result: `code`, `severity`, `message`, `hint`"),
     ]
     verdict: Annotated[Literal["pass", "fail"], key("`pass` or `fail`; `fail` is exit code 1")]
     grade: Annotated[
         Literal["good", "doubtful", "wrong"] | UnsetType,
         key("the worst severity among the warnings; `good` where there are notes at most"),
     ] = UNSET
-    failures: Annotated[list[str], key("the gates that fell, each as a sentence")]
+    failures: Annotated[list[str], key("the failed gates, a sentence each")]
     data: Annotated[Data, key("the observations")]

@@ -42,7 +42,7 @@ def structure(kind: type[T], value: Any, source: str, path: str = "") -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message = _located(kind, value, path) or str(error)
-        raise DataError(f"'{source}' is damaged: {message}.", "Make the report again.") from None
+        raise DataError(f"'{source}' is damaged: {message}.", "Create the report again.") from None
 
 
 def _fits(kind: Any, value: Any) -> bool:

@@ -32,7 +32,7 @@ class Inputs(Section, kw_only=True):
     image_size: Annotated[Size | None, key("[width, height] or null")]
     image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("of a rig: by camera")] = UNSET
     instants: Annotated[list[str] | UnsetType, key("of a rig: those that were used, in order")] = UNSET
-    views: Annotated[Count, key("number of views, those left out included")]
+    views: Annotated[Count, key("number of views, including unused ones")]
     points: Annotated[Count, key("number of points read")]
     files: Annotated[list[File], key("each with `path` and `sha256`")]
 
@@ -43,7 +43,7 @@ class TriedShape(Section):
     kind: Annotated[str, key("as in `target.shape`")]
     rms_point: Annotated[Figure, key("over the used points")]
     holdout_rms_point: Annotated[Figure, key("over views held out, 4 folds; null where none were")]
-    p_value: Annotated[Figure, key("how likely a flat board would look like it")]
+    p_value: Annotated[Figure, key("probability that a flat board would look like this")]
     offset_sigma: Annotated[
         Figure | UnsetType,
         key("of `free`: the deviation of its points' offsets that the best simpler board leaves"),
@@ -51,15 +51,17 @@ class TriedShape(Section):
     simpler_error_px: Annotated[
         Figure | UnsetType, key("expected error of the camera's projection with the simpler board, px")
     ] = UNSET
-    error_px: Annotated[Figure | UnsetType, key("the same with this board, less what both share")] = UNSET
+    error_px: Annotated[
+        Figure | UnsetType, key("the same with this board; the part common to both is excluded")
+    ] = UNSET
 
 
 class Shape(Section, rename={"from_": "from"}):
     """The shape of a board, where it was estimated or given; lengths in squares (or the unit of the points)."""
 
     kind: Annotated[str, key("`flat`, `bowl`, `print`, `free`; `known` where it was given")]
-    p_value: Annotated[Figure | UnsetType, key("how likely a flat board would look like it")] = UNSET
-    aspect: Annotated[Figure | UnsetType, key("how many times longer the print is in y against x")] = UNSET
+    p_value: Annotated[Figure | UnsetType, key("probability that a flat board would look like this")] = UNSET
+    aspect: Annotated[Figure | UnsetType, key("ratio of the print's scale in y to that in x")] = UNSET
     angle: Annotated[Figure | UnsetType, key("angle at which its sides meet, degrees")] = UNSET
     rms_offset: Annotated[Figure | UnsetType, key("root mean square distance of `points` from `ideal`")] = (
         UNSET
@@ -107,7 +109,7 @@ class Target(Section):
     ] = UNSET
     board_groups: Annotated[
         list[Count] | UnsetType,
-        key("of a rig: which of several boards stand fast to each other, by the number of their group"),
+        key("of a rig: which of several boards are fixed to each other, by the number of their group"),
     ] = UNSET
     board_poses: Annotated[
         list[dict[str, Vector]] | UnsetType,
@@ -128,8 +130,8 @@ class PoseSigma(Section):
     centroid: Annotated[
         tuple[Sigma, Sigma, Sigma],
         key(
-            "of the place of the centroid of the view's points, in the unit of the target; a translation is that "
-            "of a frame's origin, which may lie far off"
+            "of the position of the centroid of the view's points, in the unit of the target; a translation is that "
+            "of a frame's origin, which may be far away"
         ),
     ]
 
@@ -212,4 +214,4 @@ class Data(Section):
         ),
     ]
     rows: Annotated[Count, key("number of points")]
-    text: Annotated[str, key("the columns one after the other")]
+    text: Annotated[str, key("the columns concatenated")]

@@ -20,16 +20,14 @@ BATCH = (
         required=True,
         metavar="OUT",
     ),
-    Option(
-        "resume", _SWITCH, "Go on: finished jobs are kept, failed and changed ones are done again.", False
-    ),
+    Option("resume", _SWITCH, "Resume: finished jobs are kept, failed and changed ones are repeated.", False),
     Option(
         "scheduler",
         Text(),
-        "A running Dask cluster, tcp://HOST:PORT, in place of processes.",
+        "A running Dask cluster, tcp://HOST:PORT, instead of local processes.",
         metavar="ADDRESS",
     ),
-    Option("fail_on_outlier", _SWITCH, "Exit code 1 also where a camera is unlike its type.", False),
+    Option("fail_on_outlier", _SWITCH, "Exit code 1 also if a camera is an outlier of its type.", False),
 )
 #: of a job: what its report holds
 COMPACT = Option(
@@ -50,10 +48,10 @@ WATCH = (
     Option(
         "target_px", POSITIVE, "End when the worst uncertainty over the picture is at most PX.", metavar="PX"
     ),
-    Option("once", _SWITCH, "Calibrate from what is there, and end.", False),
+    Option("once", _SWITCH, "Calibrate from the existing pictures, then exit.", False),
     Option(
         "serve",
         Whole(0, 65535, metavar="PORT"),
-        "Show a page that reloads itself at http://127.0.0.1:PORT; 0 takes a free port.",
+        "Show a page that reloads itself at http://127.0.0.1:PORT; 0 chooses a free port.",
     ),
 )

@@ -27,28 +27,28 @@ class CalibrationOptions(Settings):
         "auto",
         short="-m",
     )
-    skew: bool = setting(Switch(), "Estimate the skew of the pixel axes too.", False)
+    skew: bool = setting(Switch(), "Also estimate the skew of the pixel axes.", False)
     fix: Mapping[str, float | None] = setting(
         Assignments(),
-        "Hold parameters, at VALUE or where they start; `aspect` means fy = fx.",
+        "Fix parameters at VALUE or at their start; `aspect` means fy = fx.",
         {},
         repeated=True,
     )
     start: str | None = setting(
         Name("closed form", "camcal.start:CLOSED_FORMS"),
-        "The closed form to begin from; `camcal list closed-forms` names them. Without it the points decide.",
+        "The closed form to start from; `camcal list closed-forms` names them. By default the points decide.",
     )
     start_camera: Any = setting(  # a Camera in Python, or a file
-        CameraSource(), "Begin with this camera in place of a closed form; a camera file of any format."
+        CameraSource(), "Start with this camera instead of a closed form; a camera file of any format."
     )
     optimizer: str = setting(
         Name("optimizer", "camcal.solve.optimizers:OPTIMIZERS"),
-        "What minimises the reprojection error; `camcal list optimizers` names them.",
+        "The optimizer of the reprojection error; `camcal list optimizers` names them.",
         "lm",
     )
     robust: str = setting(
         Name("robust method", "camcal.solve:ROBUST_SUMMARIES", metavar="METHOD"),
-        "How outliers are treated: none, auto (which looks for them first), or the name of a loss.",
+        "Treatment of outliers: none, auto (which tests for them first), or the name of a loss.",
         "auto",
         in_python="none",
     )
@@ -60,7 +60,7 @@ class CalibrationOptions(Settings):
     )
     crosscheck: bool | str = setting(
         SwitchOr("full"),
-        "Compare with OpenCV, which begins at the result and has to stay there. `--crosscheck full`: every stage, and "
+        "Compare with OpenCV, which starts at the result and must stay there. `--crosscheck full`: every stage, and "
         "OpenCV begins by itself, which takes as long as its own calibrations.",
         True,
         in_python=False,  # a program that calls camcal should not pay for it unasked
@@ -76,20 +76,20 @@ class CalibrationOptions(Settings):
     )
     fail_on: str = setting(
         Words(("never", "doubtful", "wrong")),
-        "From which severity of a warning on the verdict is fail, exit code 1.",
+        "The lowest severity of a warning at which the verdict is fail, exit code 1.",
         "wrong",
     )
-    seed: int = setting(Whole(0), "Seed of what is random.", 0)
+    seed: int = setting(Whole(0), "Seed of random numbers.", 0)
     normalise: bool = setting(
         Switch(),
-        "Centre and scale coordinates and columns at every stage; off only shows what that is worth.",
+        "Centre and scale coordinates and columns at every stage; off only shows the effect.",
         True,
         off="--no-normalise",
         show_default=False,
     )
     checks: bool = setting(
         Switch(),
-        "Look for reasons to warn, hold views out, estimate conditioning.",
+        "Run the checks, the hold-out and the estimate of the conditioning.",
         True,
         on_command_line=False,
     )

@@ -69,7 +69,7 @@ _NEXT = (
     Option(
         "target_px",
         POSITIVE,
-        "Say how many more pictures bring the worst uncertainty down to PX.",
+        "Show how many more pictures reduce the worst uncertainty to PX.",
         metavar="PX",
     ),
     replace(OUTPUT, help="Draw where to hold the target (.svg, .png, .pdf)."),
@@ -192,13 +192,13 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         ONE_MODEL,
         replace(
             _OF["fix"],
-            help="Hold parameters; fx=VALUE sets the focal length, which lines do not determine.",
+            help="Fix parameters; fx=VALUE sets the focal length, which lines do not determine.",
         ),
         IMAGE_SIZE,
         replace(
             _OF["robust"],
             kind=Words(("auto", "none", "lines")),
-            help="lines leaves out those that are not straight beside the others; auto does so in pictures. "
+            help="lines rejects those that are not straight compared with the others; auto does so in pictures. "
             "Points far from their line lose weight, but with none.",
             metavar="auto|none|lines",
         ),
@@ -207,9 +207,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "selfcalib": (
         replace(ONE_MODEL, default="opencv4"),
-        replace(
-            _OF["fix"], help="Hold parameters, at VALUE or where they start; fy = fx unless fy is given."
-        ),
+        replace(_OF["fix"], help="Fix parameters at VALUE or at their start; fy = fx unless fy is given."),
         IMAGE_SIZE,
         Option(
             "save_tracks", OUT, "Write the tracks that were found in pictures, as a table view,point,u,v."
@@ -221,7 +219,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "scene": (
         replace(ONE_MODEL, default="pinhole"),
         replace(
-            _OF["fix"], help="Hold parameters, at VALUE or in the middle of the picture; fy = fx by default."
+            _OF["fix"], help="Fix parameters at VALUE or at the middle of the picture; fy = fx by default."
         ),
         IMAGE_SIZE,
         _OF["seed"],
@@ -231,7 +229,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         replace(
             _OF["robust"],
             kind=Words(("auto", "none")),
-            help="auto leaves out points that do not agree with the rest; none uses all.",
+            help="auto rejects points that do not agree with the rest; none uses all.",
             metavar="auto|none",
         ),
         _CROSSCHECK,
@@ -243,7 +241,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             "bar",
             Places(),
             "Length between two markers, or the place of each marker along the bar, markers in the order of their "
-            "names; in the unit that the result is to have.",
+            "names; in the unit of the result.",
             required=True,
         ),
         replace(
@@ -255,7 +253,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         ),
         replace(
             _OF["fix"],
-            help="Hold parameters of the others, at VALUE or where they start; fy = fx by default.",
+            help="Fix parameters of the others at VALUE or at their start; fy = fx by default.",
         ),
         replace(IMAGE_SIZE, kind=IMAGE_SIZES, default={}, repeated=True),
         _CROSSCHECK,
@@ -273,7 +271,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "compare": COMPARE,
     "select": (
         MODELS,
-        Option("folds", Whole(2), "Rounds of holding views out.", 5),
+        Option("folds", Whole(2), "Number of hold-out rounds.", 5),
         _OF["skew"],
         _OF["fix"],
         _OF["robust"],
@@ -286,12 +284,12 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "to",
             Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
-            "The format of DST; `camcal list formats` names them; by default from the ending of its name.",
+            "The format of DST; `camcal list formats` names them; by default from its extension.",
         ),
         Option(
             "source_format",
             Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
-            "The format of SRC; found out from its content by default.",
+            "The format of SRC; recognised from its content by default.",
             flag="--from",
         ),
         Option("camera", Text(), "The one camera of SRC to convert, where it has several.", metavar="NAME"),

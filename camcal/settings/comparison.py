@@ -15,7 +15,7 @@ COMPARE = (
     Option(
         "against",
         Words(("cv2",)),
-        "In place of B: a fresh calibration of A's points by OpenCV.",
+        "Instead of B: a new calibration of A's points by OpenCV.",
     ),
     Option(
         "distance",
@@ -61,7 +61,7 @@ COMPARE_OPTIMIZERS = (
     Option(
         "total_seconds",
         POSITIVE,
-        "Longest time of all runs together: what is left of it is divided among those to come.",
+        "Longest time of all runs together; the rest is divided among the remaining runs.",
         60.0,
     ),
     Option(

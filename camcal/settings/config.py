@@ -159,18 +159,18 @@ def _one(
         raise UsageError(f"{where}: '{written}' has no value.", "Remove the line to use the default.")
     if not config.named and known[name].writes:
         raise UsageError(
-            f"{where}: '{written}' says what is written; a file that --config does not name cannot.",
-            f"Give it by name: --config {config.path}",
+            f"{where}: '{written}' names an output, which a file not given by --config cannot set.",
+            f"Pass the file explicitly: --config {config.path}",
         )
     if not config.named and known[name].network:
         raise UsageError(
-            f"{where}: '{written}' is an address; a file that --config does not name cannot set it.",
-            f"Give it by name: --config {config.path}",
+            f"{where}: '{written}' is an address, which a file not given by --config cannot set.",
+            f"Pass the file explicitly: --config {config.path}",
         )
     if not config.named and known[name].reads and not _inside(value, Path(config.path).parent):
         raise UsageError(
-            f"{where}: '{written}' leads out of the folder; a file that --config does not name cannot.",
-            f"Give it by name: --config {config.path}",
+            f"{where}: '{written}' leads out of the folder, which a file not given by --config cannot do.",
+            f"Pass the file explicitly: --config {config.path}",
         )
     # options of one name may differ between commands: any that takes the value will do for another command
     candidates = [own[name]] if name in own else _all_of(name)

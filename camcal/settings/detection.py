@@ -41,7 +41,7 @@ class DetectionOptions(Settings):
     )
     board: tuple[int, int] | None = setting(
         BoardSize(),
-        "Inner corners of the board, columns x rows, such as 9x6; found from the pictures where left out.",
+        "Inner corners of the board, columns x rows, such as 9x6; found from the pictures by default.",
     )
     square: Length | None = setting(
         LengthKind(), "Side of a square, such as 25mm; without it lengths are in squares."
@@ -59,24 +59,24 @@ class DetectionOptions(Settings):
     )
     keep_frames: int = setting(
         Whole(1, metavar="N"),
-        "Frames of films that are kept at most: sharp, still ones that show the most.",
+        "Maximum number of frames kept of films: the sharpest, stillest and most informative.",
         DEFAULT_FRAMES,
         flag="--frames",
     )
     every: int | None = setting(
         Whole(1, metavar="K"),
-        "Search every K-th frame of a film, in place of the sharpest and stillest ones.",
+        "Search every K-th frame of a film, instead of the sharpest and stillest ones.",
     )
     from_time: float | None = setting(
-        FilmTime(), "Leave out what a film shows before that time: seconds, or 1:02.5.", flag="--from"
+        FilmTime(), "Ignore a film before that time: seconds, or 1:02.5.", flag="--from"
     )
-    to_time: float | None = setting(FilmTime(), "Leave out what it shows after that time.", flag="--to")
-    cache: bool = setting(Switch(), "Keep and reuse what was found in a picture.", True, off="--no-cache")
+    to_time: float | None = setting(FilmTime(), "Ignore a film after that time.", flag="--to")
+    cache: bool = setting(Switch(), "Cache and reuse detections.", True, off="--no-cache")
 
 
 REFINE_CORNERS = Option(
     "refine_corners",
     Switch(),
-    "Fit the corners again with the first camera; by default, kept if views held out fit better.",
+    "Fit the corners again with the first camera; by default, kept if the hold-out improves.",
     off="--no-refine-corners",
 )

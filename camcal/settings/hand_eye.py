@@ -38,12 +38,12 @@ HAND_EYE = (
     Option(
         "setup",
         Words(("in-hand", "to-hand")),
-        "The camera moves with the hand, or stands and sees a board in the hand. [default: recognised]",
+        "The camera moves with the hand, or is fixed and sees a board in the hand. [default: recognised]",
     ),
     Option(
         "rotation",
         Words(ROTATIONS),
-        "How the robot writes rotations: kuka, abb, fanuc, ur, ...; vector, zyx-deg, quaternion-wxyz, ... [default: "
+        "The robot's rotation convention: kuka, abb, fanuc, ur, ...; vector, zyx-deg, quaternion-wxyz, ... [default: "
         "from the names of the columns, and recognised]",
         metavar="FORM",
     ),
@@ -53,8 +53,8 @@ HAND_EYE = (
         Words(("um", "mm", "cm", "m", "in")),
         "Unit of the poses' lengths. [default: the pictures']",
     ),
-    Option("times", FILE, "Times of the views (view,time), where the poses have times."),
-    Option("max_offset", POSITIVE, "Largest offset of the two clocks that is searched, s.", 1.0, metavar="S"),
+    Option("times", FILE, "Times of the views (view,time), if the poses have times."),
+    Option("max_offset", POSITIVE, "Largest clock offset to search, s.", 1.0, metavar="S"),
     Option(
         "camera", FILE, "Of pictures: a known camera, which is held. [default: calibrated from the pictures]"
     ),
@@ -62,7 +62,7 @@ HAND_EYE = (
     replace(
         _OF["robust"],
         kind=Words(("auto", "none")),
-        help="auto leaves out poses (and points of pictures) that do not agree with the others.",
+        help="auto rejects poses (and points of pictures) that do not agree with the others.",
         metavar="auto|none",
     ),
     *DetectionOptions.command_line(),

@@ -120,13 +120,13 @@ class RigOptions(CalibrationOptions):
     )
     fix: Mapping[str, float | None] = setting(
         Assignments("[NAME.]PARAMETER[=VALUE],...", "left.fx,p1=0", qualified=True),
-        "Hold parameters of all cameras, or of one (left.fx), at VALUE or where they start; `aspect` means fy = fx.",
+        "Fix parameters of all cameras, or of one (left.fx), at VALUE or at their start; `aspect` means fy = fx.",
         {},
         repeated=True,
     )
     cameras: Mapping[str, Any] = setting(
         Named(),
-        "Begin with these intrinsics; camera files of any format.",
+        "Start with these intrinsics; camera files of any format.",
         {},
         repeated=True,
     )
@@ -136,12 +136,12 @@ class RigOptions(CalibrationOptions):
     )
     boards: str = setting(
         Words(("auto", "fixed", "moving")),
-        "Several boards: whether they stand fast to each other; auto = where the pictures say so.",
+        "Several boards: whether they are fixed to each other; auto = decided from the pictures.",
         "auto",
     )
     lag: Mapping[str, int] = setting(
         Frames(),
-        "Put cameras in step that are K frames late: the picture of number n is of the instant n - K.",
+        "Correct cameras that are K frames late: the picture of number n is of the instant n - K.",
         {},
         repeated=True,
     )

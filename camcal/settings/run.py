@@ -32,7 +32,7 @@ FORCE = Option("force", SWITCH, "Overwrite an output that exists.", False, short
 FORMAT = Option(
     "format",
     Words(("table", "json", "yaml")),
-    "What stdout gets; json and yaml are exactly one document.",
+    "Format of stdout; json and yaml are exactly one document.",
     "table",
 )
 CONFIG = Option("config", FILE, "Read options from FILE (YAML) instead of ./camcal.yaml.")

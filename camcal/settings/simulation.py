@@ -30,11 +30,11 @@ _CAMERA = (
     Option("image_size", ImageSize(), "Size of the pictures; the example's by default."),
 )
 _NOISE = Option("noise", _AMOUNT, "Of each coordinate, px.", 0.1)
-_OUTLIERS = Option("outliers", _SHARE, "Share of the points that is moved by 5 to 60 px.", 0.0)
+_OUTLIERS = Option("outliers", _SHARE, "Fraction of the points that is moved by 5 to 60 px.", 0.0)
 _POINT_NOISE = (
     _NOISE,
     _OUTLIERS,
-    Option("clip", Switch(), "Leave out points outside the picture.", True, off="--no-clip"),
+    Option("clip", Switch(), "Omit points outside the picture.", True, off="--no-clip"),
 )
 _TABLE = Option("output", OUT, "Where to write.", short="-o", metavar="FILE.csv", required=True)
 _RUN = (CalibrationOptions.options()["seed"], FORCE, CONFIG)
@@ -54,7 +54,7 @@ def _poses(tilt: str) -> tuple[Option, ...]:
         Option(
             "fill",
             Numbers(2, "0.45,0.8"),
-            "Share of the picture that the target takes up.",
+            "Fraction of the picture that the target covers.",
             "0.45,0.8",
             metavar="LOW,HIGH",
         ),
@@ -93,7 +93,7 @@ IMAGES = (
     Option("blur", _AMOUNT, "Sigma of a Gaussian blur, px.", 0.8),
     Option("noise", _AMOUNT, "Grey levels of 8 bits.", 2.0),
     Option("uneven", Switch(), "Lighting that differs across and between pictures.", True, off="--even"),
-    Option("vignetting", _SHARE, "Share of the light lost in the corners.", 0.2),
+    Option("vignetting", _SHARE, "Fraction of the light lost in the corners.", 0.2),
     Option("bow", Real(), "Height of the sheet's middle above its rim, in its unit.", 0.0),
     Option("bits", Words(("8", "16")), "16 needs --type png or tiff.", "8"),
     Option("extension", Words(("png", "jpg", "tiff")), "Format of the pictures.", "png", flag="--type"),
@@ -105,15 +105,15 @@ FRAMES = (
     Option(
         "kind",
         Name("kind of sequence", "camcal.track:SEQUENCES"),
-        "How the camera moves: thermal, pan or zoom as that motion; static and knock stand still.",
+        "How the camera moves: thermal, pan or zoom as that motion; static and knock do not move.",
         "knock",
     ),
     Option("frames", Whole(1), "Number of frames.", 300),
     Option("points", Whole(1), "Number of points, in a cube of side 2.", 50),
     replace(_NOISE, default=0.3),
-    replace(_OUTLIERS, help="Share of the points that lies anywhere in the picture."),
-    Option("at", Whole(0, metavar="FRAME"), "In which the camera is knocked. [default: half-way]"),
-    Option("angle", Real(), "By which it is turned then, about y.", 0.3, metavar="DEGREES"),
+    replace(_OUTLIERS, help="Fraction of the points at random positions in the picture."),
+    Option("at", Whole(0, metavar="FRAME"), "Frame in which the camera is knocked. [default: half-way]"),
+    Option("angle", Real(), "Rotation about y at that frame.", 0.3, metavar="DEGREES"),
     _TABLE,
     *_RUN,
 )

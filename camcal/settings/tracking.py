@@ -45,7 +45,7 @@ class TrackOptions(Settings):
     )
     drift: Mapping[str, float] = _setting(
         Assignments("GROUP=VALUE,...", "focal=1e-5,rotation=0.01", values=True),
-        "Figures in place of the motion's: focal, principal (px), rotation (deg), translation, ...",
+        "Values that replace the motion's: focal, principal (px), rotation (deg), translation, ...",
         {},
     )
     velocity: bool = _setting(Switch(), "Constant velocity instead of a random walk.", False)
@@ -57,7 +57,7 @@ class TrackOptions(Settings):
     learn_noise: bool = _setting(Switch(), "Estimate a factor of the noise where points bring sigmas.", False)
     gate: float = _setting(
         Real(0, 0.5, above=True),
-        "Probability of taking a good point for an outlier.",
+        "Probability of rejecting a good point as an outlier.",
         1e-4,
         metavar="PROBABILITY",
     )
@@ -75,7 +75,7 @@ class TrackOptions(Settings):
     )
     model: str = _setting(
         MODEL,
-        "Lens of iekf, window and smoother; `camcal list models` names them.",
+        "Lens model of iekf, window and smoother; `camcal list models` names them.",
         "pinhole",
         short="-m",
     )
@@ -103,7 +103,7 @@ RUN = (
     Option(
         "reorder",
         Whole(0, metavar="FRAMES"),
-        "Hold this many frames back, to put late ones in order.",
+        "Delay by this many frames, to sort late ones.",
         0,
         in_checkpoints=True,
     ),

@@ -18,7 +18,7 @@ INTERPOLATION = Option(
 
 UNDISTORT = (
     Option("camera", FILE, "A camera file of any format.", short="-c", required=True),
-    replace(OUTPUT, help="Where the pictures go.", metavar="FOLDER", required=True),
+    replace(OUTPUT, help="Output folder of the pictures.", metavar="FOLDER", required=True),
     Option(
         "keep",
         KeptField(),
@@ -29,7 +29,7 @@ UNDISTORT = (
     Option(
         "projection",
         Words(("perspective", "equidistant")),
-        "Straight lines stay straight, or equal angles take equal room (for more than 160 degrees).",
+        "Straight lines stay straight, or equal angles have equal lengths (for more than 160 degrees).",
         "perspective",
     ),
     INTERPOLATION,
@@ -46,7 +46,9 @@ UNDISTORT = (
 )
 
 RECTIFY = (
-    replace(OUTPUT, help="Where the pictures, maps and matrices go.", metavar="FOLDER", required=True),
+    replace(
+        OUTPUT, help="Output folder of the pictures, maps and matrices.", metavar="FOLDER", required=True
+    ),
     Option(
         "alpha",
         Real(0, 1),
@@ -57,7 +59,7 @@ RECTIFY = (
     Option(
         "projection",
         Words(("auto", "perspective", "latitude-longitude")),
-        "latitude-longitude is for wide lenses; auto takes it beyond 60 degrees from the axis.",
+        "latitude-longitude is for wide lenses; auto uses it beyond 60 degrees from the axis.",
         "auto",
     ),
     INTERPOLATION,

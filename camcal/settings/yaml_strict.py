@@ -72,7 +72,7 @@ def parse(text: str, path: str) -> tuple[Any, dict[KeyPath, int]]:
     except yaml.reader.ReaderError as error:
         line = text[: error.position].count("\n") + 1
         raise UsageError(
-            f"{path}:{line}: not valid YAML: the sign {text[error.position]!r}.", _SYNTAX
+            f"{path}:{line}: not valid YAML: the character {text[error.position]!r}.", _SYNTAX
         ) from None
     except (ValueError, OverflowError) as error:  # an escape such as "\\UFFFFFFFF"
         raise UsageError(f"{path}: not valid YAML: {error}.", _SYNTAX) from None
@@ -83,7 +83,7 @@ def parse(text: str, path: str) -> tuple[Any, dict[KeyPath, int]]:
     return (None if node is None else _value(node, (), lines, path)), lines
 
 
-_SYNTAX = "Write `key: value` lines; text with special signs needs quotes."
+_SYNTAX = "Write `key: value` lines; text with special characters needs quotes."
 
 
 def _refuse_features(text: str, path: str) -> None:
@@ -95,7 +95,7 @@ def _refuse_features(text: str, path: str) -> None:
             raise UsageError(f"{path}:{line}: anchors and aliases (& and *) are not read.", "Write it out.")
         if (tag := getattr(event, "tag", None)) is not None:
             raise UsageError(
-                f"{path}:{line}: the tag {tag.replace(PREFIX, '!!')} is not read.", "Leave the tag out."
+                f"{path}:{line}: the tag {tag.replace(PREFIX, '!!')} is not read.", "Remove the tag."
             )
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:

@@ -3,11 +3,11 @@
 #: what `--robust` takes, and what each does; the losses are those of `camcal.solve.losses`
 ROBUST_SUMMARIES = {
     "none": "least squares with all points",
-    "auto": "look for outliers first; where there are some, reject them and fit the rest by least squares",
+    "auto": "test for outliers first; if there are any, reject them and fit the rest by least squares",
     "huber": "least squares for small residuals, absolute values for large ones",
     "soft-l1": "as huber, with a smooth transition",
-    "cauchy": "weights 1 / (1 + u²): far points count less and less",
-    "tukey": "biweight: points beyond a bound count for nothing",
+    "cauchy": "weights 1 / (1 + u²): the weight of far points tends to zero",
+    "tukey": "biweight: points beyond a bound have no weight",
     "geman-mcclure": "weights 1 / (1 + u²)²: between cauchy and tukey",
 }
 
@@ -16,6 +16,6 @@ BOARD_SHAPE_SUMMARIES = {
     "flat": "flat and as designed",
     "bowl": "bent: heights quadratic in the place on the board",
     "print": "bent as bowl, and stretched and sheared by the printer",
-    "free": "each point of its own",
-    "auto": "the one that views held out confirm",
+    "free": "every point estimated separately",
+    "auto": "the one with the best hold-out error",
 }

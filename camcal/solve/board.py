@@ -163,7 +163,7 @@ def _free(points: Array, counts: Array) -> Array:
     return np.flatnonzero(~held.reshape(-1))
 
 
-#: the kind of shape of several boards that stand fast to each other: rigid, each with a pose of its own
+#: the kind of shape of several boards that are fixed to each other: rigid, each with a pose of its own
 PLACED = "placed"
 
 
@@ -222,7 +222,7 @@ def make_board(views: Sequence[View], kind: str, part: Array | None = None) -> B
     common = common_points(views)
     if common is None:
         raise UsageError(
-            "the views disagree on where a point of the board is; a shape needs one board.",
+            "the views disagree about the coordinates of a board point; a shape needs a single board.",
             "Try: --board-shape flat",
         )
     points, ids = common

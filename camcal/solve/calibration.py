@@ -25,7 +25,7 @@ class Stage:
     name : str
         Of the attempt; a closed form's is its key in the table of closed forms.
     rms_point : float
-        px, over the points that the solution rests on.
+        px, over the points used by the solution.
     matrix : (3, 3) array or None
         K, px.
     seconds : float

@@ -37,7 +37,7 @@ def apply_fixed(lens: Lens, params: Array, fix: Mapping[str, float | None]) -> A
         fixed = [n for n in ("fx", "fy") if n in fix]
         if len(fixed) == 2:
             raise UsageError(
-                "fx and fy are fixed as well as their ratio.", "Leave out 'aspect', or one of fx and fy."
+                "both fx and fy are fixed, and also their ratio.", "Omit 'aspect', or one of fx and fy."
             )
         if not fixed:
             params[0] = 0.5 * (params[0] + params[1] / ratio)

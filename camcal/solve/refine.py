@@ -348,7 +348,7 @@ def _portions(counts: Sequence[int]) -> Iterator[int]:
 
 def _check_count(kept: Observations, frees: Sequence[Array], places: int) -> None:
     if (np.bincount(kept.view, minlength=len(kept)) == 0).any():
-        raise DataError("a view has no point left.", "Leave that view out.")
+        raise DataError("a view has no point left.", "Remove that view.")
     own = sum(f.shape[1] for f in frees) + places
     observed, unknown = 2 * kept.point_count, own + 6 * len(kept)
     if observed < unknown:

@@ -110,7 +110,7 @@ def with_poses(
     used = np.zeros(data.point_count, bool)
     for i, (_, mask) in found.items():
         used[data.slices[i]] = mask
-    lost = "no pose before the camera of the other views fits its points"
+    lost = "no pose with respect to the camera of the other views fits its points"
     left_out = {i: lost for i in range(len(data)) if i not in found}
     poses = Poses.stack([found[i][0] for i in sorted(found)])
     return refine(calibration.camera, poses, data.with_used(used).without(left_out), how)

@@ -143,10 +143,10 @@ def _plausible(b: Array, singular: Array, assumed: Assumed, count: int) -> tuple
     if 2 * count < assumed.unknowns:
         return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
     if singular[-2] < UNDETERMINED * np.sqrt(count):
-        return None, "the views leave it open"
+        return None, "the views do not determine it"
     k = conic.camera_matrix(b)
     if k is None:
         return None, "no real camera fits (the conic is not positive definite)"
     if np.abs(k[:2, 2]).max() > FAR_OUTSIDE:
-        return None, "the principal point comes out far outside the image"
+        return None, "the estimated principal point is far outside the image"
     return k, ""

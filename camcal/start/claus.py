@@ -64,7 +64,7 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     form = shape.check(correspondences)
     if not form.planar.all():
         raise EstimationError(
-            "the closed form 'claus' takes views of planes, not of points in space.",
+            "the closed form 'claus' accepts views of planes, not of points in space.",
             "Use 'fitzgibbon' or 'tsai'.",
         )
     unit, where = assumptions.unit_coordinates(correspondences)
@@ -171,7 +171,7 @@ def _undistorted(data: Observations, a: Array, centre: Array, scale: float) -> O
             raise EstimationError(
                 f"view '{view.id}': {int(keep.sum())} of {len(view)} points lie within 84 degrees of the axis; "
                 f"{shape.LEAST_PLANAR} are needed.",
-                "Leave the view out.",
+                "Remove the view.",
             )
         depth = ray[keep, 2]
         sigma = (np.ones(len(view)) if view.sigma is None else view.sigma)[keep] / depth

@@ -110,7 +110,7 @@ def _solved(view: View, count: int) -> tuple[Array, Array, Array, float, float]:
             break
     else:
         raise EstimationError(
-            f"view '{view.id}': the {count} coefficients have not settled after {ROUNDS} rounds.",
+            f"view '{view.id}': the {count} coefficients did not converge after {ROUNDS} rounds.",
             "Use fewer ('dlt12', 'dlt'): the points hardly determine the principal point or the distortion.",
         )
     scale = float(to_uv[0, 0])

@@ -142,7 +142,7 @@ def _undistorted(
             raise EstimationError(
                 f"view '{view.id}': {len(flat)} of {len(view)} points lie within 84 degrees of the axis; "
                 f"{shape.LEAST_PLANAR} are needed.",
-                "Leave the view out.",
+                "Remove the view.",
             )
         views.append(flat)
     return Observations.from_views(views, data.image_size)

@@ -88,7 +88,7 @@ def constrained(view: View) -> tuple[Array, int, float, float]:
             break
     else:
         raise EstimationError(
-            f"view '{view.id}': the modified DLT has not settled after {STEPS} steps.",
+            f"view '{view.id}': the modified DLT did not converge after {STEPS} steps.",
             "Use the closed form 'dlt'; the points may leave the matrix undetermined.",
         )
     left_out = _leave_one_out(m, x, y, roots) / float(to_uv[0, 0])

@@ -16,7 +16,7 @@ Array = np.ndarray
 ALONG = 0.7
 _NAMES = "XYZ"
 _CAUSES = {
-    "upwards": "v is counted upwards: use v = height - 1 - v",
+    "upwards": "v increases upwards: use v = height - 1 - v",
     "exchanged": "u and v are exchanged: u is the column, v the row",
     "left-handed": "the frame of the points is left-handed: negate one axis, or swap two",
 }
@@ -32,7 +32,7 @@ def mirrored_error(rotation: Array) -> DataError:
     """
     likely, why = which(-rotation)
     order = sorted(_CAUSES, key=lambda c: c != likely)
-    hint = f"{why}, so most likely {_CAUSES[order[0]]}. Else: " if likely else "One of: "
+    hint = f"{why}, so most likely {_CAUSES[order[0]]}. Otherwise: " if likely else "One of: "
     rest = order[1:] if likely else order
     return DataError(
         "the points and their images are mirrored (v counted upwards, u and v exchanged, or a left-handed frame of the "

@@ -44,7 +44,8 @@ def check_numbering(data: Observations) -> None:
         if all(_left(v, order) < MENDED * before for v, before in zip(whole, left, strict=True)):
             own = f"{columns}x{rows}" + (", column by column" if words == f"{columns}x{rows}" else "")
             raise DataError(
-                f"the points are numbered as a grid of {own}, but lie in the pictures as one of {words}, row by row.",
+                f"the points are numbered as a grid of {own}, but their positions in the pictures are "
+                f"those of {words}, row by row.",
                 "Give the board's size as columns x rows of inner corners, and number its points row by row.",
             )
 

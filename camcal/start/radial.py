@@ -365,5 +365,5 @@ def _monotone(
     raise EstimationError(
         "the radial alignment constraint leaves the focal length open: the views face the camera squarely, "
         "or the points are too few or too noisy.",
-        "Tilt the target against the camera by 20 to 45 degrees, in different directions.",
+        "Tilt the target by 20 to 45 degrees relative to the image plane, in different directions.",
     )

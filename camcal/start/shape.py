@@ -37,11 +37,11 @@ def unusable(
         if few[i]:
             found[int(i)] = f"{n} points; at least 4 on a plane or {least_3d} in space are needed"
         elif line[i]:
-            found[int(i)] = f"all {n} points lie on a line; points all over a plane or in space are needed"
+            found[int(i)] = f"all {n} points lie on a line; points spread over a plane or in space are needed"
         elif few_3d[i]:
             found[int(i)] = f"{n} points in space; at least {least_3d} are needed"
         else:
-            found[int(i)] = "its image points lie on a line; a target seen from its edge gives no camera"
+            found[int(i)] = "its image points lie on a line; a target seen edge-on gives no camera"
     return found
 
 
@@ -99,7 +99,7 @@ def view_in_space(correspondences: Observations, what: str) -> View:
 def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     """The error for a view whose points cannot all be in front of the estimated camera."""
     return EstimationError(
-        f"view '{view}': {behind} of {count} points come out behind the camera; all must lie in front of it.",
+        f"view '{view}': {behind} of {count} points would be behind the camera; all must be in front of it.",
         "Check that each image point belongs to its object point, and the order of the columns.",
     )
 

@@ -84,7 +84,7 @@ def _undetermined(rotation: np.ndarray, planar: bool, uncertainty: float) -> Est
             what += ", almost parallel to the picture (fronto-parallel)"
     known = f"{uncertainty:.0%}" if np.isfinite(uncertainty) else "nothing"
     return EstimationError(
-        f"radial alignment cannot tell the focal length and the distance apart: {what}; the focal length would be "
+        f"radial alignment cannot separate the focal length from the distance: {what}; the focal length would be "
         f"known to {known}, {UNCERTAIN:.0%} is needed.",
-        "Tilt the target against the camera by 20 to 45 degrees.",
+        "Tilt the target by 20 to 45 degrees relative to the image plane.",
     )

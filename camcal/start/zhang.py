@@ -107,7 +107,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
             f"all {len(views)} planes are parallel to each other within "
-            f"{info['tilt_spread_deg']:.1f} degrees: together they say no more than one view"
+            f"{info['tilt_spread_deg']:.1f} degrees: together they are equivalent to one view"
         )
     matrix = None
     if len(views) == 1:
@@ -234,6 +234,6 @@ def _intrinsics(
 def _fronto_parallel(count: int, found: str) -> EstimationError:
     views = "1 view of a plane leaves" if count == 1 else f"{count} views of planes leave"
     return EstimationError(
-        f"{views} the focal length open; too nearly parallel to the image: {found}.",
-        "Tilt the target against the camera by 20 to 45 degrees, in different directions.",
+        f"{views} the focal length undetermined; they are too nearly parallel to the image: {found}.",
+        "Tilt the target by 20 to 45 degrees relative to the image plane, in different directions.",
     )

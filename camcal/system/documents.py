@@ -54,7 +54,7 @@ def parse_yaml(text: str, path: Path, aliases: int = MOST_ALIASES) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark is not None else "an unknown character"
-        raise broken(path, "YAML", f"it breaks at {where}") from None
+        raise broken(path, "YAML", f"the error is at {where}") from None
     except _FAILURES as error:
         raise broken(path, "YAML", error) from None
 
@@ -80,7 +80,7 @@ def _check_events(text: str, path: Path, most: int) -> None:
         if isinstance(event, yaml.AliasEvent):
             aliases += 1
             if anchored or aliases > most:
-                raise broken(path, "YAML", "it repeats parts of itself (aliases such as *name)")
+                raise broken(path, "YAML", "it contains aliases such as *name")
         elif isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if event.anchor:

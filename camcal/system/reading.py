@@ -35,7 +35,7 @@ def read_file(
         with os.fdopen(os.open(path, _FLAGS), "rb") as stream:
             status = os.fstat(stream.fileno())
             if not stat.S_ISREG(status.st_mode):
-                found = "a folder" if stat.S_ISDIR(status.st_mode) else "no ordinary file"
+                found = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
                 raise DataError(f"'{path}' is {found}; {what} is needed.", _other(status.st_mode))
             data = b"" if status.st_size > most else stream.read(most + 1)
     except FileNotFoundError:

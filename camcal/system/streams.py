@@ -92,7 +92,7 @@ class Outlet(io.TextIOBase):
             if not self.lossy:
                 why = (getattr(error, "strerror", None) or str(error)).lower().rstrip(".")
                 raise DataError(
-                    f"cannot write to {self.name}: {why}.", "Send it elsewhere, or write a file with -o."
+                    f"cannot write to {self.name}: {why}.", "Redirect it elsewhere, or write a file with -o."
                 ) from error
 
 

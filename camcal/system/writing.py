@@ -43,9 +43,7 @@ def check_writable(path: str | os.PathLike, force: bool = False) -> None:
     """
     target = Path(path)
     if os.fspath(path) == "-":
-        raise UsageError(
-            "'-' is no name of a file.", "Results go to stdout without -o; --format yaml or json."
-        )
+        raise UsageError("'-' is not a file name.", "Without -o results go to stdout; --format yaml or json.")
     if target.is_dir():
         raise UsageError(f"cannot write '{target}': it is a folder.", "Give the name of a file.")
     folder = target.parent
@@ -168,11 +166,13 @@ class PartFile:
             os.link(self.path, self.target)
         except FileExistsError:
             said = f"'{self.target}' exists already."
-            raise UsageError(said, "Another program made it meanwhile; overwrite it with --force.") from None
+            raise UsageError(
+                said, "Another program created it in the meantime; overwrite it with --force."
+            ) from None
         except OSError:  # a file system without hard links
             if self.target.exists():
                 raise UsageError(
-                    f"'{self.target}' exists already.", "Another program made it meanwhile."
+                    f"'{self.target}' exists already.", "Another program created it in the meantime."
                 ) from None
             os.replace(self.path, self.target)  # noqa: PTH105
         else:

@@ -81,7 +81,7 @@ def require_same(path: Path, saved: Mapping[str, Any], now: Mapping[str, Any]) -
         if saved.get(name) != value:
             raise UsageError(
                 f"{path}: the state was made with {name} = {saved.get(name)!r}, not {value!r}.",
-                "Use the same options, or begin anew with another --state.",
+                "Use the same options, or start again with another --state.",
             )
 
 

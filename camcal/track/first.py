@@ -44,7 +44,10 @@ def fit(model: Model, frame: Frame, known: float | None, probability: float) -> 
         raise EstimationError(
             f"{different} different points in the first frames; {needed} are needed to start.",
             "Give the first frames more points"
-            + ("; with a known camera four do: --camera CALIBRATION.yaml --fix intrinsics" * (needed > 4)),
+            + (
+                "; with a known camera four suffice: --camera CALIBRATION.yaml --fix intrinsics"
+                * (needed > 4)
+            ),
         )
     model.settle(frame)
     x = model.start(frame)
@@ -54,7 +57,7 @@ def fit(model: Model, frame: Frame, known: float | None, probability: float) -> 
     if found.keep.sum() < needed:
         raise EstimationError(
             f"{int(found.keep.sum())} of {len(frame)} points fit one camera; {needed} are needed.",
-            "Check which image point belongs to which point of the world.",
+            "Check the assignment of image points to world points.",
         )
     return found
 
@@ -66,7 +69,7 @@ def _check_scatter(found: robust.FrameFit, frame: Frame, known: float | None) ->
         raise EstimationError(
             f"the points of the first frames lie {found.scatter / known:.2g} times as far from any camera as "
             f"{said}.",
-            f"Correct or leave out {wrong}"
+            f"Correct or remove {wrong}"
             + ("." if frame.sigma is None else ", or learn a factor of it: --learn-noise"),
         )
     own = 1.0 if frame.sigma is None else float(np.median(frame.sigma))
@@ -74,7 +77,7 @@ def _check_scatter(found: robust.FrameFit, frame: Frame, known: float | None) ->
     if found.scatter * own > BLIND * extent:
         raise EstimationError(
             f"the points of the first frames fit no camera: the nearest leaves {found.scatter * own:.3g} px.",
-            "Check which image point belongs to which point of the world.",
+            "Check the assignment of image points to world points.",
         )
 
 
@@ -93,7 +96,7 @@ PLANE_INTRINSICS = (
     "intrinsics besides the pose."
 )
 PLANE_HINT = (
-    "Hold the intrinsics: --method iekf --camera CALIBRATION.yaml --fix intrinsics; "
+    "Fix the intrinsics: --method iekf --camera CALIBRATION.yaml --fix intrinsics; "
     "or use a target with points in space."
 )
 

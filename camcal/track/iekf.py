@@ -26,7 +26,7 @@ def physical_model(options: TrackOptions) -> PhysicalModel:
     for name, value in options.fix.items():
         if name in from_data and value is None:
             raise UsageError(
-                f"{name} is to be held, but its value is not given.",
+                f"{name} is held, but its value is not given.",
                 "Give the camera (--camera CALIBRATION.yaml) or the value (--fix cx=320).",
             )
     return PhysicalModel(lenses.make(options.model, options.skew), None, options.fix)

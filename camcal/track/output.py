@@ -115,7 +115,7 @@ class Output:
         if found < size:
             raise UsageError(
                 f"{self.path}: {found} bytes found; the state belongs to a table of at least {size}.",
-                "Give the table that the state was made with, or begin anew with another --state.",
+                "Give the table that the state was made with, or start again with another --state.",
             )
         self._begun = True
         with self._refusals():

@@ -81,7 +81,9 @@ def fit(
         if np.abs(a @ delta).max() < 1e-4:  # of a standard deviation
             break
     else:
-        raise EstimationError("a frame's own camera does not settle.", "Its points may fit no camera.")
+        raise EstimationError(
+            "the camera of a single frame does not converge.", "Its points may fit no camera."
+        )
     return _finish(model, start, x, frame, sigma, gate, prior, own)
 
 

@@ -32,7 +32,7 @@ COLUMNS = {
     "tx, ty, tz": "translation of cam_from_world, in the unit of the points",
     "innovation": "root mean square distance between the points and where they were predicted, px",
     "nis": "normalised innovation squared, of the part that a change of the camera can explain",
-    "gain": "fraction of the frame's own correction that was taken",
+    "gain": "fraction of the frame's own correction that was applied",
     "changed": "1 where the change test gave the alarm, else 0",
     "nis_dof": "degrees of freedom of nis",
     "score": "nis as a standard normal deviate: 0 on average while nothing changes",

@@ -71,5 +71,5 @@ def test_several_are_each_as_if_those_before_were_taken():
 
 def test_a_rig_of_which_nothing_was_estimated():
     rig = truth("ab")
-    with pytest.raises(DataError, match="nothing of this rig"):
+    with pytest.raises(DataError, match="no parameter of this rig"):
         suggest(evaluate_rig(rig, observed(rig, instants=4)[0]))

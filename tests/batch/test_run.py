@@ -118,7 +118,7 @@ def test_reports_rows_and_a_second_run(tmp_path):
     before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.yaml")}
     with pytest.raises(UsageError, match="3 reports of these jobs"):
         run(jobs, out)
-    assert run(jobs, out, resume=True, on_row=lambda *_: pytest.fail("done again")) == rows
+    assert run(jobs, out, resume=True, on_row=lambda *_: pytest.fail("repeated")) == rows
     assert before == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.yaml")}
     again = run(jobs, out, force=True)
     assert [row["focal"] for row in again] == [row["focal"] for row in rows]
@@ -179,7 +179,7 @@ def test_the_same_over_fsspec(tmp_path):
     assert sorted(p.name for p in (tmp_path / "remote").iterdir()) == sorted(
         p.name for p in (tmp_path / "local").iterdir()
     )
-    run(remote, f"file://{tmp_path}/remote", resume=True, on_row=lambda *_: pytest.fail("done again"))
+    run(remote, f"file://{tmp_path}/remote", resume=True, on_row=lambda *_: pytest.fail("repeated"))
     missing = Job("x", "points", (f"file://{tmp_path}/absent.csv",), jobs[0].options)
     (row,) = run([missing], f"file://{tmp_path}/remote2")
     assert row["status"] == "failed" and "no such file" in row["reason"]
@@ -243,7 +243,7 @@ def test_compact_reports_hold_the_same_camera(tmp_path):
     assert sizes[1] < sizes[0] / 4
     for path in (tmp_path / "small" / running.STATE).iterdir():
         path.unlink()
-    again = run(jobs, str(tmp_path / "small"), resume=True, on_row=lambda *_: pytest.fail("done again"))
+    again = run(jobs, str(tmp_path / "small"), resume=True, on_row=lambda *_: pytest.fail("repeated"))
     assert again[0]["focal"] == small[0]["focal"] and again[0]["views"] == 6
 
 
@@ -274,7 +274,7 @@ def test_rigs(tmp_path):
         rig = getattr(rig, "rig", rig)
         assert rig.baseline("left", "right") == pytest.approx(alone.rig.baseline("left", "right"), abs=1e-9)
     assert (out / "small.yaml").stat().st_size < 0.4 * (out / "whole.yaml").stat().st_size
-    assert [r["name"] for r in run(jobs, str(out), resume=True)] == ["whole", "small"]  # none is done again
+    assert [r["name"] for r in run(jobs, str(out), resume=True)] == ["whole", "small"]  # none is repeated
     # nine like it, and one whose right camera is turned away in focal length and in its place
     fleet = [{**rows[0], "name": f"r{i}"} for i in range(10)]
     parts, focal = fleet[9]["parts"], fleet[9]["parts"]["right"]["focal"]

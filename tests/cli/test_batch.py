@@ -88,7 +88,7 @@ def test_what_is_missing_is_named(camcal):
     code, _, err = camcal("batch", "jobs.yaml", "-o", "jobs.yaml")
     assert code == 2 and "it is a file" in err
     code, _, err = camcal("batch", "jobs.yaml", "-o", "-")
-    assert code == 2 and "no name of a folder" in err
+    assert code == 2 and "not a folder name" in err
     code, _, err = camcal("batch", "jobs.yaml", "-o", "out", "--scheduler", "nonsense")
     assert code == 2 and "Dask" in err and "Traceback" not in err
 

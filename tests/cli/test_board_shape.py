@@ -87,7 +87,7 @@ def test_a_known_shape_serves_the_next_calibration(estimate):
 def test_a_report_without_a_shape(estimate):
     _, flat, _ = estimate("flat", "flat")
     _, _, said = estimate("second", flat, code=3)
-    assert "holds no board shape" in said
+    assert "has no board shape" in said
     assert "--board-shape free" in said
 
 

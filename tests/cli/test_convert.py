@@ -120,7 +120,7 @@ def test_a_rig_through_formats(camcal, tmp_path):
     [
         (["cam.yaml"], 2, "to-model"),
         (["cam.yaml", "x.txt"], 2, "--to FORMAT"),
-        (["cam.yaml", "x.yml", "-o", "y.yml"], 2, "both given"),
+        (["cam.yaml", "x.yml", "-o", "y.yml"], 2, "both DST and --output"),
         (["cam.yaml", "x.yml", "--to", "openvc"], 2, "opencv"),
         (["cam.yaml", "x.yml", "--camera", "left"], 3, "left"),
         (["cam.yaml", "x.yml", "--image-size", "10x10"], 2, "640x480"),

@@ -143,7 +143,7 @@ def test_nothing_is_overwritten_or_left_half_written(camcal, knock):
         (["--forgetting", "1.5"], "--forgetting"),
         (["--alpha", "0.3"], "Add --gain fixed"),
         (["--method", "rls", "--gain", "mean", "--forgetting", "0.9"], "--forgetting has no effect"),
-        (["other.csv"], "a table goes alone"),
+        (["other.csv"], "a table must be the only input"),
     ],
 )
 def test_contradictions_are_usage_errors(camcal, knock, args, said):

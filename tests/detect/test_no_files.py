@@ -1,4 +1,4 @@
-"""Pictures and films that are no ordinary files are named at once; nobody waits for a pipe."""
+"""Pictures and films that are not regular files are named at once; nobody waits for a pipe."""
 
 import os
 
@@ -15,4 +15,4 @@ def test_pipes_and_devices(tmp_path, name):
     for path in (tmp_path / name, tmp_path / f"zero-{name}"):
         with pytest.raises(DataError, match=r"no (target|frame|board)") as caught:
             detect_images([path], cache=False)
-        assert "no ordinary file" in caught.value.hint
+        assert "not a regular file" in caught.value.hint

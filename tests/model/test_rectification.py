@@ -171,8 +171,8 @@ def test_auto_goes_by_the_angle(degrees, projection):
 @pytest.mark.parametrize(
     ("shift", "turn", "words"),
     [
-        ([0.0, 0, 0], [0.0, 0, 0], "same place"),
-        ([0.02, 0, -1.0], [0.0, 0, 0], "one behind the other"),
+        ([0.0, 0, 0], [0.0, 0, 0], "same position"),
+        ([0.02, 0, -1.0], [0.0, 0, 0], "behind the other"),
         ([-1.0, 0, 0], [0.0, 2.5, 0], "different directions"),
     ],
 )
@@ -182,5 +182,5 @@ def test_what_cannot_be_rectified(shift, turn, words):
 
 
 def test_the_size_of_the_pictures_is_needed():
-    with pytest.raises(UsageError, match="how large"):
+    with pytest.raises(UsageError, match="no image size"):
         rectify(Camera(LEFT.lens, LEFT.params), RIGHT, Pose(np.eye(3), np.array([-1.0, 0, 0])))

@@ -78,7 +78,7 @@ def test_views_that_omnidir_leaves_out_are_left_out_in_both(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"fix": {"k4": 0.01}}, "at 0 only"),
+        ({"fix": {"k4": 0.01}}, "only at 0"),
         ({"fix": {"fx": 500.0}}, "alone"),
         ({"fix": {"aspect": None}}, "tie"),
     ],

@@ -251,7 +251,7 @@ def test_a_check_that_breaks_is_a_finding(monkeypatch):
 def test_two_opencvs_are_named(monkeypatch):
     monkeypatch.setattr(installation, "_is_installed", lambda name: name in installation.OPENCV[:2])
     wrong = [f for f in installation.diagnose()["findings"] if f["grade"] == "wrong"]
-    assert wrong and "overwrite one another" in wrong[0]["message"] and "uninstall" in wrong[0]["todo"]
+    assert wrong and "overwrite each other" in wrong[0]["message"] and "uninstall" in wrong[0]["todo"]
 
 
 def test_missing_extras_are_only_noted(monkeypatch):

@@ -164,7 +164,7 @@ def test_only_a_file_that_is_named_says_what_is_written(load, text):
     """A camcal.yaml that came with somebody's data must overwrite nothing."""
     config = load(text)
     values_for("estimate", config)
-    with pytest.raises(UsageError, match="says what is written; a file that --config does not name cannot"):
+    with pytest.raises(UsageError, match="names an output, which a file not given by --config cannot set"):
         values_for("estimate", replace(config, named=False))
 
 
@@ -218,7 +218,7 @@ def test_every_option_takes_its_own_default(load):
         ("model: [1,", "camcal.yaml:1: not valid YAML"),
         ("a: 1\n b: 2", "camcal.yaml:2: not valid YAML"),
         ("a: 1\n---\nb: 2", "camcal.yaml:2: not valid YAML"),
-        ("a: 1\nb: \x01", "camcal.yaml:2: not valid YAML: the sign '\\x01'"),
+        ("a: 1\nb: \x01", "camcal.yaml:2: not valid YAML: the character '\\x01'"),
         ('a: "\\UFFFFFFFF"', "camcal.yaml: not valid YAML"),
         ("- a\n- b", "camcal.yaml:1: a list found; `key: value` lines are needed"),
         ("just text", "camcal.yaml:1: 'just text' found"),

@@ -78,7 +78,7 @@ def test_of_two_writers_one_wins(tmp_path, monkeypatch, links):
 
 
 def test_names_that_are_no_file(tmp_path):
-    with pytest.raises(UsageError, match="'-' is no name of a file"):
+    with pytest.raises(UsageError, match="'-' is not a file name"):
         check_writable("-")
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises(UsageError, match="exists already"):

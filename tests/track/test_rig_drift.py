@@ -171,7 +171,7 @@ def test_a_report_of_a_single_camera_is_refused(tmp_path, monkeypatch, capsys):
     save_camera(CAMERA, "c.yaml")
     write("f.csv", seen(np.random.default_rng(8), "ab", 3))
     assert run(["track", "f.csv", "--rig", "c.yaml"]) == 3
-    assert "no report of a rig" in capsys.readouterr().err
+    assert "not a report of a rig" in capsys.readouterr().err
 
 
 def test_pictures_that_are_apart(rigs, tmp_path, monkeypatch, capsys):

@@ -33,7 +33,7 @@ ALIKE = 0.1
 #: Scales this near to one another (in the logarithm) are those of a zoom or of a focus: resizing takes more.
 RESIZED = 0.02
 _AT = {name: i for i, name in enumerate(FIELDS)}
-_APART = "Calibrate the two groups of views apart, each as a camera of its own."
+_APART = "Calibrate the two groups of views separately, as two cameras."
 
 
 def warning_of(found: Found) -> CalibrationWarning | None:
@@ -44,7 +44,7 @@ def warning_of(found: Found) -> CalibrationWarning | None:
     code, what, hint = _WORDS[trial.how](found, trial)
     off = f" The one camera is off by {found.effect:.2g} px (rms over the picture)"
     if not found.effect > 0:
-        off = " By how much the camera is off for it, these views do not tell"
+        off = " These views do not determine the effect on the camera"
     if found.scatter > found.effect > 0:
         off += f", and each picture by {found.scatter:.2g} px"
     unit = "px" if found.base.observations.sigma is None else "times those given"
@@ -95,7 +95,7 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
             "mirrored-picture",
             f"{_names(found, trial.parts)} of {len(ids)} show the target from its other side, with the principal point "
             f"moved by ({shift[0]:.1f}, {shift[1]:.1f}) px: the pictures of one of the two parts are mirrored.",
-            "Find out which, and mirror these pictures back.",
+            "Find out which part it is, and mirror its pictures back.",
         )
     if trial.how == "split":
         where = f"from view '{ids[first]}' on ({int(trial.parts.sum())} of {len(ids)} views)"
@@ -107,7 +107,7 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
         return (
             "resized-pictures",
             f"{where} the pictures are resized by a factor of {scale:.4g} (1 : {1 / scale:.4g}){of}: sizes are mixed.",
-            "Take all pictures as they come from the camera, at one resolution.",
+            "Use unmodified pictures from the camera, all at one resolution.",
         )
     if trial.kind == "cropped":
         return _moved(found, trial, where, shift)
@@ -125,8 +125,8 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
         )
     return (
         "zoom-or-refocus",
-        f"{where} the focal length is {longer}: the lens was zoomed or focused anew.",
-        "Hold zoom and focus, or calibrate the views before and after it apart.",
+        f"{where} the focal length is {longer}: the lens was zoomed or refocused.",
+        "Keep zoom and focus fixed, or calibrate the views before and after the change separately.",
     )
 
 
@@ -149,14 +149,14 @@ def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, s
         if np.linalg.norm(shift - opposite) < ALIKE * float(np.linalg.norm(shift)):
             return (
                 "turned-pictures",
-                f"{where} the principal point lies opposite, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these "
+                f"{where} the principal point is on the opposite side, ({shift[0]:.1f}, {shift[1]:.1f}) px away: these "
                 "pictures were turned by 180 degrees.",
                 "Turn them back (check how the orientation of the pictures was stored and applied).",
             )
     return (
         "cropped-pictures",
         f"{where} the principal point is moved by ({shift[0]:.1f}, {shift[1]:.1f}) px: these pictures were cropped.",
-        "Take all pictures as they come from the camera.",
+        "Use unmodified pictures from the camera.",
     )
 
 
@@ -175,7 +175,7 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
             f"the points of each view are displaced in proportion to their row, by {usual:.2g} px (rms) from the first "
             f"row to the last, {most:.2g} px in view '{worst}': camera or target moved while a rolling shutter "
             "read the picture.",
-            "Put camera and target on stands, or expose with a global shutter.",
+            "Mount camera and target on stands, or use a global shutter.",
         )
     if trial.kind == "cropped":
         shift = np.linalg.norm(theta[:, [_AT["shift-u"], _AT["shift-v"]]], axis=1) * unit
@@ -183,19 +183,20 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
             "principal-point-moves",
             f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): an image "
             "stabiliser (as of stabilised film), a lens that gives in its mount, or pictures cropped differently.",
-            "Switch the stabiliser off (also the optical one), clamp the lens, and do not crop.",
+            "Switch off the stabiliser (including an optical one), fix the lens, and do not crop.",
         )
     spread = float(np.sqrt((theta[:, _AT["scale"]] ** 2).mean()))
     if trial.kind == "resized":
         return (
             "resized-pictures",
             f"the scale of the pictures differs from view to view, by {spread:.2%} (rms): resized differently.",
-            "Take all pictures as they come from the camera, at one resolution.",
+            "Use unmodified pictures from the camera, all at one resolution.",
         )
     return (
         "zoom-or-refocus",
-        f"the focal length differs from view to view, by {spread:.2%} (rms): the lens focused or zoomed in between.",
-        "Switch autofocus off, and hold zoom and focus.",
+        f"the focal length differs from view to view, by {spread:.2%} (rms): "
+        "the lens was focused or zoomed between views.",
+        "Switch off autofocus, and keep zoom and focus fixed.",
     )
 
 

@@ -39,7 +39,7 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
         grave = "doubtful"  # little, but far more than the camera says of itself
     yield CalibrationWarning(
         "circle-centres",
-        f"the points lie where the centroids of the images of circles would, of a radius of {found.radius:.2g} of "
+        f"the points match the centroids of images of circles with a radius of {found.radius:.2g} of "
         f"their spacing ({found.deviations:.0f} standard deviations): the image of a circle seen from the side is not "
         f"centred on that of its centre. The camera is off by {apart:.2g} px (rms over the picture).",
         "Let camcal find the circles in the pictures, which corrects for it (camcal images --target circles:9x6).",

@@ -40,7 +40,7 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
     if share < LEAST_AREA:
         yield CalibrationWarning(
             "poor-coverage",
-            f"the points cover {share:.0%} of the image; what the lens does elsewhere is extrapolated.",
+            f"the points cover {share:.0%} of the image; the lens is extrapolated elsewhere.",
             "Bring the target close and into every corner of the picture.",
             "note" if share > SMALL_AREA else "doubtful",
         )
@@ -76,8 +76,8 @@ def image_size(facts: Facts) -> Iterator[CalibrationWarning]:
         width, height = (round(2 * x + 1) for x in (u, v))
         yield CalibrationWarning(
             "image-size",
-            f"the principal point ({u:.0f}, {v:.0f}) and the points are those of a picture of about {width}x{height}, "
+            f"the principal point ({u:.0f}, {v:.0f}) and the points fit a picture of about {width}x{height}, "
             f"not of {size[0]}x{size[1]}.",
-            "Check --image-size: it is the size of the pictures in which the points were found.",
+            "Check --image-size: it must be the size of the pictures in which the points were measured.",
             "doubtful",
         )

@@ -84,7 +84,7 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
             "outliers",
             f"{gross.sum()} of {len(squares)} points, off by up to {off[gross].max():.3g} px, hold "
             f"{share:.0%} of the sum of squares.",
-            "Remove or mend these points, or leave them out by a robust loss (--robust).",
+            "Remove or correct these points, or use a robust loss (--robust).",
             "wrong" if _bent_by(facts, gross) else "doubtful",
         )
 
@@ -139,8 +139,8 @@ def large_residuals(facts: Facts) -> Iterator[CalibrationWarning]:
     if not rms <= most_px(facts.diagonal):
         yield CalibrationWarning(
             "large-residuals",
-            f"the rms of {rms:.3g} px is large for an image of {facts.diagonal:.0f} px across.",
-            "Check which point is which; for a wide lens choose a model for it.",
+            f"the rms of {rms:.3g} px is large for an image {facts.diagonal:.0f} px across.",
+            "Check the order of the points; for a wide lens choose a wide-lens model.",
             "wrong",
         )
 

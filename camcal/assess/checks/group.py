@@ -61,7 +61,7 @@ def shifted_group(facts: Facts) -> Iterator[CalibrationWarning]:
         f"points {listed([str(int(r)) for r in np.sort(rows)], 8)} of view '{view.id}' (rows, counted from 0) lie "
         f"({found.shift[0]:+.1f}, {found.shift[1]:+.1f}) px from where all other points put them; without them the "
         f"camera projects {moved:.2g} px (rms) elsewhere.",
-        "Look at these points: a mark taken for its neighbour, or wrong coordinates; leave them out and compare.",
+        "Check these points for a mark mistaken for its neighbour or wrong coordinates; remove them and compare.",
         "doubtful" if moved > fit.SEVERAL_PX else "note",
     )
 

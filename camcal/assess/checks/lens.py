@@ -44,7 +44,7 @@ def fold_in_image(facts: Facts) -> Iterator[CalibrationWarning]:
             "image-circle",
             f"{share:.1%} of the pixels, from {nearest:.0f} px of the principal point outward, beyond all points, have "
             f"no ray: the lens model ends at {np.degrees(limit):.0f} degrees from the axis.",
-            "Where the picture is dark there, all is well; else bring the target farther out.",
+            "This is harmless if the picture is dark there; otherwise move the target farther out.",
             "note",
         )
         return

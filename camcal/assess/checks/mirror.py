@@ -43,7 +43,7 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     yield CalibrationWarning(
         "mirrored-picture",
         f"{len(found)} of {len(facts.views)} views fit much better as mirror images: {names}.",
-        "The pictures seem to be mirrored as a whole, which bends the camera: mirror them back, or leave them out.",
+        "The pictures seem to be mirrored, which biases the camera: mirror them back, or remove them.",
         "wrong",
     )
 

@@ -33,15 +33,15 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "light-tailed-residuals",
             f"the residuals are spread evenly up to a limit (fourth moment {moment:.2f}, Gaussian noise 2, "
-            "uniform 1.4): as of rounded coordinates.",
-            "Give the points with all digits that the detector has.",
+            "uniform 1.4): as for rounded coordinates.",
+            "Give the points with all digits of the detector.",
             "note",
         )
     if deviations > SIGNIFICANT and moment > HEAVY:
         yield CalibrationWarning(
             "heavy-tailed-residuals",
             f"large residuals are more frequent than with Gaussian noise (fourth moment {moment:.2f} instead of "
-            "2): points of different quality, or outliers that cannot be told from the rest.",
+            "2): points of different quality, or undetected outliers.",
             "Give sigmas with the points, or weight them by a robust loss (--robust huber).",
             "note",
         )
@@ -75,7 +75,8 @@ def rounded(facts: Facts) -> Iterator[CalibrationWarning]:
         if on_grid.mean() > ROUNDED:
             yield CalibrationWarning(
                 "rounded-coordinates",
-                f"the image points are {words} pixels: rounding alone leaves {step / np.sqrt(12):.2g} px in each "
+                f"the image points are {words} pixels: rounding alone causes an error of "
+                f"{step / np.sqrt(12):.2g} px in each "
                 "coordinate.",
                 "Give the points with all digits, or find them with sub-pixel accuracy.",
                 "note",

@@ -15,16 +15,16 @@ WEAK = 0.02
 #: Correlation between parameters of different groups from which on neither means much by itself. Within a
 #: group (fx with fy, k1 with k2) it is always high and harmless.
 STRONG = 0.95
-_HINT = "Add tilted views all over the picture, hold parameters (--fix), or choose a smaller model."
+_HINT = "Add tilted views across the whole picture, fix parameters (--fix), or choose a smaller model."
 
 
 def undetermined(facts: Facts) -> Iterator[CalibrationWarning]:
     """Infinite standard deviations."""
     names = facts.covariance.undetermined
     if names:
-        what = f"the data do not determine {', '.join(names)}: other values fit as well"
+        what = f"the data do not determine {', '.join(names)}: other values fit equally well"
         if not facts.covariance.null.size:
-            what += ", along a curve, and sigmas that are left can be too small with it"
+            what += ", along a curve, and the remaining sigmas can be too small"
         yield CalibrationWarning("undetermined-parameters", f"{what}.", _HINT)
 
 
@@ -35,7 +35,7 @@ def weak(facts: Facts) -> Iterator[CalibrationWarning]:
     sizes |= dict.fromkeys(facts.groups("principal"), facts.diagonal)
     found = [f"{n} (± {sigmas[n]:.3g} px)" for n, size in sizes.items() if WEAK * size < sigmas[n] < np.inf]
     if found:
-        yield CalibrationWarning("weak-parameters", f"hardly determined: {', '.join(found)}.", _HINT)
+        yield CalibrationWarning("weak-parameters", f"poorly determined: {', '.join(found)}.", _HINT)
 
 
 def focal_known(facts: Facts) -> bool:
@@ -60,7 +60,7 @@ def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
         named = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in pairs[:4])
         yield CalibrationWarning(
             "correlated-parameters",
-            f"only known together: {named}{', ...' if len(pairs) > 4 else ''}.",
-            "Compare projections rather than these values; views turned by 90 degrees tell them apart.",
+            f"determined only in combination: {named}{', ...' if len(pairs) > 4 else ''}.",
+            "Compare projections rather than these values; views rotated by 90 degrees separate them.",
             "note",
         )

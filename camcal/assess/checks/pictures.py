@@ -10,12 +10,12 @@ from camcal.data.observations import Correspondences
 
 #: what to do about a picture, by the first word of what `targets/quality.py` says of it
 REMEDIES = {
-    "blurred": "Focus on the target's distance, and keep the focus fixed; a smaller aperture helps.",
-    "motion": "Put target or camera on a stand, or expose shorter with more light.",
-    "overexposed": "Less light or a shorter exposure: white paper must not reach full scale.",
-    "flat": "More light, and a target in true black and white.",
-    "rough": "More light (less gain), no compression, a target without texture or glare.",
-    "small": "Come nearer: a target that fills half the picture tells most.",
+    "blurred": "Focus at the target's distance, and keep the focus fixed; a smaller aperture helps.",
+    "motion": "Mount the target or the camera on a stand, or use a shorter exposure with more light.",
+    "overexposed": "Use less light or a shorter exposure: white paper must not saturate.",
+    "flat": "Use more light, and a target in true black and white.",
+    "rough": "Use more light (less gain), no compression, and a target without texture or glare.",
+    "small": "Move closer: a target that fills half the picture is most informative.",
 }
 #: pictures that are named one by one
 NAMED = 3

@@ -29,6 +29,6 @@ def many_rejected(facts: Facts) -> Iterator[CalibrationWarning]:
         "rejected-points",
         f"{lost.sum()} of {total} points ({lost.sum() / total:.1%}) were rejected as outliers, most of them in "
         f"{named}.",
-        "The report lists them with their residuals; look at these pictures.",
+        "The report lists them with their residuals; check these pictures.",
         "doubtful" if lost.sum() > A_FIFTH * total else "note",
     )

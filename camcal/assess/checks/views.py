@@ -53,7 +53,7 @@ def few_views(facts: Facts) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "few-views",
             f"{views} different view{'s' if views > 1 else ''} for {free} parameters of the camera: "
-            "some of them are hardly more than guesses.",
+            "some of them are poorly determined.",
             "Take 10 or more views, or choose a model with fewer parameters (--model opencv4).",
             "note" if parameters.focal_sigma(facts) < SURE_FOCAL else "doubtful",
         )
@@ -75,7 +75,7 @@ def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
     severity: Severity = "wrong" if spread < NOTHING_DEGREES else "doubtful"
     yield CalibrationWarning(
         code,
-        f"{what}: focal length and distance can hardly be told apart.",
+        f"{what}: focal length and distance can hardly be separated.",
         "Take views with the target tilted by 20 to 45 degrees, in different directions.",
         severity,
     )
@@ -108,7 +108,7 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "duplicate-views",
             f"{views} views show only {count} different pose{'s' if count > 1 else ''} of the target.",
-            "Move and tilt the target between pictures; leave the repetitions out.",
+            "Move and tilt the target between pictures; remove the repetitions.",
             "doubtful" if views > 2 * count else "note",
         )
 
@@ -121,8 +121,8 @@ def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
     named = listed([f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs])
     yield CalibrationWarning(
         "repeated-view",
-        f"the target is where it was in another view: {named}.",
-        "The repetition adds no information, but counts; leave it out.",
+        f"the target has the same pose as in another view: {named}.",
+        "The repetition adds no information but reduces the sigmas; remove it.",
         "note",
     )
 
@@ -163,6 +163,6 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
     yield CalibrationWarning(
         "mirrored-views",
         f"{len(minority)} of {len(facts.views)} views show the target from behind: {names}.",
-        "Their points are in mirrored order (or the picture is): mend or leave out these views.",
+        "Their points are in mirrored order (or the picture is): correct or remove these views.",
         "doubtful",
     )

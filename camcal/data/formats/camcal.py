@@ -31,7 +31,7 @@ def _read(source: Source) -> CameraFile:
         check(found, name)
     if "cameras" not in found:
         if found.get("camera") is None:
-            raise DataError(f"'{name}' is damaged: 'camera' is missing.", "Make the report again.")
+            raise DataError(f"'{name}' is damaged: 'camera' is missing.", "Create the report again.")
         return CameraFile.one(camera_of_entry(found["camera"], name))
     entries = structure(dict[str, Section], found["cameras"], name, "cameras")
     rig = structure(Rig, found["rig"], name, "rig") if "rig" in found else None
@@ -59,7 +59,7 @@ def _camera(section: Section, source: str, path: str) -> Camera:
     missing = [name for name in lens.names if name not in given]
     if missing:
         raise DataError(
-            f"'{source}' is damaged: '{path}.parameters.{missing[0]}' is missing.", "Make the report again."
+            f"'{source}' is damaged: '{path}.parameters.{missing[0]}' is missing.", "Create the report again."
         )
     params = np.array([given[name].value for name in lens.names], float)
     return Camera(lens, params, section.image_size)

@@ -136,7 +136,7 @@ FORMAT = Format(
     traps=(
         "A file has an entry for each focal length, focus distance and aperture: choose with --camera.",
         "Profiles without FocalLengthX say the focal length in mm only and are refused.",
-        "Vignetting and chromatic models are left out.",
+        "Vignetting and chromatic models are omitted.",
     ),
     source="Adobe Lens Profile Creator, user guide and lens model",
 )

@@ -201,7 +201,7 @@ FORMAT = Format(
     traps=(
         "The file is a Python literal; camcal parses it and runs nothing.",
         "The splined models go from the ray to the picture, camcal's spline the other way: they are refitted.",
-        "The inputs of mrcal's own optimisation in the file are left out.",
+        "The inputs of mrcal's own optimisation in the file are omitted.",
     ),
     source="mrcal, cameramodels and lens models",
 )

@@ -1,7 +1,7 @@
 """transforms.json of nerfstudio and instant-ngp (colmap2nerf).
 
 The centre of the top-left pixel is (0.5, 0.5), as COLMAP's. The poses of the frames, camera to world with
-OpenGL's axes (y up, z backwards), are of pictures, not of a rig: they are left out.
+OpenGL's axes (y up, z backwards), are of pictures, not of a rig: they are omitted.
 """
 
 from __future__ import annotations

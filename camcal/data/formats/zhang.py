@@ -50,7 +50,7 @@ FORMAT = Format(
     traps=(
         "gamma, the skew, stands second.",
         "The file does not say how large the image is.",
-        "The poses of the views are left out.",
+        "The poses of the views are omitted.",
     ),
     source="Z. Zhang, camera calibration, completed calibration of the example data",
 )

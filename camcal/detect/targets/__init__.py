@@ -24,9 +24,9 @@ SUMMARIES = {
     "checkerboard": "black and white squares; checkerboard:9x6:25mm = inner corners and side of a square",
     "charuco": "checkerboard with markers; charuco:9x7:40mm:20mm:4X4_100 = squares, side, marker, dictionary",
     "aprilgrid": "Kalibr's tags; aprilgrid:6x6:22mm:0.3 = tags, side, spacing; or aprilgrid:FILE.yaml",
-    "aruco-grid": "markers in rows (cv2's GridBoard); aruco-grid:5x7:40mm:0.25:4X4_50 = side, gap as a share of it",
+    "aruco-grid": "markers in rows (cv2's GridBoard); aruco-grid:5x7:40mm:0.25:4X4_50 = side, gap as a fraction of it",
     "circles": "discs in rows; circles:10x8:2.5mm = columns, rows, their distance (and :diameter)",
-    "squares": "separate squares (Zhang, BoofCV); squares:8x8:12.7mm:0.78 = side, gap as a share of it",
+    "squares": "separate squares (Zhang, BoofCV); squares:8x8:12.7mm:0.78 = side, gap as a fraction of it",
     "asymmetric-circles": "staggered discs as OpenCV's; asymmetric-circles:4x11:20mm, the distance of rows",
 }
 
@@ -49,7 +49,7 @@ def make_all(spec: str) -> list[Target]:
         own = set() if ids is None else {(str(getattr(target, "dictionary", "")), int(i)) for i in ids}
         if not own or own & markers:
             raise UsageError(
-                f"'{spec}': several targets in one picture have to be boards with markers of different ids.",
+                f"'{spec}': several targets in one picture must be boards with markers of different ids.",
                 "Print them with different dictionaries, or with start=N.",
             )
         markers |= own

@@ -62,12 +62,12 @@ class AprilGrid(TagBoard):
         held = marker_count(dictionary)
         if not 0 < self.spacing < 1:
             raise UsageError(
-                f"a spacing of {spacing:g} cannot be printed.", "It is a share of the tag's side: 0.3"
+                f"a spacing of {spacing:g} cannot be printed.", "It is a fraction of the tag's side: 0.3"
             )
         if self.start < 0 or self.start + columns * rows > held:
             raise UsageError(
                 f"tags {start} to {start + columns * rows - 1} are needed; {dictionary} holds {held}.",
-                "Take a smaller grid or another family.",
+                "Use a smaller grid or another family.",
             )
 
     @property

@@ -69,7 +69,7 @@ class Charuco(TagBoard):
         if needed > held:
             raise UsageError(
                 f"a board of {columns}x{rows} needs markers up to {needed - 1}; {dictionary} holds {held}.",
-                "Take a larger dictionary, such as " + dictionary.split("_")[0] + "_1000.",
+                "Use a larger dictionary, such as " + dictionary.split("_")[0] + "_1000.",
             )
 
     def _board(self) -> Any:

@@ -104,7 +104,7 @@ class Circles(Target):
             )
         missing = np.setdiff1d(np.arange(total), found.ids)
         rejected = {int(i): "not seen" for i in missing}
-        named = (r or "not where its neighbours say" for r in fitted.reasons)
+        named = (r or "not where its neighbours predict" for r in fitted.reasons)
         rejected |= {int(i): r for i, r, kept in zip(found.ids, named, good, strict=True) if not kept}
         radius = np.sqrt(np.abs(np.linalg.det(fitted.discs.shape[order])))
         info: dict[str, Any] = {

@@ -73,7 +73,7 @@ def detection(
     covariance = fitted.covariance[rows].reshape(-1, 2, 2)
     said: dict[str, Any] = {
         **(info or {}),
-        "rejected": {int(i): "not seen, or not where its neighbours say" for i in missing},
+        "rejected": {int(i): "not seen, or not where its neighbours predict" for i in missing},
         "square_px": float(np.median(sides[rows])),
         "blur_px": float(np.median(fitted.blur[rows])),
         "contrast": float(np.median(fitted.contrast[rows]) * 255 / grey_span(gray)),

@@ -45,7 +45,7 @@ class SquareGrid(Target):
         self.spacing = float(spacing)
         if not 0 < self.spacing <= 5:
             raise UsageError(
-                f"a gap of {spacing:g} sides is out of range.", "Give it as a share of the side: 0.78"
+                f"a gap of {spacing:g} sides is out of range.", "Give it as a fraction of the side: 0.78"
             )
 
     @property

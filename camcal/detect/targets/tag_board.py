@@ -94,7 +94,7 @@ class TagBoard(Target):
         tags, corners = self._markers(picture, factor)
         if len(tags) < 2:
             seen = "no marker" if not len(tags) else "one marker"
-            said = f"{seen} of {self.dictionary} of this board was found; 2 that fit together are needed"
+            said = f"{seen} of {self.dictionary} of this board was found; 2 consistent ones are needed"
             return Miss("none", said)
         near = locate(self.points[:, :2], self.tag_corners[tags], corners, REACH * self.pitch)
         return self.grown(gray, *near, {"markers": len(tags)})

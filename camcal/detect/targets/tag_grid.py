@@ -58,12 +58,12 @@ class TagGrid(TagBoard):
         held = marker_count(dictionary)
         if not 0 < self.spacing <= 5:
             raise UsageError(
-                f"a gap of {spacing:g} sides is out of range.", "Give it as a share of the side: 0.25"
+                f"a gap of {spacing:g} sides is out of range.", "Give it as a fraction of the side: 0.25"
             )
         if self.start < 0 or self.start + columns * rows > held:
             raise UsageError(
                 f"markers {start} to {start + columns * rows - 1} are needed; {dictionary} holds {held}.",
-                "Take a smaller grid or a larger dictionary.",
+                "Use a smaller grid or a larger dictionary.",
             )
 
     @property

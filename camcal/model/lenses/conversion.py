@@ -71,7 +71,7 @@ def convert(camera: Camera, lens: Lens, square: bool = False) -> Conversion:
         Where no pixel of it has a ray.
     """
     if camera.image_size is None:
-        raise UsageError("the camera's file does not say how large its image is.", "Give --image-size WxH.")
+        raise UsageError("the camera file has no image size.", "Give --image-size WxH.")
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
     pixels = np.c_[u.ravel(), v.ravel()]

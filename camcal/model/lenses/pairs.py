@@ -102,7 +102,7 @@ def _check_a_map(ideal: Array, distorted: Array) -> None:
         x, y = points[which[worst]]
         raise DataError(
             f"the ideal point ({x:g}, {y:g}) is given {counts[which[worst]]} times, at pixels up to {apart[worst]:.3g} "
-            "px from their mean; a lens puts it in one place.",
+            "px from their mean; a lens puts it in one position.",
             "For several views of a target use: camcal estimate",
         )
 

@@ -77,7 +77,7 @@ class Parameters:
         if not (p.lower <= value <= p.upper and np.isfinite(value)):
             raise UsageError(
                 f"{name} = {value:g} is outside the range of the model '{self.name}': {p.lower:g} to {p.upper:g}.",
-                f"Leave out the value to hold {name} where it starts.",
+                f"Omit the value to hold {name} at its start.",
             )
 
     def within_bounds(self, params: Array) -> bool:

@@ -77,7 +77,7 @@ def undistortion(
         Where the middle of the picture has no ray.
     """
     if camera.image_size is None:
-        raise UsageError("the camera's file does not say how large its image is.", "Give --image-size WxH.")
+        raise UsageError("the camera file has no image size.", "Give --image-size WxH.")
     new = size or camera.image_size
     if new[0] * new[1] > MOST_PIXELS:
         raise UsageError(

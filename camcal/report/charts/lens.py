@@ -79,12 +79,12 @@ def field(solution: Solution) -> Chart | None:
     scale = (
         min(enlargement(np.linalg.norm(shift, axis=1), 1.5 * (x[1] - x[0])), 1.0) if longest > 1e-9 else 1.0
     )
-    drawn = f"drawn at {scale:g} of its length" if scale < 1 else "in its true length"
+    drawn = f"drawn at {scale:g} of its length" if scale < 1 else "at its true length"
     return Chart(
         "Distortion field",
-        f"How far the lens moves a point from where a pinhole would see it, {drawn}; the largest move is "
+        f"Displacement of a point by the lens relative to a pinhole camera,  {drawn}; the largest displacement is "
         f"{longest:.1f} px."
-        + ("" if narrow.all() else f" Rays beyond {PINHOLE_DEGREES:.0f} degrees are left out."),
+        + ("" if narrow.all() else f" Rays beyond {PINHOLE_DEGREES:.0f} degrees are omitted."),
         "u, px",
         "v, px",
         x,
@@ -120,7 +120,7 @@ def _uncertainty(solution: Solution, distance: float, where: str) -> Chart | Non
     x, y = picture_limits(facts)
     hull = hull_of(facts.image_points)
     said = (
-        "the data leave the projection open there"
+        "the data do not determine the projection there"
         if np.isinf(worst)
         else f"the worst is {worst:.3g} px at ({u:.0f}, {v:.0f}), the median {found.median:.3g} px"
     )

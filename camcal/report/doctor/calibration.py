@@ -69,9 +69,9 @@ def gates(report: Document) -> Iterator[Finding]:
             "gate",
             "wrong",
             f"{failure}.",
-            "See `crosscheck` in the report for what OpenCV found instead."
+            "See `crosscheck` in the report for OpenCV's result."
             if "cross-check" in failure
-            else "What follows below says what would lower it.",
+            else "The findings below say what would lower it.",
         )
 
 
@@ -102,7 +102,9 @@ def _agreement(report: Document) -> Gain | None:
     difference = (report.get("holdout") or {}).get("difference")
     if not difference:
         return None
-    return Gain("differences to what noise explains", difference["ratio"], 1.0, "if all of it went", True)
+    return Gain(
+        "differences relative to noise", difference["ratio"], 1.0, "if it were removed completely", True
+    )
 
 
 def sentence(report: Document, findings: list[Finding]) -> str:
@@ -116,7 +118,7 @@ def sentence(report: Document, findings: list[Finding]) -> str:
         return f"Nothing is wrong with this calibration. {trust}".rstrip()
     gaining = [f for f in better if f.gain]
     first = gaining[0] if gaining else better[0]
-    return f"This calibration can be used, and it can be better: {first.message} {trust}".rstrip()
+    return f"This calibration can be used, but it can be improved: {first.message} {trust}".rstrip()
 
 
 def diagnose(report: Document, solution: Solution, source: str) -> dict[str, Any]:

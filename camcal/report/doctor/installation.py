@@ -90,7 +90,7 @@ def _opencv() -> Iterator[Check]:
     if len(installed) > 1:
         yield Check(
             "cv2",
-            f"{cv2.__version__}, of {' and '.join(installed)}: they overwrite one another",
+            f"{cv2.__version__}, of {' and '.join(installed)}: they overwrite each other",
             "wrong",
             f"pip uninstall {' '.join(installed)}; then pip install {OPENCV[-1]}",
         )
@@ -158,7 +158,7 @@ def _calibration() -> Iterator[Check]:
     agree = all(e["status"] != "fail" for e in solution.crosscheck)
     good = worst < EXACT_PX and agree
     found = f"exact points of a known camera: residuals {worst:.1g} px at most"
-    found += ", OpenCV agrees" if agree else ", OpenCV does not agree"
+    found += ", OpenCV agrees" if agree else ", OpenCV disagrees"
     yield Check("calibration", found, "ok" if good else "wrong", "" if good else _REINSTALL)
 
 
@@ -181,7 +181,10 @@ def _cache() -> Iterator[Check]:
     folder = default_folder()
     if folder is None:
         yield Check(
-            "cache", "none: this user has no home folder", "note", "Set XDG_CACHE_HOME to a folder of yours."
+            "cache",
+            "none: this user has no home folder",
+            "note",
+            "Set XDG_CACHE_HOME to a folder that you own.",
         )
         return
     files = [p for p in folder.rglob("*.npz") if p.is_file()] if folder.is_dir() else []
@@ -191,9 +194,9 @@ def _cache() -> Iterator[Check]:
     else:
         yield Check(
             "cache",
-            f"{folder} cannot be written: pictures are searched again each time",
+            f"{folder} is not writable: pictures are searched again each time",
             "note",
-            "Point XDG_CACHE_HOME to a folder of yours.",
+            "Set XDG_CACHE_HOME to a folder that you own.",
         )
 
 

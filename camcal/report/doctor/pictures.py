@@ -32,7 +32,8 @@ def _count(found: Correspondences) -> Iterator[Finding]:
             "few-pictures",
             "better",
             f"the target was found in {len(found)} picture{'' if len(found) == 1 else 's'}.",
-            f"Take {ENOUGH} or more: all over the picture, near and far, tilted by 20 to 45 degrees to all sides.",
+            f"Take {ENOUGH} or more: across the whole picture, near and far, tilted by 20 to 45 degrees "
+            "in all directions.",
         )
 
 
@@ -43,14 +44,16 @@ def nothing_found(error: CamcalError, seen: Sequence[Mapping[str, Any]]) -> list
     reasons_given = f": {listed([f'{k} ({v})' for k, v in reasons.items()])}" if differ else ""
     hint = error.hint or ""
     todo = (
-        hint if "--" in hint else "Name the target (--board, or --target; `camcal list targets` shows them)."
+        hint
+        if "--" in hint
+        else "Specify the target (--board, or --target; `camcal list targets` shows them)."
     )
     return [Finding("no-target", "wrong", f"{error.message.rstrip('.')}{reasons_given}.", todo)]
 
 
 def not_calibrated(error: CamcalError) -> Finding:
     """The finding if a calibration of the pictures fails."""
-    return Finding("not-calibrated", "wrong", error.message, error.hint or "Take more and other pictures.")
+    return Finding("not-calibrated", "wrong", error.message, error.hint or "Take more, different pictures.")
 
 
 def lost(found: Correspondences) -> Iterator[Finding]:

@@ -40,7 +40,7 @@ _TODO = {
     "view": "Look at the noisiest pictures: blur, exposure.",
     "noise-by-radius": "Give sigmas with the points, or sharpen the borders of the picture (a smaller aperture).",
     "neighbours": "Try --board-shape auto, and models: camcal select.",
-    "gaussian": "Outliers make such tails: --robust huber.",
+    "gaussian": "Outliers cause such tails: --robust huber.",
 }
 
 Document = Mapping[str, Any]
@@ -68,7 +68,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
         "better",
         "some parts of the picture are known far less well than more pictures would tell."
         if now > 2 * answer["now"]["median_px"]
-        else "more pictures would tell more about the camera.",
+        else "more pictures would improve the camera.",
         f"Take {MORE} more pictures. The first: the target at the {answer['suggestions'][0]['words']}. "
         f"All, drawn: {first}camcal next {source or 'report.yaml'} --count {MORE} -o next.png",
         gain,
@@ -113,7 +113,7 @@ def lens_model(solution: Solution, report: Document, board: Finding | None) -> F
     return Finding(
         "lens-model",
         "better",
-        f"{report['camera']['model']} does not follow this lens; {found['chosen']} does better on views held out.",
+        f"{report['camera']['model']} does not fit this lens; {found['chosen']} has a lower hold-out error.",
         f"Calibrate with --model {found['chosen']}.",
         Gain("rms on views held out, px", now, best, "tried out"),
     )
@@ -150,9 +150,9 @@ def bias(report: Document) -> Finding | None:
     return Finding(
         "not-only-noise",
         "better",
-        f"{share:.0%} of the residuals' mean square is not noise of the corners, but lens or board.{names}",
+        f"{share:.0%} of the residuals' mean square is caused by the lens or the board, not by corner noise.{names}",
         _TODO[large[0]["name"]] if large else "Try --board-shape auto, and models: camcal select.",
-        Gain("sigma_hat, px", sigma, _detector_sigma(report), "if lens and board held exactly", True),
+        Gain("sigma_hat, px", sigma, _detector_sigma(report), "if lens and board were exact", True),
     )
 
 
@@ -176,7 +176,7 @@ def worse_views(solution: Solution, report: Document) -> Finding | None:
         "worse-pictures",
         "better" if enough else "note",
         f"some pictures are worse than the others: {listed(said)}.",
-        "Take them again: target still, sharp, evenly lit. Or leave them out.",
+        "Retake them (target still, sharp, evenly lit), or remove them.",
         gain if enough else None,
     )
 
@@ -200,7 +200,7 @@ def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
         return
     every = used + len(lost)
     gain = Gain(
-        "error, relative to now",
+        "error, relative to the current one",
         1.0,
         math.sqrt(max(used, 1) / every),
         "if these were as good as the others",
@@ -210,9 +210,9 @@ def lost_pictures(used: int, lost: Sequence[Document]) -> Iterator[Finding]:
     yield Finding(
         "lost-pictures",
         "better" if enough else "note",
-        f"{len(lost)} of {every} pictures were of no use: "
+        f"{len(lost)} of {every} pictures were unusable: "
         + listed([f"{v['id']} ({v['reason'] or v['status'].replace('_', ' ')})" for v in lost])
         + ".",
-        "Take them again: the whole target in the picture, still, sharp, evenly lit, all of one size.",
+        "Retake them: the whole target in the picture, still, sharp, evenly lit, all of one size.",
         gain if enough else None,
     )

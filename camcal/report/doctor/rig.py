@@ -44,7 +44,7 @@ def _pairs(solution: RigSolution) -> Iterator[Finding]:
             "better",
             f"{a} and {b}: the calibration leaves epipolar lines uncertain by {table.number(middle, 2)} px, with a "
             f"noise of {table.number(noise, 2)} px.",
-            f"Take about {need} more instants of the board in both cameras, near, tilted, and in the corners.",
+            f"Take about {need} more instants with the board in both cameras, close, tilted, and in the corners.",
             Gain("epipolar lines, px", middle, LARGE * noise, "as one over the root of the instants"),
         )
 

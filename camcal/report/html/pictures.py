@@ -72,10 +72,10 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     said = f"Arrows: residuals, {scale:g} times enlarged."
     if changed:
         names = listed(changed, MOST_NAMED)
-        said += f" {len(changed)} pictures are not those of the calibration any more, and not shown: {names}."
+        said += f" {len(changed)} pictures have changed since the calibration and are not shown: {names}."
     if missing:
         said += (
-            f" {missing} pictures are not shown: the worst come first, and files that are gone are left out."
+            f" {missing} pictures are not shown: the worst come first, and files that are gone are omitted."
         )
     return made, said
 

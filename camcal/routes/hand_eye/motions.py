@@ -61,7 +61,7 @@ def require_enough(count: int) -> None:
     if count < LEAST_VIEWS:
         raise DataError(
             f"{count} poses with a view; a hand-eye calibration needs {LEAST_VIEWS}.",
-            "Take ten or more, turned about two axes; check that the names of the views agree.",
+            "Take ten or more, rotated about two axes; check that the names of the views agree.",
         )
 
 

@@ -117,7 +117,7 @@ def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views
     if taken.misfit > NO_ROBOT:
         elsewhere = likeliest(found)
         raise EstimationError(
-            f"the turns of the robot and of the camera do not belong together: as {taken.words}, "
+            f"the rotations of the robot and of the camera do not match: as {taken.words}, "
             f"{np.degrees(taken.misfit):.3g} deg are left.",
             f"As {elsewhere.words}, {np.degrees(elsewhere.misfit):.2g} deg are left."
             if elsewhere.misfit <= NO_ROBOT
@@ -130,7 +130,7 @@ def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views
             raise UsageError(
                 f"the poses fit a camera in the hand ({_deg(taken, other, 'in-hand')} deg are left) and one beside the "
                 f"robot ({_deg(taken, other, 'to-hand')} deg).",
-                "Say which it is: --setup in-hand or --setup to-hand.",
+                "Specify the set-up: --setup in-hand or --setup to-hand.",
             )
     return taken
 

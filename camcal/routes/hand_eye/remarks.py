@@ -38,7 +38,7 @@ def remarks(
     Parameters
     ----------
     other : Reading or None
-        One that fits far better than what was asked for.
+        One that fits far better than what was requested.
     names : sequence of str
         Of all views with a pose.
     size : (float, float)
@@ -51,7 +51,7 @@ def remarks(
     if other is not None:
         yield CalibrationWarning(
             "hand-eye-convention",
-            f"the poses were read as {reading.words}, which leaves {np.degrees(reading.misfit):.2g} deg; as "
+            f"the poses were interpreted as {reading.words}, which leaves {np.degrees(reading.misfit):.2g} deg; as "
             f"{other.words} they leave {np.degrees(other.misfit):.2g} deg.",
             "Check --rotation and --setup, and whether the poses are base_from_hand (else --inverse).",
             "wrong",
@@ -84,8 +84,8 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
         left_out = listed([f"'{names[i]}'" for i in out])
         yield CalibrationWarning(
             "hand-eye-outliers",
-            f"{len(out)} of {len(names)} poses do not agree with the others and are left out: {left_out}.",
-            "Check that each pose belongs to its picture, and that the robot stood still.",
+            f"{len(out)} of {len(names)} poses do not agree with the others and are not used: {left_out}.",
+            "Check that each pose belongs to its picture, and that the robot was stationary.",
             "wrong" if many else "doubtful",
         )
     if len(names) < LEAST_TO_TEST:
@@ -98,7 +98,7 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
         yield CalibrationWarning(
             "hand-eye-unmatched",
             f"{lost[0]} views have no pose, {lost[1]} poses have no view.",
-            "They are left out; check the names where that is not meant.",
+            "They are not used; check the names if this is not intended.",
             "note",
         )
 

@@ -50,7 +50,7 @@ def minimise(
             return ended(True, "predicted decrease", iteration)
         scaled, predicted = model.step(radius)
         if predicted <= 1e-3 * enough:
-            return ended(bool(remaining(blocks) <= enough), "the region has shrunk to nothing", iteration)
+            return ended(bool(remaining(blocks) <= enough), "the trust region has shrunk to zero", iteration)
         trial = problem.retract(state, tangent.unflat(model.scale * scaled, *tangent.sizes(blocks)))
         trial_blocks = problem.linearise(trial)
         evaluations += 1

@@ -132,7 +132,7 @@ def test_what_is_no_file(tmp_path):
         read(tmp_path / "absent.yaml")
     with pytest.raises(DataError, match="folder"):
         read(tmp_path)
-    with pytest.raises(DataError, match="no ordinary file"):
+    with pytest.raises(DataError, match="regular file"):
         read("/dev/zero")
 
 

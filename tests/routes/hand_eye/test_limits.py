@@ -129,7 +129,7 @@ def test_a_wrong_form_that_was_asked_for_is_said():
 def test_poses_of_other_views_are_refused():
     h = hand("in-hand", 2)
     robot = robot_of(Poses(h.robot.rotation[::-1], h.robot.translation), "vector")
-    with pytest.raises(EstimationError, match="do not belong together"):
+    with pytest.raises(EstimationError, match="do not match"):
         recognise.choose(recognise.readings(robot, h.pictures.poses, SETUPS, False), robot, None, 15)
 
 
@@ -156,7 +156,7 @@ def test_residual_turns_of_no_robot(degrees, refused):
     if not refused:
         assert recognise.choose(found, robot, "in-hand", 15).setup == "in-hand"
         return
-    with pytest.raises(EstimationError, match="do not belong together"):
+    with pytest.raises(EstimationError, match="do not match"):
         recognise.choose(found, robot, "in-hand", 15)
 
 

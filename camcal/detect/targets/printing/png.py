@@ -44,7 +44,7 @@ def draw(sheet: Sheet, dpi: float) -> Array:
     if columns * rows > MOST_PIXELS:
         raise UsageError(
             f"the sheet at {dpi:g} dpi has {columns * rows / 1e6:.0f} megapixels; 200 are drawn at most.",
-            "Take a lower --dpi, or write an SVG or a PDF.",
+            "Use a lower --dpi, or write an SVG or a PDF.",
         )
     shapes = [RectangleIntegral([p for p in sheet.polygons if is_rectangle(p)])] if sheet.polygons else []
     shapes += [RectangleIntegral([_thick(line)]) for line in sheet.lines]  # its ticks meet: one by one

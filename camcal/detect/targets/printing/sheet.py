@@ -175,7 +175,7 @@ def _page(page: str, width: float, height: float) -> tuple[str, tuple[float, flo
         raise UsageError(
             f"the target needs {width:.0f} x {height:.0f} mm with its margin and rulers; {page} has "
             f"{size[0]:.0f} x {size[1]:.0f}.",
-            "Take a larger page or smaller squares, or leave --page out.",
+            "Use a larger page or smaller squares, or omit --page.",
         )
     return wanted, size
 
@@ -201,7 +201,7 @@ def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ..
         f"Measure both rulers with a steel rule or calipers. {_ruler_words(lengths)}. If both are off by the same "
         "share, multiply the lengths of the target in this file by it. If they differ from each other by more than "
         "0.2 %, the printer stretches the page: use another one, or calibrate with --board-shape print.",
-        "For a scale that is certain, measure over as many squares as there are, not over one.",
+        "For an accurate scale, measure across all squares, not across a single one.",
         "Glue the sheet all over to something flat and stiff: float glass, an aluminium composite panel, or the like. "
         "Hold a straight edge against it in all directions: a gap of a thousandth of its width costs more than any "
         "corner detector can give back. Do not laminate it: glare hides corners.",
