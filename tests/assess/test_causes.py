@@ -180,7 +180,7 @@ def test_numbering(cases):
     check_numbering(data)  # as it is: nothing
     by_columns = cases.grid().reshape(6, 9, 3).transpose(1, 0, 2).reshape(-1, 3)
     for wrong in (cases.grid(6, 9), cases.grid(27, 2), by_columns):
-        with pytest.raises(DataError, match="as one of 9x6"):
+        with pytest.raises(DataError, match="those of 9x6"):
             check_numbering(cases.each(data, lambda v, wrong=wrong: replace(v, xyz=wrong)))
     # in no order at all: that is not for this check to say
     rng = np.random.default_rng(1)
