@@ -84,6 +84,26 @@ def test_tails_are_heavy_from_their_bound_on(moment, said):
     assert bool(list(noise.tails(facts))) == said
 
 
+@pytest.mark.parametrize(("moment", "said"), [(1.65, True), (1.75, False)])
+def test_tails_are_light_up_to_their_bound(moment, said):
+    # powers of an exponential variable: E[x²] / E[x]² grows from 1 (power 0) to 2 (power 1)
+    count = 4000
+    solution = solved(views=75, noise=0.2)
+    base = -np.log((np.arange(count) + 0.5) / count)
+    for power in np.linspace(0.5, 1.0, 400):
+        x = base**power
+        if np.mean((x / x.mean()) ** 2) >= moment:
+            break
+    r = np.zeros_like(solution.residuals)
+    r[:count, 0] = 0.2 * np.sqrt(np.random.default_rng(0).permutation(x))
+    used = np.arange(len(r)) < count
+    facts = with_residuals(replace(solution, observations=solution.observations.with_used(used)), r)
+    found, deviations = noise.fourth_moment(facts)
+    assert abs(found - noise.LIGHT) < 0.1 and deviations < -noise.SIGNIFICANT
+    assert (found < noise.LIGHT) == said
+    assert bool(list(noise.tails(facts))) == said
+
+
 @pytest.mark.parametrize(
     ("factor", "squares", "kept"),
     [(1.05, 2.5, False), (1.4, 1.6, False), (1.4, 2.2, True)],

@@ -11,13 +11,15 @@ from camcal.detect.grid import Marks
 from camcal.detect.grid_fit import sharp_corners
 from camcal.detect.lattice import Lattice, trim
 from camcal.detect.no_board import why_nothing
-from camcal.detect.recognition import decide
+from camcal.detect.recognition import decide, measure
 from camcal.detect.recognition.look import Sight
 from camcal.detect.search import Found
 from camcal.detect.squares import Squares, complete
-from camcal.detect.targets.base import Miss
+from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.checkerboard import Checkerboard, find_any
+from camcal.geometry import homography
 from tests.detect import drawing
+from tests.detect.scenes import make
 
 
 def grid(columns=9, rows=6, square=20.0, missing=(), origin=(60.0, 50.0)):
@@ -295,3 +297,25 @@ def test_nonsense_does_not_raise():
     folded[2:, :, 1] = folded[2, 0, 1]
     ids, *_ = sharp_corners(checks.astype(np.uint8), Lattice(folded))
     assert len(ids) <= 30
+
+
+@pytest.mark.parametrize(("times", "whole"), [(9.0, True), (11.0, False)])
+def test_a_block_of_tags_with_a_wrong_corner_does_not_decide(times, whole):
+    """The misfit of one block counts in full up to GROSS medians of all, and no further."""
+    grid, rng = make("aprilgrid:4x4:22mm:0.3"), np.random.default_rng(0)
+    ids = np.concatenate([measure._blocks(grid, _all_corners(grid))[0]] * 3)
+    image = lambda xy: (xy @ [[20.0, 1.0], [-2.0, 19.0]] + 300) / (1 + 1e-3 * xy[..., :1])  # noqa: E731
+    uv = image(grid.points[ids, :2]) + rng.normal(0, 0.05, (*ids.shape, 2))
+    cost = lambda uv: homography.solve(grid.points[ids, :2], uv)[2]  # noqa: E731
+    for off in np.linspace(0, 3, 3001):
+        moved = uv.copy()
+        moved[0, 3, 0] += off
+        if cost(moved)[0] >= times * np.median(cost(moved)):
+            break
+    found = measure._misfit(grid.spacing, grid, ids, moved)
+    assert (abs(found / cost(moved).sum() - 1) < 1e-9) == whole
+
+
+def _all_corners(grid):
+    count = len(grid.points)
+    return Detection(np.arange(count), grid.points[:, :2].copy(), np.ones(count))
