@@ -1,6 +1,7 @@
 """What a user waits for: whole commands and calls, beside the usual OpenCV script and cv2.calibrateCamera.
 
-    python benchmarks/whole.py [--runs 5] [--only pictures calls start] [--update docs/figures.md]
+    python benchmarks/whole.py [--runs 5] [--only pictures calls start] [--pictures 13 30 100 12] [--rows rows.json]
+                               [--update docs/figures.md]
 
 Pictures are rendered here. The script reads the pictures, runs findChessboardCorners and cornerSubPix (window 11, as
 OpenCV's tutorial has it) and calibrateCamera, and prints the result; its time, and camcal's, are those of a process
@@ -9,6 +10,8 @@ detections.
 
 Times are processor time, one process and one thread each, so that they hold on a busy machine, too; on an idle one with
 two processors camcal searches larger sets of pictures in about half of its time. Megabytes are the peak of the process.
+Modules are compiled before anything is timed, as they are after an installation. With `--rows` what was measured before
+is read from that file and written to it again, so that the parts can be run one at a time.
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ from __future__ import annotations
 import os
 
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import argparse
+import json
 import statistics
 import subprocess
 import sys
@@ -47,6 +52,11 @@ for name in sorted(glob.glob(sys.argv[1] + '/*')):
         points.append(grid)
         seen.append(cv2.cornerSubPix(gray, corners, (11, 11), (-1, -1), criteria))
 print(cv2.calibrateCamera(points, seen, gray.shape[::-1], None, None)[:3])
+"""
+#: a run imports what its steps need; this imports the same
+IMPORTS = """
+import camcal.cli.boundary, camcal.cli.group, camcal.cli.checkerboard, camcal.detect.images, camcal.plan.calibrate
+import camcal.report.document, camcal.report.table, camcal.peers.run, camcal.plan.second_pass
 """
 #: pictures, their size, the limit that issue and docs state for the ratio cold
 PICTURES = ((13, (640, 480), "png", 3.0), (30, (1632, 1224), "jpg", 1.5), (100, (1632, 1224), "jpg", 1.0),
@@ -84,9 +94,9 @@ def tool(*words: object) -> list[str]:
     return [sys.executable, "-m", "camcal", *map(str, words)]
 
 
-def pictures(runs: int, folder: Path) -> Iterator[Row]:
+def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
     """The command on folders of pictures, without and with the cache."""
-    for count, size, kind, limit in PICTURES:
+    for count, size, kind, limit in (p for p in PICTURES if p[0] in counts):
         place, out = folder / f"{count}-{size[0]}", folder / "report.yaml"
         width = f"{size[0]}x{size[1]}"
         made = tool("simulate", "images", "--target", "checkerboard:9x6:25mm", "--views", count, "-o", place)
@@ -105,8 +115,7 @@ def pictures(runs: int, folder: Path) -> Iterator[Row]:
             ("cold", [*run, "--no-cache"], limit),
             ("cached", run, 2.0 if count == 13 else ""),
         ):
-            if name == "cached":
-                seconds(command)  # fills it
+            seconds(command)  # compiles the modules, and fills the cache
             ours, theirs, ratio = in_turn(lambda c=command: seconds(c), lambda s=script: seconds(s), runs)
             what = f"checkerboard, {count} pictures {width}, {name}"
             yield what, f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
@@ -181,14 +190,17 @@ def start_up(runs: int, folder: Path) -> Iterator[Row]:
     seconds(tool("estimate", points, "--image-size", "640x480", "-o", report, "-q"))
     page = folder / "page.html"
     cases = (
+        ("python -c pass", [sys.executable, "-c", "pass"]),
         ("python -c 'import numpy, cv2'", [sys.executable, "-c", "import numpy, cv2"]),
         ("camcal --help", tool("--help")),
+        ("importing what the command on pictures imports", [sys.executable, "-c", IMPORTS]),
         ("estimate, 12 views of a board", tool("estimate", points, "--image-size", "640x480", "-q")),
         ("report (page)", tool("report", report, "-o", page, "--force", "-q")),
         ("estimate, a path that does not exist", tool("estimate", folder / "absent.csv")),
     )
     bare = [sys.executable, "-c", "import numpy, cv2"]
     for name, command in cases:
+        seconds(command)  # compiles the modules
         ours, theirs, ratio = in_turn(lambda c=command: seconds(c), lambda: seconds(bare), runs)
         yield name, f"{ours:.2f} s", f"{theirs:.2f} s (its imports)", f"{ratio:.1f}", ""
 
@@ -201,22 +213,30 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", choices=("pictures", "calls", "start"), default=("pictures", "calls", "start")
     )
+    parser.add_argument("--pictures", nargs="+", type=int, default=[p[0] for p in PICTURES])
+    parser.add_argument("--rows", type=Path)
     parser.add_argument("--update", type=Path)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    rows: list[tuple[object, ...]] = []
+    known = options.rows is not None and options.rows.exists()
+    rows: dict[object, Row] = {r[0]: tuple(r) for r in json.loads(options.rows.read_text())} if known else {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "compiled")
         parts = {
-            "pictures": lambda: pictures(options.runs, folder),
+            "pictures": lambda: pictures(options.runs, folder, options.pictures),
             "calls": lambda: calls(options.runs),
             "start": lambda: start_up(options.runs, folder),
         }
         for part in options.only:
             for row in parts[part]():
-                rows.append(row)
+                rows[row[0]] = row
                 print(*row, sep=" | ", flush=True)
-    table = markdown(("what", "camcal", f"OpenCV {cv2.__version__}", "ratio", "to reach"), rows)
+    if options.rows:
+        options.rows.write_text(json.dumps(list(rows.values())))
+    table = markdown(
+        ("what", "camcal", f"OpenCV {cv2.__version__}", "ratio", "to reach"), list(rows.values())
+    )
     print(table)
     if options.update:
         update(options.update, "whole", table)
