@@ -46,12 +46,15 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
     """
     grid, covered = covered_grid(solution)
     pixels = grid[covered]
-    accuracy = covariance(solution)
+    accuracy, rays = covariance(solution), solution.camera.unproject(pixels)
     found, expected = [], []
+    jacobians = None
     for fit, views in zip(held.fits, held.trained, strict=True):
         assert isinstance(fit, Calibration)
-        moved = seen_by_fold(solution, fit, views, pixels) - pixels
-        whole = projection_uncertainty(solution, accuracy, views).at_pixels(pixels)
+        moved = seen_by_fold(solution, fit, views, rays) - pixels
+        uncertainty = projection_uncertainty(solution, accuracy, views)
+        jacobians = uncertainty.jacobians(rays, at_infinity=True) if jacobians is None else jacobians
+        whole = uncertainty.of_points(rays, at_infinity=True, jacobians=jacobians)
         own = covariance(fit)
         part = projection_uncertainty(fit, own).at_pixels(pixels)
         # one estimate of the noise in both, or a fold with little of it would leave a negative difference
@@ -99,12 +102,10 @@ def covered_grid(solution: Estimate, camera: int = 0) -> tuple[Array, Array]:
     return pixels, hull.within(uv, pixels)
 
 
-def seen_by_fold(solution: Calibration, fit: Calibration, views: Array, pixels: Array) -> Array:
-    """The pixels (N, 2) at which the camera of a fold sees the directions of the full camera's pixels (N, 2), at
-    infinity.
+def seen_by_fold(solution: Calibration, fit: Calibration, views: Array, rays: Array) -> Array:
+    """The pixels (N, 2) at which the camera of a fold sees directions (N, 3) of the full camera, at infinity.
 
     The directions are held to the boards of the fold's views and averaged over them.
     """
-    rays = solution.camera.unproject(pixels)
     turns = fit.poses.rotations @ solution.poses.rotations[views].transpose(0, 2, 1)
     return fit.camera.project(rays @ turns.mean(0).T)

@@ -96,9 +96,14 @@ class ProjectionUncertainty:
         return self.of_points(self.camera.unproject(pixels) * (1.0 if np.isinf(distance) else distance),
                               at_infinity=bool(np.isinf(distance)))  # fmt: skip
 
-    def of_points(self, xyz: Array, at_infinity: bool = False) -> Array:
-        """Covariances (N, 2, 2), px², of the projections of points (N, 3) of the camera's frame."""
-        by_params, by_frame = self.jacobians(xyz, at_infinity)
+    def of_points(
+        self, xyz: Array, at_infinity: bool = False, jacobians: tuple[Array, Array] | None = None
+    ) -> Array:
+        """Covariances (N, 2, 2), px², of the projections of points (N, 3) of the camera's frame.
+
+        `jacobians` are those of the camera at these points, where they are known already.
+        """
+        by_params, by_frame = self.jacobians(xyz, at_infinity) if jacobians is None else jacobians
         moved = by_params - by_frame @ self.follow
         # infinite entries of N would make NaN of the zeros that they meet
         lost = ~np.isfinite(self.own).all() or not np.isfinite(self.free).all()

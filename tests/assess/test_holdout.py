@@ -120,7 +120,7 @@ def test_covered_pixels_lie_among_the_points():
 def test_the_same_camera_sees_the_same():
     s = solved(views=6)
     pixels = covered_pixels(s)
-    assert np.allclose(seen_by_fold(s, s, np.arange(6), pixels), pixels, atol=1e-8)
+    assert np.allclose(seen_by_fold(s, s, np.arange(6), s.camera.unproject(pixels)), pixels, atol=1e-8)
 
 
 def test_the_map_of_the_folds_is_what_the_figures_are_made_of():
@@ -135,7 +135,8 @@ def test_the_map_of_the_folds_is_what_the_figures_are_made_of():
     # one pixel of the map by hand: the folds' cameras at that place
     j, i = np.argwhere(inside)[7]
     pixel = np.array([[grid["u"][i], grid["v"][j]]])
-    moves = [seen_by_fold(s, f, v, pixel) - pixel for f, v in zip(held.fits, held.trained, strict=True)]
+    rays = s.camera.unproject(pixel)
+    moves = [seen_by_fold(s, f, v, rays) - pixel for f, v in zip(held.fits, held.trained, strict=True)]
     assert seen[j, i] == pytest.approx(np.sqrt(np.mean([(m**2).sum() for m in moves])))
     # noise alone: map and prediction agree within the ratio of all of them
     assert np.sqrt(np.nanmean(seen**2 / said**2)) == pytest.approx(found["ratio"], rel=0.3)
