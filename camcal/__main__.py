@@ -7,9 +7,10 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    from camcal.system.processes import end_on_signals, limit_linear_algebra
+    from camcal.system.processes import collect_seldom, end_on_signals, limit_linear_algebra
     from camcal.system.streams import close, hold_standard_descriptors
 
+    collect_seldom()
     hold_standard_descriptors()
     end_on_signals()
     limit_linear_algebra()

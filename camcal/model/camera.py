@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
@@ -111,5 +110,7 @@ class Camera:
     def _repr_html_(self) -> str:
         """Return the parameters as an HTML table, for notebooks."""
         size = "" if self.image_size is None else f", {self.image_size[0]} x {self.image_size[1]} px"
+        from html import escape  # its table of entities is for notebooks alone
+
         rows = "".join(f"<tr><td>{escape(n)}</td><td>{v:.6g}</td></tr>" for n, v in self.values.items())
         return f"<table><caption>{escape(self.lens.name)}{size}</caption>{rows}</table>"

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -130,7 +129,7 @@ class PartFile:
         self.target = Path(os.path.realpath(target))
         sweep(self.target.parent)
         while True:
-            name = f".{self.target.name[:40]}.{secrets.token_hex(8)}.camcal.part"
+            name = f".{self.target.name[:40]}.{os.urandom(8).hex()}.camcal.part"
             self.path = self.target.with_name(name)
             # the system takes the umask off 0o666, as for any new file
             self._handle = os.open(self.path, _NEW, 0o666)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
-from xml.parsers import expat
+from typing import TYPE_CHECKING, Any
 
 from camcal.errors import DataError
 from camcal.system.documents import DEEPEST, LARGEST, broken, parse_json, parse_toml, parse_yaml
 from camcal.system.reading import read_file
+
+if TYPE_CHECKING:  # most runs read no XML
+    from xml.etree import ElementTree
 
 KINDS = {
     **dict.fromkeys((".yaml", ".yml"), "yaml"),
@@ -129,6 +130,9 @@ def _has_controls(data: bytes) -> bool:
 
 def _xml(data: bytes, path: Path) -> ElementTree.Element:
     """Parse XML with expat; internal entities are rejected, external ones are never fetched."""
+    from xml.etree import ElementTree
+    from xml.parsers import expat
+
     builder, depth = ElementTree.TreeBuilder(), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
