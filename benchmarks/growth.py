@@ -1,12 +1,14 @@
 """How the cost grows with views, points, pixels and parameters: seconds of processor time, and exponents.
 
-    python benchmarks/growth.py [--only views points pixels parameters memory] [--runs 3] [--quick] [--update PAGE]
+    python benchmarks/growth.py [--only views points pixels parameters memory large] [--runs 3] [--quick]
+                                [--update PAGE]
 
 A row is one quantity with all others held: calibrations of simulated boards (9x6, but for `points`) with all checks and
 without, pictures of a board in front of clutter (`detect.py`) read from a JPEG and searched. The exponent is the slope
 of log seconds against log size over the three largest sizes, where fixed costs no longer hide it; 1 is linear.
 Processor time is the least of `--runs`, one thread of linear algebra. `memory` is what 2,000 views of 400 points add to
-the peak of a process that holds the data.
+the peak of a process that holds the data; `large` is the peak of the command on 100 pictures of 48 megapixels, 8 that
+are rendered and links to them, with one process (`--jobs 1`).
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import os
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 import argparse
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +29,7 @@ import numpy as np
 from detect import camcal_finds, scene
 from refine import peak_memory, simulate
 from tables import markdown, update
+from whole import spent, tool
 
 import camcal
 from camcal.detect.sources import read_gray
@@ -98,13 +102,38 @@ def rows(only: list[str], runs: int, quick: bool) -> Iterator[tuple[str, list[fl
         yield f"parameters, {SOME} views of 500 points", sizes, found
 
 
+def large(rendered: int = 8, count: int = 100) -> tuple[float, float]:
+    """Processor time, s, and peak of memory, MB, of the command on pictures of 48 megapixels."""
+    with tempfile.TemporaryDirectory() as name:
+        made, folder = Path(name) / "made", Path(name) / "pictures"
+        words = ("simulate", "images", "--target", "checkerboard:9x6:25mm", "--views", rendered, "-o", made)
+        more = (
+            "--image-size",
+            "8000x6000",
+            "--set",
+            "fx=6662,fy=6675,cx=4000,cy=3000",
+            "--type",
+            "jpg",
+            "--blur",
+            4,
+        )
+        subprocess.run(tool(*words, *more, "-q"), check=True)
+        folder.mkdir()
+        pictures = sorted(made.glob("*.jpg"))
+        for i in range(count):
+            (folder / f"{i:03d}.jpg").hardlink_to(pictures[i % rendered])
+        return spent(
+            tool("checkerboard", folder, "-o", Path(name) / "r.yaml", "-q", "--jobs", 1, "--no-cache")
+        )
+
+
 def exponent(sizes: list[float], found: list[float]) -> float:
     """The slope over the three largest sizes."""
     return float(np.polyfit(np.log(sizes[-3:]), np.log(found[-3:]), 1)[0])
 
 
 def main() -> None:
-    every = ["views", "points", "pixels", "parameters", "memory"]
+    every = ["views", "points", "pixels", "parameters", "memory", "large"]
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--only", nargs="+", choices=every, default=every)
     parser.add_argument("--runs", type=int, default=3)
@@ -124,6 +153,12 @@ def main() -> None:
                 f"{peak_memory('camcal', (2000, 20, 20), 'opencv5'):.0f}",
                 "",
             )
+        )
+        print(*table[-1], flush=True)
+    if "large" in told.only:
+        taken, peak = large()
+        table.append(
+            ("MB, peak of the command on 100 pictures of 48 megapixels", f"{peak:.0f} ({taken:.0f} s)", "")
         )
         print(*table[-1], flush=True)
     text = markdown(("growing", "size: seconds", "exponent"), table)
