@@ -7,7 +7,7 @@ A row is one quantity with all others held: calibrations of simulated boards (9x
 without, pictures of a board in front of clutter (`detect.py`) read from a JPEG and searched. The exponent is the slope
 of log seconds against log size over the three largest sizes, where fixed costs no longer hide it; 1 is linear.
 Processor time is the least of `--runs`, one thread of linear algebra. `memory` is what 2,000 views of 400 points add to
-the peak of a process that holds the data; `large` is the peak of the command on 100 pictures of 48 megapixels, 8 that
+the peak of a process that holds the data; `large` is the peak of the command on 100 pictures of 48 megapixels, 4 that
 are rendered and links to them, with one process (`--jobs 1`).
 """
 
@@ -102,7 +102,7 @@ def rows(only: list[str], runs: int, quick: bool) -> Iterator[tuple[str, list[fl
         yield f"parameters, {SOME} views of 500 points", sizes, found
 
 
-def large(rendered: int = 8, count: int = 100) -> tuple[float, float]:
+def large(rendered: int = 4, count: int = 100) -> tuple[float, float]:
     """Processor time, s, and peak of memory, MB, of the command on pictures of 48 megapixels."""
     with tempfile.TemporaryDirectory() as name:
         made, folder = Path(name) / "made", Path(name) / "pictures"
