@@ -3,10 +3,10 @@
     python benchmarks/whole.py [--runs 5] [--only pictures calls start] [--pictures 13 30 100 12] [--rows rows.json]
                                [--update docs/figures.md]
 
-Pictures are rendered here (of large ones 8, the others are links to these). The script reads the pictures, runs findChessboardCorners and cornerSubPix (window 11, as
-OpenCV's tutorial has it) and calibrateCamera, and prints the result; its time, and camcal's, are those of a process
-from start to end. The two take turns; medians and the median of the ratios are printed. "cold" is without the cache of
-detections.
+Pictures are rendered here (of large ones 8, the others are links to these). The script reads the pictures, runs
+findChessboardCorners and cornerSubPix (window 11, as OpenCV's tutorial has it) and calibrateCamera, and prints the
+result; its time, and camcal's, are those of a process from start to end. The two take turns; medians and the median of
+the ratios are printed. "cold" is without the cache of detections. "of it" are the steps of the command by themselves.
 
 Times are processor time, one process and one thread each, so that they hold on a busy machine, too; on an idle one with
 two processors camcal searches larger sets of pictures in about half of its time. Megabytes are the peak of the process.
@@ -58,6 +58,29 @@ IMPORTS = """
 import camcal.cli.boundary, camcal.cli.group, camcal.cli.checkerboard, camcal.detect.images, camcal.plan.calibrate
 import camcal.report.document, camcal.report.table, camcal.peers.run, camcal.plan.second_pass
 """
+#: the steps of the command on pictures, each with the processor time that it takes, in a process of its own
+STEPS = (
+    IMPORTS
+    + """
+import sys, time
+from camcal.detect.images import detect_images
+from camcal.plan.calibrate import calibrate
+from camcal.report.document import document, save
+took = [time.process_time()]
+def step(work, *args, **options):
+    begin = time.process_time()
+    made = work(*args, **options)
+    took.append(time.process_time() - begin)
+    return made
+found = step(detect_images, [sys.argv[1]], jobs=1, cache=False)
+step(calibrate, found, checks=False, refine_points=False)
+step(calibrate, found, checks=False, refine_points=None)
+step(calibrate, found, refine_points=False)
+solution = step(calibrate, found, refine_points=False, board_shape="auto", crosscheck=True)
+step(lambda: save(document(solution), sys.argv[2], force=True))
+print(*took)
+"""
+)
 #: pictures, their size, the limit that issue and docs state for the ratio cold
 PICTURES = ((13, (640, 480), "png", 3.0), (30, (1632, 1224), "jpg", 1.5), (100, (1632, 1224), "jpg", 1.0),
             (12, (4000, 3000), "jpg", 1.0))  # fmt: skip
@@ -126,10 +149,33 @@ def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
             ours, theirs, ratio = in_turn(lambda c=command: seconds(c), lambda s=script: seconds(s), runs)
             what = f"checkerboard, {count} pictures {width}, {name}"
             yield what, f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
+        if count == 13:
+            yield from steps(runs, place, out)
         peaks = [spent(command)[1] for command in ([*run, "--no-cache"], script)]
         most = (1.5 * peaks[1] + 60) / peaks[1]
         what = f"its peak of memory, {count} pictures {width}"
         yield what, *(f"{p:.0f} MB" for p in peaks), f"{peaks[0] / peaks[1]:.2f}", f"{most:.1f}"
+
+
+def steps(runs: int, place: Path, out: Path) -> Iterator[Row]:
+    """What the command on small pictures does, step by step."""
+    command = [sys.executable, "-c", STEPS, str(place), str(out)]
+    said = [subprocess.run(command, capture_output=True, check=True, text=True).stdout for _ in range(runs)]
+    taken = [[float(word) for word in line.split()] for line in said]
+    start, search, bare, second, checks, every, report = (
+        statistics.median(t) for t in zip(*taken, strict=True)
+    )
+    parts = {
+        "interpreter and imports": start,
+        "search of the pictures": search,
+        "closed form and refinement": bare,
+        "second pass over the pictures": second - bare,
+        "checks": checks - bare,
+        "shapes of the board and cross-check": every - checks,
+        "report": report,
+    }
+    for name, value in parts.items():
+        yield f"of it, {name}", f"{value:.2f} s", "", "", ""
 
 
 def timed(work: Callable[[], object]) -> float:
