@@ -6,13 +6,15 @@ is beyond 2 / sqrt(n) by chance in one of twenty); and how often the 95 % interv
 Spreads are 1.4826 times the median absolute deviation, which one wrong minimum does not change; `astray` are runs
 that are off by more than ten bounds and their own intervals.
 
-Usage: python benchmarks/routes.py [--runs 200] [--only pose,lines] [--noise 0.3,3] [--update docs/routes.md]
+Usage: python benchmarks/routes.py --kept rows.json [more.json ...] [--runs 200] [--only pose,lines] [--noise 0.3,3]
+[--minutes 10] [--update docs/routes.md]
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ HEADER = (
     "scene",
     "figure",
     "noise, px",
+    "runs",
     "bound",
     "refused",
     "bias",
@@ -76,25 +79,40 @@ def study(case, noise, runs):
     ]
 
 
+def key(case, noise):
+    """What a row of the table is known by."""
+    return f"{case.route} | {case.scene} | {noise:g}"
+
+
+def complete(kept, names, noises, runs, ends):
+    """The rows that are missing, each written as soon as it is there, until the time is up."""
+    for name in names:
+        for case in CASES[name]():
+            for noise in noises:
+                if time.monotonic() > ends:
+                    return
+                rows = json.loads(kept.read_text()) if kept.exists() else {}
+                row = rows.get(key(case, noise))
+                if row is None or int(row[HEADER.index("runs")]) < runs:
+                    row = study(case, noise, runs)
+                    print(row, flush=True)
+                    kept.write_text(json.dumps({**rows, key(case, noise): row}))
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--only", default=",".join(CASES))
     parser.add_argument("--noise", default="0.3,3")
-    parser.add_argument("--kept", type=Path, help="rows of earlier runs (JSON), completed and written again")
+    parser.add_argument("--kept", type=Path, nargs="+", required=True, help="rows (JSON): completed, and read")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="no row is begun after so many")
     parser.add_argument("--update", type=Path)
     given = parser.parse_args()
-    kept = json.loads(given.kept.read_text()) if given.kept and given.kept.exists() else {}
-    for name in given.only.split(","):
-        rows = []
-        for case in CASES[name]():
-            for noise in map(float, given.noise.split(",")):
-                rows.append(study(case, noise, given.runs))
-                print(rows[-1], flush=True)
-        kept[name] = rows
-        if given.kept:
-            given.kept.write_text(json.dumps(kept))
-    table = markdown(HEADER, [row for name in CASES if name in kept for row in kept[name]])
+    noises = list(map(float, given.noise.split(",")))
+    complete(given.kept[0], given.only.split(","), noises, given.runs, time.monotonic() + 60 * given.minutes)
+    rows = {k: row for path in given.kept for k, row in json.loads(path.read_text()).items()}
+    order = [key(c, noise) for name in CASES for c in CASES[name]() for noise in noises]
+    table = markdown(HEADER, [rows[k] for k in order if k in rows])
     print(table)
     if given.update:
         update(given.update, "study", table)

@@ -20,10 +20,14 @@ from routes_common import (
 
 from camcal.assess.covariance import covariance
 from camcal.data.observations import Observations, View
-from camcal.plan.calibrate import calibrate
+from camcal.model import lenses
+from camcal.model.camera import Camera
 from camcal.registry import load
 from camcal.routes import pose, triangulate
 from camcal.routes.placed import PlacedCamera
+from camcal.solve.parameters import apply_fixed
+from camcal.solve.refine import How, refine
+from camcal.solve.starts import regressed
 from camcal.start import CLOSED_FORMS
 
 
@@ -128,7 +132,11 @@ def closed_form(
         data = Observations.from_views([(xyz, uv + rng.normal(0, noise, uv.shape)) for uv in exact], SIZE)
         if not refined:
             return float(load(CLOSED_FORMS[form])(data).matrix[0, 0]), None
-        found = calibrate(data, model=model, start=form, robust="none", fix=fixed, checks=False)
+        begin, lens = load(CLOSED_FORMS[form])(data), lenses.make(model)
+        near = begin.camera or Camera(PINHOLE.lens, PINHOLE.lens.from_matrix(begin.matrix), SIZE)
+        params = lens.from_matrix(begin.matrix) if model == "pinhole" else regressed(lens, near, data).params
+        held = {**fixed, **({"cx": MIDDLE[0], "cy": MIDDLE[1]} if centre_known else {})}
+        found = refine(Camera(lens, apply_fixed(lens, params, held), SIZE), begin.poses, data, How(fix=fixed))
         return float(found.camera.params[0]), covariance(found).sigmas["fx"]
 
     what = f"{form}, then refined" if refined else form

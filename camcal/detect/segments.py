@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from camcal.detect.pyramid import to_8_bits
+from camcal.detect.segment_fit import refined
 
 Array = np.ndarray
 
@@ -15,11 +16,12 @@ SHORTEST = 20.0
 
 def find_segments(gray: Array) -> Array:
     """End points (N, 2, 2) of the segments of a grey picture, px, the longest first."""
-    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_ADV).detect(to_8_bits(gray))[0]
+    grey = to_8_bits(gray)
+    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_ADV).detect(grey)[0]
     if found is None:
         return np.zeros((0, 2, 2))
     # its half-size grid moves positions by (1 / 0.8 - 1) / 2 px
     ends = np.asarray(found, float).reshape(-1, 2, 2) + 0.125
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     order = np.argsort(-length, kind="stable")
-    return ends[order][length[order] >= SHORTEST]
+    return refined(grey, ends[order][length[order] >= SHORTEST])

@@ -17,7 +17,7 @@ from camcal.report.routes import document, warning
 from camcal.routes.line_geometry import Lines
 from camcal.routes.read_lines import TABLES, read_gray, read_lines
 from camcal.routes.scene import at_infinity, estimate
-from camcal.routes.scene_fit import LOOSE, Scene
+from camcal.routes.scene_fit import Scene
 
 KINDS = {1: "one", 2: "two", 3: "three"}
 
@@ -33,7 +33,7 @@ def report(
     """Estimate the camera of a picture, or of a table of lines."""
     picture = path.suffix.lower() not in TABLES
     lines = _segments(path, image_size) if picture else read_lines([path], image_size)[0]
-    found = estimate(lines, lenses.make(model), fix, seed, LOOSE if picture else 0.0)
+    found = estimate(lines, lenses.make(model), fix, seed, picture)
     sigmas = np.sqrt(np.diagonal(found.covariance))
     names = found.camera.lens.names
     fixed = [n for n in names if n in found.fixed or n in found.assumed]

@@ -18,8 +18,9 @@ from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines
-from camcal.routes.scene_fit import BOUNDS, LEAST_LINES, Scene, Seen, families, fit_scene, line_ends, spreads
+from camcal.routes.scene_fit import Scene, fit_scene
 from camcal.routes.scene_start import frames
+from camcal.routes.scene_vote import LEAST_LINES, Seen, families, seen_lines
 from camcal.solve.parameters import apply_fixed
 
 #: The principal point is undetermined where its sigma exceeds this part of the picture's width: the middle of the
@@ -27,16 +28,21 @@ from camcal.solve.parameters import apply_fixed
 CENTRE = 0.05
 #: ... and the focal length where its sigma exceeds this part of it: 95 % intervals from half to double
 FOCAL = 0.25
+#: rad; directions of buildings and rooms are out of square by about this, standard deviation (0.9 degrees: what twelve
+#: pictures of streets and rooms are off by)
+OUT_OF_SQUARE = 0.015
+#: of σ, while lines are chosen and fitted in turn: the directions of a start come from two lines each
+WIDER = (2.0, 1.5, 1.0, 1.0, 1.0, 1.0)
 #: a direction is at infinity where its vanishing point is farther than so many widths of the picture
 INFINITY = 20.0
 
 
 def estimate(
-    lines: Lines, lens: Lens, fix: Mapping[str, float | None], seed: int = 0, loose: float = 0.0
+    lines: Lines, lens: Lens, fix: Mapping[str, float | None], seed: int = 0, picture: bool = False
 ) -> Scene:
     """Estimate the camera and the three directions that most lines agree with.
 
-    `loose` is how far lines are out of their directions in the scene, rad.
+    Of a `picture`, edges are out of their directions, and these out of square; lines of tables are exact but for noise.
 
     Raises
     ------
@@ -54,18 +60,16 @@ def estimate(
     fix = {"aspect": None, **fix} if "fy" not in fix else dict(fix)
     fix = {**dict.fromkeys(lens.default_fixed), **fix}
     start = _start(lens, lines.image_size, fix)
-    ends, noise = line_ends(lines), spreads(lines, loose)
-    order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable")
+    seen = seen_lines(lines, picture)
+    order = np.argsort(-seen.length, kind="stable")
     focal = float(start.params[0]) if "fx" in fix else None
-    begins = frames(ends[order], start.params[2:4], float(max(lines.image_size)), seed, focal)
+    begins = frames(seen.ends[order], start.params[2:4], float(max(lines.image_size)), seed, focal)
     held = {**fix, **_centre(start)}
-    found = [
-        s for s in (_followed(lines, start, held, f, r, (ends, noise)) for f, r in begins) if s is not None
-    ]
+    found = [s for s in (_followed(lines, start, held, f, r, seen) for f, r in begins) if s is not None]
     if not found:
         raise _one_direction(lines)
-    best = max(found, key=lambda s: _support(s, lines))
-    return _out_of_square(lines, _judged(lines, best, fix, (ends, noise)), fix, (ends, noise), loose)
+    best = _judged(lines, max(found, key=lambda s: s.likelihood), fix, seen)
+    return _out_of_square(lines, best, fix, seen) if picture else best
 
 
 def _start(lens: Lens, size: tuple[int, int], fix: Mapping[str, float | None]) -> Camera:
@@ -77,13 +81,6 @@ def _centre(camera: Camera) -> dict[str, float | None]:
     return {"cx": camera.values["cx"], "cy": camera.values["cy"]}
 
 
-def _support(scene: Scene, lines: Lines) -> float:
-    """The total length of the lines with a direction, reduced for poor fits."""
-    ends = line_ends(lines)
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return float(length[scene.family >= 0].sum()) / (1 + scene.rms)
-
-
 def _followed(
     lines: Lines, start: Camera, fix: Mapping[str, float | None], f: float, rotation: Array, seen: Seen
 ) -> Scene | None:
@@ -92,19 +89,19 @@ def _followed(
     if "fx" not in fix:
         params[:2] = f * params[:2] / params[0]
     camera = replace(start, params=params)
-    vote = families(seen, camera, rotation, BOUNDS[0])
+    vote = families(seen, camera, rotation, WIDER[0])
     scene: Scene | None = None
-    for bound in BOUNDS[1:]:
+    for wider in WIDER[1:]:
         if (np.bincount(vote.family[vote.family >= 0], minlength=3) >= LEAST_LINES).sum() < 2:
             return None
         scene = fit_scene(lines, camera, rotation, vote, fix, start)
         if scene is None:
             return None
         camera, rotation = scene.camera, scene.rotation
-        again = families(seen, camera, rotation, bound)
+        again = families(seen, camera, rotation, wider)
         settled = bool((again.family == vote.family).all())
         vote = again
-        if settled and bound == BOUNDS[-1]:
+        if settled and wider == WIDER[-1]:
             break
     return scene
 
@@ -142,7 +139,7 @@ def _with_centre(
         params = scene.camera.params.copy()
         params[index] += step
         held = {**fix, "cx": float(params[2]), "cy": float(params[3])}
-        vote = families(seen, scene.camera, scene.rotation, BOUNDS[-1])
+        vote = families(seen, scene.camera, scene.rotation)
         start = replace(scene.camera, params=params)
         moved = fit_scene(lines, start, scene.rotation, vote, held, scene.start)
         if moved is not None:
@@ -152,22 +149,16 @@ def _with_centre(
     return replace(scene, covariance=covariance)
 
 
-def _out_of_square(
-    lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen, loose: float
-) -> Scene:
-    """The covariance including the uncertainty whether the scene's directions are orthogonal: `loose` for each
-    pair.
-    """
-    if not loose:
-        return scene
+def _out_of_square(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:
+    """The covariance with the doubt whether the scene's directions are orthogonal."""
     held = {**fix, **{n: scene.camera.values[n] for n in scene.assumed}}
-    vote = families(seen, scene.camera, scene.rotation, BOUNDS[-1])
+    vote = families(seen, scene.camera, scene.rotation)
     covariance = scene.covariance.copy()
     for first, second in ((0, 1), (1, 2), (2, 0)):
         if not {first, second} <= set(scene.directions):
             continue
         square = np.eye(3)
-        square[second, first] = loose
+        square[second, first] = OUT_OF_SQUARE
         square[:, first] /= np.linalg.norm(square[:, first])
         moved = fit_scene(lines, scene.camera, scene.rotation, vote, held, scene.start, square)
         if moved is not None:

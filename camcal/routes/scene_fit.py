@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,26 +13,14 @@ from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines, Nearest, line_rays, nearest_points, slopes, tangents
-from camcal.routes.scene_start import misses
+from camcal.routes.scene_vote import LEAST_LINES, Vote
 from camcal.solve.parameters import free_matrix
 
 SQUARE = np.eye(3)  #: orthogonal directions
 
-#: lines of a direction at least: two always meet, the third says that they do so at one point
-LEAST_LINES = 3
-#: px; noise of the ends of segments
-NOISE = 0.3
-#: rad; edges of buildings and furniture are out of their directions, and the directions out of square, by about this,
-#: standard deviation (0.9 degrees, from twelve pictures of streets and rooms). Lines of tables are taken as exact.
-LOOSE = 0.015
-#: in standard deviations; a line belongs to a direction where its ends miss the line from its middle to the vanishing
-#: point by less: from the start, whose directions come from two lines each, to three
-BOUNDS = (6.0, 4.5, 3.0, 3.0, 3.0, 3.0)
-#: in standard deviations; clutter is spread evenly within the bound, and the weight of a line falls with its distance
-#: as 1 / (1 + (m / SOFT)²) (Cauchy)
-SOFT = 1.0
-#: of `Vote.growth`: for normal residuals it is 0.62; below this the residuals are clutter
-LEAST_GROWTH = 0.3
+#: of the picture's width; lines of one direction that are nearer than this share their errors (one wall, one table, one
+#: pattern), the less the farther they are apart
+REACH = 0.2
 #: renewals of the denominators of a fit on the way, and of the last one
 RENEWALS, LAST = 1, 3
 #: steps of a fit: from a start within the bounds fewer than ten are taken where the lines determine anything
@@ -57,6 +44,8 @@ class Scene:
         The direction of each line, -1 for none.
     rms : float
         Of the distances of the points from their lines, px.
+    likelihood : float
+        The logarithm of that of the lines' directions (`families`).
     fixed : tuple of str
     assumed : tuple of str
         Parameters that were held because the lines leave them undetermined.
@@ -69,6 +58,7 @@ class Scene:
     rotation_sigma: Array
     family: Array
     rms: float
+    likelihood: float
     fixed: tuple[str, ...]
     assumed: tuple[str, ...]
 
@@ -84,75 +74,12 @@ class Scene:
         return [i for i, n in enumerate(self.counts) if n >= LEAST_LINES]
 
 
-class Vote(NamedTuple):
-    """The assignment of lines to directions.
-
-    Attributes
-    ----------
-    family : (L,) int array
-        -1 for none.
-    roots : (L,) array
-        Of the weights.
-    growth : float
-        How the scores grow with the residuals, beside what the weighted Jacobian says, as the weights fall:
-        Σ ψ' / Σ w (Huber, Robust statistics, 1981, section 7.6).
-    """
-
-    family: Array
-    roots: Array
-    growth: float
-
-
-Seen = tuple[Array, Array]  #: end points (L, 2, 2) and their standard deviations (L,)
-
-
 @dataclass(frozen=True)
 class _State:
     params: Array
     rotation: Array
     angles: Array
     square: Array  #: (3, 3) the directions in the scene, columns; the identity where they are orthogonal
-
-
-def families(seen: Seen, camera: Camera, rotation: Array, bound: float) -> Vote:
-    """The direction of each line, -1 if none or two are within the bound, and its weight."""
-    ends, noise = seen
-    flat = ends if camera.lens.size <= 5 else _flat(camera, ends)
-    miss = misses(flat, camera.params[2:4], float(camera.params[0]), rotation) / noise[:, None]
-    order = np.sort(miss, axis=1)
-    clear = (order[:, 0] <= bound) & (order[:, 1] > 2 * order[:, 0])
-    family = np.where(clear, miss.argmin(1), -1)
-    few = np.bincount(family[family >= 0], minlength=3) < LEAST_LINES
-    family = np.where((family >= 0) & few[family], -1, family)
-    square = (order[:, 0] / SOFT) ** 2
-    weight, slope = 1 / (1 + square), (1 - square) / (1 + square) ** 2
-    used = family >= 0
-    growth = float(slope[used].sum() / weight[used].sum()) if used.any() else 1.0
-    return Vote(family, np.sqrt(weight) / noise, max(growth, LEAST_GROWTH))
-
-
-def spreads(lines: Lines, loose: float) -> Array:
-    """Standard deviations (L,) of the ends of lines that belong to a direction, px."""
-    ends = line_ends(lines)
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return np.hypot(NOISE, loose * length / 2)
-
-
-def _flat(camera: Camera, ends: Array) -> Array:
-    rays = camera.unproject(ends)
-    return rays[..., :2] / rays[..., 2:] * camera.params[:2] + camera.params[2:4]
-
-
-def line_ends(lines: Lines) -> Array:
-    """End points (L, 2, 2) of the straight lines nearest to the points."""
-    out = np.empty((len(lines), 2, 2))
-    for i in range(len(lines)):
-        uv = lines.uv[lines.line == i]
-        centre = uv.mean(0)
-        main = np.linalg.eigh((uv - centre).T @ (uv - centre))[1][:, 1]
-        along = (uv - centre) @ main
-        out[i] = centre + np.outer([along.min(), along.max()], main)
-    return out
 
 
 def fit_scene(
@@ -273,6 +200,7 @@ def _scene(
         np.sqrt(np.maximum(np.diagonal(covariance)[count:], 0)),
         vote.family,
         float(np.sqrt(off @ off / freedom)),
+        vote.likelihood,
         fixed,
         (),
     )
@@ -291,8 +219,9 @@ def _clustered(
 ) -> Array:
     """The covariance of camera and rotation with the lines, not the points, as what is independent.
 
-    A line that is not quite in its direction, or not quite straight, is off as a whole. The sandwich of the scores of
-    the lines (White, Econometrica 50, 1982) holds whatever the errors inside a line; L / (L - p) corrects for the
+    A line that is not quite in its direction, or not quite straight, is off as a whole, and lines near to one another
+    are off together. The sandwich of the scores of the lines (White, Econometrica 50, 1982), with products of near ones
+    (Conley, Journal of Econometrics 92, 1999), holds whatever the errors inside a line; L / (L - p) corrects for the
     parameters.
     """
     weight = roots / slopes(at, n)
@@ -310,4 +239,13 @@ def _clustered(
     )  # what is left of the shared part beside the line's own angle
     scores = np.stack([np.bincount(lines.line, residual * c, len(lines)) for c in alone.T], 1)
     factor = len(lines) / max(len(lines) - shared.shape[1], 1) / growth**2
-    return factor * reduced @ (scores.T @ scores) @ reduced
+    return factor * reduced @ (scores.T @ _shared(lines, axes) @ scores) @ reduced
+
+
+def _shared(lines: Lines, axes: Array) -> Array:
+    """How far two lines (L, L) share their errors: those of one direction that are near to one another."""
+    assert lines.image_size is not None
+    counts = np.bincount(lines.line, minlength=len(lines))
+    middle = np.stack([np.bincount(lines.line, x, len(lines)) / counts for x in lines.uv.T], 1)
+    apart = np.abs(middle[:, None] - middle[None]) / (REACH * max(lines.image_size))
+    return np.where(axes[:, None] == axes, np.maximum(1 - apart, 0).prod(2), 0.0)
