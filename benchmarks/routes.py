@@ -104,7 +104,9 @@ def main():
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--only", default=",".join(CASES))
     parser.add_argument("--noise", default="0.3,3")
-    parser.add_argument("--kept", type=Path, nargs="+", required=True, help="rows (JSON): completed, and read")
+    parser.add_argument(
+        "--kept", type=Path, nargs="+", required=True, help="rows (JSON): completed, and read"
+    )
     parser.add_argument("--minutes", type=float, default=np.inf, help="no row is begun after so many")
     parser.add_argument("--update", type=Path)
     given = parser.parse_args()
