@@ -29,6 +29,7 @@ from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, norm
 
 Array = np.ndarray
 
+#: of equal counts, at least 10 points each; 12 resolve a radial curve with several bends
 RINGS, SECTORS = 12, 12
 #: points of a piece of the target for the bias ratio: at least so many, at most twice
 PIECE = 6

@@ -35,6 +35,7 @@ Array = np.ndarray
 NULL = 1e-12
 #: Part of a unit null direction (scaled columns) from which on a parameter counts as touched by it.
 TOUCHED = 1e-3
+#: correlations beyond this are listed: one parameter then explains 90 % of the other's variance
 STRONG = 0.95
 
 

@@ -30,7 +30,7 @@ from camcal.solve.calibration import Calibration, Estimate
 
 Array = np.ndarray
 
-COLUMNS = 12
+COLUMNS = 12  #: of the grid over the covered part of the picture, for a map of the report
 
 
 def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, Any] | None:

@@ -33,7 +33,7 @@ from camcal.solve.refine import How, as_designed, on_board, refit, residuals, su
 
 #: problems up to this size are held out unasked: a fraction of a second
 CHEAP_POINTS, CHEAP_PARAMETERS = 10_000, 40
-FOLDS = 4
+FOLDS = 4  #: each camera then has three quarters of the views, for the cost of four fits
 #: views that a hold-out needs at least
 LEAST_VIEWS = 4
 #: the step (1) is believed where the decrease of the cost differs from the predicted one by less than this part of it

@@ -34,7 +34,7 @@ from camcal.solve.calibration import Calibration, NormalBlocks
 
 Array = np.ndarray
 
-CANDIDATES = 400
+CANDIDATES = 400  #: poses tried, of which the BEST are refined
 #: The BEST poses are moved about in ROUNDS, each COPIES times, by DECAY as much as in the round before. Three
 #: rounds find half of what these do; twice as many find no more than another seed.
 ROUNDS, BEST, COPIES, DECAY = 12, 12, 6, 0.75

@@ -45,7 +45,7 @@ LEAST = 8
 _OF_THE_WHOLE = ("rms_point", "holdout")
 #: expected number of false alarms in a fleet without outliers
 FALSE_ALARMS = 0.05
-SHEWHART = 3.0
+SHEWHART = 3.0  #: standard deviations; the limits of Shewhart's control charts (1931), the least that is used
 MAD_EFFICIENCY = 0.37  #: 1 / (2 x 1.36): of the MAD against the standard deviation
 MEDIAN_VARIANCE = 1.57  #: π / 2: of the median against the mean
 MAD = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation

@@ -17,7 +17,7 @@ import numpy as np
 
 from camcal.errors import DataError
 
-BLOCK_BYTES = 1 << 21
+BLOCK_BYTES = 1 << 21  #: 2 MB: what is in work stays small beside the points themselves
 LONGEST_LINE = 1 << 20  #: more than this in one line is not a table of points
 _COMMENT = re.compile(r'("[^"\n]*")|((?:^|(?<=[ \t]))#[^\n]*|^[ \t]*%[^\n]*)', re.MULTILINE)
 _TEXT_HINT = "Give a CSV or text table of points, or an .npz file."

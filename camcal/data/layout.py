@@ -10,7 +10,7 @@ from camcal.data.blocks import Block
 from camcal.data.columns import POINTS, Form, from_header, role_of, without_header
 from camcal.errors import DataError
 
-SAMPLE_ROWS = 50
+SAMPLE_ROWS = 50  #: rows that decide what the columns are; docs/input-formats.md states the number
 _NUMBER = re.compile(
     r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE
 )

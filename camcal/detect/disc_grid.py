@@ -16,7 +16,7 @@ Array = np.ndarray
 FULL = 0.8  #: share of a board's discs that must be seen; more hidden ones leave its size to chance
 MOST_PIECES = 4  #: grids of a picture that are looked at, the largest first
 LEAST_SIDE = 3  #: discs to each side of a board of unknown size
-LEAST_DISCS = 6
+LEAST_DISCS = 6  #: two rows of three: fewer do not tell a lattice from discs by chance
 
 
 @dataclass(frozen=True)

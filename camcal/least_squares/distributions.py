@@ -22,7 +22,7 @@ Array = np.ndarray
 _ACCURACY = 1e-15
 #: terms of (4): of the order of the square root of the larger parameter are needed, 3,000 for 1e7 degrees of freedom
 _TERMS = 100_000
-_TINY = 1e-300
+_TINY = 1e-300  #: stands for 0 in the continued fraction (Lentz's method), where it is a divisor
 
 
 def beta_part(a: float, b: float, x: float) -> float:

@@ -44,7 +44,7 @@ NOISE, LOST = 1e-12, 1e-10
 #: The undamped model may promise this many times what is enough for a damped step; a weakly determined direction,
 #: which damping holds back, promises orders of magnitude more.
 UNDAMPED = 10.0
-MOST_ITERATIONS = 200
+MOST_ITERATIONS = 200  #: a limit of work: a descent that reaches it ends as not converged
 
 
 def minimise(problem: Problem, state: Any, options: Options | None = None) -> Found:

@@ -24,7 +24,7 @@ METHODS = {
 }
 #: cv2 weighs the motions of these in its own way, which moves them by part of their standard deviation
 WEIGHED = ("tsai", "horaud")
-SIGMAS = 3.0
+SIGMAS = 3.0  #: their weights move a result by a part of its standard deviation; three are more than that
 #: the others solve the same systems: equal up to rounding, in standard deviations
 ROUNDING = 1e-6
 

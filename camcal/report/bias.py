@@ -15,7 +15,7 @@ from camcal.assess.holdout import CHEAP_POINTS
 from camcal.assess.influence import bootstrap, influence, jackknife
 from camcal.plan.solution import Solution
 
-REPLICATES = 200
+REPLICATES = 200  #: a standard deviation from 200 draws is known to 5 %, 1 / sqrt(2 · 200)
 
 
 def section(solution: Solution, accuracy: Covariance) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ Document = Mapping[str, Any]
 
 #: more views than this are shown by their worst
 ALL_VIEWS = 24
-WORST_VIEWS = 10
+WORST_VIEWS = 10  #: rows of the table where views are many
 _STYLE = {
     "pass": "green",
     "fail": "bold red",

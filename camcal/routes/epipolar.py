@@ -12,10 +12,10 @@ from camcal.model.pose import Array, Pose
 
 #: samples of eight: with three of ten matches wrong, one of them is without a wrong one in all but 1 of 1e4 pairs
 SAMPLES = 150
-LEAST = 8
+LEAST = 8  #: points of a sample: those of the linear eight-point algorithm
 #: matches are right within so many robust standard deviations of the Sampson distance, and no less than px
 FAR, LEAST_FAR = 3.5, 0.5
-ROUNDS = 10
+ROUNDS = 10  #: of refitting to the matches that agree, at most
 #: focal lengths that are tried, in widths of the picture: 10 to 125 degrees across
 FOCAL = np.geomspace(0.26, 6.0, 60)
 

@@ -30,7 +30,7 @@ SHAPES = (-4.0, -2.0, -1.0, -0.5, -0.25, -0.12, 0.0, 0.12, 0.25)
 FAR = 5.0
 #: px; lines this straight are not told apart: detected points have no less noise
 FINE = 0.05
-ROUNDS = 6
+ROUNDS = 6  #: of fitting and choosing lines, at most
 
 
 def estimate(

@@ -35,7 +35,7 @@ from camcal.routes.line_geometry import (
 from camcal.solve.parameters import apply_fixed, free_matrix
 
 LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
-LEAST_LINES = 2
+LEAST_LINES = 2  #: a single line is straight under infinitely many distortions
 #: distances beyond this many σ lose weight: 95 % efficiency on Gaussian noise (Huber, Robust estimation of a
 #: location parameter, 1964); the median of |r| of a normal distribution of σ = 1
 HUBER, NORMAL_MEDIAN = 1.345, 0.6744898

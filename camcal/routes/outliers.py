@@ -20,7 +20,7 @@ SAMPLES = 130
 SCORED = 400
 #: a right point is refused in one view of a hundred
 LEVEL = 0.01
-ROUNDS = 10
+ROUNDS = 10  #: of testing and refitting, at most
 
 
 def consensus(camera: Camera, view: View, rays: Array, seed: int = 0) -> Array:

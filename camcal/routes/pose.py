@@ -17,7 +17,7 @@ from camcal.routes.pose_fit import refine_pose
 from camcal.solve import p3p
 from camcal.start import absolute_pose, shape
 
-LEAST = 3
+LEAST = 3  #: points: Grunert's problem, which has up to four solutions
 #: A further minimum is reported where its sum of squares could be that of the same noise: unless an F test with
 #: the degrees of freedom of both refuses it at this level.
 LEVEL = 0.999

@@ -37,8 +37,8 @@ UNCERTAIN = 0.1
 SHARP = 1e-3
 #: images farther than this many robust standard deviations from their points are left out, and no less than px
 FAR, LEAST_FAR = 4.0, 0.5
-ROUNDS = 4
-LEAST_VIEWS = 2
+ROUNDS = 4  #: of adjusting and leaving out images, at most
+LEAST_VIEWS = 2  #: one view has no parallax
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from camcal.errors import UsageError
 
 KeyPath = tuple[str, ...]
 PREFIX = "tag:yaml.org,2002:"
-DEEPEST = 20
+DEEPEST = 20  #: levels, more than any option has
 
 
 class _Loader(yaml.SafeLoader):

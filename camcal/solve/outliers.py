@@ -23,9 +23,10 @@ from camcal.solve.calibration import Estimate
 from camcal.solve.losses import robust_sigma
 from camcal.start import shape
 
-ALPHA = 0.001
+ALPHA = 0.001  #: probability that clean data lose a point: one calibration of a thousand
 #: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
 _MEDIAN_EFFICIENCY = 0.48
+#: times the median view's scale: what lies beyond is no noise of another size, the view is rejected
 FAR = 5.0
 #: views are not rejected as a whole where fewer than this many would be left: two or three that agree by chance
 #: of too many parameters are no majority

@@ -30,7 +30,7 @@ from camcal.start.of_rays import camera_of
 
 Array = np.ndarray
 
-ROUNDS = 200
+ROUNDS = 200  #: a limit of work: data that need more do not determine the coefficients
 #: a round is the last that changes the coefficients, each in normalised coordinates, by less than this
 SETTLED = 1e-11
 #: part of the largest singular value below which the coefficients are undetermined: points on a plane, or of one depth

@@ -25,7 +25,7 @@ from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
 
-STEPS = 50
+STEPS = 50  #: a limit of work: data that need more do not determine the matrix
 #: a step is the last that changes the coefficients, each in normalised coordinates, by less than this
 SETTLED = 1e-12
 #: halvings of a step that raises cost and condition; from the DLT full steps have always been taken

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 #: Tukey's biweight at 95 % efficiency (Holland & Welsch 1977)
 TUKEY = 4.685
-STEPS = 40
+STEPS = 40  #: of reweighting, at most
 
 
 @dataclass

@@ -16,6 +16,7 @@ from camcal.solve.warp import Warp
 
 #: steps of the rotation between the frames; the cameras are near one another
 _STEPS = 5
+#: rad; the step of the derivatives, between their truncation (as the step) and rounding (as its inverse)
 _TURN = 1e-6
 #: rad; a step below this moves no pixel by a thousandth of what is printed
 _STILL = 1e-9

@@ -11,7 +11,7 @@ from camcal.data.formats.base import ForeignCamera, ForeignLens
 Array = np.ndarray
 #: px in focal lengths; what is left of the inversion, far below any figure that is printed
 SOLVED = 1e-12
-STEPS = 50
+STEPS = 50  #: of Newton's method at most, which converges quadratically or not at all
 #: the step of the numeric derivatives, in focal lengths: its error is quadratic, that of rounding 1e-10
 STEP = 1e-6
 Plane = Callable[[Array], Array]

@@ -16,7 +16,7 @@ import numpy as np
 
 #: bytes of a decompressed variable
 LARGEST = 256 << 20
-DEEPEST = 8
+DEEPEST = 8  #: structs and cells inside each other; deeper files are damaged or hostile
 #: storage type -> numpy's type
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 NUMBERS |= {16: "u1", 17: "u2"}

@@ -18,7 +18,7 @@ LEAST_SPREAD = 0.08
 #: of the spread of the other colour. Blur and glare reach into the middle of both: up to 1.4 times in the same
 #: sets where the spread is above 0.05; those markers have 1.9
 LEAST_RATIO = 1.6
-LEAST_SQUARES = 4
+LEAST_SQUARES = 4  #: of each colour; the median of fewer is decided by single squares
 LEAST_SIDE = 6.0  #: px of a square; in smaller ones there is no middle without blur
 
 

@@ -13,7 +13,7 @@ from camcal.report.charts.residuals import picture_limits, thinned
 
 Array = np.ndarray
 
-MOST_POINTS = 6000
+MOST_POINTS = 6000  #: dots drawn at most, which bounds the size of the page
 #: circles of the tilt chart, degrees
 CIRCLES = (15, 30, 45)
 

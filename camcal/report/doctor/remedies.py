@@ -28,7 +28,7 @@ WORSE_VIEW = 1.8
 BIASED = 0.3
 #: share of the variance that a test of the residuals explains, from which on its remedy is worth trying
 LARGE_EFFECT = 0.1
-FEWEST_VIEWS = 4
+FEWEST_VIEWS = 4  #: that have to be left for a judgement of the others
 #: a remedy that brings sigma_hat within this of the corners' noise leaves nothing to explain
 EXPLAINS = 1.1
 

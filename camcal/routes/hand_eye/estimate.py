@@ -20,12 +20,12 @@ from camcal.solve.problem import Problem
 
 #: The variances and the minimum are found in turn until no standard deviation changes by more than this part.
 SETTLED = 1e-3
-MOST_ROUNDS = 30
+MOST_ROUNDS = 30  #: a limit of work
 #: A pose is an outlier below this probability, of any one of V: one false alarm in a thousand calibrations.
 OUTLIER = 1e-3
 #: Outliers are looked for among at least this many poses: of fewer, a wrong one hides in the noise that it makes.
 LEAST_TO_TEST = 7
-LEVEL = 0.95
+LEVEL = 0.95  #: probability of the intervals `interval_*`
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from camcal.solve.problem import Problem, State
 Array = np.ndarray
 
 CURVATURE = 0.1  #: c2 of the line search; descent is certain below 1/2 (Al-Baali 1985)
-_ORTHOGONAL = 0.2
+_ORTHOGONAL = 0.2  #: of Powell's restart test (Powell 1977)
 
 #: β from the gradients before and after a step
 Beta = Callable[[Array, Array], float]

@@ -16,7 +16,7 @@ Array = np.ndarray
 
 #: gradients alone do not resolve the minimum to the last digits: costs near it differ by rounding
 LEAST_TOLERANCE = 1e-9
-MOST_ITERATIONS = 20_000
+MOST_ITERATIONS = 20_000  #: a limit of work: a run that reaches it ends as not converged
 #: iterations between two tests of `remaining`, which costs a solution of the normal equations
 _TEST_EVERY = 5
 

@@ -33,8 +33,8 @@ Array = np.ndarray
 GROWTH = 0.001  #: δ1
 TURNS = 3  #: m
 RESTS = 2  #: j
-MOST_STEPS = 50_000
-_TEST_EVERY = 10
+MOST_STEPS = 50_000  #: a limit of work: a run that reaches it ends as not converged
+_TEST_EVERY = 10  #: steps between two tests of `remaining`, which costs a solution of the normal equations
 
 
 @dataclass

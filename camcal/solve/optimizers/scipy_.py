@@ -22,7 +22,7 @@ Array = np.ndarray
 VARIANTS = ("trf", "dogbox")
 #: entries of the Jacobian up to which it is dense: 160 MB
 _DENSE = 20_000_000
-_MOST_EVALUATIONS = 1000
+_MOST_EVALUATIONS = 1000  #: a limit of work, five times that of the least-squares loop
 
 
 class _LateError(Exception):

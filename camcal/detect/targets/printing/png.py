@@ -15,7 +15,7 @@ from camcal.errors import UsageError
 
 Array = np.ndarray
 
-MOST_PIXELS = 2e8
+MOST_PIXELS = 2e8  #: A0 at 300 dpi has 1.4e8; more is a slip of --dpi
 BAND = 64  #: rows drawn at a time
 
 

@@ -34,7 +34,8 @@ UNPRINTED = 6.5
 CLEAR = 0.6
 GAP = 5.0  #: mm from the target to a ruler at least
 TICK = 10.0  #: mm between the ticks of a ruler
-TICK_LENGTH = 2.0
+TICK_LENGTH = 2.0  #: mm; fits into the margin beside the target
+#: mm; a print that is 0.2 % too short is short by 0.2 mm on it, which a steel rule shows
 LONGEST_RULER = 100.0
 LINE = 0.2  #: mm, width of the rulers' lines
 LETTER = 1.5  #: mm; width of a letter of the caption on average, which is 3 mm high
