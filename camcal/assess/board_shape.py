@@ -24,7 +24,7 @@ from camcal.assess.shape_benefit import Change
 from camcal.least_squares.distributions import f_exceeded
 from camcal.solve.calibration import Estimate, ShapedBoard
 
-#: a shape is believed below this p-value: of a thousand flat boards one passes
+#: a shape is accepted below this p-value: of a thousand flat boards one passes
 SIGNIFICANT = 0.001
 #: simple shapes first
 CANDIDATES = ("bowl", "print", "free")

@@ -1,6 +1,6 @@
 """Comparison of two cameras: their difference in px, relative to their uncertainties.
 
-The difference is that of `difference.py`, after the transformation that a calibration leaves open. Where a
+The difference is that of `difference.py`, after the transformation that a calibration does not determine. Where a
 camera comes with its data, its projection uncertainty (`uncertainty.py`) stands beside: the difference d of
 a pixel is
 
@@ -12,7 +12,7 @@ than noise: one has changed, or a model does not hold.
 
 What decides is the part of the picture that both cameras have data for: the convex hull of the image points that a
 camera was calibrated with, or the whole picture for a camera file that does not say. Beyond it a model extrapolates,
-and two honest calibrations may lie any number of px apart.
+and two correct calibrations may differ by any number of px.
 """
 
 from __future__ import annotations

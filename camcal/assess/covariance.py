@@ -44,7 +44,7 @@ class ReducedPoses:
     """The result of eliminating the poses.
 
     `inverse` is A_v⁻¹ (V, 6, 6), `gain` is B_v of (4) as (V, 6, F), `columns` the lengths of the pose columns
-    of the Jacobian (V, 6), `undetermined` (V, 6) what the view's own points leave open.
+    of the Jacobian (V, 6), `undetermined` (V, 6) what the view's own points do not determine.
     """
 
     inverse: Array

@@ -67,7 +67,7 @@ FARTHEST = 100.0
 #: moves the end of the interval by half a hundredth), or after so many iterations; it takes three to ten.
 SETTLED, ITERATIONS = 0.01, 30
 
-#: The likelihood ratio below which a model inside is believed to fit as well would be exceeded with this probability if
+#: The likelihood ratio below which a model inside is taken to fit as well would be exceeded with this probability if
 #: it held. Coefficients that a lens does not need are not identified, and ratios then exceed their χ² more often
 #: (Davies, Biometrika 74, 1987): of 13 simulated lenses without a denominator the largest was that of .01.
 REJECTED = 1e-3

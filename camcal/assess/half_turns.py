@@ -1,4 +1,4 @@
-"""Which views show a board turned by half a turn, for boards that look the same then: its own shape decides.
+"""Which views show a board rotated by 180 degrees, for boards that look the same then: its own shape decides.
 
 A board that is printed or glued unevenly has its point X displaced by d(X). Where a view counts the points from the
 other end, X' = T X with the half turn T, displacements in the board's plane appear as -d(T X). Of
@@ -12,7 +12,7 @@ s_v = ±1 of the views lower the cost by
     ½ sᵀ G s,    G_vw = Σ_p b_vpᵀ (Σ_v A_vp)⁻¹ b_wp                                                       (2)
 
 The signs of the leading eigenvector of G, and from there single views whose change raises (2), give the turns. They
-are believed where two things hold: a board of no odd displacement would let the best of all 2^(V-1) signs explain
+are accepted where two things hold: a board of no odd displacement would let the best of all 2^(V-1) signs explain
 as much with a probability below `SIGNIFICANT` (sᵀ G s / σ² follows χ² of two degrees of freedom for each pair, for any
 fixed signs), and a free board fits better with them than without by more than a choice for each view explains.
 """

@@ -9,7 +9,7 @@ blocks S_v and g_v of `design.py`,
     δ = -(Σ_train S_v)⁻¹ Σ_train g_v                                                                    (1)
 
 is the fit to the rest up to second order in δ. It is taken where the cost falls by what the step predicts; elsewhere,
-and for boards with a shape, the rest is fitted anew. The same step moves the poses of the views held out, whose costs
+and for boards with a shape, the rest is refitted. The same step moves the poses of the views held out, whose costs
 have their minimum there: what it leaves out is of fourth order in their residuals.
 """
 
@@ -36,7 +36,7 @@ CHEAP_POINTS, CHEAP_PARAMETERS = 10_000, 40
 FOLDS = 4  #: each camera then has three quarters of the views, for the cost of four fits
 #: views that a hold-out needs at least
 LEAST_VIEWS = 4
-#: the step (1) is believed where the decrease of the cost differs from the predicted one by less than this part of it
+#: the step (1) is accepted where the decrease of the cost differs from the predicted one by less than this part of it
 #: (the rest is of third order), or of one σ0²: a hundredth of what noise alone moves a parameter by
 TRUSTED = 0.1
 

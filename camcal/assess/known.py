@@ -2,7 +2,7 @@
 
 Its residuals are judged by the median over all points, rejected ones included: what robust estimation leaves looks as
 good as it may. Where the points do not fit, each of a few transformations is tried on
-them (`SUSPICIONS`), with the pose of each view found anew; the one that explains the points is named.
+them (`SUSPICIONS`), with the pose of each view re-estimated; the one that explains the points is named.
 """
 
 from __future__ import annotations

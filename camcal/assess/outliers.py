@@ -86,7 +86,7 @@ def named(
         Whether outliers were treated: where they were not, they bend the camera, and with it what planes
         measure, and used views are not suspected.
     found : Found, optional
-        What all views have in common: where that explains them, single views are not blamed.
+        What all views have in common: where that explains them, single views are not rejected.
     """
     facts = Facts(solution, found=found)
     data, views = solution.observations, {v.id: v for v in given.views}

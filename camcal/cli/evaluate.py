@@ -21,7 +21,7 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
     """Test a camera on data that it was not calibrated with.
 
     CAMERA is a camera file of any format (`camcal list formats`). Its intrinsics stay as they are, the pose of each
-    view is fitted anew (four points are enough), and what remains is reported as after a calibration: graded against
+    view is refitted (four points are enough), and what remains is reported as after a calibration: graded against
     the residuals in the camera's own report, with a name for exchanged axes and pictures of another size. Of a rig, a
     table names the camera of each point in a column `camera`, or the pictures of each camera are given by its name
     (left=FOLDER right=FOLDER), and each view has one pose for all cameras. With --lines the data are straight lines,

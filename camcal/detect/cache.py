@@ -1,6 +1,6 @@
 """A cache of detections, keyed by the hash of the picture and the options of the detector.
 
-An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and written anew.
+An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and rewritten.
 """
 
 from __future__ import annotations

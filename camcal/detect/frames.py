@@ -19,7 +19,7 @@ FILMS = (
     ".m2ts", ".ts", ".wmv", ".asf", ".flv", ".3gp", ".ogv", ".h264", ".264", ".hevc", ".y4m", ".gif", ".apng",
 )  # fmt: skip
 _NUMBERED = re.compile(r"%0?\d*d")
-SKIPPED = 30  #: frames; a nearer one is reached by reading on, which costs less than entering the film anew
+SKIPPED = 30  #: frames; a nearer one is reached by reading on, which costs less than reopening the film
 MOST_FRAMES = 1_000_000_000  #: counts above it, or below 0, are what cv2 returns where the film has none
 
 

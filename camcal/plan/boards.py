@@ -58,7 +58,7 @@ def _turn(progress: Progress) -> Change | None:
 
 
 def _after_turn(stage: Stage, progress: Progress, found: half_turns.Turned) -> Stage:
-    """A stage whose poses are those of the board counted anew."""
+    """A stage whose poses are those of the board renumbered."""
     names = stage.view_ids or progress.given.view_ids
     if stage.poses is None or len(stage.poses) != len(names):
         return stage

@@ -48,7 +48,7 @@ MOST_PARAMETERS = 10
 #: free parameters up to which it is asked whether curved directions make them weak: with more (splines, generic
 #: cameras) the directions are followed for longer than the fit takes, 14 s against 2 for 392
 FOLLOWED_PARAMETERS = CHEAP_PARAMETERS
-#: a search from a minimum that was found by the last one looks elsewhere again; on the data at hand two are enough
+#: a search from a minimum that was found by the last one looks elsewhere again; on the data used there two are enough
 ROUNDS = 2
 
 

@@ -1,7 +1,7 @@
 """Attempts that handle outliers, given sigmas, and views that do not belong.
 
 `auto` first fits as if all were well. Only where the residuals speak against that, or where there is no such fit, is
-the camera found anew from the points that agree by RANSAC, reweighted by a redescending loss, and fitted to what a
+the camera re-estimated from the points that agree by RANSAC, reweighted by a redescending loss, and fitted to what a
 stated test keeps. Clean data thus get the least squares answer itself, and pay for one test.
 """
 

@@ -58,9 +58,9 @@ class Change:
     best : Candidate, optional
         The fit so far, with what the attempt found out about it.
     data, given : Observations, optional
-        What later attempts work on: the rows at hand, and all views.
+        What later attempts work on: the current rows, and all views.
     again : bool
-        The camera is to be found anew from `data`.
+        The camera is to be re-estimated from `data`.
     stage : Stage, optional
         What the report says of the attempt; made from the fit otherwise.
     before : tuple of Stage, optional
@@ -102,7 +102,7 @@ class Progress:
     plain : Calibration or None
         The least squares fit to all points.
     restarts : int
-        How often the camera was found anew from points that agree.
+        How often the camera was re-estimated from points that agree.
     stages : tuple of Stage
     error : CamcalError or None
         Why there is no fit to all points.

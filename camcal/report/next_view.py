@@ -33,7 +33,7 @@ FACING_DEGREES = 8.0
 MOST_PICTURES = 100
 #: points along an edge of the drawn target: straight edges are curved in a picture with distortion
 _STEPS = 7
-_ASIDE = 0.4  #: share of a tilt along an axis from which on it is worth a word
+_ASIDE = 0.4  #: share of a tilt along an axis from which on it is reported
 _MOST_CELLS = 1000  #: more would be a grey surface
 _TITLE_WIDTH = 62
 

@@ -28,7 +28,7 @@ SHAPES = (-4.0, -2.0, -1.0, -0.5, -0.25, -0.12, 0.0, 0.12, 0.25)
 #: lacks bends some lines three or four times as much as others, and these are the lines that tell of it; curves
 #: of the scene bend by tens.
 FAR = 5.0
-#: px; lines this straight are not told apart: detected points have no less noise
+#: px; lines this straight are not distinguished: detected points have no less noise
 FINE = 0.05
 ROUNDS = 6  #: of fitting and choosing lines, at most
 

@@ -80,7 +80,7 @@ class Shape(Section, rename={"from_": "from"}):
         list[str] | UnsetType,
         key(
             "views that counted the points from the other end of a board that looks the same after half a turn; "
-            "they were counted anew"
+            "they were renumbered"
         ),
     ] = UNSET
     tried: Annotated[list[TriedShape] | UnsetType, key("with `--board-shape auto`, each kind")] = UNSET

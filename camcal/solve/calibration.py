@@ -69,7 +69,7 @@ class Fit:
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)  # told apart as objects: what follows from one is kept with it
+@dataclass(frozen=True, eq=False)  # compared as objects: what follows from one is kept with it
 class NormalBlocks:
     """The blocks of JᵀJ at the solution, which suffice for a covariance; the rest of the matrix is zero.
 

@@ -2,7 +2,7 @@
 
 The unknowns of a pose become the rotation vector itself, the three Euler angles, or the four numbers of a
 quaternion, to which steps are added. The optimum is the same; the path to it is not, and the equations get
-worse where the coordinates do: Euler angles at ±90 degrees, rotation vectors at half a turn and beyond.
+worse where the coordinates do: Euler angles at ±90 degrees, rotation vectors at 180 degrees and beyond.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ Array = np.ndarray
 MOST = 5
 #: pairs of pictures that a lag is judged by at least: fewer agree by chance, with six numbers of a pose to fit
 LEAST = 6
-#: a lag is believed where it brings the boards nearer together by this factor. A hand moves a board by several times
+#: a lag is accepted where it brings the boards nearer together by this factor. A hand moves a board by several times
 #: what a pose is uncertain by from frame to frame; where it stands still, no lag does better than another.
 NEARER = 0.4
 

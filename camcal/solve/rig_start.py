@@ -23,7 +23,7 @@ Array = np.ndarray
 #: relative poses of so many instants are tried for a pair of cameras: that none is good where half are has a
 #: probability of 2⁻¹⁶
 TRIED = 16
-#: a turned board is believed where it brings the instants nearer together by this factor. A static board is the same
+#: a turned board is accepted where it brings the instants nearer together by this factor. A static board is the same
 #: before both cameras at every instant, turned or not.
 NEARER = 0.5
 #: instants further from the relative pose of a pair than so many times the median one have no part in it

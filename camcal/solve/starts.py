@@ -1,7 +1,7 @@
 """Starts of the refinement where a pinhole camera is too far away: wide lenses, and larger models.
 
 A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
-alignment constraint gives poses and a rough lens of any width, and the model at hand is fitted to its rays. A
+alignment constraint gives poses and a rough lens of any width, and the current model is fitted to its rays. A
 camera that is weakly determined begins at several principal points, each with poses of its own.
 """
 

@@ -2,7 +2,7 @@
 
 A. Fitzgibbon (2001), section 3: five points of a plane give ten equations for the nine unknowns of H and λ (six
 points in space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h takes in
-the least squares sense. The sample of the least median of squares (Rousseeuw 1984) is then fitted anew to all
+the least squares sense. The sample of the least median of squares (Rousseeuw 1984) is then refitted to all
 points that agree with it (local optimisation: Chum, Matas & Kittler, Locally optimized RANSAC, 2003).
 """
 

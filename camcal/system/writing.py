@@ -1,7 +1,7 @@
 """Atomic writing of files, which never overwrites another file unless asked to.
 
-What is written goes to a file beside the target whose name nobody can guess, which then takes the target's name.
-Such a file is locked for as long as it is written. One that nobody has locked was left by a process that was
+What is written goes to a file beside the target with an unpredictable name, which then takes the target's name.
+Such a file is locked for as long as it is written. One that is not locked was left by a process that was
 killed, and the next run that writes into the folder removes it.
 """
 

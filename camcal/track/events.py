@@ -113,7 +113,7 @@ def explain(alarm: Alarm) -> Change:
 
     Each is fitted by generalised least squares: the parameters of a single frame are strongly
     correlated (turning a camera and shifting its principal point look nearly alike), so that reading single
-    differences off would blame the wrong part.
+    differences off would name the wrong part.
     """
     step, covariance = difference(alarm.before, alarm.after)
     rows = np.diag(covariance) > 0  # what is held has neither changed nor an uncertainty

@@ -2,7 +2,7 @@
 
 A frame reduces to z = A δ + noise of unit variance, δ being the error of the prediction (linear.compress);
 the estimate moves by G z. The covariance that goes with *any* G is Joseph's (linear.joseph), so that the
-uncertainty stays honest whichever gain is chosen.
+uncertainty stays consistent whichever gain is chosen.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class Test:
     """The result for one camera over a window.
 
     `chi2` has `rank` degrees of freedom; `step` is δ (6,) of cam_from_rig, rotation (rad) and translation, `sigma` its
-    standard deviations, `pixels` the root mean square shift of the image points, the board's pose fitted anew (of
+    standard deviations, `pixels` the root mean square shift of the image points, the board's pose refitted (of
     matches: across their epipolar lines), `freedom` the degrees of freedom of the noise.
     """
 

@@ -71,7 +71,7 @@ class Instant:
     by_calibration : (6 C, F) array
         How `right` moves with the calibration's variables.
     pixels : float
-        δᵀ normal δ times this is the mean squared shift of the points, px², with the board's pose fitted anew.
+        δᵀ normal δ times this is the mean squared shift of the points, px², with the board's pose refitted.
     """
 
     name: str

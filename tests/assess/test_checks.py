@@ -90,7 +90,7 @@ ZHANG, CALIB1, DBAT = "zhang1998/points.csv", "opencv_calib1/points.csv", "dbat_
         # seven views of 35 points differ by 2.3 times their noise; a free board brings the hold-out error
         # from .166 to .147 px
         (CALIB1, (640, 480), {"model": "opencv4"}, {"views-disagree", "board-not-flat"}),
-        # the sheet was bowed anew in each view: residuals are correlated over .6 between neighbours, and those
+        # the sheet was bowed differently in each view: residuals are correlated over .6 between neighbours, and those
         # of some views are far larger than of others (fourth moment 4.1). The lens gives: views alternate between two
         # ways of holding the camera, and the principal point with them, by 16 px
         (

@@ -16,8 +16,8 @@ from camcal.solve.warp import FIELDS
 #: corner is off by, it is worse than it looks.
 SEVERAL_PX, VISIBLE_PX = 1.0, 0.2
 #: Numbers of each view also take up other errors that the views do not share: what they say of the camera is believed
-#: from several px on (the sheet of DBAT's demonstration, bowed anew in each view, moves the principal point by 1.3 px
-#: so).
+#: from several px on (the sheet of DBAT's demonstration, bowed differently in each view, moves the principal point by
+#: 1.3 px).
 MANY_PX = 3.0
 #: sigmas that are too large by this much for a cause that was not taken into account mean little (as of
 #: `checks/board.py`)

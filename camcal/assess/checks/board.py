@@ -20,7 +20,7 @@ from camcal.least_squares.distributions import f_exceeded
 from camcal.solve.board import LEAST_VIEWS, Board, BoardProblem, make_board, settle
 from camcal.solve.schur import Reduced
 
-#: A board of its own shape is worth a word where it lowers sigma_hat below this part, ...
+#: A board of its own shape is reported where it lowers sigma_hat below this part, ...
 GAIN = 0.85
 #: ... and where a flat board would look like it with a probability below this.
 SIGNIFICANT = 1e-4

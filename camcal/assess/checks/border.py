@@ -25,7 +25,7 @@ from camcal.model.pose import Array
 RINGS, LEAST_POINTS = 6, 20
 #: rings of one noise differ as much with a probability below this (an analysis of variance of the residuals' lengths)
 BY_CHANCE = 1e-4
-#: A sigma that is too small by this factor is worth a word: its 95 % interval holds the truth in 89 % ...
+#: A sigma that is too small by this factor is reported: its 95 % interval holds the truth in 89 % ...
 TOO_SMALL = 1.2
 #: ... and by this it is doubtful: in 81 %
 FAR_TOO_SMALL = 1.5

@@ -17,7 +17,7 @@ from camcal.assess.warning import CalibrationWarning
 
 #: Deviations of E[x²] beyond which the noise is not Gaussian: a false alarm in 1e-5 of all runs.
 SIGNIFICANT = 4.5
-#: E[x²] that is worth a word: uniform noise has 1.4, Laplace 3.5 and Student's t of five degrees of freedom 5,
+#: E[x²] that is reported: uniform noise has 1.4, Laplace 3.5 and Student's t of five degrees of freedom 5,
 #: of which 2.6 and 2.4 are left once outliers are rejected. Real boards that fit well have 1.8 to 2.1.
 LIGHT, HEAVY = 1.7, 2.3
 #: Views of fewer points are scaled together: their own mean says too little.

@@ -9,7 +9,7 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
-#: Share of rejected points from which on it is worth a word: detectors leave a point or two in a thousand.
+#: Share of rejected points from which on it is reported: detectors leave a point or two in a thousand.
 MANY = 0.02
 
 #: where a fifth of the points is wrong, what made them so may have moved the others, too

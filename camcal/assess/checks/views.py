@@ -17,7 +17,7 @@ from camcal.system.text import listed
 #: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
 #: twice.
 SAME_PX = 1.0
-#: Share of repeated views from which on they are worth a word: a repeated view only makes the sigmas too
+#: Share of repeated views from which on they are reported: a repeated view only makes the sigmas too
 #: small.
 REPEATED = 0.2
 #: Boards whose normals lie within this angle of one another (rms, degrees) leave the focal length to second

@@ -35,7 +35,7 @@ Array = np.ndarray
 EXAMPLE = "aprilgrid:6x6:22mm:0.3"
 #: corners of a unit square, counter-clockwise from the lower left with y downward
 CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-#: where cv2's corners 0 to 3 are among them: Kalibr prints the tags turned by half a turn against cv2
+#: where cv2's corners 0 to 3 are among them: Kalibr prints the tags rotated by 180 degrees against cv2
 CV2_CORNERS = np.array([1, 0, 3, 2])
 
 

@@ -41,7 +41,7 @@ ENOUGH = 0.8  #: share of the discs that must be seen
 #: of the contrast; standard deviation around a disc. For four fifths of the discs of all real sets it is at most 0.14,
 #: for half of the small squares between tags at least 0.86
 PLAIN = 0.35
-LEAST_UNASKED = 12  #: discs; a smaller grid is believed only where it was asked for
+LEAST_UNASKED = 12  #: discs; a smaller grid is accepted only where it was asked for
 #: length over width; discs of 3 px radius are measured to 1.2, windows of a house reach 1.4
 LONGISH = 1.25
 #: of the contrast; what the fits leave. Discs of real sets have at most 0.08, at noise of 15 grey levels 0.09; windows

@@ -78,7 +78,7 @@ class TagBoard(Target):
         start = clock()
         picture = to_8_bits(gray)
         best: Detection | Miss = Miss("none", "no marker of this board was found")
-        for factor in reductions(picture.shape, enlarge=True):  # small markers that touch are told apart
+        for factor in reductions(picture.shape, enlarge=True):  # small markers that touch are distinguished
             began = clock()
             found = self._at_size(gray, picture, factor)
             if isinstance(best, Miss) or (isinstance(found, Detection) and len(found) > len(best)):

@@ -20,7 +20,7 @@ from camcal.report.doctor.findings import Finding, Gain
 from camcal.report.next_view import MORE, next_ones
 from camcal.system.text import listed
 
-#: gains below these are not worth a word: of pictures (each costs a minute), of anything else
+#: gains below these are not reported: of pictures (each costs a minute), of anything else
 WORTH_PICTURES, WORTH = 1.3, 1.05
 #: a view is worse than the others from this multiple of their median rms on
 WORSE_VIEW = 1.8
