@@ -6,7 +6,7 @@ import pytest
 from camcal.data.observations import Correspondences, View
 from camcal.errors import EstimationError
 from camcal.geometry import homography, rotations
-from camcal.start import conic, zhang
+from camcal.start import assumptions, conic, zhang
 from tests.start import scenes
 
 
@@ -218,3 +218,18 @@ def test_far_boards_do_not_drown_near_ones(seed):
     found = zhang.estimate(near_and_far_boards(seed)[0])
     assert found.info["views_weighted"] and found.info["degenerate"] is False
     assert abs(found.matrix[0, 0] / 1000 - 1) < 0.05
+
+
+def test_weighted_equations_have_equal_noise(monkeypatch):
+    """Each homography is scaled so that the equations of all views have the noise of the best view."""
+    rng = np.random.default_rng(0)
+    h = rng.normal(size=(4, 3, 3))
+    spread = rng.normal(size=(4, 9, 9)) * np.array([1.0, 0.1, 3.0, 0.5])[:, None, None]
+    covariances = spread @ spread.transpose(0, 2, 1)
+    passed = {}
+    monkeypatch.setattr(assumptions, "climb", lambda h, c, skew, where: passed.update(h=h, c=c))
+    assumptions.climb_weighted(h, covariances, False, "centre")
+    guess = np.array([1.0, 0, 1, 0, 0, 1])
+    before = np.einsum("vii->v", conic.equation_noise(guess, h, covariances))
+    after = np.einsum("vii->v", conic.equation_noise(guess, passed["h"], passed["c"]))
+    np.testing.assert_allclose(after, before.min(), rtol=1e-9)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.detect.targets.base import Pattern, whole_number
+from camcal.detect.targets.base import Pattern, check_arguments, not_usual, ratio, whole_number
 from camcal.detect.targets.dictionaries import (
     black_cells,
     dictionary,
@@ -132,44 +132,29 @@ class AprilGrid(TagBoard):
         DataError
             Where the file cannot be read or describes something else.
         """
-        unknown = set(named) - {"family", "border", "start"}
-        if unknown:
-            raise UsageError(f"aprilgrid has no argument '{min(unknown)}'.", "Known: family, border, start.")
-        if len(arguments) == 1 and arguments[0].lower().endswith((".yaml", ".yml")):
+        from_file = len(arguments) == 1 and arguments[0].lower().endswith((".yaml", ".yml"))
+        plain = EXAMPLE.split(":")[1:] if from_file else arguments
+        takes = "a file of Kalibr's, or tags, their side and the spacing"
+        check_arguments("aprilgrid", takes, plain, named, ("family", "border", "start"), EXAMPLE)
+        if from_file:
             columns, rows, square, spacing = read_kalibr(Path(arguments[0]))
             unit = "m"
-        elif len(arguments) == 3:
-            (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
-            spacing = _number(arguments[2], "the spacing")
         else:
-            raise UsageError(
-                f"aprilgrid takes tags, their side and the spacing; {len(arguments)} of 3 are given.",
-                f"Try: {EXAMPLE}, or aprilgrid:FILE.yaml",
-            )
+            (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
+            spacing = ratio(arguments[2], "the spacing", EXAMPLE)
         family = find_name(named.get("family", "t36h11"))
         border, start = (whole_number(named.get(k, d), k) for k, d in (("border", "2"), ("start", "0")))
         return cls(columns, rows, square, spacing, unit, family, border, start)
 
     def _arguments(self) -> list[str]:
         plain = [self._length(self.square), f"{self.spacing:.4g}"]
-        named = [
-            ("family", self.dictionary, "APRILTAG_36h11"),
-            ("border", self.border, 2),
-            ("start", self.start, 0),
-        ]
-        return plain + [f"{name}={value}" for name, value, usual in named if value != usual]
+        family = ("family", self.dictionary, "APRILTAG_36h11")
+        return plain + not_usual([family, ("border", self.border, 2), ("start", self.start, 0)])
 
     def describe(self) -> dict[str, Any]:
         """The report's entry `target`."""
         own = {"spacing": self.spacing, "family": self.dictionary, "border": self.border, "start": self.start}
         return super().describe() | own
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise UsageError(f"{what} '{text}' is not a number.", "Try: " + EXAMPLE) from None
 
 
 def read_kalibr(path: Path) -> tuple[int, int, float, float]:

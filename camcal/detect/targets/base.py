@@ -15,7 +15,7 @@ import copy
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ import numpy as np
 
 from camcal.errors import UsageError
 from camcal.settings.detection import DEFAULT_SECONDS
+from camcal.settings.kinds import real
 from camcal.settings.sizes import UNITS
 
 Array = np.ndarray
@@ -186,6 +187,32 @@ class Target(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.__dict__.items())})"
+
+
+def check_arguments(
+    kind: str, takes: str, plain: Sequence[str], named: Mapping[str, str], known: Sequence[str], example: str
+) -> None:
+    """Raise a UsageError where a spec has unknown named arguments, or not as many plain ones as its example."""
+    unknown = set(named) - set(known)
+    if unknown:
+        hint = f"Known: {', '.join(known)}. Try: {example}" if known else f"Try: {example}"
+        raise UsageError(f"{kind} has no argument '{min(unknown)}'.", hint)
+    count = example.count(":")
+    if len(plain) != count:
+        raise UsageError(f"{kind} takes {takes}; {len(plain)} of {count} are given.", f"Try: {example}")
+
+
+def ratio(text: str, what: str, example: str) -> float:
+    """Read a plain argument that is a number, such as a gap as a fraction of a side; UsageError for other text."""
+    value = real(text)
+    if value is None:
+        raise UsageError(f"{what} '{text}' is not a number.", f"Try: {example}")
+    return value
+
+
+def not_usual(named: Iterable[tuple[str, Any, Any]]) -> list[str]:
+    """The named arguments (name, value, default) of a spec that differ from their defaults."""
+    return [f"{name}={value}" for name, value, default in named if value != default]
 
 
 def whole_number(text: str, name: str) -> int:

@@ -21,7 +21,9 @@ from camcal.detect.targets.base import (
     Detection,
     Miss,
     Pattern,
+    check_arguments,
     clock,
+    not_usual,
     whole_number,
 )
 from camcal.detect.targets.dictionaries import (
@@ -163,16 +165,10 @@ class Charuco(TagBoard):
         UsageError
             Where an argument is missing, unknown or does not fit the others.
         """
-        unknown = set(named) - {"start"}
-        if unknown:
-            raise UsageError(f"charuco has no argument '{min(unknown)}'.", "Known: start. Try: " + EXAMPLE)
-        start = whole_number(named.get("start", "0"), "start")
         plain = [a for a in arguments if a.lower() != "legacy"]
-        if len(plain) != 4:
-            raise UsageError(
-                f"charuco takes squares, side, marker and dictionary; {len(plain)} of 4 are given.",
-                "Try: " + EXAMPLE,
-            )
+        takes = "squares, side, marker and dictionary"
+        check_arguments("charuco", takes, plain, named, ("start",), EXAMPLE)
+        start = whole_number(named.get("start", "0"), "start")
         (columns, rows), name = parse_grid(plain[0]), find_name(plain[3])
         (square, unit), (marker, other) = parse_length(plain[1]), parse_length(plain[2])
         if unit != other:
@@ -181,7 +177,7 @@ class Charuco(TagBoard):
 
     def _arguments(self) -> list[str]:
         lengths = [self._length(self.square), self._length(self.marker), self.dictionary]
-        return lengths + ["legacy"] * self.legacy + [f"start={self.start}"] * (self.start > 0)
+        return lengths + ["legacy"] * self.legacy + not_usual([("start", self.start, 0)])
 
     def scaled(self, square: float, unit: str) -> Charuco:
         """The same board with another side of a square; see `Target.scaled`."""

@@ -16,10 +16,18 @@ from camcal.detect.disc_grid import Grid, find_board
 from camcal.detect.outlines import as_discs, find_squares, plain_inside
 from camcal.detect.pyramid import reduced, reductions, to_8_bits
 from camcal.detect.targets import outlined
-from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Pattern, Target, clock
+from camcal.detect.targets.base import (
+    DEFAULT_SECONDS,
+    Detection,
+    Miss,
+    Pattern,
+    Target,
+    check_arguments,
+    clock,
+    ratio,
+)
 from camcal.detect.targets.dictionaries import rectangle
 from camcal.errors import UsageError
-from camcal.settings.kinds import real
 from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
@@ -103,15 +111,10 @@ class SquareGrid(Target):
         UsageError
             Where an argument is missing, unknown or out of range.
         """
-        if len(arguments) != 3 or named:
-            raise UsageError(
-                "squares takes columns and rows, the side of a square and the gap as a share of it.",
-                f"Try: {EXAMPLE}",
-            )
+        takes = "columns and rows, the side of a square and the gap as a fraction of it"
+        check_arguments("squares", takes, arguments, named, (), EXAMPLE)
         (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
-        spacing = real(arguments[2])
-        if spacing is None:
-            raise UsageError(f"the gap '{arguments[2]}' is not a number.", f"Try: {EXAMPLE}")
+        spacing = ratio(arguments[2], "the gap", EXAMPLE)
         return cls(columns, rows, square, spacing, unit)
 
     def _arguments(self) -> list[str]:

@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 
 from camcal.detect.targets import outlined
-from camcal.detect.targets.base import Detection, Miss, Pattern, whole_number
+from camcal.detect.targets.base import (
+    Detection,
+    Miss,
+    Pattern,
+    check_arguments,
+    not_usual,
+    ratio,
+    whole_number,
+)
 from camcal.detect.targets.dictionaries import (
     black_cells,
     dictionary,
@@ -22,7 +30,6 @@ from camcal.detect.targets.dictionaries import (
 )
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.errors import UsageError
-from camcal.settings.kinds import real
 from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
@@ -138,25 +145,16 @@ class TagGrid(TagBoard):
         UsageError
             Where an argument is missing, unknown or out of range.
         """
-        unknown = set(named) - {"border", "start"}
-        if unknown:
-            raise UsageError(f"aruco-grid has no argument '{min(unknown)}'.", "Known: border, start.")
-        if len(arguments) != 4:
-            raise UsageError(
-                f"aruco-grid takes markers, their side, the gap and a dictionary; {len(arguments)} of 4 are given.",
-                f"Try: {EXAMPLE}",
-            )
+        takes = "markers, their side, the gap and a dictionary"
+        check_arguments("aruco-grid", takes, arguments, named, ("border", "start"), EXAMPLE)
         (columns, rows), (square, unit) = parse_grid(arguments[0]), parse_length(arguments[1])
-        spacing = real(arguments[2])
-        if spacing is None:
-            raise UsageError(f"the gap '{arguments[2]}' is not a number.", f"Try: {EXAMPLE}")
+        spacing = ratio(arguments[2], "the gap", EXAMPLE)
         border, start = (whole_number(named.get(k, d), k) for k, d in (("border", "1"), ("start", "0")))
         return cls(columns, rows, square, spacing, find_name(arguments[3]), unit, border, start)
 
     def _arguments(self) -> list[str]:
         plain = [self._length(self.square), f"{self.spacing:.4g}", self.dictionary]
-        named = [("border", self.border, 1), ("start", self.start, 0)]
-        return plain + [f"{name}={value}" for name, value, usual in named if value != usual]
+        return plain + not_usual([("border", self.border, 1), ("start", self.start, 0)])
 
     def describe(self) -> dict[str, Any]:
         """The report's entry `target`."""

@@ -15,9 +15,12 @@ from typing import Any, NamedTuple
 
 from camcal import least_squares
 from camcal.errors import EstimationError
-from camcal.solve.problem import Blocks, Problem, State
+from camcal.solve.linear import Linear
+from camcal.solve.problem import Blocks, Problem, State, Step
 from camcal.solve.schur import Reduced
 
+#: predicted decreases below this part of the cost are lost in the rounding of its sum
+NOISE = 1e-12
 #: called with (iteration, cost) after every accepted step
 OnStep = Callable[[int, float], None]
 
@@ -99,6 +102,46 @@ class Recorder:
         self.samples.append(Sample(iteration, cost, evaluations, time.perf_counter() - self.begin))
         if self.on_step:
             self.on_step(iteration, cost)
+
+
+class NewtonRun:
+    """A run of a method that solves the linearised problem: the present state, its steps and what was recorded.
+
+    Attributes
+    ----------
+    state, blocks : the state reached, and the normal equations there
+    iteration : int
+        The iteration that is under way, from 1.
+    """
+
+    def __init__(self, problem: Problem, state: State, options: Options | None, on_step: OnStep | None):
+        self.problem, self.options = problem, options or Options()
+        self.linear = Linear(problem, self.options.variant)
+        self.state, self.blocks = state, begin(problem, state)
+        self.evaluations, self.iteration = 1, 0
+        self.recorder = Recorder(self.blocks.cost, 1, on_step, self.options)
+
+    @property
+    def enough(self) -> float:
+        """A predicted decrease at which the run has converged."""
+        return self.options.tolerance * self.blocks.cost + self.problem.rounding
+
+    def linearise(self, step: Step) -> tuple[State, Blocks | None]:
+        """The state after a step, and the normal equations there; None outside the lens's domain."""
+        trial = self.problem.retract(self.state, step)
+        self.evaluations += 1
+        return trial, self.problem.linearise(trial)
+
+    def accept(self, state: State, blocks: Blocks) -> None:
+        """Move to a state and record it."""
+        self.state, self.blocks = state, blocks
+        self.recorder.add(self.iteration, blocks.cost, self.evaluations + self.linear.passes)
+
+    def ended(self, converged: bool, reason: str) -> Result:
+        """The result of the run."""
+        passes, samples = self.evaluations + self.linear.passes, tuple(self.recorder.samples)
+        info = self.linear.info()
+        return Result(self.state, self.blocks, converged, reason, self.iteration, passes, samples, info)
 
 
 def begin(problem: Problem, state: State) -> Blocks:

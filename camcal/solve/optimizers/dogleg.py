@@ -10,74 +10,59 @@ import numpy as np
 
 from camcal.solve import tangent
 from camcal.solve.linear import FORMS as VARIANTS
-from camcal.solve.linear import Linear
-from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, begin, remaining
-from camcal.solve.problem import Blocks, Problem, State
+from camcal.solve.optimizers.base import NOISE, NewtonRun, OnStep, Options, Result, remaining
+from camcal.solve.problem import Problem, State
 
 __all__ = ["VARIANTS", "minimise"]
 
 Array = np.ndarray
 
+#: several times what the hardest problems of the benchmarks take
 _MOST_ITERATIONS = 500
-#: predicted decreases below this part of the cost are lost in the rounding of its sum
-_NOISE = 1e-12
 
 
 def minimise(
     problem: Problem, state: State, options: Options | None = None, on_step: OnStep | None = None
 ) -> Result:
     """Minimise; stops by the decrease that the full Gauss-Newton step predicts."""
-    options = options or Options()
-    linear = Linear(problem, options.variant)
-    blocks, evaluations = begin(problem, state), 1
-    recorder = Recorder(blocks.cost, evaluations, on_step, options)
-    model, radius = _Model(linear, state, blocks), np.inf
+    run = NewtonRun(problem, state, options, on_step)
+    model, radius = _Model(run), np.inf
     if model.newton is not None:
         radius = 2 * model.newton_length
-
-    def ended(converged: bool, reason: str, iterations: int) -> Result:
-        passes = evaluations + linear.passes
-        return Result(
-            state, blocks, converged, reason, iterations, passes, tuple(recorder.samples), linear.info()
-        )
-
-    limit = options.max_iterations or _MOST_ITERATIONS
-    for iteration in range(1, limit + 1):
-        if recorder.late():
-            return ended(False, "time", iteration - 1)
-        enough = options.tolerance * blocks.cost + problem.rounding
-        if model.newton is not None and model.newton_predicted <= enough:
-            return ended(True, "predicted decrease", iteration)
+    while run.iteration < (run.options.max_iterations or _MOST_ITERATIONS):
+        if run.recorder.late():
+            return run.ended(False, "time")
+        run.iteration += 1
+        if model.newton is not None and model.newton_predicted <= run.enough:
+            return run.ended(True, "predicted decrease")
         scaled, predicted = model.step(radius)
-        if predicted <= 1e-3 * enough:
-            return ended(bool(remaining(blocks) <= enough), "the trust region has shrunk to zero", iteration)
-        trial = problem.retract(state, tangent.unflat(model.scale * scaled, *tangent.sizes(blocks)))
-        trial_blocks = problem.linearise(trial)
-        evaluations += 1
-        gain = -1.0 if trial_blocks is None else (blocks.cost - trial_blocks.cost) / predicted
+        if predicted <= 1e-3 * run.enough:
+            converged = remaining(run.blocks) <= run.enough
+            return run.ended(bool(converged), "the trust region has shrunk to zero")
+        trial, blocks = run.linearise(tangent.unflat(model.scale * scaled, *tangent.sizes(run.blocks)))
+        gain = -1.0 if blocks is None else (run.blocks.cost - blocks.cost) / predicted
         length = float(np.linalg.norm(scaled))
         if gain < 0.25:
             radius = 0.25 * length
         elif gain > 0.75:
             radius = max(radius, 3 * length)
-        if trial_blocks is not None and gain > 1e-4:
-            state, blocks = trial, trial_blocks
-            model = _Model(linear, state, blocks, model.scale)
-            recorder.add(iteration, blocks.cost, evaluations + linear.passes)
-        elif predicted <= _NOISE * blocks.cost and model.newton_predicted <= 100 * _NOISE * blocks.cost:
-            return ended(True, "rounding", iteration)
-    return ended(False, "iterations", limit)
+        if blocks is not None and gain > 1e-4:
+            run.accept(trial, blocks)
+            model = _Model(run, model.scale)
+        elif max(predicted, 0.01 * model.newton_predicted) <= NOISE * run.blocks.cost:
+            return run.ended(True, "rounding")
+    return run.ended(False, "iterations")
 
 
 class _Model:
     """The quadratic model at a state, in scaled variables."""
 
-    def __init__(self, linear: Linear, state: State, blocks: Blocks, scale: Array | None = None):
+    def __init__(self, run: NewtonRun, scale: Array | None = None):
+        self.blocks = blocks = run.blocks
         own = tangent.inverse_lengths(tangent.diagonal(blocks))
-        self.blocks = blocks
         self.scale = own if scale is None else np.minimum(own, scale)
         self.gradient = self.scale * tangent.gradient(blocks)
-        solved = linear.step(state, blocks, 0.0)
+        solved = run.linear.step(run.state, blocks, 0.0)
         self.newton: Array | None = None
         self.newton_predicted = self.newton_length = np.inf
         if solved is not None:
