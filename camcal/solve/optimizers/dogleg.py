@@ -17,7 +17,7 @@ __all__ = ["VARIANTS", "minimise"]
 
 Array = np.ndarray
 
-#: several times what the hardest problems of the benchmarks take
+#: a limit of work: a run that reaches it ends as not converged
 _MOST_ITERATIONS = 500
 
 

@@ -10,9 +10,9 @@ __all__ = ["VARIANTS", "minimise"]
 
 #: part of the decrease that the slope promises, which a step has to bring
 _SUFFICIENT = 1e-4
-#: halvings of a step; 2^-30 of one is below the rounding of the parameters
+#: halvings of a step at most, to 1e-9 of it
 _HALVINGS = 30
-#: several times what the hardest problems of the benchmarks take
+#: a limit of work: a run that reaches it ends as not converged
 _MOST_ITERATIONS = 200
 
 
