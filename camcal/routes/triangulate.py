@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camcal.errors import DataError
-from camcal.least_squares.blocks import BlockNormal, minimise
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
 from camcal.routes.placed import PlacedCamera
@@ -154,29 +154,50 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
     seen = np.bincount(images.point[used], minlength=count)
     reason = np.where(seen < 2, "one image", np.where(known, "", "its rays are parallel")).astype(object)
     rows = used & (reason[images.point] == "")
-    roots = np.ones(len(images)) if images.sigma is None else 1 / images.sigma
-
-    def equations(xyz: Array) -> tuple[Array, Array]:
-        residual, jacobian = np.full((len(images), 2), np.nan), np.full((len(images), 2, 3), np.nan)
-        for index, camera in enumerate(cameras):
-            own = images.camera == index
-            residual[own], jacobian[own] = camera.residuals(xyz[images.point[own]], images.uv[own])
-        return residual, jacobian
-
-    with np.errstate(invalid="ignore"):
-        first, _ = equations(start)
+    first, _ = _equations(cameras, images, start)
     lost = np.zeros(count, bool)
     np.logical_or.at(lost, images.point[rows], ~np.isfinite(first[rows]).all(1))
     reason[lost & (reason == "")] = "behind a camera, or outside its domain"
     rows &= reason[images.point] == ""
     own = np.flatnonzero(reason == "")
-    place = np.full(count, -1)
+    fit = _adjusted(cameras, images, rows, own, start) if len(own) else None
+    xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    sigma_hat = None
+    if fit is not None:
+        xyz[own] = fit.state[own]
+        freedom = 2 * int(rows.sum()) - 3 * len(own)
+        scale = 2 * fit.normal.cost / freedom
+        sigma_hat = float(np.sqrt(scale))
+        covariance[own] = np.linalg.inv(fit.normal.blocks) * scale
+    residuals = _equations(cameras, images, xyz)[0]
+    squares = np.bincount(images.point[rows], np.square(residuals[rows]).sum(1), count)
+    images_used = np.maximum(np.bincount(images.point[rows], minlength=count), 1)
+    residual = np.where(reason == "", np.sqrt(squares / images_used), np.nan)
+    return Triangulated(xyz, covariance, residual, residuals, used, sigma_hat, tuple(reason), tuple(cameras))
+
+
+def _equations(cameras: Sequence[PlacedCamera], images: Images, xyz: Array) -> tuple[Array, Array]:
+    """Residuals (N, 2), px, of all images and their Jacobians (N, 2, 3) by their points; NaN where undefined."""
+    residual, jacobian = np.full((len(images), 2), np.nan), np.full((len(images), 2, 3), np.nan)
+    with np.errstate(invalid="ignore"):  # of points that are not known
+        for index, camera in enumerate(cameras):
+            own = images.camera == index
+            residual[own], jacobian[own] = camera.residuals(xyz[images.point[own]], images.uv[own])
+    return residual, jacobian
+
+
+def _adjusted(
+    cameras: Sequence[PlacedCamera], images: Images, rows: Array, own: Array, start: Array
+) -> Fitted[Array] | None:
+    """The points of indices `own` where Σ |r|² / sigma² over `rows` (N,) is least, near `start` (P, 3)."""
+    place = np.full(len(start), -1)
     place[own] = np.arange(len(own))
     group = np.repeat(place[images.point[rows]], 2)
+    roots = np.ones(len(images)) if images.sigma is None else 1 / images.sigma
     weight = np.repeat(roots[rows], 2)
 
     def linearise(xyz: Array) -> BlockNormal | None:
-        residual, jacobian = equations(xyz)
+        residual, jacobian = _equations(cameras, images, xyz)
         residual, jacobian = residual[rows].ravel(), jacobian[rows].reshape(-1, 3)
         if not np.isfinite(residual).all():
             return None
@@ -188,21 +209,7 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
         out[own] += steps
         return out
 
-    fit = minimise(linearise, moved, start) if len(own) else None
-    xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    sigma_hat = None
-    if fit is not None:
-        xyz[own] = fit.state[own]
-        freedom = 2 * int(rows.sum()) - 3 * len(own)
-        scale = 2 * fit.normal.cost / freedom
-        sigma_hat = float(np.sqrt(scale))
-        covariance[own] = np.linalg.inv(fit.normal.blocks) * scale
-    with np.errstate(invalid="ignore"):
-        residuals = equations(xyz)[0]
-    squares = np.bincount(images.point[rows], np.square(residuals[rows]).sum(1), count)
-    images_used = np.maximum(np.bincount(images.point[rows], minlength=count), 1)
-    residual = np.where(reason == "", np.sqrt(squares / images_used), np.nan)
-    return Triangulated(xyz, covariance, residual, residuals, used, sigma_hat, tuple(reason), tuple(cameras))
+    return minimise(linearise, moved, start)
 
 
 def _without_outliers(
