@@ -131,7 +131,12 @@ def read_rig(
     image_sizes : (width, height), or mapping of camera -> (width, height), optional
         In a mapping, that of "" is for all others.
     least : int
-        How many cameras there have to be.
+        The minimum number of cameras.
+
+    Returns
+    -------
+    Observations
+        Rows sorted by camera, then view.
 
     Raises
     ------

@@ -171,6 +171,10 @@ def rectify(
     projection : str
         `PERSPECTIVE`, `LATITUDE_LONGITUDE`, or `auto`: the latter where a picture reaches beyond `WIDE`.
 
+    Returns
+    -------
+    Rectification
+
     Raises
     ------
     UsageError

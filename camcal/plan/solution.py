@@ -75,10 +75,36 @@ class Judged(Estimate):
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Solution(Judged, Calibration):
-    """The calibration of a camera.
+    """The calibration of a camera: the result of `camcal.calibrate`, and of `camcal.load` for a report.
 
     Attributes
     ----------
+    camera : Camera
+        The estimated camera.
+    start : Camera
+        The camera from which the refinement started.
+    poses : Poses
+        cam_from_board of each view (V); translations in the unit of the points.
+    observations : Observations
+        The data; `used` marks the points that the fit rests on.
+    residuals : (N, 2) array
+        Predicted - observed of every row of the observations, px; NaN outside the lens's domain.
+    rms_point : float
+        sqrt(Σ |r|² / N) over the used points, px.
+    warnings : tuple of CalibrationWarning
+        Each with `code`, `message`, `hint` and `severity`.
+    verdict : str
+        `pass`, or `fail` if a gate failed; `failures` has a sentence for each.
+    grade : str
+        `good`, `doubtful` or `wrong`: the worst severity of the warnings.
+    stages : tuple of Stage
+        Every attempt on the way, the result itself last (`refine`).
+    holdout, crosscheck, selection, options
+        As in the report (docs/report.md).
+    board : ShapedBoard or None
+        The estimated shape of the board.
+    fit : Fit
+        Statistics of the search; `normal` and `free` are its normal equations, for covariances.
     second_pass : mapping or None
         What the second pass over the pictures did.
     points : Observations or None
@@ -112,10 +138,18 @@ class Solution(Judged, Calibration):
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class RigSolution(Judged, RigCalibration):
-    """The calibration of a rig.
+    """The calibration of a rig: the result of `camcal.calibrate_rig`, and of `camcal.load` for a report of a rig.
+
+    The other attributes are those of `Solution`.
 
     Attributes
     ----------
+    rig : Rig
+        The estimated cameras with their poses cam_from_rig.
+    start : Rig
+        The rig from which the refinement started.
+    poses : Poses
+        rig_from_board of each instant (V); translations in the unit of the points.
     links : mapping of (camera, camera) -> mapping
         What each two cameras that saw a board at the same instant know of each other.
     """

@@ -136,6 +136,10 @@ def hand_eye(
         setup ("in-hand", "to-hand"), inverse, poses_unit, max_offset, robust, crosscheck: the options of
         `camcal hand-eye`.
 
+    Returns
+    -------
+    HandEye
+
     Raises
     ------
     DataError, UsageError, EstimationError
