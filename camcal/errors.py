@@ -1,4 +1,4 @@
-"""What can go wrong, as one family: what was found and needed, a hint, an exit code."""
+"""The errors of camcal: each states what was found and what was needed, and has a hint and an exit code."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def _of_trial(trial: Trial, square: float) -> dict[str, Any]:
 
 
 def printed(board: ShapedBoard) -> tuple[float, float]:
-    """How much longer the print is in y against x than designed, and the angle of its sides in degrees."""
+    """The stretch of the print in y relative to x compared with the design, and the angle of its sides in degrees."""
     ideal, points = (x[:, :2] - x[:, :2].mean(0) for x in (board.ideal, board.points))
     (xx, xy), (yx, yy) = np.linalg.lstsq(ideal, points, rcond=None)[0]
     lengths = np.hypot(xx, xy), np.hypot(yx, yy)

@@ -31,7 +31,7 @@ _COLUMNS = (
 
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
-    """How many jobs there are, are done, failed, passed their gates, fell at one, and are outliers."""
+    """The numbers of jobs: all, finished, failed, with passed gates, with failed gates, and outliers."""
     found = Counter(row["verdict"] if row["status"] == DONE else FAILED for row in rows)
     done = len(rows) - found[FAILED]
     return {

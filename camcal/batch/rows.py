@@ -1,4 +1,4 @@
-"""What came of all jobs, packed: some hundred bytes a job, so that memory is no limit of their number."""
+"""The results of all jobs, packed to some hundred bytes per job, so that memory does not limit their number."""
 
 from __future__ import annotations
 

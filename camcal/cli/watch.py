@@ -86,7 +86,7 @@ def _source(path: Path, options: dict[str, Any]) -> tuple[Path, Grabber | None]:
 
 
 def _missing(path: Path) -> tuple[str, str]:
-    """What a path that is not there would be, and what to do about it."""
+    """The kind of a missing path, and a hint."""
     from camcal.detect.frames import is_film
 
     if path.name.isdigit():

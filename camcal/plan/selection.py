@@ -173,7 +173,7 @@ def _choose(ranked: Sequence[Candidate]) -> tuple[Candidate, str]:
 
 @dataclass
 class _Bench:
-    """What is the same for all models."""
+    """The inputs shared by all models."""
 
     fix: Mapping[str, float | None]
     robust: str

@@ -71,20 +71,20 @@ class RigPose(Section, kw_only=True):
 
 
 class Baseline(Section):
-    """The distance of two cameras of a rig."""
+    """The distance between two cameras of a rig."""
 
     value: Annotated[Finite, key("in the unit of the target")]
     sigma: Annotated[Sigma, key("one standard deviation")] = None
 
 
 class RigBoard(RigPose, kw_only=True):
-    """Where one of several boards stands: x_reference = R x_board + t."""
+    """The pose of one of several boards: x_reference = R x_board + t."""
 
     reference: Annotated[str, key("the board whose frame is that of the boards")]
 
 
 class Rig(Section, kw_only=True):
-    """The places of several cameras relative to one of them."""
+    """The poses of several cameras relative to one of them."""
 
     reference: Annotated[str, key("the camera whose frame is that of the rig")]
     cam_from_rig: Annotated[dict[str, RigPose], key("by name: x_cam = R x_rig + t")]

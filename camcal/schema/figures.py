@@ -1,4 +1,4 @@
-"""`fit`, `uncertainty`, `holdout`, `bias` and `coverage`: what is known of the accuracy."""
+"""`fit`, `uncertainty`, `holdout`, `bias` and `coverage`: the accuracy."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class UncertaintyMap(Section):
 
 
 class Uncertainty(Section):
-    """How far noise moves projections."""
+    """The effect of noise on projections."""
 
     method: Annotated[
         str, key("`mean-pcam`: the frame of reference is the mean over the boards, as in mrcal")
@@ -89,7 +89,7 @@ class DifferenceMap(Section):
 
 
 class Difference(Section):
-    """How much the folds' cameras differ from that of all views, at infinity, where points are."""
+    """The difference between the folds' cameras and that of all views, at infinity, where there are points."""
 
     median_px: Annotated[Figure, key("median over the image")]
     max_px: Annotated[Figure, key("maximum over the image")]
@@ -102,7 +102,7 @@ class Difference(Section):
 
 
 class Holdout(Section):
-    """Figures on views that took no part."""
+    """Figures on held-out views."""
 
     views: Annotated[Count, key("number of views held out in turn")]
     folds: Annotated[Count, key("number of rounds")]
@@ -127,7 +127,7 @@ class ResidualTest(Section):
 
 
 class BiasRatio(Section):
-    """How much of the mean square residual is not noise."""
+    """The fraction of the mean square residual that is not noise."""
 
     ratio: Annotated[Figure, key("the share that is not noise")]
     detector_sigma: Annotated[
@@ -147,7 +147,7 @@ class SigmaRatios(Section):
 
 
 class Influence(Section):
-    """What one view does to the camera."""
+    """The influence of one view on the camera."""
 
     view: Annotated[str, key("id of the view")]
     cook: Annotated[
@@ -177,7 +177,7 @@ class Spread(Section):
 
 
 class Coverage(Section):
-    """What the views cover."""
+    """The coverage of the views."""
 
     image: Annotated[
         Figure,

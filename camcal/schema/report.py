@@ -50,7 +50,7 @@ class Stage(Section):
 
 
 class Crosscheck(Section):
-    """One stage beside OpenCV."""
+    """The comparison of one stage with OpenCV."""
 
     stage: Annotated[str, key("which of the `stages`")]
     against: Annotated[str, key("the function of cv2")]
@@ -79,7 +79,7 @@ class Crosscheck(Section):
 
 
 class Warning_(Section, kw_only=True):
-    """Something that makes the result less good than it seems."""
+    """A condition that reduces the value of the result."""
 
     code: Annotated[str, key("for programs")]
     severity: Annotated[

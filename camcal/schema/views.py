@@ -27,7 +27,7 @@ class File(Section):
 
 
 class Inputs(Section, kw_only=True):
-    """What was read."""
+    """The input that was read."""
 
     image_size: Annotated[Size | None, key("[width, height] or null")]
     image_sizes: Annotated[dict[str, Size | None] | UnsetType, key("of a rig: by camera")] = UNSET
@@ -137,7 +137,7 @@ class PoseSigma(Section):
 
 
 class BoardPose(Section):
-    """Where the target stood: x_cam = R x_board + t."""
+    """The pose of the target: x_cam = R x_board + t."""
 
     rotation_vector: Annotated[Vector, key("rad")]
     translation: Annotated[Vector, key("in the unit of the target")]
@@ -145,7 +145,7 @@ class BoardPose(Section):
 
 
 class RejectedPoint(Section):
-    """A point that the solution does not rest on."""
+    """A point that the solution does not use."""
 
     row: Annotated[Count, key("row in the view")]
     id: Annotated[int | None, key("number of the target's point")]

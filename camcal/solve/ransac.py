@@ -80,7 +80,7 @@ class Agreement:
 
 
 def samples_needed(size: int, confidence: float = CONFIDENCE, good: float = LEAST_GOOD) -> int:
-    """Number of samples of `size` points of which one is free of outliers with this confidence."""
+    """Number of samples of `size` points such that one is free of outliers with this confidence."""
     return int(np.ceil(np.log1p(-confidence) / np.log1p(-(good**size))))
 
 

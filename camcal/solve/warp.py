@@ -117,7 +117,7 @@ class WarpedProblem(Problem):
 
     @property
     def variables(self) -> int:
-        """Those of the camera, and β."""
+        """The variables of the camera, and β."""
         return self.rigid + self.warp.design.shape[2]
 
     def state(self, params: Array, poses: Poses, rig: Poses | None = None) -> State:

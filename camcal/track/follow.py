@@ -159,7 +159,7 @@ class Follower(Kept):
         return self.summary
 
     def _unread(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """Skip what was read before the checkpoint where the whole stream comes again, not only its rest."""
+        """Skip frames read before the checkpoint if the whole stream is supplied again rather than its rest."""
         stream = iter(frames)
         head = next(stream, None)
         if head is None:

@@ -1,4 +1,4 @@
-"""What matches between the pictures of one instant say of the places of a rig's cameras, without a board.
+"""The information of matches between the pictures of one instant about the poses of a rig's cameras, without a board.
 
 A point that cameras a and b see along the unit rays d_a and d_b (each in its camera's frame) fulfils
 

@@ -139,7 +139,7 @@ def _thinned(rays: Array, uv: Array) -> tuple[Array, Array]:
 
 
 def measure(lens: Lens, params: Array, rays: Array, uv: Array) -> Regression:
-    """How well a camera projects rays (N, 3) to pixels (N, 2)."""
+    """Measure the errors with which a camera projects rays (N, 3) to pixels (N, 2)."""
     seen, covered = lens.project(params, rays)
     errors = np.linalg.norm(seen - uv, axis=1)
     missed = MISSED * float(np.ptp(uv, axis=0).max())
