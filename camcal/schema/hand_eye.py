@@ -42,7 +42,7 @@ class CameraParameter(Section):
     """A parameter of a camera that was calibrated from the same pictures."""
 
     value: Annotated[float, key("with the robot's poses")]
-    sigma: Annotated[float, key("one standard deviation; 0 where it is held")]
+    sigma: Annotated[float, key("one standard deviation; 0 if it is held")]
     before: Annotated[float, key("by the pictures alone, as in `camera`")]
     sigma_before: Annotated[float, key("one standard deviation of that")]
 
@@ -138,7 +138,7 @@ class HandEye(Section, kw_only=True):
     scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
     camera: Annotated[
         dict[str, CameraParameter] | UnsetType,
-        key("of a camera calibrated from the same pictures: its parameters, estimated along"),
+        key("of a camera calibrated from the same pictures: its parameters, estimated together with the poses"),
     ] = UNSET
     time_offset: Annotated[
         Estimated | UnsetType, key("of poses with times: s, to be added to the camera's time")

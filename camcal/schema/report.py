@@ -52,7 +52,7 @@ class Stage(Section):
 class Crosscheck(Section):
     """The comparison of one stage with OpenCV."""
 
-    stage: Annotated[str, key("which of the `stages`")]
+    stage: Annotated[str, key("one of the `stages`")]
     against: Annotated[str, key("the function of cv2")]
     status: Annotated[
         Literal["pass", "fail", "not_applicable"],

@@ -21,10 +21,10 @@ INTRODUCTION = """\
 
 This page is generated from the table of formats: `python -m camcal.data.formats.page > docs/formats.md`.
 
-Every command that takes a camera takes any of these files; the format is found out from the content. A model is
-read from its name in the file; an unknown name is refused. `camcal convert SRC DST` writes them: the ending of DST
-says the format where it is clear, `--to FORMAT` otherwise. The main jobs write them too: `--save-camera FILE` (or
-`--save-camera kalibr:FILE`, as often as wanted) along with the report, or `-o cam.yml` in its place.
+Every command that takes a camera takes any of these files; the format is recognised from the content. A model is
+read from its name in the file; an unknown name is an error. `camcal convert SRC DST` writes them: the extension of DST
+determines the format where it is unique, `--to FORMAT` otherwise. The main jobs write them too: `--save-camera FILE`
+(or `--save-camera kalibr:FILE`, repeatable) together with the report, or `-o cam.yml` instead of it.
 
     camcal convert report.yaml cam.yml                       # OpenCV
     camcal convert camera_info.yaml cameras.txt --to colmap
@@ -36,18 +36,18 @@ says the format where it is clear, `--to FORMAT` otherwise. The main jobs write 
 From Python: `camcal.load(path)` gives the calibration, camera or rig of any of these files, and
 `camcal.save_camera(camera, path, to="kalibr")` writes one.
 
-What is written is read back before it is saved, and the largest difference over the image is printed. A term that a
-format has no place for (k3 in Kalibr, a skew in ROS) is an error that names it, and nothing is written.
+The output is read back before it is saved, and the largest difference over the image is printed. A term that a
+format cannot represent (k3 in Kalibr, a skew in ROS) is an error that names it, and nothing is written.
 `--to-model NAME` finds the closest camera of a model that the format has; the largest difference over the image is
-printed, and nothing is written where it exceeds `--max-px` (0.5 px unless given). A model of another program that
-camcal has no lens for is refused by name, and read with `--to-model`.
+printed, and nothing is written where it exceeds `--max-px` (0.5 px unless given). A model of another program
+without a counterpart in camcal is an error that names it; it can be read with `--to-model`.
 
-Where a file does not say how large the image is, `--image-size` does, in every command that has the option; files
-whose lengths are parts of the image (RealityCapture, Blender's own presets) cannot be read without it, those of
-LensFun are taken for 6000 px.
+If a file has no image size, give `--image-size`, in every command that has the option; files
+whose lengths are relative to the image (RealityCapture, Blender's own presets) cannot be read without it, those of
+LensFun are assumed to have 6000 px.
 
-Nothing in a file is run: MATLAB scripts are read line by line, mrcal's literals as data, YAML by the safe loader
-without nested aliases, XML without entities of its own.
+Nothing in a file is executed: MATLAB scripts are read line by line, mrcal's literals as data, YAML by the safe loader
+without nested aliases, XML without internal entities.
 """
 
 
@@ -78,14 +78,14 @@ MARK = "<!-- refits -->"
 FIGURES = Path(__file__).resolve().parents[3] / "docs" / "figures"
 
 OWNERS = """\
-## Read by their owners
+## Tests with the original programs
 
-Files that camcal writes are read by the owner's own program, and cameras that the owner writes or defines by camcal;
-both project the same points within 1e-6 px. What is installed is run by `pytest -m slow` of
+Files that camcal writes are read by the original program, and cameras that it writes or defines are read by camcal;
+both project the same points within 1e-6 px. Installed programs are run by `pytest -m slow` of
 `tests/data/formats/test_owners.py` and `tests/data/test_remap_owners.py`; `CAMCAL_OWNERS` and `CAMCAL_CV2` are Python
-interpreters that have the others. Last run with all of them on 2026-11-29:
+interpreters with the others. Last run with all of them on 2026-11-29:
 
-| owner | version | what |
+| program | version | what was tested |
 |---|---|---|
 | OpenCV | 4.10.0, 4.12.0, 4.14.0, 5.0.0, 5.1.0 | YAML, XML, JSON of pinhole, opencv4 to 14, fisheye; stereo pairs |
 | pycolmap | 4.2.1 | cameras.txt and .bin of nine models; rigs.txt; the two models that are refitted |
@@ -99,16 +99,16 @@ interpreters that have the others. Last run with all of them on 2026-11-29:
 | GStreamer | 1.22 | `undistort --maps cam.gst`: cameraundistort |
 
 ROS, Kalibr, Metashape and the others do not install from pip or apt here: their files are checked against the
-owner's documented formula (`tests/data/formats`). mrcal 2.5.2 comes for Python 3.12 and later, and was not run: its
+documented formulas (`tests/data/formats`). mrcal 2.5.2 comes for Python 3.12 and later, and was not run: its
 new name of the pose (`rt_cam_ref`) is taken from its source.
 """
 
 FUZZED = """\
 ## Damaged files
 
-Copies of a file of each format with bytes, numbers and parts changed, cut, repeated or put in; each is read with its
-format found out, and as a file of its format. *refused*: one line that names the file; *read*: a camera whose numbers
-are finite and within their bounds. Nothing of a file is run. Measured with seeds by
+Copies of a file of each format with bytes, numbers and parts changed, removed, repeated or inserted; each is read with
+automatic recognition, and as a file of its format. *refused*: an error of one line that names the file; *read*: a
+camera whose numbers are finite and within their bounds. Nothing in a file is executed. Measured with seeds by
 `python -m benchmarks.damaged_files > docs/figures/damaged-files.txt`; the tests take 300 files of each class,
 `pytest -m slow` 10,000.
 
@@ -116,20 +116,20 @@ are finite and within their bounds. Nothing of a file is run. Measured with seed
 
 
 CONVERSIONS = """\
-## What a conversion costs
+## Errors of conversions
 
 Each format with a camera of each lens model: *exact* (it reads back within the error above), or the largest
-difference over the picture, px, to the closest camera that the format holds, by the best of its models with
-`--to-model`; without that option such a camera is refused, and the term or the model named. *-*: no model of the format
-reaches the whole picture. Formats with one focal length are refitted with fx = fy. Measured by
+difference over the picture, px, to the closest camera that the format can represent, by the best of its models with
+`--to-model`; without that option such a camera is an error that names the term or the model. *-*: no model of the
+format reaches the whole picture. Formats with one focal length are refitted with fx = fy. Measured by
 `python -m benchmarks.conversions > docs/figures/conversions.txt`.
 
 """
 REFITS = """\
-## What a refit costs
+## Errors of refits
 
 The largest difference over the picture, px, between a camera and the closest one of another model, as `--to-model`
-finds it and prints: the first example camera of each lens model (`opencv5` a webcam of 640x480, `kb4` a lens of 150
+finds and prints it: the first example camera of each lens model (`opencv5` a webcam of 640x480, `kb4` a lens of 150
 degrees). *-*: the model does not reach the whole picture.
 
 """
