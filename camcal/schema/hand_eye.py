@@ -138,7 +138,9 @@ class HandEye(Section, kw_only=True):
     scale: Annotated[Estimated, key("how far the robot moves over what the board's lengths say")]
     camera: Annotated[
         dict[str, CameraParameter] | UnsetType,
-        key("of a camera calibrated from the same pictures: its parameters, estimated together with the poses"),
+        key(
+            "of a camera calibrated from the same pictures: its parameters, estimated together with the poses"
+        ),
     ] = UNSET
     time_offset: Annotated[
         Estimated | UnsetType, key("of poses with times: s, to be added to the camera's time")
