@@ -141,7 +141,7 @@ def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Foun
 def _plausible(b: Array, singular: Array, assumed: Assumed, count: int) -> tuple[Array | None, str]:
     """K of a conic if it is determined, real and has its principal point near the image; otherwise the reason."""
     if 2 * count < assumed.unknowns:
-        return None, f"{count} view{'s' * (count > 1)} leave{'s' * (count == 1)} it open"
+        return None, f"{count} view{'s' * (count > 1)} do{'es' * (count == 1)} not determine it"
     if singular[-2] < UNDETERMINED * np.sqrt(count):
         return None, "the views do not determine it"
     k = conic.camera_matrix(b)

@@ -363,7 +363,7 @@ def _monotone(
         if model.unproject(params, edge)[1]:
             return lens, Camera(model, params, correspondences.image_size)
     raise EstimationError(
-        "the radial alignment constraint leaves the focal length open: the views face the camera squarely, "
-        "or the points are too few or too noisy.",
+        "the radial alignment constraint does not determine the focal length: the targets are parallel to "
+        "the image, or the points are too few or too noisy.",
         "Tilt the target by 20 to 45 degrees relative to the image plane, in different directions.",
     )

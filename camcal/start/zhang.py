@@ -144,7 +144,7 @@ def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: boo
         poor = index[normalise & ~(gap[index] > OPEN)]
         if len(poor):
             raise EstimationError(
-                f"view '{views[poor[0]].id}': its points leave the homography open "
+                f"view '{views[poor[0]].id}': its points do not determine the homography "
                 "(4 points, no 3 of them on a line, are needed).",
                 "Remove the view, or give it more points.",
             )

@@ -131,7 +131,7 @@ def test_fronto_parallel_views_are_refused(seed):
     for depth in (0.3, 0.4, 0.5, 0.35):
         uv = truth.project(xyz - [0.16, 0.12, -depth])
         views.append((xyz, uv + rng.normal(0, 0.1, uv.shape)))
-    with pytest.raises(EstimationError, match="focal length open"):
+    with pytest.raises(EstimationError, match="not determine the focal length"):
         radial.estimate(Correspondences.from_views(views, image_size=(1024, 768)))
 
 
