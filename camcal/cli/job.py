@@ -145,6 +145,12 @@ def detection_events(
                 note(f"{details['id']}: {details['reason']}", 1)
         elif event == "frames":
             note("{path}: {searched} of {frames} frames are searched".format(**details))
+        elif event == "negative":
+            note(
+                "black and white are exchanged in the pictures. To select that: --target {spec}".format(
+                    **details
+                )
+            )
         elif event == "turned":
             note(
                 "{count} of {of} pictures were held in another orientation: used as the sensor recorded them".format(

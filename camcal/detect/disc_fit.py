@@ -39,7 +39,7 @@ MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is taken: 
 DARK, BRIGHT = 15, 85  #: per cent of a band's pixels; beyond them lie the levels that a fit starts from
 LEAST_BLUR, MOST_BLUR = 0.2, 10.0  #: px; less than a pixel's own area, and more than any band holds
 LEAST_INSIDE = 0.9  #: share of the band that must lie in the picture; a centre leans on both of its sides
-LEAST_CONTRAST = 8.0  #: grey levels of 255; as for the outlines, `discs.THRESHOLD`
+LEAST_CONTRAST = 2.0  #: grey levels of 255; as for corners: rounding to whole levels leaves 15 % of it
 #: residual as a share of the contrast: noise of 10 grey levels on a step of 40. In a picture in which most discs have
 #: more, `RARE` times the median of the picture
 MOST_MISFIT, RARE = 0.25, 3.0
@@ -150,7 +150,8 @@ def _start(band: Band, discs: Discs, blur: float) -> Array:
 def _minimise(band: Band, params: Array) -> Array:
     """The least-squares parameters of each disc."""
     options = Options(negligible(SETTLED, band.counts.sum(1), COUNT), ITERATIONS)
-    return np.asarray(minimise(_DiscFits(band), params, options).state)
+    with np.errstate(over="ignore", invalid="ignore"):  # steps that lead anywhere are not taken
+        return np.asarray(minimise(_DiscFits(band), params, options).state)
 
 
 class _DiscFits(Small):

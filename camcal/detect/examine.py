@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from camcal.detect import cache
+from camcal.detect import cache, targets
 from camcal.detect.decode import UnreadableError
 from camcal.detect.exif import UNKNOWN, Taken
 from camcal.detect.quality import measure
@@ -32,11 +32,14 @@ class Task:
     expected: tuple[int, int] | None = (
         None  #: plain board that other pictures show, where the target is not given
     )
+    negative: bool = False  #: look for a target of any kind with black and white exchanged
 
     @property
     def detector(self) -> str:
         """A string that identifies everything on which the result depends besides the picture."""
-        return f"{__version__} {cache.code()} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}"
+        return f"{__version__} {cache.code()} cv2 {cv2.__version__} {self.target!r} {self.seconds:g}" + (
+            " negative" * self.negative
+        )
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,9 @@ def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
     size = (gray.shape[1], gray.shape[0])
     sight, result = None, None
     if task.target is None:
-        sight, result = look(gray, task.seconds, task.expected)
+        sight, result = look(~gray if task.negative else gray, task.seconds, task.expected)
     else:
-        result = task.target.find(gray, task.seconds)
+        result = targets.find(task.target, gray, task.seconds)
     if isinstance(result, Miss):
         seen = result.info.get("size")
         return Outcome(

@@ -64,7 +64,7 @@ def refine_images(
         pose = poses.get(view.id)
         if pose is not None:
             try:
-                gray = _read_again(files.get(view.id))
+                gray = _read_again(files.get(view.id), bool(target.get("negative")))
             except UnreadableError as error:
                 tell("unrefined", {"id": view.id, "reason": str(error)})
             else:
@@ -99,8 +99,8 @@ def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array
     return wider_halves(target["columns"], target["rows"], window)[view.point_ids]
 
 
-def _read_again(file: Mapping[str, str] | None) -> Array:
-    """Read the picture of a view again.
+def _read_again(file: Mapping[str, str] | None, negative: bool) -> Array:
+    """The picture of a view, black and white exchanged where its corners come from a negative.
 
     Raises
     ------
@@ -109,4 +109,5 @@ def _read_again(file: Mapping[str, str] | None) -> Array:
     """
     if file is None:
         raise UnreadableError("it has no picture")
-    return read_gray(Path(file["path"]), file["sha256"])[0]
+    gray = read_gray(Path(file["path"]), file["sha256"])[0]
+    return ~gray if negative else gray

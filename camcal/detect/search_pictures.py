@@ -85,12 +85,16 @@ class Search:
             self.on_event(name, details)
 
     def examine_all(
-        self, files: list[Path], target: Target | None, expected: tuple[int, int] | None = None
+        self,
+        files: list[Path],
+        target: Target | None,
+        expected: tuple[int, int] | None = None,
+        negative: bool = False,
     ) -> list[Outcome]:
-        """Outcomes in the order of the files; for `expected` see `examine.Task`."""
+        """Outcomes in the order of the files; for `expected` and `negative` see `examine.Task`."""
         outcomes: list[Outcome | None] = [None] * len(files)
         done_by = map_unordered(
-            examine, self._tasks(files, target, expected), self.jobs, _crashed, len(files)
+            examine, self._tasks(files, target, expected, negative), self.jobs, _crashed, len(files)
         )
         for done, (index, outcome) in enumerate(done_by, 1):
             outcomes[index] = outcome
@@ -101,12 +105,12 @@ class Search:
         return [o for o in outcomes if o is not None]
 
     def _tasks(
-        self, files: list[Path], target: Target | None, expected: tuple[int, int] | None
+        self, files: list[Path], target: Target | None, expected: tuple[int, int] | None, negative: bool
     ) -> Iterator[Task]:
         """A task for each picture; frames are decoded here, one after the other."""
         for path in files:
             gray = self.read(path) if is_frame(path) else None
-            yield Task(path, target, self.seconds, self.cache, gray, expected)
+            yield Task(path, target, self.seconds, self.cache, gray, expected, negative)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:
         """Report the outcome of each picture."""
@@ -115,10 +119,11 @@ class Search:
             values = {"status": o.status, "reason": o.reason, "cached": o.cached}
             self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
 
-    def read(self, path: Path) -> Any:
-        """A picture in grey, or None if it cannot be read."""
+    def read(self, path: Path, negative: bool = False) -> Any:
+        """A picture in grey (black and white exchanged in negative), or None if it cannot be read."""
         try:
-            return read_gray(path)[0]
+            gray = read_gray(path)[0]
+            return ~gray if negative else gray
         except UnreadableError:
             return None
 

@@ -99,6 +99,9 @@ class Target(Section):
     rows: Annotated[Positive | UnsetType, key("inner corners (squares, tags, discs) in a column")] = UNSET
     square: Annotated[Length | UnsetType, key("side of a square, or the distance of neighbours")] = UNSET
     unit: Annotated[str | UnsetType, key("of `square`; `square` where no length is known")] = UNSET
+    negative: Annotated[
+        bool | UnsetType, key("whether black and white are exchanged, in print or in the pictures")
+    ] = UNSET
     detected: Annotated[bool | UnsetType, key("whether the size was found in the pictures")] = UNSET
     boards: Annotated[
         list[str] | UnsetType,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +44,8 @@ def simulate_pictures(
     pattern = target.pattern()
     looks = list(look) if isinstance(look, Sequence) else [look or Look()] * len(poses)
     for pose, each in zip(poses, looks, strict=True):
+        if target.negative:
+            each = replace(each, black=each.white, white=each.black)
         yield render(pattern, camera, pose, each, rng, surface=surface)
 
 

@@ -13,7 +13,7 @@ from camcal.detect.blur_shape import as_seen, rounded, shape_of
 from camcal.detect.edge_blur import edge_blur
 from camcal.detect.fit import Fits
 from camcal.detect.lattice import Lattice
-from camcal.detect.pyramid import as_float, grey_range, to_8_bits
+from camcal.detect.pyramid import SOMETHING, WEAK, as_float, grey_range, noise, to_8_bits
 from camcal.detect.shading import with_slopes
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.checkerboard import Checkerboard, find_any
@@ -204,3 +204,31 @@ def test_a_slope_of_the_shading_counts_from_five_sigmas_on():
     move = added(1e-6)
     assert 0.02 < move < 0.5
     assert added(move / 5.2) == pytest.approx(move) and added(move / 4.8) == 0
+
+
+def test_noise_is_measured_beside_edges():
+    rng = np.random.default_rng(4)
+    for sigma in (0.7, 3.0, 12.0):
+        gray = np.kron(np.indices((30, 40)).sum(0) % 2, np.ones((10, 10))) * 100 + 80
+        gray = np.clip(np.rint(gray + rng.normal(0, sigma, gray.shape)), 0, 255).astype(np.uint8)
+        assert noise(gray) == pytest.approx(np.hypot(sigma, np.sqrt(1 / 12)), rel=0.25)
+        assert noise(gray.astype(np.uint16) * 40) == pytest.approx(40 * noise(gray), rel=0.01)
+
+
+@pytest.mark.parametrize("step, stretched", [(WEAK - 2, True), (WEAK + 1, False)])
+def test_a_small_range_is_stretched(step, stretched):
+    gray = np.full((80, 80), 90, np.uint8)
+    gray[:, 40:] += np.uint8(step)
+    made = to_8_bits(gray)
+    assert bool(made.min() == 0 and made.max() == 255) == stretched
+    assert stretched or made is gray
+
+
+@pytest.mark.parametrize("times, stretched", [(0.5 * SOMETHING, False), (1.7 * SOMETHING, True)])
+def test_noise_alone_is_not_stretched(times, stretched):
+    """The ramp has a range of so many standard deviations; noise widens the range by about 1.5 of them."""
+    ramp = np.linspace(0, times * 4.0, 300)[None] + np.random.default_rng(2).normal(0, 4.0, (200, 300))
+    gray = np.rint(100 + ramp).astype(np.uint8)
+    assert (to_8_bits(gray) is not gray) is stretched
+    covered = np.rint(np.random.default_rng(3).normal(3, 1.2, (200, 300))).clip(0).astype(np.uint8)
+    assert to_8_bits(covered) is covered

@@ -205,3 +205,8 @@ def test_command(ending, tmp_path, monkeypatch):
         )
     assert run([*words, "--force", "--page", "A4"]) == 0
     assert run([*words[:-2], "b.txt"]) == 2
+
+
+def test_a_negative_is_not_printed():
+    with pytest.raises(UsageError, match="exchanged is not printed"):
+        sheet_of("circles:9x7:20mm:negative")

@@ -13,7 +13,7 @@ from camcal.detect.recognition.look import Sight, look
 from camcal.detect.recognition.measure import measured, rounded
 from camcal.detect.targets.dictionaries import detect, dictionary
 from camcal.errors import DataError
-from tests.detect.scenes import make, picture, random_view
+from tests.detect.scenes import expected, make, picture, random_view
 from tests.shared_data import DATA, needs_data
 
 #: what is shown, and what must be said of it: no picture shows a length
@@ -207,3 +207,60 @@ def test_mirror_images_of_markers_are_named(tmp_path):
         cv2.imwrite(str(tmp_path / f"v{i}.png"), gray[:, ::-1])
     with pytest.raises(DataError, match="3 of 3 pictures are mirror images"):
         detect_images([tmp_path], jobs=1)
+
+
+WEAKLY = ("checkerboard:9x6", "charuco:9x7:1:0.6:4X4_50", "aprilgrid:6x6:1:0.3", "circles:9x7",
+          "asymmetric-circles:4x11", "squares:8x6:1:0.8", "aruco-grid:5x7:1:0.25:5X5_50")  # fmt: skip
+
+
+@pytest.mark.parametrize("shown", WEAKLY)
+@pytest.mark.parametrize(
+    "look_like",
+    [
+        {"black": 120, "white": 124, "background": 121, "noise": 0.5},
+        {"black": 2, "white": 12, "background": 5, "noise": 0.7},
+        {"noise": 15.0},
+    ],
+    ids=["four levels", "dark", "noise"],
+)
+def test_every_target_of_little_contrast_or_much_noise(shown, look_like):
+    target, rng = make(shown), np.random.default_rng(7)
+    seen_by, pose = random_view(target, rng, tilt=(5.0, 40.0), fill=(0.8, 0.95), roll=30.0)
+    gray = picture(target, seen_by, pose, rng, blur=0.7, **look_like)
+    best = answers([look(gray, 1.0)[0]])[0].target
+    assert (best.kind, best.columns, best.rows) == (target.kind, target.columns, target.rows)
+    found = target.find(gray)
+    assert len(found) > 0.8 * len(target.points)
+    error = np.linalg.norm(found.uv - expected(target, seen_by, pose, found.point_ids), axis=1)
+    assert np.median(error / found.sigma) < 2.5  # 1.18 of Gaussian errors; corners of squares are up to 1.3
+
+
+@pytest.mark.parametrize("shown", WEAKLY[1:])
+def test_black_and_white_exchanged(shown, tmp_path):
+    target = make(shown)
+    for i, gray in enumerate(rendered(shown, count=1, size=(640, 480))):
+        cv2.imwrite(str(tmp_path / f"v{i}.png"), ~gray)
+    events = {}
+    found = detect_images(
+        [tmp_path], jobs=1, cache=False, on_event=lambda name, said: events.update({name: said})
+    )
+    assert events["target"]["spec"].endswith(":negative") and "exchanged" in events["target"]["words"]
+    assert found.target["negative"] and found.target["kind"] == target.kind
+    assert (found.target["columns"], found.target["rows"]) == (target.columns, target.rows)
+
+
+def test_a_target_is_found_in_negative_where_its_spec_does_not_say_so(tmp_path):
+    target = make("circles:9x7:20mm:12mm")
+    for i, gray in enumerate(rendered("circles:9x7:20mm:12mm", count=2, size=(640, 480))):
+        cv2.imwrite(str(tmp_path / f"v{i}.png"), ~gray)
+        plain = target.find(gray)
+        np.testing.assert_array_equal(targets.find(target.as_negative(), ~gray, 1.0).uv, plain.uv)
+    events = {}
+    detect_images([tmp_path], "circles:9x7:20mm:12mm", jobs=1, cache=False,
+                  on_event=lambda name, said: events.update({name: said}))  # fmt: skip
+    made = targets.make(events["negative"]["spec"])
+    assert (
+        made == target.as_negative()
+        and made.scaled(1.0, "m").negative
+        and made.scaled(1.0, "m").diameter == 0.6
+    )

@@ -159,6 +159,10 @@ def _alike(target: Target, other: Target, within: float) -> bool:
 
 def words(target: Target) -> str:
     """Describe a target: `a ChArUco board of 9x7 squares, markers 0.5 of a square, dictionary 4X4_50`."""
+    return _words(target) + ", black and white exchanged" * target.negative
+
+
+def _words(target: Target) -> str:
     size = f"{target.columns}x{target.rows}"
     if isinstance(target, Charuco):
         legacy = ", OpenCV's layout before 4.6" * target.legacy

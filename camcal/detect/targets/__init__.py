@@ -8,7 +8,9 @@ from camcal import registry
 from camcal.errors import UsageError
 
 if TYPE_CHECKING:
-    from camcal.detect.targets.base import Target
+    import numpy as np
+
+    from camcal.detect.targets.base import Detection, Miss, Target
 
 TARGETS = {
     "checkerboard": "camcal.detect.targets.checkerboard:Checkerboard",
@@ -65,4 +67,11 @@ def make(spec: str) -> Target:
         Where the name is unknown or an argument is missing or wrong.
     """
     name, arguments, named = registry.split_spec(spec)
-    return registry.look_up(TARGETS, name, "target").parse(arguments, named)
+    plain = [a for a in arguments if a.lower() != "negative"]
+    made: Target = registry.look_up(TARGETS, name, "target").parse(plain, named)
+    return made.as_negative() if len(plain) < len(arguments) else made
+
+
+def find(target: Target, gray: np.ndarray, seconds: float) -> Detection | Miss:
+    """Look for a target in a grey picture (height, width), black and white exchanged where that is how it is shown."""
+    return target.find(~gray if target.negative else gray, seconds)

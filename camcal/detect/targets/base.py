@@ -108,9 +108,12 @@ class Target(ABC):
         Length of a cell (of a tag for a grid of tags, the distance of neighbours for circles), in `unit`.
     unit : str
         `um`, `mm`, `cm`, `m`, `in`; `unit` for a bare number, `square` where no length is known.
+    negative : bool
+        Whether black and white are exchanged in print, or in the pictures; see `targets.find`.
     """
 
     kind: str  #: name in the table
+    negative: bool = False
     point_kind: str = "saddle"  #: which sub-pixel fit applies: `saddle`, `circle`
 
     def __init__(self, columns: int, rows: int, square: float = 1.0, unit: str = "square"):
@@ -153,7 +156,7 @@ class Target(ABC):
     def spec(self) -> str:
         """The text from which `targets.make` makes this target."""
         arguments = [self.kind, f"{self.columns}x{self.rows}", *self._arguments()]
-        return ":".join(arguments)
+        return ":".join(arguments + ["negative"] * self.negative)
 
     def _arguments(self) -> list[str]:
         """The part of the spec after the size."""
@@ -171,13 +174,20 @@ class Target(ABC):
 
     def describe(self) -> dict[str, Any]:
         """The report's entry `target`."""
-        return {
+        said = {
             "kind": self.kind,
             "columns": self.columns,
             "rows": self.rows,
             "square": self.square,
             "unit": self.unit,
         }
+        return said | {"negative": True} if self.negative else said
+
+    def as_negative(self, negative: bool = True) -> Target:
+        """The same target with black and white exchanged, or as designed."""
+        made = copy.copy(self)
+        made.negative = negative
+        return made
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.__dict__ == other.__dict__

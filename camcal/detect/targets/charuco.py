@@ -181,9 +181,10 @@ class Charuco(TagBoard):
 
     def scaled(self, square: float, unit: str) -> Charuco:
         """The same board with another side of a square; see `Target.scaled`."""
-        marker = self.marker * square / self.square
-        size = (self.columns, self.rows)
-        return Charuco(*size, square, marker, self.dictionary, unit, self.legacy, self.start)
+        made = super().scaled(square, unit)
+        assert isinstance(made, Charuco)
+        made.marker *= square / self.square
+        return made
 
     def describe(self) -> dict[str, Any]:
         """The report's entry `target`."""

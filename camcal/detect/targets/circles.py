@@ -20,7 +20,8 @@ from camcal.detect.board_points import LOCAL_POINTS, from_points
 from camcal.detect.disc_fit import fit_discs
 from camcal.detect.disc_grid import Grid, find_board
 from camcal.detect.discs import Discs, find_discs
-from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
+from camcal.detect.fit import ROUNDING
+from camcal.detect.pyramid import grey_span, noise, reduced, reductions, to_8_bits
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     Detection,
@@ -44,7 +45,7 @@ PLAIN = 0.35
 LEAST_UNASKED = 12  #: discs; a smaller grid is accepted only where it was asked for
 #: length over width; discs of 3 px radius are measured to 1.2, windows of a house reach 1.4
 LONGISH = 1.25
-#: of the contrast; what the fits leave. Discs of real sets have at most 0.08, at noise of 15 grey levels 0.09; windows
+#: of the contrast; what the fits leave besides the noise of the picture. Discs of real sets have at most 0.08; windows
 #: that pass for as long as wide have 0.14
 UNLIKE = 0.12
 MOSTLY = 0.6  #: share of the discs; those at the rim of the sheet may have its edge around them
@@ -201,8 +202,10 @@ class Circles(Target):
 
     def scaled(self, square: float, unit: str) -> Circles:
         """The same grid with another distance; see `Target.scaled`."""
-        diameter = None if self.diameter is None else self.diameter * square / self.square
-        return type(self)(self.columns, self.rows, square, unit, diameter)
+        made = super().scaled(square, unit)
+        assert isinstance(made, Circles)
+        made.diameter = None if self.diameter is None else self.diameter * square / self.square
+        return made
 
     def describe(self) -> dict[str, Any]:
         """The report's entry `target`."""
@@ -265,8 +268,14 @@ def find_any(gray: Array, seconds: float) -> Grid | None:
     if _on_plain_ground(to_8_bits(gray), grid.discs).mean() < MOSTLY or _elongation(target, grid) > LONGISH:
         return None
     found = target.find(gray, seconds)
-    good = isinstance(found, Detection) and found.info["noise"] < UNLIKE * found.info["contrast"]
-    return grid if good else None
+    return grid if isinstance(found, Detection) and _like_discs(gray, found) else None
+
+
+def _like_discs(gray: Array, found: Detection) -> bool:
+    """Whether fits leave little but the noise that the picture has everywhere."""
+    everywhere = np.hypot(noise(gray), ROUNDING) * 255 / grey_span(gray)
+    more = found.info["noise"] ** 2 - everywhere**2
+    return bool(more < (UNLIKE * found.info["contrast"]) ** 2)
 
 
 def _elongation(target: Circles, grid: Grid) -> float:

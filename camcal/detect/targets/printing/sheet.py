@@ -97,12 +97,17 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
     Raises
     ------
     UsageError
-        Where the target has no unit of length, or does not fit on the page.
+        Where the target has no unit of length, is a negative, or does not fit on the page.
     """
     if target.unit not in MILLIMETRES:
         raise UsageError(
             f"{target.kind} of {target.columns}x{target.rows} has no length and cannot be printed to scale.",
             f"Give the length with its unit ({', '.join(MILLIMETRES)}), as in checkerboard:9x6:25mm.",
+        )
+    if target.negative:
+        raise UsageError(
+            "a board with black and white exchanged is not printed.",
+            "Leave `negative` out; exchange black and white at the printer if the board has to be black.",
         )
     scale, pattern = MILLIMETRES[target.unit], target.pattern()
     circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
