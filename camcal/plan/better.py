@@ -5,14 +5,17 @@
 2. On the same points, with the same unknowns, the lower cost is better; a search that converged, where costs are equal
    to rounding.
 3. Otherwise (other unknowns: a lens with more coefficients, a board with a shape; or other points: corners fitted
-   again) what counts is the error on views held out, with its noise. With d_v the difference of the mean squared errors
-   of view v, held out from both,
+   again) what counts is the error on views held out, with its noise. With d_v the difference of the logarithms of the
+   mean squared errors of view v, held out from both,
 
        t = mean(d_v) / (std(d_v) / sqrt(V))                                                           (1)
 
    is about Student's t with V - 1 degrees of freedom where neither is better (Nadeau & Bengio, Inference for the
    generalization error, 2003, who also show that folds share views, so that it is only approximate). What asks for
    more unknowns, or for new points, is preferred where chance alone would exceed t with a probability below `CHANCE`.
+   Logarithms, as one view of a large error (at the border of the picture, say) else makes most of the mean and of its
+   scatter: t is then near 1 even if every view is better. The mean squared error of all views has to be lower as well;
+   where the two disagree, d_v are differences of the mean squared errors themselves.
 """
 
 from __future__ import annotations
@@ -70,9 +73,13 @@ def gain(candidate: HoldOut | None, incumbent: HoldOut | None) -> tuple[float, i
         return float("nan"), 0
     new, old = candidate.mean_squares(), incumbent.mean_squares()
     common = [v for v in new if v in old]
-    d = np.array([old[v] - new[v] for v in common])
+    squares = np.array([(old[v], new[v]) for v in common]).reshape(-1, 2)
+    d = squares[:, 0] - squares[:, 1]
     if len(d) < 2 or not np.isfinite(d).all():
         return float("nan"), len(d)
+    if (squares > 0).all():
+        ratios = np.log(squares[:, 0] / squares[:, 1])
+        d = ratios if ratios.mean() * d.mean() > 0 else d
     scatter = float(d.std(ddof=1)) / np.sqrt(len(d))
     if scatter > 0:
         return float(d.mean() / scatter), len(d)
