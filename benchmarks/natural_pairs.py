@@ -94,18 +94,25 @@ def main() -> None:
     """Print the tables."""
     left, right, square, natural = sys.argv[1:5]
     boards = detect_rig({"left": [left], "right": [right]}, square=square)
-    shaped = {"board_shape": "auto", "robust": "auto"}
+    shaped = {"board_shape": "auto", "robust": "auto", "refine_points": None}
     made = camcal.calibrate_rig(boards, model=K1K2, crosscheck=False, **shaped)
     default = camcal.calibrate_rig(boards, crosscheck=False, **shaped)
-    given = camcal.calibrate_rig(boards, model=K1K2, board_shape="flat", robust="none", checks=False)
+    given = camcal.calibrate_rig(boards, model=K1K2, board_shape="flat", checks=False, refine_points=None)
     data = given.observations
+    flat = camcal.calibrate_rig(
+        boards, board_shape="flat", checks=False, crosscheck=False, refine_points=None
+    )
     fixed = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     pairs = {
         "camcal, k1 k2": by_camcal(made),
         "cv2, k1 k2": by_cv2(given, data, fixed, K1K2),
         "camcal, default": by_camcal(default),
         "cv2, default": by_cv2(given, data, 0, "opencv5"),
+        "camcal, default, flat board": by_camcal(flat),
     }
+    for name, solution in (("k1 k2", made), ("default", default), ("flat", flat), ("k1 k2, flat", given)):
+        kind = solution.board.kind if solution.board else "flat"
+        print(f"{name}: board {kind}, rms {solution.rms_point:.4f} px, rejected {(~solution.used).sum()}")
     rows: dict[tuple[str, int], list] = {}
     for path in sorted(Path(natural).glob("*_left.*")):
         pictures = [as_gray(cv2.imread(str(p))) for p in (path, Path(str(path).replace("_left", "_right")))]
@@ -119,7 +126,11 @@ def main() -> None:
         for name, v in found.items():
             for k, value in enumerate(figures(v)):
                 rows.setdefault((name, k), []).append(f"{value:.3f}")
-        for a, b in (("camcal, k1 k2", "cv2, k1 k2"), ("camcal, default", "cv2, default"), ("camcal, k1 k2", "cv2, default")):
+        for a, b in (
+            ("camcal, k1 k2", "cv2, k1 k2"),
+            ("camcal, default", "cv2, default"),
+            ("camcal, k1 k2", "cv2, default"),
+        ):
             off, sigma = compared(found[a], found[b], first[shown], size)
             for k in (0, 1):
                 rows.setdefault((f"{a} less {b}", k), []).append(f"{off[k]:+.3f} ± {sigma[k]:.3f}")

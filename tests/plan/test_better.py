@@ -108,3 +108,16 @@ def test_a_larger_lens_model_is_not_taken_for_noise():
         pair = [Candidate(f, hold_out(f, How())) for f in (big, small)]
         taken += better(*pair)[0]
     assert taken <= 3  # 5 % of 12; a count that this exceeds once in 500
+
+
+def test_one_view_of_a_large_error_does_not_hide_that_all_are_better():
+    """Errors of which one makes most of the sum: t of the differences is 1.1, of their logarithms far above chance."""
+    before = np.array([1.0, 1.2, 0.9, 1.1, 0.8, 1.0, 1.3, 60.0])
+    after = before * np.array([0.3, 0.2, 0.4, 0.3, 0.2, 0.3, 0.25, 0.3])
+    difference = before - after
+    assert difference.mean() / difference.std(ddof=1) * np.sqrt(8) < 1.5
+    assert gain(held(1 - after), held(1 - before))[0] > 10
+    # better in all but that one, which is worse by more than the others gain: the mean squared error decides, against it
+    after[-1] = 2 * before[-1]
+    t = gain(held(1 - after), held(1 - before))[0]
+    assert -1.895 < t < 0
