@@ -57,7 +57,10 @@ def rig(
     force: bool,
     **given: Any,
 ) -> None:
-    """Simulate views of a 3D rig, three faces of a cube or points from a file, as a table of points."""
+    """Simulate one camera's views of a 3D calibration object: three faces of a cube, or points from a file.
+
+    The result is a table of points. This is not a rig of cameras: `camcal rig` calibrates several cameras.
+    """
     _check(output, force)
     import numpy as np
 

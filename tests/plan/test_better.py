@@ -117,7 +117,7 @@ def test_one_view_of_a_large_error_does_not_hide_that_all_are_better():
     difference = before - after
     assert difference.mean() / difference.std(ddof=1) * np.sqrt(8) < 1.5
     assert gain(held(1 - after), held(1 - before))[0] > 10
-    # better in all but that one, which is worse by more than the others gain: the mean squared error decides, against it
+    # better in all but that one, which is worse by more than the others gain: the mean squared error decides
     after[-1] = 2 * before[-1]
     t = gain(held(1 - after), held(1 - before))[0]
     assert -1.895 < t < 0
