@@ -3,9 +3,9 @@
     python benchmarks/natural_pairs.py BOARDS_LEFT BOARDS_RIGHT SQUARE NATURAL
 
 NATURAL is a folder of NAME_left.jpg and NAME_right.jpg. Each of the calibrations judges the same matches of a pair:
-those that agree with each other (`camcal.routes.natural`), which no calibration decides. Printed are the median and the root
-mean square of the vertical disparities below `TAIL` robust standard deviations, and of the differences to the first
-calibration their standard error over tiles of the picture (a bootstrap of `TILES`, as what a lens is off is the same in
+those that agree with each other (`camcal.routes.natural`), which no calibration decides. Printed are the median and the
+root mean square of the vertical disparities below `TAIL` robust standard deviations, and of differences between
+calibrations the standard error over tiles of the picture (a bootstrap of `TILES`, as what a lens is off is the same in
 neighbouring matches).
 """
 
