@@ -49,7 +49,7 @@ from camcal.study.points import simulate_points
 #: a lens whose image radius grows with the angle, as the rational model has it: the Padé approximant [3/3] of
 #: atan(r) / r. Over the 120 degrees of the picture's diagonal no polynomial of three terms comes near: it needs its
 #: denominator
-EQUIDISTANT = "opencv8, 120 degrees"
+EQUIDISTANT = "opencv8 of 120 degrees"
 MODELS = (
     "pinhole", "opencv4", "opencv5", "opencv8", EQUIDISTANT, "brown:radial=3,decentering=1", "kb4", "ucm", "ds",
     "division:1",
@@ -70,7 +70,7 @@ Hits = dict[tuple[str, str], Array]
 
 def true_camera(name: str, rng: np.random.Generator) -> Camera:
     """The example lens of a model, its parameters scattered by 3 %."""
-    truth = example_camera(name.split(",")[0] if name == EQUIDISTANT else name)
+    truth = example_camera("opencv8" if name == EQUIDISTANT else name)
     params = truth.params
     if name == EQUIDISTANT:
         size = (1280, 960)

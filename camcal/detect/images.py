@@ -225,12 +225,17 @@ def _correspondences(searched: list[Searched], detected: bool, run: Search) -> O
             skipped.append(SkippedView(ids[o.path], "rejected", reason))
         else:
             views += several.views_of(searched, number, ids[o.path])
-    files = tuple({"path": str(o.path), "sha256": o.sha256} for o in outcomes)
+    files = tuple({"path": str(o.path), "sha256": o.sha256, **_named(o.taken)} for o in outcomes)
     quality = {ids[o.path]: o.quality for o in outcomes if o.quality}
     described = {**several.described(searched), "detected": detected}
     return Observations.from_views(
         views, size, target=described, skipped=tuple(skipped), files=files, picture_quality=quality
     )
+
+
+def _named(taken: Taken) -> dict[str, str]:
+    """The camera of a picture for the report; empty where its file names none."""
+    return {"taken": str(taken)} if taken.camera else {}
 
 
 def _commonest_camera(taken: list[Taken]) -> Taken | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,3 +29,9 @@ def trust(report: Document) -> str:
     if math.isfinite(far["median"]):
         return f"{said}; for far points it is {number(far['median'], 2)} px in the median."
     return f"{said}; for far points it is not determined."
+
+
+def taken(report: Document) -> str:
+    """The camera that most pictures name in their EXIF block, with its focal length; empty where none does."""
+    named = Counter(f["taken"] for f in report["inputs"]["files"] if f.get("taken"))
+    return named.most_common(1)[0][0] if named else ""

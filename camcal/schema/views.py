@@ -24,6 +24,9 @@ class File(Section):
 
     path: Annotated[str, key("as it was found")]
     sha256: Annotated[str, key("of its content")]
+    taken: Annotated[
+        str | UnsetType, key("the camera and focal length that a picture's EXIF block names")
+    ] = UNSET
 
 
 class Inputs(Section, kw_only=True):

@@ -351,3 +351,12 @@ def test_a_click_on_a_bar_marks_its_board_and_row(text, tmp_path):
     path.write_text(text.replace("</body>", click), encoding="utf-8")
     dom, said = open_page(path, tmp_path, "--dump-dom")
     assert re.search(r"<title>(\d+)</title>", dom).group(1) >= "3" and not said
+
+
+def test_the_camera_that_the_pictures_name_is_shown(full):
+    files = [{"path": f"{i}.jpg", "sha256": "0", "taken": "SONY DSC-HX5V at 4.25 mm"} for i in range(2)]
+    files += [{"path": "2.jpg", "sha256": "0", "taken": "another <b>"}, {"path": "3.jpg", "sha256": "0"}]
+    named = replace(full, observations=replace(full.observations, files=tuple(files)))
+    head = page(document(named), named).partition("</header>")[0]
+    assert "taken by SONY DSC-HX5V at 4.25 mm" in head and "another" not in head
+    assert "taken by" not in page(document(full), full).partition("</header>")[0]
