@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from camcal.assess.checks import coverage, fit, lens, noise, pictures, rejected, views
+from camcal.assess.checks import coverage, fit, lens, noise, pictures, rejected, spoken, views
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations, View
@@ -121,7 +121,7 @@ def check_known(
         What the camera's report says; without it a fit is judged by the size of the picture alone.
     """
     facts = Facts(solution)
-    said = [w for one in CHECKS for w in one(facts)]
+    said = spoken(CHECKS, facts)
     misfit = [*_worse(facts, promise)]
     if misfit or any(w.code == "large-residuals" for w in said):
         cause = _named(solution, given)

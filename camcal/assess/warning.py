@@ -26,5 +26,20 @@ class CalibrationWarning:
 
 def grade(warnings: Iterable[CalibrationWarning]) -> Grade:
     """The worst severity among warnings; `good` if there are at most notes."""
-    found = {w.severity for w in warnings}
+    return grade_of(w.severity for w in warnings)
+
+
+def grade_of(severities: Iterable[str]) -> Grade:
+    """The worst of some severities; `good` if there are at most notes."""
+    found = set(severities)
     return "wrong" if "wrong" in found else "doubtful" if "doubtful" in found else "good"
+
+
+def warning_entry(warning: CalibrationWarning) -> dict[str, str]:
+    """An entry of the report's `warnings`."""
+    return {
+        "code": warning.code,
+        "severity": warning.severity,
+        "message": warning.message,
+        "hint": warning.hint,
+    }

@@ -10,7 +10,7 @@ import numpy as np
 from camcal.assess import figures
 from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy as accuracy_of
-from camcal.assess.warning import CalibrationWarning, grade
+from camcal.assess.warning import CalibrationWarning, grade, warning_entry
 from camcal.data.observations import Correspondences, SkippedView
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
@@ -313,13 +313,4 @@ def fit_entry(solution: Estimate, accuracy: Covariance) -> dict[str, Any]:
         "free_parameters": solution.free_count,
         "condition": accuracy.condition,
         "info": fit.info,
-    }
-
-
-def warning_entry(warning: CalibrationWarning) -> dict[str, str]:
-    return {
-        "code": warning.code,
-        "severity": warning.severity,
-        "message": warning.message,
-        "hint": warning.hint,
     }

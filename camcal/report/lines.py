@@ -103,6 +103,7 @@ def _warnings(fit: LineFit, kept: Lines) -> list[dict[str, str]]:
                 f"{int((~fit.used).sum())} of {len(fit.used)} lines are not straight compared with the "
                 "others and are not used.",
                 "Curves in the scene can be among them.",
+                "note",
             )
         )
     if fit.undetermined:

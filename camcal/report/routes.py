@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.assess.warning import CalibrationWarning, Severity, grade_of, warning_entry
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.report.head import head
@@ -41,14 +42,15 @@ def document(
             "crosscheck": list(crosscheck),
             "warnings": list(warnings),
             "verdict": "fail" if failed else "pass",
+            "grade": grade_of(w["severity"] for w in warnings),
             "failures": failed,
         }
     )
 
 
-def warning(code: str, message: str, hint: str = "") -> dict[str, str]:
+def warning(code: str, message: str, hint: str = "", severity: Severity = "doubtful") -> dict[str, str]:
     """An entry of the report's `warnings`."""
-    return {"code": code, "message": message, "hint": hint}
+    return warning_entry(CalibrationWarning(code, message, hint, severity))
 
 
 def pose_entry(pose: Pose) -> dict[str, Any]:

@@ -137,6 +137,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
                 "views-left-out",
                 f"{len(lost)} views could not be added: {listed(lost)}.",
                 "Add tracks.",
+                "note",
             )
         )
     if twice:
@@ -145,6 +146,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
                 "points-twice",
                 f"{twice} images are of a point that the view has already.",
                 "The first counts.",
+                "note",
             )
         )
     return made

@@ -227,8 +227,8 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
                 "few-matches",
                 f"{made['matches']} matches: too few for a firm figure.",
                 "Take pictures with more texture, or give several pairs.",
+                "note",
             )
-            | {"severity": "note"}
         )
     median, noise = made["vertical_disparity"]["median"], made["noise"]["median"]
     if median > max(EXCESS * noise, MATTERS):
@@ -239,7 +239,6 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
                 "The cameras have moved relative to each other, or the rig was calibrated poorly: calibrate it again. "
                 + _turned(made["turn"]),
             )
-            | {"severity": "doubtful"}
         )
     return found
 

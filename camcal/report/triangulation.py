@@ -161,6 +161,7 @@ def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, s
                 "undetermined-points",
                 f"{len(lost)} points are omitted, first '{first['point']}': {first['reason']}.",
                 "A point needs two images whose rays meet at an angle.",
+                "note",
             )
         )
     outliers = int((~found.used).sum())
@@ -170,6 +171,7 @@ def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, s
                 "outlier-images",
                 f"{outliers} images disagree with the others of their points.",
                 "Look at them.",
+                "note",
             )
         )
     return made

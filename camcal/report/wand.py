@@ -249,6 +249,7 @@ def _warnings(
                 "instants-left-out",
                 f"{lost} of {len(views)} instants are not used: too few cameras see their markers, or these disagree.",
                 "`wand.left_out` names the images.",
+                "note",
             )
         )
     if twice:
@@ -257,6 +258,7 @@ def _warnings(
                 "points-twice",
                 f"{twice} images are of a marker that the camera has already.",
                 "The first counts.",
+                "note",
             )
         )
     return made

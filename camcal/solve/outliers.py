@@ -50,12 +50,15 @@ class Verdict:
         Largest |r| / s of a point that is kept, over all points.
     bad_views : tuple of int
         Views to be rejected as a whole.
+    lengths : (N,) array
+        Of the residuals, `standardised`.
     """
 
     used: Array
     sigma: float
     threshold: float
     bad_views: tuple[int, ...]
+    lengths: Array
 
     @property
     def rejected(self) -> int:
@@ -89,7 +92,7 @@ def test(calibration: Estimate) -> Verdict:
         masks[i] = np.zeros(len(every[i]), bool)
     if len(bad) == len(every):
         bad, masks = set(), [length <= threshold * sigma for length in every]
-    return Verdict(np.concatenate(masks), sigma, threshold, tuple(sorted(bad)))
+    return Verdict(np.concatenate(masks), sigma, threshold, tuple(sorted(bad)), lengths)
 
 
 def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, share: float) -> float:
@@ -137,7 +140,7 @@ def looks_gaussian(lengths: Array, sigma: float) -> bool:
 def is_clean(calibration: Estimate) -> bool:
     """Return whether the residuals show no outlier and are Gaussian as far as their median and rms show."""
     verdict = test(calibration)
-    return not verdict.rejected and looks_gaussian(standardised(calibration), verdict.sigma)
+    return not verdict.rejected and looks_gaussian(verdict.lengths, verdict.sigma)
 
 
 def standardised(calibration: Estimate) -> Array:

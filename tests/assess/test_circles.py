@@ -101,12 +101,12 @@ def test_a_small_effect_is_doubtful_where_it_exceeds_what_the_camera_says(monkey
 @pytest.mark.parametrize(("share", "said"), [(0.9, True), (1.1, False)])
 def test_a_bent_board_explains_more_than_circles(monkeypatch, share, said):
     from camcal.assess.checks import circles as module
-    from camcal.assess.checks.board import Promise
     from camcal.assess.checks.facts import Facts
+    from camcal.assess.free_board import Promise
 
     s = discs(0.4)
     gained = circles(s).gain / s.fit.cost
     of_board = share * gained / module.LEAST_OF_BOARD
     bent = Promise(1.0, float(np.sqrt(1 - of_board)), 0.0, 1.0)
-    monkeypatch.setattr(module.board, "promise", lambda _: bent)
+    monkeypatch.setattr(Facts, "free_board", bent)
     assert bool(list(module.circle_centres(Facts(s)))) == said

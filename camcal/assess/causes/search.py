@@ -18,7 +18,7 @@ from math import comb, lgamma, log
 
 import numpy as np
 
-from camcal.assess import figures
+from camcal.assess import figures, free_board
 from camcal.assess.causes.circles import circles
 from camcal.assess.causes.kinds import KINDS, OF_EACH, OF_ONE, OF_PARTS, contrasts, shared
 from camcal.assess.causes.linear import Linear, all_fields, problem_of
@@ -29,11 +29,10 @@ from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.solve import optimizers
-from camcal.solve.board import BoardProblem, make_board
+from camcal.solve.board import make_board
 from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
-from camcal.solve.schur import Reduced
 from camcal.solve.warp import Warp
 
 #: by how much (1) has to fall: very strong evidence in the table of Kass & Raftery (Bayes factors, 1995). On 30 clean
@@ -281,14 +280,9 @@ class Search:
         UsageError
             Where the views do not share a board.
         """
-        base = self.base
-        data = base.observations.kept()
-        weights = None if data.precision is None else data.split(data.precision)
-        board, free = make_board(data.views, kind), base.free[:, base.free.any(0)]
-        problem = BoardProblem(base.camera.lens, data.views, free, board, weights)
-        blocks = problem.linearise(problem.state(base.camera.params, base.poses))
-        step = None if blocks is None else Reduced(blocks).step()
-        return np.inf if step is None else self.promised(step[1], board.size, 0.0)
+        board = make_board(self.base.observations.kept().views, kind)
+        found = free_board.step(self.base, board)
+        return np.inf if found is None else self.promised(found[1], board.size, 0.0)
 
     def circles(self) -> Iterator[Trial]:
         """Centroids of the images of circles; one step suffices, since these are small effects."""

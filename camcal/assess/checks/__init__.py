@@ -6,8 +6,8 @@ beside its reason; tests hold it against degenerate data (it must speak) and goo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from camcal.assess.causes import Found
 from camcal.assess.checks import (
@@ -31,6 +31,8 @@ from camcal.assess.checks import (
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import Calibration
+
+F = TypeVar("F")
 
 CHECKS = (
     fit.not_converged,
@@ -92,4 +94,11 @@ def check(
     if "weak-geometry" in codes and parameters.focal_known(facts):
         known = [w for w in known if w.code != "weak-geometry"]
         codes.remove("weak-geometry")
-    return (*known, *(w for one in CHECKS for w in one(facts) if w.code not in codes))
+    return (*known, *(w for w in spoken(CHECKS, facts) if w.code not in codes))
+
+
+def spoken(
+    checks: Iterable[Callable[[F], Iterable[CalibrationWarning]]], facts: F
+) -> list[CalibrationWarning]:
+    """What some checks say of some facts, in their order."""
+    return [w for one in checks for w in one(facts)]

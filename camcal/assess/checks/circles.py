@@ -49,7 +49,7 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def _board_explains_more(facts: Facts, found: Circles) -> bool:
     """Return whether the board's own shape predicts so large a gain that circles are a small part of the error."""
-    bent = board.promise(facts)
+    bent = facts.free_board
     if bent is None or bent.p_value > board.SIGNIFICANT:
         return False
     of_board = 1 - (bent.after / bent.before) ** 2

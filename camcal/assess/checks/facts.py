@@ -13,6 +13,7 @@ from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy
 from camcal.assess.design import Design
 from camcal.assess.difference import grid_of
+from camcal.assess.free_board import Promise, promise
 from camcal.data.observations import Observations
 from camcal.data.shape import Shapes
 from camcal.model.pose import Array
@@ -52,6 +53,11 @@ class Facts:
         except ValueError:
             return None
         return design
+
+    @cached_property
+    def free_board(self) -> Promise | None:
+        """What a board of free shape promises; None where the data do not allow one."""
+        return promise(self.solution)
 
     @cached_property
     def shapes(self) -> Shapes:
