@@ -21,7 +21,8 @@ def least_fall(views: int, numbers: int) -> float:
     """The part of itself that sigma has to fall to before a cause of so many numbers is sure in any kind of noise.
 
     The evidence for a cause, BIC = n ln(cost) + m ln n, takes each coordinate for independent. Where the noise has
-    heavy tails it may be the errors of whole views instead, n = 8 V of them, and the criterion falls by `EVIDENCE` where
+    heavy tails it may be the errors of whole views instead, n = 8 V of them, and the criterion falls by `EVIDENCE`
+    where
 
         sigma / sigma_before < exp(-(m ln n + EVIDENCE) / 2n)
 
