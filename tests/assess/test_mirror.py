@@ -7,6 +7,7 @@ import pytest
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.mirror import gains_of_mirroring, mirrored_pictures
+from camcal.assess.checks.views import mirrored as mirrored_views
 from camcal.plan.calibrate import calibrate
 from tests.solved import SIZE, TRUTH, camera_of, grid, observe, rig, tilted_poses
 
@@ -68,3 +69,21 @@ def test_the_mirrored_start_is_the_pose_of_the_mirrored_view():
         ).max()
         < 1e-3
     )
+
+
+def upwards(printed: dict | None, up: bool):
+    """Whether views of a target, all with v counted upwards or none, are said to be seen from behind."""
+    rng = np.random.default_rng(0)
+    data = observe(camera_of(), tilted_poses(grid(), 8, rng), grid(), 0.1, rng)
+    if up:
+        data = data.map_views(lambda v: replace(v, uv=np.c_[v.uv[:, 0], SIZE[1] - 1 - v.uv[:, 1]]))
+    facts = Facts(calibrate(replace(data, target=printed), robust="none", checks=False))
+    return [(w.code, w.severity) for w in mirrored_views(facts)]
+
+
+def test_v_counted_upwards_in_all_views_of_a_printed_target():
+    """A target whose printed side is known cannot be seen from behind; of any other plane nothing tells."""
+    assert upwards({"printed": True}, True) == [("mirrored-picture", "doubtful")]
+    assert upwards({"kind": "checkerboard"}, True) == [("mirrored-picture", "wrong")]
+    assert upwards({"printed": True}, False) == [] == upwards({"kind": "checkerboard"}, False)
+    assert upwards(None, True) == [] == upwards(None, False)

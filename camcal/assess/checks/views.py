@@ -26,6 +26,8 @@ PARALLEL_DEGREES = 5.0
 #: Estimated parameters per view of a plane; each such view fixes two of the camera matrix and a bend.
 PARAMETERS_PER_VIEW = 3
 
+#: A plane is that of x and y if the cosine of its normal to z is above this: a bent board's plane is off by .001.
+ALONG_Z = 0.99
 #: Below this angle, degrees, perspective is second order in what noise and distortion leave: the focal length found is
 #: not that of the camera (tilts of 0.6 degrees give 1569 +- .06 for 1000).
 NOTHING_DEGREES = 2.0
@@ -153,8 +155,23 @@ def _seen_corners(facts: Facts) -> Array:
 
 
 def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
-    """A few views in which the camera is on the other side of the board than in the rest."""
-    if not facts.planar or len(facts.views) < 3:
+    """Views in which the camera is behind the printed side of a target, or on another side of it than in most views."""
+    if not facts.planar:
+        return
+    data = facts.solution.observations
+    behind = data.is_printed and 2 * _from_behind(facts).sum() > len(facts.views)
+    if behind:
+        yield CalibrationWarning(
+            "mirrored-picture",
+            "the views show the printed target from behind: v is counted upwards, u and v are exchanged, or the "
+            "pictures are mirrored. The principal point, and what else of the lens is not symmetric, are those of the "
+            "mirror image.",
+            "Use v = height - 1 - v, or exchange u and v. If the table's z axis points towards the camera (y upwards), "
+            "all is well.",
+            "wrong" if "kind" in (data.target or {}) else "doubtful",
+        )
+        return
+    if len(facts.views) < 3:
         return
     minority = np.flatnonzero(sides(facts.shapes, facts.solution.poses))
     if not len(minority) or len(minority) * 3 > len(facts.views):
@@ -166,3 +183,11 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
         "Their points are in mirrored order (or the picture is): correct or remove these views.",
         "doubtful",
     )
+
+
+def _from_behind(facts: Facts) -> Array:
+    """The views (V,) of a target in the plane z = 0 whose camera lies where z > 0, behind what is printed."""
+    poses = facts.solution.poses
+    centres = -np.einsum("vji,vj->vi", poses.rotations, poses.translations)
+    flat = np.abs(facts.shapes.axes[:, 2, 2]) > ALONG_Z
+    return np.asarray(flat & (centres[:, 2] > 0))
