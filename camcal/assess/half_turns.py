@@ -31,9 +31,10 @@ from camcal.data.observations import Observations
 from camcal.geometry.neighbours import Neighbours
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array, Pose, Poses
-from camcal.solve.calibration import Estimate
+from camcal.solve.calibration import Calibration, Estimate
+from camcal.solve.poses import refine_poses
 from camcal.solve.refine import How, as_designed, refit, residuals, subject_of
-from camcal.solve.turns import Renaming, symmetries
+from camcal.solve.turns import Renaming, may_turn, turns_of
 
 #: by how much n ln(cost) has to fall beyond 2 ln 2 for each view, whose turn is a choice between two: very strong
 #: evidence in the table of Kass & Raftery (Bayes factors, 1995)
@@ -42,6 +43,8 @@ EVIDENCE = 10.0
 SIGNIFICANT = 0.001
 #: step of the differences along the board, in parts of its extent
 STEP = 1e-6
+#: views that change sides in turn: one round settles them unless the camera was far off
+ROUNDS = 4
 #: two views can always be made to agree by a turn; of three, a turned one is told
 LEAST = 3
 
@@ -111,11 +114,51 @@ def decided(flat: Estimate, how: How) -> Turned | None:
     return Turned(fit, names, turn, evidence)
 
 
-def half_turn(data: Observations) -> Pose | None:
-    """Half a turn of a board in its plane after which it looks the same; None of boards whose turn is known."""
-    if identified(data):
+def decided_by_known(fit: Calibration, how: How) -> Turned | None:
+    """The fit to a board of known shape with views counted from the end that fits their points better.
+
+    Parameters
+    ----------
+    fit : Calibration
+        Its target has the shape of an earlier report, and its points lie there.
+    how : How
+    """
+    data, target = fit.observations, fit.observations.target or {}
+    ideal = np.array(target["shape"]["ideal"], float) * float(target.get("square") or 1.0)
+    turn = half_turn(data, ideal)
+    if turn is None:
         return None
-    return next((t for t in symmetries(data)[1:] if t.rotation[0, 0] < -0.5), None)
+    names: set[str] = set()
+    now = fit
+    for _ in range(ROUNDS):
+        other = renamed(now.observations, now.observations.view_ids, turn)
+        there = turned(now.poses, other.view_ids, other.view_ids, turn)
+        costs = [
+            refine_poses(now.camera, rows.kept().views, poses)[1]
+            for rows, poses in ((now.observations, now.poses), (other, there))
+        ]
+        better = {v for v, own, cost in zip(other.view_ids, *costs, strict=True) if cost < own}
+        if not better:
+            break
+        names ^= better
+        poses = turned(now.poses, other.view_ids, better, turn)
+        now = refit(now, renamed(now.observations, better, turn), how, poses)
+    evidence = redundancy(fit) * log(fit.fit.cost / now.fit.cost) if 0 < now.fit.cost < fit.fit.cost else 0.0
+    if evidence < 2 * log(2) * len(fit.poses) + EVIDENCE:
+        return None
+    return Turned(now, tuple(v for v in data.view_ids if v in names), turn, evidence)
+
+
+def half_turn(data: Observations, ideal: Array | None = None) -> Pose | None:
+    """Half a turn of a board in its plane after which it looks the same; None of boards whose turn is known.
+
+    `ideal` are its points (M, 3) as designed where the observations hold others.
+    """
+    target = data.target or {}
+    if identified(data) or not may_turn(target):
+        return None
+    turns = turns_of(np.unique(data.xyz, axis=0) if ideal is None else ideal)
+    return next((t for t in turns[1:] if t.rotation[0, 0] < -0.5), None)
 
 
 def renamed(data: Observations, names: Collection[str], turn: Pose) -> Observations:

@@ -16,7 +16,7 @@ from camcal.errors import CamcalError, UsageError
 from camcal.plan.better import Candidate
 from camcal.plan.progress import Attempt, Change, Progress, stage_of
 from camcal.solve import robust
-from camcal.solve.calibration import Estimate, Stage
+from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How, refit
 
 
@@ -30,9 +30,13 @@ def _several_boards(progress: Progress) -> bool:
     return len((progress.given.target or {}).get("boards", ())) > 1
 
 
-def _free_is_tried(progress: Progress) -> bool:
-    wanted = progress.options.board_shape in ("free", "auto")
+def _shape_tells(progress: Progress) -> bool:
+    wanted = progress.options.board_shape in ("free", "auto") or _known_shape(progress)
     return progress.best is not None and wanted and not _several_boards(progress)
+
+
+def _known_shape(progress: Progress) -> bool:
+    return ((progress.given.target or {}).get("shape") or {}).get("kind") == "known"
 
 
 def _turn(progress: Progress) -> Change | None:
@@ -40,8 +44,12 @@ def _turn(progress: Progress) -> Change | None:
 
     Otherwise its shape would be mixed with itself upside down. Other shapes than the free one are the same either way.
     """
+    flat = _flat(progress)
     try:
-        found = half_turns.decided(_flat(progress), progress.how)
+        if not _known_shape(progress):
+            found = half_turns.decided(flat, progress.how)
+        else:
+            found = half_turns.decided_by_known(flat, progress.how) if isinstance(flat, Calibration) else None
     except CamcalError:
         return None  # the data do not allow a free board
     if found is None:
@@ -156,19 +164,20 @@ def with_shape(data: Observations, progress: Progress) -> Observations:
     """The observations with the shape in their target, if shapes were tried."""
     trials: tuple[Trial, ...] = progress.notes.get("trials", ())
     fit, shape = progress.estimate, progress.notes.get("shape")
+    target, turned = dict(data.target or {}), list(progress.notes.get("turned", ()))
     if not trials and shape is None:
-        return data
-    target = dict(data.target or {})
+        more = {"shape": {**target["shape"], "turned": turned}} if turned else {}
+        return replace(data, target={**target, **more}) if more else data
     kind = "flat" if fit.board is None else fit.board.kind
     p = next((t.p_value for t in (*trials, shape) if t is not None and t.kind == kind), 1.0)
     target["shape"] = board_shape.described(fit, p, trials, float(target.get("square") or 1.0))
-    if progress.notes.get("turned"):
-        target["shape"]["turned"] = list(progress.notes["turned"])
+    if turned:
+        target["shape"]["turned"] = turned
     return replace(data, target=target)
 
 
 SHAPES: tuple[Attempt, ...] = (
-    Attempt("turned-views", _free_is_tried, _turn),
+    Attempt("turned-views", _shape_tells, _turn),
     *(shape_attempt(kind) for kind in CANDIDATES),
     Attempt("rejected", _is_shaped, _reject_again),
 )

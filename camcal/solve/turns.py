@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +23,21 @@ SAME_POINT = 1e-6
 
 def symmetries(data: Observations) -> tuple[Pose, ...]:
     """The turns of the board in its plane after which it looks the same, the identity first."""
-    nothing, target = (Pose.identity(),), data.target or {}
-    if target.get("kind") not in SYMMETRIC:
-        return nothing
-    if target.get("kind") == "checkerboard" and (target.get("columns", 0) + target.get("rows", 0)) % 2:
-        return nothing  # its first square is black, the last one white
-    points = np.unique(data.xyz, axis=0)
+    return turns_of(np.unique(data.xyz, axis=0)) if may_turn(data.target or {}) else (Pose.identity(),)
+
+
+def may_turn(target: Mapping[str, Any]) -> bool:
+    """Whether a target may be read from several ends: neither markers nor the colour of its first square tell."""
+    kind = target.get("kind")
+    odd = (target.get("columns", 0) + target.get("rows", 0)) % 2
+    return kind in SYMMETRIC and not (
+        kind == "checkerboard" and odd
+    )  # its first square is black, the last one white
+
+
+def turns_of(points: Array) -> tuple[Pose, ...]:
+    """The turns of points (M, 3) in their plane that map them onto themselves, the identity first."""
+    nothing = (Pose.identity(),)
     low, high = points.min(0), points.max(0)
     extent = float((high - low).max())
     if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:

@@ -97,3 +97,29 @@ def test_only_boards_that_look_the_same_are_turned():
     assert half_turns.half_turn(replace(data, target={"kind": "charuco"})) is None
     uneven = data.map_views(lambda v: replace(v, xyz=v.xyz + 0.3 * SQUARE * (v.xyz == v.xyz.max(0))))
     assert half_turns.half_turn(uneven) is None
+
+
+def test_a_known_shape_is_not_mixed_with_itself_upside_down():
+    """With the shape of an earlier report each view is counted from the end that fits, all of them where need be."""
+    data = seen(1, 1e-4)
+    shape = calibrated(data).observations.target["shape"]
+    points = np.array(shape["points"])
+
+    def with_shape(some):
+        turned = counted_from_the_other_end(data, some)
+        rows = turned.map_views(lambda v: replace(v, xyz=points[v.point_ids]))
+        known = {"kind": "known", "points": shape["points"], "ideal": shape["ideal"], "from": "a.yaml"}
+        return calibrate(
+            replace(rows, target={"printed": True, "shape": known}),
+            "opencv4",
+            robust="auto",
+            checks=False,
+            crosscheck=False,
+        )
+
+    plain = with_shape(set())
+    assert "turned" not in plain.observations.target["shape"]
+    for some in ({"v3", "v8"}, {v.id for v in data.views}):
+        found = with_shape(some)
+        assert set(found.observations.target["shape"]["turned"]) == some
+        assert np.allclose(found.camera.params, plain.camera.params, rtol=1e-6, atol=1e-6)
