@@ -70,6 +70,12 @@ def test_the_cause_is_named_and_nobody_is_blamed(cases, name):
     assert case.named(found), (found, found.grade)
 
 
+def test_the_place_of_a_large_split_is_found_by_fits(cases):
+    """One step puts the view from which pictures are halved one too late; a displacement by row then fits better."""
+    case = next(c for c in cases.COMMON if c.name == "half of the pictures halved")
+    assert case.named(case.run(np.random.default_rng(3012)))
+
+
 def test_the_numbers_found(cases):
     """A zoom of 2 % from a known view on: the view, and the ratio within .2 % (5 sigmas of a simulation)."""
     rng = np.random.default_rng(2)

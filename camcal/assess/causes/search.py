@@ -162,6 +162,23 @@ class Search:
                 design = self._parts(kind, after[best])
                 yield from self._some(self.fit(kind, "split", design, after[best], choices))
 
+    def shifted(self, split: Trial) -> Trial:
+        """A split with its place moved from view to view as long as the fit gets better.
+
+        One step finds the place where effects are small; of pictures at half the size it may be off by a view.
+        """
+        best, place = split, int(np.argmax(split.parts))
+        choices = log(self.count - 2 * LEAST_PART + 1)
+        for way in (-1, 1):
+            at = place + way
+            while LEAST_PART <= at <= self.count - LEAST_PART:
+                after = np.arange(self.count) >= at
+                found = self.fit(split.kind, "split", self._parts(split.kind, after), after, choices)
+                if found is None or not found.bic < best.bic:
+                    break
+                best, at = found, at + way
+        return best
+
     def each(self) -> Iterator[Trial]:
         """A number for each view."""
         none = np.zeros(self.count, bool)
@@ -308,7 +325,9 @@ class Search:
         if self.linear is None or self.count < LEAST_PART + 1:
             return []
         each = list(self.each())
-        found = [*self.splits(), *self.sides(), *each, *(t for e in each for t in self.groups(e))]
+        splits = sorted(self.splits(), key=lambda t: t.bic)
+        splits[:1] = [self.shifted(t) for t in splits[:1]]
+        found = [*splits, *self.sides(), *each, *(t for e in each for t in self.groups(e))]
         found += self.boards(("print",) if not found else ("print", "free"))
         if any(t.bic < self.none - EVIDENCE for t in found):
             found += [*self.outlying(), *self.circles()]  # else nothing needs another explanation
