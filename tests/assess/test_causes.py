@@ -305,3 +305,10 @@ def test_causes_that_the_plan_looked_for_are_not_looked_for_again(cases, monkeyp
     monkeypatch.setattr(causes, "find", counted)
     case = next(c for c in cases.COMMON if c.name == "print 2 % longer in y")
     assert case.named(case.run(np.random.default_rng(11))) and len(asked) == 1
+
+
+def test_few_coordinates_are_no_evidence(cases):
+    """Four corners of six boards leave 8 coordinates: the criterion alone called one of 12 clean sets resized."""
+    case = next(c for c in cases.OTHERS if c.name == "four corners of six boards")
+    found = case.run(np.random.default_rng(3009))
+    assert "resized-pictures" not in found and found.grade != "wrong"

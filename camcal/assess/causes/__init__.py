@@ -30,6 +30,8 @@ MOST_POINTS, MOST_VIEWS = 20_000, 150
 #: that of uniform ones or of an even drift, which form no parts at all; bent boards and blur leave half of it on a real
 #: set of 17 pictures. Above 3/4, a fifth is left to other errors.
 MOST_OF_IT = 0.8
+#: ... and where noise alone would explain as much with a probability below this, as of boards (`checks/board.py`)
+BY_CHANCE = 1e-4
 #: What is left with a cause, in units of the points that the solution keeps, up to which it explains the rejected
 #: views, too: a view in which rows of the board are shifted leaves thirty times the noise whatever the camera.
 MOST_LEFT = 3.0
@@ -110,6 +112,8 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
     if not trials or not trials[0].bic < search.none - EVIDENCE:
         return nothing
     best = trials[0]
+    if search.by_chance(best) > BY_CHANCE:
+        return nothing
     assert search.linear is not None
     left = float(np.sqrt(2 * best.cost / (search.freedom - best.numbers)))
     before = float(np.sqrt(2 * search.linear.cost / search.freedom))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from math import comb, lgamma, log
+from math import comb, exp, lgamma, log
 
 import numpy as np
 
@@ -105,6 +105,20 @@ class Search:
         """(1) with the logarithm of the number of choices."""
         n = self.freedom
         return n * log(max(cost, 1e-300) / n) + numbers * log(n) + 2 * choices
+
+    def by_chance(self, trial: Trial) -> float:
+        """How likely any of the choices would gain as much where there is nothing, by the F test of its numbers.
+
+        The criterion (1) is asymptotic; with 8 coordinates more than unknowns it takes noise for a cause.
+        """
+        assert self.linear is not None
+        freedom = self.freedom - trial.numbers
+        choices = 0.5 * (trial.bic - self.bic(trial.cost, trial.numbers, 0.0))
+        if freedom <= 0 or not trial.cost > 0:
+            return 1.0 if freedom <= 0 else 0.0
+        ratio = (self.linear.cost - trial.cost) / trial.numbers / (trial.cost / freedom)
+        found = f_exceeded(max(ratio, 0.0), trial.numbers, freedom)
+        return float(min(1.0, found * exp(choices)))
 
     @property
     def none(self) -> float:
@@ -371,11 +385,3 @@ def two_groups(values: Array, information: Array) -> Array | None:
     mask = np.zeros(len(x), bool)
     mask[order[place:]] = True
     return mask
-
-
-def p_value(search: Search, trial: Trial) -> float:
-    """The p-value of the F test of a trial's numbers against the solution."""
-    assert search.linear is not None
-    freedom = search.freedom - trial.numbers
-    ratio = (search.linear.cost - trial.cost) / trial.numbers / (trial.cost / freedom)
-    return f_exceeded(max(ratio, 0.0), trial.numbers, freedom)
