@@ -19,7 +19,7 @@ from camcal.report.routes import bundle_entry, document, pose_entry, warning
 from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 from camcal.routes.read_lines import TABLES
-from camcal.routes.selfcalib import SelfCalibration, estimate
+from camcal.routes.selfcalib import SelfCalibration, estimate, kruppa_focal
 from camcal.system.text import cell, listed
 
 
@@ -59,6 +59,8 @@ def report(
         "fit": bundle_entry(found.iterations, found.converged, residuals, found.used),
         "selfcalib": {
             "focal_length_from_pairs": float(found.start.params[0]),
+            "focal_length_kruppa": kruppa_focal(found),
+            "rays_from_pairs": found.rays,
             "pairs": len(found.pairs),
             "views": int(found.bundle.known_views.sum()),
             "points": int(np.count_nonzero(np.bincount(tracks.point[found.used]))),
@@ -111,8 +113,8 @@ def _view(
 def _checks(found: SelfCalibration, tracks: Tracks) -> list[dict[str, Any]]:
     pair = found.pairs[0]
     rows = pair.matches[pair.agree]
+    checks = [two_views.fundamental(*(found.pixels[rows[:, i]] for i in (0, 1)), pair.matrix)]
     first, second = (tracks.uv[rows[:, i]] for i in (0, 1))
-    checks = [two_views.fundamental(first, second, pair.matrix)]
     b = found.bundle
     if b.known_views[pair.first] and b.known_views[pair.second]:
         poses = [Pose(b.rotations[v], b.translations[v]) for v in (pair.second, pair.first)]

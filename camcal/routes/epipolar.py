@@ -18,6 +18,8 @@ FAR, LEAST_FAR = 3.5, 0.5
 ROUNDS = 10  #: of refitting to the matches that agree, at most
 #: focal lengths that are tried, in widths of the picture: 10 to 125 degrees across
 FOCAL = np.geomspace(0.26, 6.0, 60)
+#: imaginary part of a root, beside the real one, that is taken for noise
+COMPLEX = 1e-3
 
 
 def fundamental(
@@ -50,7 +52,7 @@ def agreeing(a: Array, b: Array, least: float, seed: int = 0, axes: int = 2) -> 
     rng = np.random.default_rng(seed)
     count = len(a)
     samples = np.stack([rng.choice(count, LEAST, replace=False) for _ in range(SAMPLES)])
-    found = _linear(a[samples], b[samples])
+    found = linear(a[samples], b[samples])
     squares = sampson(found, a, b, axes) ** 2
     best = int(np.median(squares, axis=1).argmin())
     f, spread = found[best], 1.4826 * np.sqrt(np.median(squares[best])) * (1 + 5 / max(count - 7, 1))
@@ -73,7 +75,7 @@ def _mapped(uv: Array, t: Array) -> Array:
     return projective.homogeneous(uv) @ t.T
 
 
-def _linear(a: Array, b: Array, roots: Array | None = None) -> Array:
+def linear(a: Array, b: Array, roots: Array | None = None) -> Array:
     """F (..., 3, 3) of rank 2 from homogeneous points (..., N, 3)."""
     rows = (b[..., :, None] * a[..., None, :]).reshape(*a.shape[:-1], 9)
     if roots is not None:
@@ -86,7 +88,7 @@ def _linear(a: Array, b: Array, roots: Array | None = None) -> Array:
 
 def _weighted(f: Array, a: Array, b: Array, axes: int) -> Array:
     for _ in range(3):
-        f = _linear(a, b, 1 / np.maximum(_gradient(f[None], a, b, axes)[0], 1e-12))
+        f = linear(a, b, 1 / np.maximum(_gradient(f[None], a, b, axes)[0], 1e-12))
     return f
 
 
@@ -128,6 +130,39 @@ def focal_costs(matrices: Array, centre: Array, width: float) -> Array:
     e = np.swapaxes(k, 1, 2)[None] @ matrices[:, None] @ k[None]
     s = np.linalg.svd(e, compute_uv=False)
     return 1 - s[..., 1] / np.maximum(s[..., 0], 1e-300)
+
+
+def kruppa(matrices: Array, centre: Array, width: float) -> Array:
+    """The focal lengths (P,), px, that Kruppa's equations of each F (P, 3, 3) have; NaN where f² < 0.
+
+    With F = U diag(r, s, 0) Vᵀ about the principal point and ω* = diag(f², f², 1),
+
+        r² v1ᵀω*v1 : r s v1ᵀω*v2 : s² v2ᵀω*v2 = u2ᵀω*u2 : -u1ᵀω*u2 : u1ᵀω*u1
+
+    (R. Hartley, Kruppa's equations derived from the fundamental matrix, PAMI 1997; f alone: P. Sturm, On focal length
+    calibration from two views, CVPR 2001). The first and the last make a quadratic equation in f²; of its positive
+    roots that is taken which the middle one agrees with best.
+    """
+    to_px = np.array([[width, 0, centre[0]], [0, width, centre[1]], [0, 0, 1]])
+    u, d, vt = np.linalg.svd(to_px.T @ matrices @ to_px)
+    out = np.full(len(matrices), np.nan)
+    for i, (left, (r, s, _), right) in enumerate(zip(u, d, vt, strict=True)):
+
+        def form(a: Array, b: Array) -> Array:
+            return np.array([a[:2] @ b[:2], a[2] * b[2]])  # of f², and constant
+
+        u11, u12, u22 = (form(left[:, j], left[:, k]) for j, k in ((0, 0), (0, 1), (1, 1)))
+        v11, v12, v22 = (form(right[j], right[k]) for j, k in ((0, 0), (0, 1), (1, 1)))
+        quadratic = r**2 * np.polymul(v11, u11) - s**2 * np.polymul(v22, u22)
+        roots = np.roots(quadratic)
+        # noise leaves a double root a pair of complex ones
+        real = roots.real[(roots.real > 0) & (np.abs(roots.imag) <= COMPLEX * np.abs(roots.real))]
+        if len(real):
+            middle = r * np.polymul(v11, u12) + s * np.polymul(v12, u22)
+            size = np.polymul(np.abs(v11), np.abs(u11)) + np.polymul(np.abs(v22), np.abs(u22))
+            off = np.abs(np.polyval(middle, real)) / np.polyval(size, real)
+            out[i] = width * np.sqrt(real[int(off.argmin())])
+    return out
 
 
 def motions(essential: Array) -> list[Pose]:

@@ -1,6 +1,7 @@
 """Self-calibration from tracks of unknown points: focal length from fundamental matrices, then bundle adjustment.
 
-1. The fundamental matrix of every pair of views with enough matches.
+1. The fundamental matrix of every pair of views with enough matches; of a lens that bends far, the lifted one
+   (`lifted`), after which pixels are undistorted.
 2. The focal length with which all E = Kᵀ F K are most nearly essential matrices (Mendonça & Cipolla 1999), the
    principal point in the middle, pixels square.
 3. The views put together one by one, then adjusted together with the focal length and the lens.
@@ -18,12 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
+from camcal.geometry import homography, projective
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
-from camcal.routes import epipolar
+from camcal.routes import epipolar, lifted
 from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
 from camcal.routes.reconstruct import Pair, aligned, empty, first_pair, grow, pairs, usable, with_points
 from camcal.solve.parameters import apply_fixed, free_matrix
@@ -37,8 +39,13 @@ UNCERTAIN = 0.1
 SHARP = 1e-3
 #: images farther than this many robust standard deviations from their points are left out, and no less than px
 FAR, LEAST_FAR = 4.0, 0.5
-ROUNDS = 4  #: of adjusting and leaving out images, at most
+ROUNDS = 6  #: of adjusting and leaving out images, at most
 LEAST_VIEWS = 2  #: one view has no parallax
+#: matches of a pair that tell of the distortion: with fewer its one parameter more takes off as much by chance
+LEAST_BENT = 40
+#: times the distance of matches from epipolar lines that they have from where a homography sends them: for noise alone
+#: it is 2.5 (two coordinates of it in two pictures against one)
+PARALLAX = 5.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,10 @@ class SelfCalibration:
     pairs : tuple of Pair
     iterations : int
     converged : bool
+    pixels : (N, 2) array, px
+        That the pairs' fundamental matrices are of: undistorted ones for a lens that bends far.
+    rays : str
+        What the pairs' fundamental matrices took the lens for: pinhole, division or rational.
     """
 
     bundle: Bundle
@@ -71,6 +82,8 @@ class SelfCalibration:
     pairs: tuple[Pair, ...]
     iterations: int
     converged: bool
+    pixels: Array
+    rays: str = "pinhole"
 
 
 def estimate(
@@ -98,10 +111,52 @@ def estimate(
             "Give tracks of more points over several views.",
         )
     fix = {"aspect": None, **fix} if "fy" not in fix else dict(fix)
+    bent, pixels = _bent(known, tracks, lens, image_size, fix, seed), tracks.uv
+    if bent is not None:
+        flat = lifted.undistorted(bent, tracks.uv, image_size)
+        seen = np.isfinite(flat).all(1)
+        again = pairs(Tracks(np.where(seen, tracks.view, -1), tracks.point, flat), views, seed)
+        if again and not _rotation_alone(again, flat):
+            known, pixels = again, flat
+        else:
+            bent = None
     focal = fix.get("fx") or _focal(known, image_size)
-    pinhole = _pinhole(focal, image_size)
-    bundle = _put_together(known, pinhole, tracks, views, points, "fx" in fix)
-    return _calibrated(bundle, tracks, lens, pinhole, fix, known)
+    start = _pinhole(focal, image_size) if bent is None else lifted.as_camera(bent, focal, image_size)
+    bundle = _put_together(known, start, tracks, views, points, "fx" in fix)
+    found = _calibrated(bundle, tracks, lens, start, fix, known)
+    return replace(found, pixels=pixels, rays="pinhole" if bent is None else bent.kind)
+
+
+def _rotation_alone(known: list[Pair], uv: Array) -> bool:
+    """Whether a homography explains all pairs: what F and the distortion are then is chance."""
+    for pair in known:
+        rows = pair.matches[pair.agree]
+        first, second = (uv[rows[:, i]] for i in (0, 1))
+        h = homography.homographies(first[None], second[None])
+        across = np.linalg.norm(homography.transfer(h, first[None])[0] - second, axis=1)
+        along = np.abs(epipolar.sampson(pair.matrix[None], *map(projective.homogeneous, (first, second)))[0])
+        if np.median(across) > PARALLAX * np.median(along):
+            return False
+    return True
+
+
+def _bent(
+    known: list[Pair],
+    tracks: Tracks,
+    lens: Lens,
+    size: tuple[int, int],
+    fix: Mapping[str, float | None],
+    seed: int,
+) -> lifted.Rational | None:
+    """The rays of a lens that bends them so far that a pinhole camera is no start; None where it does not."""
+    if all(n in fix or n in lens.default_fixed for n in lens.names[4:]):
+        return None
+    matches = [(tracks.uv[p.matches[:, 0]], tracks.uv[p.matches[:, 1]]) for p in known]
+    matches = [m for m in matches if len(m[0]) >= LEAST_BENT]
+    if not matches:
+        return None
+    found = lifted.of_matches(matches, size, seed)
+    return None if found.kind == "pinhole" else found
 
 
 def _pinhole(focal: float, size: tuple[int, int]) -> Camera:
@@ -124,6 +179,16 @@ def _focal(known: list[Pair], size: tuple[int, int]) -> float:
     return float(epipolar.FOCAL[int(np.log(costs + SHARP).mean(0).argmin())] * width)
 
 
+def kruppa_focal(found: SelfCalibration) -> float | None:
+    """The median of the focal lengths, px, that the pairs' Kruppa equations have, None where none has one."""
+    size = found.start.image_size
+    assert size is not None
+    centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
+    each = epipolar.kruppa(np.stack([p.matrix for p in found.pairs]), centre, width)
+    each = each[np.isfinite(each)]
+    return float(np.median(each)) if len(each) else None
+
+
 def _critical(what: str) -> EstimationError:
     return EstimationError(
         f"the motion is critical for the focal length: {what}.",
@@ -138,7 +203,8 @@ def _put_together(
     begin = first_pair(known, camera, tracks, empty(camera, views, points))
     if begin is None:
         raise _critical("the views differ by a rotation alone, or their rays meet at less than a degree")
-    free = free_matrix(camera.lens, camera.params, {"cx": None, "cy": None, "aspect": None})
+    rest = dict.fromkeys(n for n in camera.lens.names[4:] if n != "l1")
+    free = free_matrix(camera.lens, camera.params, {"cx": None, "cy": None, "aspect": None, **rest})
     none = free[:, :0]
     bundle = grow(with_points(begin[1], tracks), tracks, none)
     return bundle if held else grow(bundle, tracks, free)
@@ -176,11 +242,14 @@ def _of_lens(lens: Lens, pinhole: Camera, fix: Mapping[str, float | None]) -> Ca
     """The camera of a lens model nearest to a pinhole camera."""
     size = pinhole.image_size
     assert size is not None
-    if lens.neutral_curve == "perspective" and not lens.shaped_by_data:
+    plain = len(pinhole.params) == len(make("pinhole").names)
+    if plain and lens.neutral_curve == "perspective" and not lens.shaped_by_data:
         return Camera(lens, apply_fixed(lens, lens.from_matrix(pinhole.matrix), dict(fix)), size)
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, 31), np.linspace(0, size[1] - 1, 23))
     uv = np.c_[u.ravel(), v.ravel()]
-    params = regress(lens, pinhole.unproject(uv), uv, size).params
+    rays = pinhole.unproject(uv)
+    seen = np.isfinite(rays).all(1)
+    params = regress(lens, rays[seen], uv[seen], size).params
     return Camera(lens, apply_fixed(lens, params, dict(fix)), size)
 
 
@@ -197,7 +266,7 @@ def _adjusted(
         fitted = adjust(bundle, tracks.take(used), free)
         if fitted is None:
             break
-        bundle, total = with_points(fitted.state, tracks), total + fitted.iterations
+        bundle, total = _placed_again(fitted.state, tracks, used), total + fitted.iterations
         again = usable(bundle, tracks, _bound(bundle, tracks.take(used)))
         if np.array_equal(again, used):
             break
@@ -205,10 +274,31 @@ def _adjusted(
     return bundle, used, total
 
 
+def _placed_again(bundle: Bundle, tracks: Tracks, used: Array) -> Bundle:
+    """The bundle with points of which images were left out placed by all of these, where all then agree.
+
+    Beside a point that moves with the others alone, an image misses by more than its noise, and would never come back.
+    """
+    count = len(bundle.points)
+    bound = _bound(bundle, tracks.take(used))
+    outside = np.ones(len(tracks), bool)
+    outside[used] = False
+    some = np.bincount(tracks.point[outside], minlength=count) > 0
+    none = np.bincount(tracks.point[used], minlength=count) == 0
+    trial = with_points(replace(bundle, points=np.where(some[:, None], np.nan, bundle.points)), tracks)
+    off = np.linalg.norm(trial.residuals(tracks), axis=1)
+    bad = np.bincount(tracks.point[~(off <= bound)], minlength=count) > 0
+    return replace(bundle, points=np.where((some & ~bad | none)[:, None], trial.points, bundle.points))
+
+
 def _bound(bundle: Bundle, tracks: Tracks) -> float:
+    """How far an image may be from its point, px: `FAR` standard deviations of what its point leaves of the noise."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
-    # the median of |r| for two coordinates of noise s is 1.177 s
-    return max(FAR * float(np.nanmedian(off)) / 1.177, LEAST_FAR)
+    several = np.bincount(tracks.point)[tracks.point] > 2
+    # the median of |r|, in standard deviations: two coordinates of noise; of a point seen twice, whose place takes up
+    # three of four coordinates, there is one number, and twice as many of that are far out
+    unit = 1.177 if several.mean() > 0.5 else 0.6745
+    return max(FAR * float(np.nanmedian(off)) / unit, LEAST_FAR)
 
 
 def _result(
@@ -235,6 +325,7 @@ def _result(
         tuple(known),
         iterations + fitted.iterations,
         fitted.converged,
+        tracks.uv,
     )
 
 

@@ -70,7 +70,7 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     unit, where = assumptions.unit_coordinates(correspondences)
     scale, centre = 1 / unit[0, 0], -unit[:2, 2] / unit[0, 0]
     views = [_prepared(v, form, i, centre, scale) for i, v in enumerate(correspondences.views)]
-    a = _pinhole_at_centre(_common_rows(views))
+    a = pinhole_at_centre(_common_rows(views))
     flat = _undistorted(correspondences, a, centre, scale)
     found = zhang.estimate(flat, skew, normalise)
     camera = _camera(found.matrix, a, correspondences, centre, scale)
@@ -118,7 +118,7 @@ def _common_rows(views: Sequence[_View]) -> Array:
 def _map(view: _View) -> Array:
     """B (3, 6) of (2), by least squares in px to first order."""
     chi, roots = lifted(view.pixels), view.roots
-    by_u, by_v = _derivatives(view.pixels)
+    by_u, by_v = derivatives(view.pixels)
     quadratic = np.tile([1.0, 1, 1, 0, 0, 0], 3)
     for _ in range(WEIGHTINGS):
         zero = np.zeros_like(chi)
@@ -144,14 +144,14 @@ def _least(rows: Array, quadratic: Array) -> Array:
     return np.asarray(np.linalg.eigh(normal + PRIOR * floor * np.diag(quadratic))[1][:, 0])
 
 
-def _derivatives(q: Array) -> tuple[Array, Array]:
+def derivatives(q: Array) -> tuple[Array, Array]:
     """∂χ/∂u and ∂χ/∂v (N, 6)."""
     u, v = q.T
     zero, one = np.zeros(len(u)), np.ones(len(u))
     return np.stack([2 * u, v, zero, one, zero, zero], 1), np.stack([zero, u, 2 * v, zero, one, zero], 1)
 
 
-def _pinhole_at_centre(rows: Array) -> Array:
+def pinhole_at_centre(rows: Array) -> Array:
     """A (3, 6) of the homography that makes pixels near the centre those of a pinhole camera: [Q, I]."""
     if not np.linalg.cond(rows[:, 3:]) < 1e6:
         raise EstimationError(

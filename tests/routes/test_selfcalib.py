@@ -14,7 +14,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers import two_views
-from camcal.routes import epipolar
+from camcal.routes import epipolar, lifted
 from camcal.routes.bundle import Tracks
 from camcal.routes.selfcalib import estimate
 
@@ -153,3 +153,76 @@ def test_the_command(tmp_path):
     assert [e["status"] for e in report["crosscheck"]] == ["pass", "pass"]
     assert "points-twice" in [w["code"] for w in report["warnings"]]
     assert abs(report["camera"]["parameters"]["fx"]["value"] / 900 - 1) < 0.05
+
+
+def bent_tracks(count, coefficient=-0.6, noise=0.3, wrong=0.0):
+    """Images through a lens that bends far (corners of the picture are seen at 60 degrees and more)."""
+    rng = np.random.default_rng(5)
+    camera = Camera(lenses.make("division:1"), np.array([600.0, 600, 499.5, 399.5, coefficient]), SIZE)
+    tracks = tracks_of(walk()[:count], noise, 0, rng.uniform(-1.3, 1.3, (300, 3)), camera)
+    uv = tracks.uv.copy()
+    off = (rng.random(len(uv)) < wrong) & (tracks.view == count - 1)
+    uv[off] = rng.uniform([0, 0], SIZE, (int(off.sum()), 2))
+    return camera, Tracks(tracks.view, tracks.point, uv)
+
+
+@pytest.mark.parametrize(("wrong", "most"), [(0.0, 0.05), (0.3, 0.1)])
+def test_rational_rays_from_two_views_of_unknown_points(wrong, most):
+    camera, tracks = bent_tracks(2, wrong=wrong)
+    index = [
+        dict(zip(tracks.point[tracks.view == v].tolist(), tracks.uv[tracks.view == v], strict=True))
+        for v in (0, 1)
+    ]
+    shared = sorted(index[0].keys() & index[1].keys())
+    found = lifted.of_matches([tuple(np.array([i[p] for p in shared]) for i in index)], SIZE)
+    assert found.kind in ("division", "rational") and found.median < 0.6
+    truth = camera.params[4] * np.sum(np.square(SIZE)) / 4 / 600**2  # in half diagonals
+    assert np.allclose(found.rays[2, [0, 2]], truth, rtol=most)
+
+
+def test_a_lens_without_distortion_stays_a_pinhole_camera():
+    tracks = bent_tracks(2, coefficient=0.0)[1]
+    first, second = (tracks.uv[tracks.view == v] for v in (0, 1))
+    shared = np.intersect1d(tracks.point[tracks.view == 0], tracks.point[tracks.view == 1])
+    pair = [uv[np.isin(tracks.point[tracks.view == v], shared)] for v, uv in enumerate((first, second))]
+    assert lifted.of_matches([tuple(pair)], SIZE).kind == "pinhole"
+
+
+def test_a_lens_that_bends_far_is_calibrated_from_three_views():
+    camera, tracks = bent_tracks(3)
+    found = estimate(tracks, 3, 300, camera.lens, SIZE, {})
+    sigmas = np.sqrt(np.diagonal(found.covariance))
+    assert found.rays != "pinhole" and found.used.mean() > 0.95
+    assert (
+        np.abs(found.bundle.camera.params - camera.params)[[0, 2, 3, 4]] <= 4 * sigmas[[0, 2, 3, 4]]
+    ).all()
+
+
+def test_kruppa_gives_the_focal_length_of_exact_pairs_and_none_of_critical_ones():
+    centre = np.array([499.5, 399.5])
+    k = np.array([[700.0, 0, centre[0]], [0, 700, centre[1]], [0, 0, 1]])
+    poses = walk()
+    matrices = [_fundamental(k, poses[i + 1] @ poses[i].inverse()) for i in range(5)]
+    assert np.allclose(epipolar.kruppa(np.stack(matrices), centre, 1000.0), 700, rtol=1e-6)
+    bent = (
+        np.linalg.inv(k).T @ np.diag([1.0, 0.3, 0]) @ np.linalg.inv(k)
+    )  # no essential matrix has such values
+    found = epipolar.kruppa(bent[None], centre, 1000.0)
+    assert not np.allclose(found, 700)
+
+
+def _fundamental(k, motion):
+    t = motion.translation
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    return np.linalg.inv(k).T @ cross @ motion.rotation @ np.linalg.inv(k)
+
+
+def test_sigmas_of_two_views_hold():
+    """Good images are not left out for lying beside where a point was when the cameras were others."""
+    off, left = [], []
+    for seed in range(16):
+        tracks = tracks_of(walk(3, 6)[::2], 0.3, seed)
+        found = solve(tracks, 2, {"cx": 510.0, "cy": 392.0, "k1": -0.1, "k2": 0.03, "p1": 0.0, "p2": 0.0})
+        off.append((found.bundle.camera.params[0] - 900) / np.sqrt(found.covariance[0, 0]))
+        left.append(np.mean(~found.used))
+    assert np.mean(left) < 0.02 and 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
