@@ -113,7 +113,8 @@ def _view(
 def _checks(found: SelfCalibration, tracks: Tracks) -> list[dict[str, Any]]:
     pair = found.pairs[0]
     rows = pair.matches[pair.agree]
-    checks = [two_views.fundamental(*(found.pixels[rows[:, i]] for i in (0, 1)), pair.matrix)]
+    first, second = (found.pixels[rows[:, i]] for i in (0, 1))
+    checks = [two_views.fundamental(first, second, pair.matrix)]
     first, second = (tracks.uv[rows[:, i]] for i in (0, 1))
     b = found.bundle
     if b.known_views[pair.first] and b.known_views[pair.second]:

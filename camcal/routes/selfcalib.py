@@ -134,7 +134,8 @@ def _rotation_alone(known: list[Pair], uv: Array) -> bool:
         first, second = (uv[rows[:, i]] for i in (0, 1))
         h = homography.homographies(first[None], second[None])
         across = np.linalg.norm(homography.transfer(h, first[None])[0] - second, axis=1)
-        along = np.abs(epipolar.sampson(pair.matrix[None], *map(projective.homogeneous, (first, second)))[0])
+        a, b = projective.homogeneous(first), projective.homogeneous(second)
+        along = np.abs(epipolar.sampson(pair.matrix[None], a, b)[0])
         if np.median(across) > PARALLAX * np.median(along):
             return False
     return True
