@@ -30,7 +30,7 @@ def command(ctx: click.Context, tracks: Path, **options: Any) -> int:
     output_is_free(options)
     from camcal.report.wand import report
 
-    names = ("bar", "cameras", "model", "fix", "image_size", "seed", "crosscheck")
+    names = ("bar", "bar_sigma", "cameras", "model", "fix", "image_size", "seed", "crosscheck")
     found = report(tracks, **{name: options[name] for name in names}, command=command_line(ctx))
     return deliver_route(found, options, _tables)
 

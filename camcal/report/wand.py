@@ -41,6 +41,7 @@ def report(
     seed: int,
     crosscheck: bool,
     command: Sequence[str],
+    bar_sigma: float | None = None,
 ) -> dict[str, Any]:
     """Calibrate from the tracks of a bar's markers.
 
@@ -58,6 +59,8 @@ def report(
     check_names(image_size, names, "--image-size")
     given = [_given(n, i, cameras, model, fix, image_size) for i, n in enumerate(names)]
     found = estimate(seen, [c for c, _ in given], [k for _, k in given], fix, names, seed)
+    if bar_sigma is not None:
+        found = found.with_bar_sigma(bar_sigma / float(np.ptp(seen.places)))
     views = table.names["view"]
     lengths = _lengths(found, seen)
     sections = {
@@ -66,6 +69,7 @@ def report(
         "fit": bundle_entry(found.iterations, found.converged, found.wand.residuals(seen), found.used),
         "wand": {
             "bar": [float(p) for p in seen.places],
+            "bar_sigma": bar_sigma,
             "instants": len(views),
             "instants_used": len(np.unique(seen.instant[found.used])),
             "length": {

@@ -69,6 +69,15 @@ class WandCalibration:
         own = slice(begins[index], begins[index + 1])
         return np.asarray(self.frees[index] @ self.covariance[own, own] @ self.frees[index].T)
 
+    def with_bar_sigma(self, relative: float) -> WandCalibration:
+        """The same with the bar's relative standard deviation in the covariance: all translations scale with it."""
+        scaled = np.zeros(len(self.covariance))
+        begin = sum(f.shape[1] for f in self.frees)
+        for index, pose in enumerate(self.wand.poses[1:]):
+            at = begin + 6 * index + 3
+            scaled[at : at + 3] = pose.translation * relative
+        return replace(self, covariance=self.covariance + np.outer(scaled, scaled))
+
     def baseline(self, first: int, second: int) -> tuple[float, float]:
         """The distance of two cameras and its standard deviation.
 

@@ -244,6 +244,12 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
             "names; in the unit of the result.",
             required=True,
         ),
+        Option(
+            "bar_sigma",
+            POSITIVE,
+            "Standard deviation of the bar's length; by default the length is exact.",
+            metavar="LENGTH",
+        ),
         replace(
             RigOptions.options()["cameras"],
             help="Cameras that are known and held; camera files of any format.",

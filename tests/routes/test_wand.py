@@ -114,6 +114,15 @@ def test_three_markers_and_a_baseline_with_its_sigma():
     assert abs(length - truth) < 4 * sigma and sigma < 0.003
 
 
+def test_an_uncertain_bar_is_an_uncertain_scale():
+    found = estimate(waved(), CAMERAS, [True] * 3, {}, NAMES)
+    length, exact = found.baseline(0, 2)
+    assert np.isclose(found.with_bar_sigma(0.01).baseline(0, 2)[1], np.hypot(exact, 0.01 * length))
+    # translations scale together: the distance of two cameras that are not the reference, too
+    length, exact = found.baseline(1, 2)
+    assert np.isclose(found.with_bar_sigma(0.01).baseline(1, 2)[1], np.hypot(exact, 0.01 * length))
+
+
 def test_wrong_tracks_are_left_out():
     seen = waved(80)
     rng = np.random.default_rng(5)
@@ -159,7 +168,7 @@ def written(folder, seen):
 def test_command_line(tmp_path):
     run = CliRunner()
     path = written(tmp_path, waved())
-    given = [str(path), "--bar", "0.6", "-m", "opencv4", "--image-size", "1280x1024"]
+    given = [str(path), "--bar", "0.6", "--bar-sigma", "0.003", "-m", "opencv4", "--image-size", "1280x1024"]
     done = run.invoke(camcal, ["wand", *given, "-o", str(tmp_path / "rig.yaml"), "--format", "json"])
     assert done.exit_code == 0, done.output
     found = yaml.safe_load((tmp_path / "rig.yaml").read_text())
@@ -168,6 +177,7 @@ def test_command_line(tmp_path):
     truth = np.linalg.norm(POSES[0].centre - POSES[1].centre)
     entry = found["rig"]["baselines"]["a-b"]
     assert abs(entry["value"] - truth) < 4 * entry["sigma"]
+    assert found["wand"]["bar_sigma"] == 0.003 and entry["sigma"] >= 0.005 * entry["value"]  # 0.003 of 0.6
     # the rig serves triangulation and becomes DLT coefficients
     points = tmp_path / "points.csv"
     points.write_text("camera,point,u,v\na,p,640,500\nb,p,640,500\nc,p,640,500\n")
