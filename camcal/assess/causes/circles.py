@@ -15,6 +15,7 @@ as the residuals of a solution are at right angles to what the camera and the po
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +23,12 @@ import numpy as np
 from camcal.assess.design import Design
 from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
-from camcal.model.pose import Array, Pose
+from camcal.model.pose import Array, Poses
 from camcal.solve.calibration import Calibration
 
 #: Points on an outline, and its radius in parts of the spacing: small enough for (1), large enough for rounding.
 OUTLINE, RADIUS = 12, 0.1
+TOGETHER = 1000  #: points whose outlines are projected at a time, half a megabyte
 
 
 @dataclass(frozen=True)
@@ -65,12 +67,11 @@ def circles(solution: Calibration, design: Design | None = None) -> Circles | No
     if not spacing > 0:
         return None
     square, along, pull = 0.0, 0.0, np.zeros(len(design.inverse))
+    offsets = list(
+        _centroid_offsets(camera, solution.poses, [v.xyz for v in design.views], data.shapes.axes, spacing)
+    )
     for rows in design.rows():
-        axes = data.shapes.axes[rows.view][:, :2].T
-        offsets = _centroid_offsets(
-            camera, solution.poses[rows.view], design.views[rows.view].xyz, axes, spacing
-        )
-        off = offsets * rows.roots[:, None]
+        off = offsets[rows.view] * rows.roots[:, None]
         if not np.isfinite(off).all():
             return None
         by_pose = np.einsum("ncp,nc->p", rows.pose, off)
@@ -96,18 +97,34 @@ def _spacing(xyz: Array) -> float:
     return float(np.median(Neighbours(xyz).query(xyz, 2)[0][:, 1])) if len(xyz) > 1 else 0.0
 
 
-def _centroid_offsets(camera: Camera, pose: Pose, xyz: Array, axes: Array, spacing: float) -> Array:
-    """b of (1) (N, 2), px for a radius of one spacing: the centroid of a small outline's image minus its centre's
-    image.
+def _centroid_offsets(
+    camera: Camera, poses: Poses, views: Sequence[Array], axes: Array, spacing: float
+) -> Iterator[Array]:
+    """b of (1) (N, 2) of each view, px for a radius of one spacing: the centroid of a small outline's image minus its
+    centre's image.
+
+    Parameters
+    ----------
+    views : sequence of (N, 3) arrays
+        Points of the board.
+    axes : (V, 3, 3) array
+        Of the boards' planes, as columns.
     """
     around = np.arange(OUTLINE) * (2 * np.pi / OUTLINE)
-    rim = RADIUS * spacing * (np.c_[np.cos(around), np.sin(around)] @ axes)
-    points = xyz[:, None] + np.concatenate([rim, np.zeros((1, 3))])
-    seen = camera.project(pose.apply(points.reshape(-1, 3))).reshape(len(xyz), -1, 2)
-    outline = seen[:, :-1] - seen[:, -1:]
-    following = np.roll(outline, -1, 1)
-    cross = outline[..., 0] * following[..., 1] - outline[..., 1] * following[..., 0]
-    off = ((outline + following) * cross[..., None]).sum(1) / (3 * cross.sum(1))[:, None]
+    circle = RADIUS * spacing * np.c_[np.cos(around), np.sin(around)]
     # the second moment of a regular polygon is that of its circle times this
     moment = (2 + np.cos(2 * np.pi / OUTLINE)) / 3
-    return np.asarray(off / (RADIUS**2 * moment))
+    rims = circle @ (poses.rotations @ axes[:, :, :2]).transpose(0, 2, 1)
+    together = max(1, TOGETHER // max(map(len, views), default=1))
+    for begin in range(0, len(views), together):
+        block = range(begin, min(begin + together, len(views)))
+        lengths = [len(views[v]) for v in block]
+        view = np.repeat(block, lengths)
+        centres = np.concatenate([views[v] @ poses.rotations[v].T + poses.translations[v] for v in block])
+        points = np.concatenate([centres[:, None] + rims[view], centres[:, None]], 1)
+        seen = camera.project(points.reshape(-1, 3)).reshape(len(centres), -1, 2)
+        outline = seen[:, :-1] - seen[:, -1:]
+        following = np.roll(outline, -1, 1)
+        cross = outline[..., 0] * following[..., 1] - outline[..., 1] * following[..., 0]
+        off = ((outline + following) * cross[..., None]).sum(1) / (3 * cross.sum(1))[:, None]
+        yield from np.split(off / (RADIUS**2 * moment), np.cumsum(lengths)[:-1])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from camcal.data.observations import Observations
 from camcal.data.shape import Shapes
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
+
+T = TypeVar("T")
 
 #: targets that identify their points
 CODED = ("charuco", "aprilgrid", "tags", "markers")
@@ -36,6 +38,13 @@ class Facts:
         self.camera = solution.camera
         self.views = solution.observations.views
         self.image_size = solution.camera.image_size or solution.observations.image_size
+        self._known: dict[Callable[[Facts], Any], Any] = {}
+
+    def once(self, quantity: Callable[[Facts], T]) -> T:
+        """A quantity that several checks need, computed for the first of them."""
+        if quantity not in self._known:
+            self._known[quantity] = quantity(self)
+        return self._known[quantity]  # type: ignore[no-any-return]
 
     @cached_property
     def covariance(self) -> Covariance:

@@ -152,7 +152,7 @@ def most_px(diagonal: float) -> float:
 
 def systematic(facts: Facts) -> Iterator[CalibrationWarning]:
     """Residuals that depend on the distance from the principal point: the model does not fit the lens."""
-    share, f = radial_structure(facts)
+    share, f = facts.once(radial_structure)
     if share > EXPLAINED and f > F_LEAST:
         yield CalibrationWarning(
             "systematic-residuals",

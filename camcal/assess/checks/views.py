@@ -117,7 +117,7 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
     """Single views that repeat another, where they are too few for `duplicates`."""
-    pairs = _repeats(facts)
+    pairs = facts.once(_repeats)
     if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
         return
     named = listed([f"{facts.views[j].id} ({facts.views[i].id})" for i, j in pairs])
@@ -131,7 +131,7 @@ def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def distinct_count(facts: Facts) -> int:
     """Number of views after those with the same image of the same points are counted once."""
-    return len(facts.views) - len(np.unique(_repeats(facts)[:, 1]))
+    return len(facts.views) - len(np.unique(facts.once(_repeats)[:, 1]))
 
 
 def _repeats(facts: Facts) -> Array:
