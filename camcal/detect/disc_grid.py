@@ -10,6 +10,7 @@ import numpy as np
 from camcal.detect import grid
 from camcal.detect.discs import Discs, links
 from camcal.detect.lattice import Lattice, trim
+from camcal.detect.targets.base import Miss
 
 Array = np.ndarray
 
@@ -17,6 +18,9 @@ FULL = 0.8  #: share of a board's discs that must be seen; more hidden ones leav
 MOST_PIECES = 4  #: grids of a picture that are looked at, the largest first
 LEAST_SIDE = 3  #: discs to each side of a board of unknown size
 LEAST_DISCS = 6  #: two rows of three: fewer do not tell a lattice from discs by chance
+#: share of the next row that must lie outside the picture for the board to go on there, for all that is seen: half,
+#: as a tilted border leaves some of a row inside
+OUTSIDE = 0.5
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,39 @@ class Grid:
     rows: int
     staggered: bool
     factor: float
+
+    def leaves(self, shape: tuple[int, ...]) -> bool:
+        """Return whether the next row or column beyond an edge would lie outside a picture of that shape, so that the
+        board may go on there.
+        """
+        flat = np.full((self.rows * self.columns, 2), np.nan)
+        flat[self.ids] = self.discs.centre
+        uv: Array = flat.reshape(self.rows, self.columns, 2)
+        apart = 2 if self.staggered else 1  # rows that repeat
+        near = float(np.median(self.discs.radius))  # a disc that the border cuts is not seen
+        last = np.array(shape[1::-1]) - 1 - near
+        for lines, step in ((uv, apart), (uv.swapaxes(0, 1), 1)):
+            for edge, inner in ((lines[0], lines[step]), (lines[-1], lines[-1 - step])):
+                beyond = edge + (edge - inner) / step
+                beyond = beyond[np.isfinite(beyond[:, 0])]
+                if len(beyond) and ((beyond < near) | (beyond > last)).any(1).mean() > OUTSIDE:
+                    return True
+        return False
+
+    def instead_of(self, columns: int, rows: int, what: str, shape: tuple[int, ...]) -> Miss:
+        """The reason why this grid is not the requested one of `columns` x `rows` discs or squares (`what`)."""
+        size, wanted = (self.columns, self.rows), (columns, rows)
+        seen = "x".join(map(str, size))
+        if self.leaves(shape) and part_of(size, wanted):
+            said = f"the grid leaves the picture: {seen} of its {columns}x{rows} {what} are seen"
+            return Miss("cut-off", said, {"size": size})
+        said = f"the picture shows a grid of {seen} {what}, not {columns}x{rows}"
+        return Miss("other-size", said, {"size": size})
+
+
+def part_of(size: tuple[int, int], whole: tuple[int, int]) -> bool:
+    """Return whether a grid of a size fits into another one, in either direction."""
+    return all(a <= b for a, b in zip(sorted(size), sorted(whole), strict=True))
 
 
 @dataclass(frozen=True)
@@ -85,7 +122,7 @@ class _Layout:
 
 def find_board(
     discs: Discs, staggered: bool | None, size: tuple[int, int] | None, factor: float
-) -> tuple[Grid | None, list[tuple[int, int]]]:
+) -> tuple[Grid | None, list[Grid]]:
     """Number the discs of a picture as the points of a board.
 
     Of the orientations that fit, the one whose rows run most nearly to the right of the picture is taken; of a
@@ -104,12 +141,12 @@ def find_board(
     Returns
     -------
     grid : Grid or None
-    sizes : list of (columns, rows)
+    others : list of Grid
         Of the boards of other kinds or sizes that were seen.
     """
     if len(discs) < LEAST_DISCS:
         return None, []
-    seen: list[tuple[int, int]] = []
+    seen: list[Grid] = []
     for piece in grid.grow(*links(discs))[:MOST_PIECES]:
         ways = sorted((w for w in _layouts(piece) if w.full), key=lambda w: -w.number)
         wanted = [w for w in ways if staggered in (None, w.staggered)]
@@ -121,7 +158,7 @@ def find_board(
         if wanted:
             most = [w for w in wanted if w.number == wanted[0].number]
             return max(most, key=lambda w: w.rightward(discs)).grid(discs, factor), seen
-        seen += list(dict.fromkeys(w.size for w in ways))[:1]
+        seen += [w.grid(discs, factor) for w in ways[:1]]
     return None, seen
 
 

@@ -68,7 +68,7 @@ def recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sear
         return [_as_checkerboard(run, looked, sights, square)]
     boards = [best, *several.further(best, answers(sights))]
     found = [with_length(_measured(run, b, looked), square) for b in boards]
-    _tell_target(run, found, best, looked, True)
+    _tell_target(run, found, best, looked, best.whole)
     return [Searched(t, run.examine_all(run.files, t)) for t in found]
 
 
@@ -85,7 +85,7 @@ def _recognised_in_negative(run: Search, square: str | tuple[float, str] | None)
     if best is None or isinstance(best.target, Checkerboard):  # a checkerboard is its own negative
         return None
     found = with_length(_measured(run, best, outcomes, negative=True), square).as_negative()
-    _tell_target(run, [found], best, outcomes, True)
+    _tell_target(run, [found], best, outcomes, best.whole)
     return [Searched(found, run.examine_all(run.files, found))]
 
 

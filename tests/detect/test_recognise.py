@@ -13,7 +13,7 @@ from camcal.detect.recognition.look import Sight, look
 from camcal.detect.recognition.measure import measured, rounded
 from camcal.detect.targets.dictionaries import detect, dictionary
 from camcal.errors import DataError
-from tests.detect.scenes import expected, make, picture, random_view
+from tests.detect.scenes import expected, make, picture, pose, random_view, straight_camera
 from tests.shared_data import DATA, needs_data
 
 #: what is shown, and what must be said of it: no picture shows a length
@@ -264,3 +264,34 @@ def test_a_target_is_found_in_negative_where_its_spec_does_not_say_so(tmp_path):
         and made.scaled(1.0, "m").negative
         and made.scaled(1.0, "m").diameter == 0.6
     )
+
+
+def leaving(shown, columns):
+    """A picture that a grid leaves to the right by so many columns."""
+    target, rng = make(shown), np.random.default_rng(2)
+    seen_by = straight_camera((640, 480), 600.0)
+    x, y = target.points[:, :2].max(0) / 2
+    step, depth = 2 * x / (target.columns - 0.5), 1.25 * 2 * max(x, y * 4 / 3)
+    turned = pose((0.1, -0.2, 0.1), (0, 0, 0)).rotation
+    centre = np.array([320 / 600 * depth - x + (columns - 0.4) * step, 0, depth])
+    at = pose((0.1, -0.2, 0.1), centre - turned @ [x, y, 0])
+    return target, picture(target, seen_by, at, rng, blur=0.7, noise=1.0)
+
+
+@pytest.mark.parametrize("shown", ["circles:9x7", "squares:8x6:1:0.8"])
+def test_grids_that_leave_the_picture(shown, tmp_path):
+    """A part is no other board where the end is seen in another picture; where it is not, the part is used with a word."""
+    (target, whole), (_, cut) = (leaving(shown, columns) for columns in (-1.0, 2.0))
+    sights = [look(gray, 1.0)[0] for gray in (whole, cut)]
+    assert [s.whole for s in sights] == [True, False]
+    best, *others = answers(sights)
+    assert (best.target.columns, best.pictures, best.whole, others) == (target.columns, (0,), True, [])
+    (part,) = answers(sights[1:])
+    assert part.target.columns == target.columns - 1 and not part.whole
+    missed = target.find(cut)
+    assert missed.reason == "cut-off" and f"leaves the picture: {target.columns - 1}x" in missed.message
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"v{i}.png"), cut)
+    events = {}
+    detect_images([tmp_path], jobs=1, cache=False, on_event=lambda name, said: events.update({name: said}))
+    assert events["target"]["whole"] is False

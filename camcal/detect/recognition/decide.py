@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.detect.disc_grid import part_of
 from camcal.detect.recognition.families import LEAST_MARKERS, family_of
 from camcal.detect.recognition.layout import LEAST_AGREEING, Found, explains, find_boards
 from camcal.detect.recognition.look import Sight
@@ -40,10 +41,13 @@ class Answer:
         Its lengths in squares, tags or distances. A checkerboard's size is a guess until `board_size` is asked.
     pictures : tuple of int
         Indices of the pictures that show it.
+    whole : bool
+        Whether a picture shows the end of a grid of discs or squares on all sides.
     """
 
     target: Target
     pictures: tuple[int, ...]
+    whole: bool = True
 
 
 def answers(sights: Sequence[Sight]) -> list[Answer]:
@@ -54,20 +58,34 @@ def answers(sights: Sequence[Sight]) -> list[Answer]:
     """
     found = [Answer(f.board, f.pictures) for f in _boards(sights)]
     with_markers = {i for a in found for i in a.pictures}
-    discs = Counter(s.discs for s in sights if s.discs)
-    for (columns, rows, staggered), _ in discs.items():
-        kind = AsymmetricCircles if staggered else Circles
-        shown = tuple(i for i, s in enumerate(sights) if s.discs == (columns, rows, staggered))
-        found.append(Answer(kind(columns, rows), shown))
-    for columns, rows in {s.squares[:2]: None for s in sights if s.squares}:
-        shown = tuple(i for i, s in enumerate(sights) if s.squares and s.squares[:2] == (columns, rows))
+    for kind in (Circles, AsymmetricCircles):
+        sizes = [s.discs[:2] if s.discs and s.discs[2] == kind.staggered else None for s in sights]
+        found += [Answer(kind(*size), shown, whole) for size, shown, whole in _whole_grids(sights, sizes)]
+    sizes = [s.squares[:2] if s.squares else None for s in sights]
+    for (columns, rows), shown, whole in _whole_grids(sights, sizes):
         spacing = float(np.median([s.squares[2] for i in shown if (s := sights[i]).squares]))
-        found.append(Answer(SquareGrid(columns, rows, 1.0, spacing, "unit"), shown))
+        found.append(Answer(SquareGrid(columns, rows, 1.0, spacing, "unit"), shown, whole))
     plain = tuple(i for i, s in enumerate(sights) if s.board and not s.marked and i not in with_markers)
     if plain:
         columns, rows = Counter(sights[i].board for i in plain).most_common(1)[0][0] or (0, 0)
         found.append(Answer(Checkerboard(columns, rows), plain))
     return sorted(found, key=lambda a: (-len(a.pictures), -len(a.target.points)))
+
+
+def _whole_grids(
+    sights: Sequence[Sight], sizes: Sequence[tuple[int, int] | None]
+) -> list[tuple[tuple[int, int], tuple[int, ...], bool]]:
+    """The sizes of grids, the pictures that show them, and whether the end is seen on all sides in one.
+
+    A grid that leaves every picture that shows it, and is a part of one that is seen whole, is no other board.
+    """
+    ends = {size for s, size in zip(sights, sizes, strict=True) if size and s.whole}
+    shown = {size: tuple(i for i, other in enumerate(sizes) if other == size) for size in sizes if size}
+    return [
+        (size, pictures, size in ends)
+        for size, pictures in shown.items()
+        if size in ends or not any(part_of(size, whole) for whole in ends)
+    ]
 
 
 def _boards(sights: Sequence[Sight]) -> list[Found]:

@@ -30,7 +30,8 @@ class Sight:
     board : (columns, rows) or None
         Inner corners of a checkerboard.
     whole : bool
-        Whether the picture shows the end of that board on all sides, so that its size is certain.
+        Whether the picture shows the end of that board (of the discs, of the squares) on all sides, so that its size is
+        certain.
     marked : bool
         Whether the board's squares hold markers (read or not): it is no plain checkerboard.
     discs : (columns, rows, staggered) or None
@@ -109,11 +110,13 @@ def look(
 def _other_kinds(gray: Array, seconds: float, miss: Miss) -> tuple[Sight, Miss]:
     grid = circles.find_any(gray, seconds)
     if grid is not None:
-        sight = Sight(discs=(grid.columns, grid.rows, grid.staggered))
+        sight = Sight(discs=(grid.columns, grid.rows, grid.staggered), whole=not grid.leaves(gray.shape))
         return sight, Miss("other-target", "the picture shows discs")
     separate = squares.find_any(gray, seconds)
     if separate is not None:
-        return Sight(squares=separate), Miss("other-target", "the picture shows separate squares")
+        grid, spacing = separate
+        sight = Sight(squares=(grid.columns, grid.rows, spacing), whole=not grid.leaves(gray.shape))
+        return sight, Miss("other-target", "the picture shows separate squares")
     family, markers = read_markers(gray, closely=True)
     if family is None and _mirrored(gray):
         return Sight(mirrored=True), Miss("mirrored", MIRRORED)

@@ -82,14 +82,11 @@ class Circles(Target):
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
         """Look for the whole grid; up to a fifth of the discs may be hidden."""
-        found, sizes = search(gray, seconds, self.staggered, (self.columns, self.rows))
+        found, others = search(gray, seconds, self.staggered, (self.columns, self.rows))
         if found is not None:
             return self._fitted(gray, found)
-        if sizes:
-            seen, wanted = "x".join(map(str, sizes[0])), f"{self.columns}x{self.rows}"
-            return Miss(
-                "other-size", f"the picture shows a grid of {seen} discs, not {wanted}", {"size": sizes[0]}
-            )
+        if others:
+            return others[0].instead_of(self.columns, self.rows, "discs", gray.shape)
         return Miss("none", "no grid of discs was found")
 
     def _fitted(self, gray: Array, found: Grid) -> Detection | Miss:
@@ -222,7 +219,7 @@ class AsymmetricCircles(Circles):
 
 def search(
     gray: Array, seconds: float, staggered: bool | None, size: tuple[int, int] | None
-) -> tuple[Grid | None, list[tuple[int, int]]]:
+) -> tuple[Grid | None, list[Grid]]:
     """Search for a grid of discs from coarse to fine.
 
     Parameters
@@ -238,21 +235,21 @@ def search(
     -------
     grid : Grid or None
         In px of the full picture.
-    sizes : list of (columns, rows)
+    others : list of Grid
         Of the complete grids that were seen, where none was as wanted.
     """
     began, picture = clock(), to_8_bits(gray)
-    sizes: list[tuple[int, int]] = []
+    others: list[Grid] = []
     for factor in reductions(picture.shape):
         start = clock()
         discs = find_discs(reduced(picture, factor)).scaled(factor)
         found, seen = find_board(discs, staggered, size, factor)
         if found is not None:
-            return found, sizes
-        sizes += seen
+            return found, others
+        others += seen
         if 5 * (clock() - start) > seconds - (clock() - began):
             break
-    return None, sizes
+    return None, others
 
 
 def find_any(gray: Array, seconds: float) -> Grid | None:

@@ -74,13 +74,11 @@ class SquareGrid(Target):
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
         """Search for the whole grid; up to a fifth of the squares may be hidden."""
-        found, sizes = search(gray, seconds, (self.columns, self.rows))
+        found, others = search(gray, seconds, (self.columns, self.rows))
         if found is not None:
             return self._fitted(gray, *found)
-        if sizes:
-            seen, wanted = "x".join(map(str, sizes[0])), f"{self.columns}x{self.rows}"
-            said = f"the picture shows a grid of {seen} squares, not {wanted}"
-            return Miss("other-size", said, {"size": sizes[0]})
+        if others:
+            return others[0].instead_of(self.columns, self.rows, "squares", gray.shape)
         return Miss("none", "no grid of squares was found")
 
     def _fitted(self, gray: Array, grid: Grid, quads: Array) -> Detection | Miss:
@@ -125,8 +123,8 @@ class SquareGrid(Target):
         return super().describe() | {"spacing": self.spacing}
 
 
-def find_any(gray: Array, seconds: float) -> tuple[int, int, float] | None:
-    """Columns, rows and spacing (to a few per cent) of a grid of separate squares, if a picture shows one.
+def find_any(gray: Array, seconds: float) -> tuple[Grid, float] | None:
+    """The grid and the spacing (to a few per cent) of a grid of separate squares, if a picture shows one.
 
     Windows in a wall make such grids, too: here the squares have to be dark all over and fit as closely as printed
     ones.
@@ -145,7 +143,7 @@ def find_any(gray: Array, seconds: float) -> tuple[int, int, float] | None:
     if not LEAST_SPACING < spacing < MOST_SPACING:
         return None
     target = SquareGrid(grid.columns, grid.rows, 1.0, spacing)
-    return (grid.columns, grid.rows, spacing) if isinstance(target.find(gray, seconds), Detection) else None
+    return (grid, spacing) if isinstance(target.find(gray, seconds), Detection) else None
 
 
 def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
@@ -159,7 +157,7 @@ def _ordered(quads: Array, centres: Array, jacobian: Array) -> Array:
 
 def search(
     gray: Array, seconds: float, size: tuple[int, int] | None
-) -> tuple[tuple[Grid, Array] | None, list[tuple[int, int]]]:
+) -> tuple[tuple[Grid, Array] | None, list[Grid]]:
     """Search for a grid of separate squares from coarse to fine.
 
     Parameters
@@ -173,11 +171,11 @@ def search(
     -------
     found : (Grid, (K, 4, 2) array) or None
         The grid and its squares' outlines, in px of the full picture.
-    sizes : list of (columns, rows)
+    others : list of Grid
         Of the grids that were seen, where none was as wanted.
     """
     began, picture = clock(), to_8_bits(gray)
-    sizes: list[tuple[int, int]] = []
+    others: list[Grid] = []
     for factor in reductions(picture.shape):
         start = clock()
         quads = (find_squares(reduced(picture, factor)) + 0.5) * factor - 0.5
@@ -186,8 +184,8 @@ def search(
             grid, seen = find_board(discs, False, size, factor)
             if grid is not None:
                 rows = [int(np.abs(discs.centre - c).sum(1).argmin()) for c in grid.discs.centre]
-                return (grid, quads[rows]), sizes
-            sizes += seen
+                return (grid, quads[rows]), others
+            others += seen
         if 5 * (clock() - start) > seconds - (clock() - began):
             break
-    return None, sizes
+    return None, others
