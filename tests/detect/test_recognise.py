@@ -271,7 +271,7 @@ def leaving(shown, columns):
     target, rng = make(shown), np.random.default_rng(2)
     seen_by = straight_camera((640, 480), 600.0)
     x, y = target.points[:, :2].max(0) / 2
-    step, depth = 2 * x / (target.columns - 0.5), 1.25 * 2 * max(x, y * 4 / 3)
+    step, depth = 2 * x / (target.columns - 0.5), 1.6 * 2 * max(x, y * 4 / 3)
     turned = pose((0.1, -0.2, 0.1), (0, 0, 0)).rotation
     centre = np.array([320 / 600 * depth - x + (columns - 0.4) * step, 0, depth])
     at = pose((0.1, -0.2, 0.1), centre - turned @ [x, y, 0])
@@ -280,7 +280,7 @@ def leaving(shown, columns):
 
 @pytest.mark.parametrize("shown", ["circles:9x7", "squares:8x6:1:0.8"])
 def test_grids_that_leave_the_picture(shown, tmp_path):
-    """A part is no other board where the end is seen in another picture; where it is not, the part is used with a word."""
+    """A part is no other board if another picture shows the end; otherwise it is used, and that is said."""
     (target, whole), (_, cut) = (leaving(shown, columns) for columns in (-1.0, 2.0))
     sights = [look(gray, 1.0)[0] for gray in (whole, cut)]
     assert [s.whole for s in sights] == [True, False]
