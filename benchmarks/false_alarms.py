@@ -2,10 +2,12 @@
 
     python benchmarks/false_alarms.py [--pictures 2000] [--others 500] [--first 0] [--jobs 2] [--update PAGE]
 
-The pictures are made here: clutter, texture of many scales, tiled floors and walls in perspective, facades with rows of
-windows, pages of text, stripes and meshes. Each is searched as `camcal checkerboard` does without options: as it is, then
-with black and white exchanged; and once more at a contrast of 30 grey levels. In the second part each picture shows a
-target of the table that is not the one asked for. A false alarm is a picture in which a target of any kind is recognised.
+The pictures are made here: clutter, texture of many scales, tiled floors and walls in perspective, facades with
+rows of windows, pages of text, stripes and meshes. Each is searched as `camcal checkerboard` does without options:
+as it is, then with black and white exchanged; and once more at a contrast of 30 grey levels. In the second part
+each picture shows a target of the table that is not the one asked for. A false alarm is a picture in which a target
+of any kind is recognised.
+
 To reach: none. With none among N, the rate is below 3 / N with 95 % confidence.
 """
 
