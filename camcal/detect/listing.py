@@ -77,7 +77,7 @@ def _with_pages(files: list[Path]) -> list[Path]:
     """The files; one with several pages is replaced by its pages."""
     found = []
     for path in files:
-        pages = page_count(path) if path.suffix.lower() in (".tif", ".tiff") else 1
+        pages = page_count(path) if path.suffix.lower() in (".tif", ".tiff", ".webp") else 1
         found += [path] if pages == 1 else [path.with_name(f"{path.name}#{n}") for n in range(pages)]
     return found
 

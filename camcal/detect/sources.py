@@ -177,16 +177,21 @@ def read_bytes(path: Path) -> bytes:
 
 
 def page_count(path: Path) -> int:
-    """The number of pictures in a file: more than 1 for multi-page TIFF files."""
+    """The number of pictures in a file: more than 1 for multi-page TIFF files and animated WebP files."""
     if not is_file(path):  # a pipe would be waited for
         return 1
     try:
         with path.open("rb") as stream:
-            if stream.read(4)[:2] not in (b"II", b"MM"):
-                return 1
+            head = stream.read(64)
+        if head[:2] not in (b"II", b"MM") and not (_is_webp(head) and b"ANIM" in head):
+            return 1
         return max(1, int(cv2.imcount(str(path), FLAGS)))
     except (OSError, cv2.error):
         return 1
+
+
+def _is_webp(data: bytes) -> bool:
+    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
 
 
 def decode_page(data: bytes, number: int) -> Array:
@@ -199,7 +204,12 @@ def decode_page(data: bytes, number: int) -> Array:
     """
     check_size(data)
     try:
-        done, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), FLAGS, range=(number, number + 1))
+        buffer = np.frombuffer(data, np.uint8)
+        if _is_webp(data):  # of animations cv2 5.0 gives the first frame for every range
+            done, pages = cv2.imdecodemulti(buffer, FLAGS)
+            pages = pages[number : number + 1]
+        else:
+            done, pages = cv2.imdecodemulti(buffer, FLAGS, range=(number, number + 1))
     except cv2.error as error:
         raise UnreadableError(f"page {number} cannot be decoded: {str(error.err).strip()[:80]}") from error
     if not done or not len(pages):

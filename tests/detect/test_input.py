@@ -201,3 +201,14 @@ def test_names_that_are_not_utf8(tmp_path):
     assert view_ids([tmp_path / "a" / name, tmp_path / "b" / name]) == [
         readable(str(tmp_path / k / name)) for k in "ab"
     ]
+
+
+@pytest.mark.skipif(not hasattr(cv2, "Animation"), reason="this OpenCV reads no animations")
+def test_frames_of_an_animated_webp_are_pages(tmp_path):
+    made = cv2.Animation()
+    made.frames = [np.full((40, 60, 4), (v, v, v, 255), np.uint8) for v in (20, 90, 160)]
+    made.durations = np.full(3, 100, np.int32)
+    assert cv2.imwriteanimation(str(tmp_path / "a.webp"), made, [cv2.IMWRITE_WEBP_QUALITY, 100])
+    pages = list_pictures([tmp_path / "a.webp"])
+    assert [p.name for p in pages] == ["a.webp#0", "a.webp#1", "a.webp#2"]
+    assert [round(float(read_gray(p)[0].mean()), -1) for p in pages] == [20, 90, 160]
