@@ -229,11 +229,12 @@ class RigFollower:
         length = 1 + int(np.argmax([t.chi2 for t in tests]))
         window = self.kept[-length:]
         test = tests[length - 1]
-        others = len(self.names) > 2
+        seen = sorted({k for i in window for k in i.cameras})
+        others = len(seen) > 2
         who = (
             f"camera {self.names[camera]} moved"
             if others
-            else f"{' and '.join(self.names)} moved against each other"
+            else f"{' and '.join(self.names[k] for k in seen)} moved against each other"
         )
         where = (
             window[-1].name

@@ -121,6 +121,13 @@ def test_a_knock_is_found_named_and_measured(track, names, moved):
     assert np.linalg.norm(got.translation - after.translation) < 1.0
 
 
+def test_two_cameras_of_three_do_not_tell_which_of_them_moved(track):
+    knock = np.array([0, np.radians(0.3), 0, 2.0, 0, 0])
+    _, err, _, report = track("abc", seen(np.random.default_rng(3), "ab", 16, knock=knock, at=8))
+    assert "a and b moved against each other" in err, err
+    assert report["track"]["changes"][0]["camera"] is None
+
+
 def test_a_slow_drift_is_found(track):
     """Three thousandths of a degree more at each instant."""
     rows = seen(
