@@ -180,7 +180,10 @@ def usable(bundle: Bundle, tracks: Tracks, bound: float) -> Array:
 def settled(bundle: Bundle, tracks: Tracks, free: Array, iterations: int = 15) -> Bundle:
     """A short robust adjustment of all known quantities, followed by a new triangulation."""
     rough = _rough(bundle, tracks)
-    part = tracks.take(usable(bundle, tracks, rough))
+    rows = usable(bundle, tracks, rough)
+    if not len(rows):
+        return bundle
+    part = tracks.take(rows)
     off = np.linalg.norm(bundle.residuals(part), axis=1)
     scale = max(2 * float(np.median(off)), 1e-3)
     fitted = adjust(bundle, part, free, iterations, scale)

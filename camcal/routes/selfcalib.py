@@ -222,6 +222,8 @@ def _calibrated(
     """Joint adjustment: the focal length first, then the lens, then the principal point if it is determined."""
     size = start.image_size
     assert size is not None
+    if not len(usable(bundle, tracks, np.inf)):
+        raise _critical("no four points of two views have a place that both see")
     held = {**dict.fromkeys(lens.default_fixed), **fix}
     camera = _of_lens(lens, bundle.camera, held)
     bundle = replace(bundle, camera=camera)

@@ -226,3 +226,10 @@ def test_sigmas_of_two_views_hold():
         off.append((found.bundle.camera.params[0] - 900) / np.sqrt(found.covariance[0, 0]))
         left.append(np.mean(~found.used))
     assert np.mean(left) < 0.02 and 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_tracks_that_stand_still_in_one_view_are_refused():
+    uv = np.random.default_rng(0).uniform(0, 800, (60, 2))
+    tracks = Tracks(np.repeat([0, 1], 60), np.tile(np.arange(60), 2), np.r_[uv, np.full((60, 2), 5.0)])
+    with pytest.raises(EstimationError, match="critical"):
+        estimate(tracks, 2, 60, CAMERA.lens, SIZE, {})
