@@ -4,13 +4,14 @@
 
 Simulated cameras of one type, 20 views of 9 x 6 points each, opencv5. Three ways to the same cameras:
 
-* calibrations alone: points in memory, `camcal.calibrate(checks=False)` beside `cv2.calibrateCamera`;
-* whole jobs: read a table, calibrate, write a report (`camcal batch`), beside np.loadtxt, cv2.calibrateCamera and a
-  YAML file with the camera matrix and the distortion, in a process pool;
+* calibrations alone: points in memory, `camcal.calibrate(model="opencv5", checks=False)` beside `cv2.calibrateCamera`,
+  and beside `cv2.calibrateCameraExtended`, which gives standard deviations as camcal does;
+* whole jobs: read a table, calibrate, write a report (`camcal batch`), beside np.loadtxt, the function of cv2 and a
+  YAML file with the camera matrix, the distortion and the standard deviations where there are any, in a process pool;
 * the same with all checks, which cv2 has no counterpart of.
 
-Each process has one thread. Rates are per second of processor time, which a busy machine does not change much; how
-the work scales from one process to two is measured by the wall clock and needs a quiet machine.
+Each process has one thread. Rates are per second of processor time, which a busy machine changes less than the clock
+on the wall. One and two workers take turns.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from pathlib import Path  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
+from batch_parts import parts, table  # noqa: E402
 
 import camcal  # noqa: E402
 from camcal.batch.jobs import Job  # noqa: E402
@@ -75,39 +77,62 @@ def camera_views(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 # ------------------------------------------------------------------------------------ what is compared
-def by_cv2(views: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
-    xyz, uv = ([part.astype(np.float32) for part in parts] for parts in zip(*views, strict=True))
-    rms, matrix, distortion, _, _ = cv2.calibrateCamera(xyz, uv, SIZE, None, None)
+Views = Sequence[tuple[np.ndarray, np.ndarray]]
+
+
+def by_cv2(views: Views) -> tuple[float, np.ndarray, np.ndarray]:
+    rms, matrix, distortion, _, _ = cv2.calibrateCamera(*_single(views), SIZE, None, None)
     return rms, matrix, distortion
 
 
-def by_camcal(views: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    return camcal.calibrate(Correspondences.from_views(views, SIZE), checks=False).rms_point
+def by_cv2_with_sigmas(views: Views) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    rms, matrix, distortion, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
+        *_single(views), SIZE, None, None
+    )
+    return rms, matrix, distortion, sigmas
 
 
-def alone(args: tuple[str, Sequence[int]]) -> tuple[float, float]:
-    """Wall and processor seconds for some calibrations, points in memory."""
-    name, seeds = args
+def _single(views: Views) -> list[list[np.ndarray]]:
+    """Points and images as cv2 takes them."""
+    return [[part.astype(np.float32) for part in parts] for parts in zip(*views, strict=True)]
+
+
+def by_camcal(views: Views) -> float:
+    data = Correspondences.from_views(views, SIZE)
+    return camcal.calibrate(data, model="opencv5", checks=False).rms_point
+
+
+BARE: dict[str, Callable] = {
+    "`cv2.calibrateCamera`": by_cv2,
+    "`cv2.calibrateCameraExtended`": by_cv2_with_sigmas,
+    "camcal": by_camcal,
+}
+
+
+def alone(count: int) -> dict[str, float]:
+    """Processor seconds of a calibration by each of BARE, points in memory; they take turns."""
     cv2.setNumThreads(1)
-    data = [camera_views(seed) for seed in seeds]
-    work: Callable = {"cv2": by_cv2, "camcal": by_camcal}[name]
-    work(data[0])
-    wall, processor = time.perf_counter(), time.process_time()
-    for views in data:
-        work(views)
-    return time.perf_counter() - wall, time.process_time() - processor
+    spent = dict.fromkeys(BARE, 0.0)
+    for seed in range(-1, count):
+        views = camera_views(max(seed, 0))
+        for name, work in BARE.items():
+            begin = time.process_time()
+            work(views)
+            spent[name] += (time.process_time() - begin) / count if seed >= 0 else 0.0
+    return spent
 
 
-def cv2_job(args: tuple[str, str]) -> float:
+def cv2_job(args: tuple[str, str, bool]) -> float:
     """A whole job of plain cv2: table in, YAML out."""
-    source, target = args
+    source, target, sigmas = args
     cv2.setNumThreads(1)
     table = np.loadtxt(source, delimiter=",", skiprows=1, usecols=(1, 2, 3, 4, 5))
     views = [(part[:, :3], part[:, 3:]) for part in np.split(table, VIEWS)]
-    rms, matrix, distortion = by_cv2(views)
-    text = yaml.safe_dump({"rms": rms, "matrix": matrix.tolist(), "distortion": distortion.ravel().tolist()})
-    Path(target).write_text(text)
-    return rms
+    found = by_cv2_with_sigmas(views) if sigmas else by_cv2(views)
+    names = ("matrix", "distortion", "sigmas")
+    said = {"rms": found[0], **{n: a.tolist() for n, a in zip(names, found[1:], strict=False)}}
+    Path(target).write_text(yaml.dump(said, Dumper=yaml.CSafeDumper))
+    return found[0]
 
 
 def children() -> float:
@@ -116,7 +141,7 @@ def children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def in_pool(items: Sequence[tuple[str, str]], workers: int) -> tuple[float, float]:
+def in_pool(items: Sequence[tuple[str, str, bool]], workers: int) -> tuple[float, float]:
     """Wall and processor seconds of whole jobs of cv2 in a plain process pool, its start included."""
     wall, processor = time.perf_counter(), children()
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
@@ -252,67 +277,86 @@ def main() -> None:
 
 
 QUICK = {"model": "opencv5", "checks": False, "crosscheck": False, "robust": "none"}
+COMPACT = {**QUICK, "compact": True}
 #: what a job of `camcal batch` does -> options
 WAYS: dict[str, dict[str, object]] = {
-    "`checks: false`, `compact: true`": {**QUICK, "compact": True},
+    "`checks: false`, `compact: true`": COMPACT,
     "`checks: false`": QUICK,
     "all checks": {"model": "opencv5"},
 }
 
 
+#: way -> jobs at most: these take long, and their rate is known sooner
+MOST = {"`checks: false`": 200, "all checks": 50}
+
+
 def figures(count: int) -> str:
     """The page."""
-    rows = []
-    few = min(count, 200)
-    reference = 0.0
-    for name in ("cv2", "camcal"):
-        wall, processor = alone((name, range(few)))
-        with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-            both = max(w for w, _ in pool.map(alone, [(name, range(i, few, 2)) for i in range(2)]))
-        reference = reference or few / processor
-        rows.append(_row(f"calibrations alone, {name}", few / processor, reference, wall / both))
+    bare = alone(min(count, 200))
+    names = list(bare)
+    of = bare[names[0]], bare[names[1]]
+    rows = [_row(f"calibrations alone, {n}", min(count, 200), s, *of) for n, s in bare.items()]
+    note("\n".join(rows))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for seed in range(count):
             write_points(folder / f"c{seed}.csv", Correspondences.from_views(camera_views(seed), SIZE))
-        items = [(str(folder / f"c{i}.csv"), str(folder / f"cv{i}.yaml")) for i in range(count)]
-        one, _ = in_pool(items, 1)
-        two, processor = in_pool(items, 2)
-        reference = count / processor
-        rows.append(_row("whole jobs, cv2 in a pool", reference, reference, one / two))
-        seconds = {}
+        seconds, jobs = {}, dict[str, int]()
+        for name, sigmas in (("a pool of cv2", False), ("a pool of cv2, with sigmas", True)):
+            items = [(str(folder / f"c{i}.csv"), str(folder / f"cv{i}.yaml"), sigmas) for i in range(count)]
+            seconds[name], jobs[name] = in_pool(items, 2)[1] / count, count
+        plain, full = seconds.values()
         for name, options in WAYS.items():
-            some = count if "checks" in options else min(count, 50)
-            one, _ = by_batch(folder, some, 1, **options)
-            two, processor = by_batch(folder, some, 2, **options)
-            seconds[name] = processor / some
-            rows.append(_row(f"whole jobs, `camcal batch`, {name}", 1 / seconds[name], reference, one / two))
-    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+            key, some = f"`camcal batch`, {name}", min(count, MOST.get(name, count))
+            seconds[key], jobs[key] = by_batch(folder, some, 2, **options)[1] / some, some
+        rows += [_row(f"whole jobs, {n}", jobs[n], s, plain, full) for n, s in seconds.items()]
+        note("\n".join(rows[len(bare) :]))
+        turns = [[by_batch(folder, min(count, 200), n, **COMPACT) for n in (1, 2)] for _ in range(3)]
+        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+        spent = parts(folder, min(count, 100), SIZE)
     with tempfile.TemporaryDirectory() as place:
         parent = simulated(PLANNED, Path(place))
-    return _page(rows, parent, memory, seconds["`checks: false`, `compact: true`"], count)
+    job = seconds["`camcal batch`, `checks: false`, `compact: true`"]
+    return _page(rows, parent, memory, job, count, table(spent, plain), np.array(turns))
 
 
-def _row(name: str, rate: float, reference: float, scaling: float) -> str:
-    return f"| {name} | {rate:.1f} | {rate / reference:.2f} | {scaling:.2f} |"
+def note(text: str) -> None:
+    """What is known so far, for those who wait."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def _row(name: str, jobs: int, seconds: float, plain: float, with_sigmas: float) -> str:
+    return f"| {name} | {jobs} | {1 / seconds:.1f} | {plain / seconds:.2f} | {with_sigmas / seconds:.2f} |"
 
 
 PAGE = """# Batches, measured
 
 Written by `python benchmarks/batch.py --cameras {count} --write docs/batch-figures.md`: simulated cameras of one type,
-20 views of 54 points, opencv5, OpenCV {cv2}, numpy {numpy}, Python {python}, {processors} processors. The rate is per
-second of processor time, in which a busy machine matters less; the last column, from the wall clock, is what a
-second process gains: nothing to go by where the machine was busy with other work (load average {load:.1f} at the end).
+20 views of 54 points, opencv5, seeds 0 to {last}, OpenCV {cv2}, numpy {numpy}, Python {python},
+{processors} processors, load average {load:.1f} at the end, {date}. The rate is per second of processor
+time, in which a busy machine matters less.
 
-| what | calibrations per processor second | beside cv2 | 2 processes over 1 |
-|---|---|---|---|
+| what | jobs | calibrations per processor second | `calibrateCamera` = 1 | `calibrateCameraExtended` = 1 |
+|---|---|---|---|---|
 {rows}
 
-A whole job reads a table, calibrates and writes a report: with poses, sigmas, uncertainty maps and the data themselves,
-with `compact: true` the camera with its sigmas, the error figures and the verdict. That of cv2 is np.loadtxt,
-cv2.calibrateCamera and a YAML file with the camera matrix and the distortion. The start of the processes is included.
+A whole job reads a table, calibrates and writes a report: with poses, sigmas, uncertainty maps and the data
+themselves; with `compact: true` the camera with its sigmas, the error figures and the verdict. That of cv2 is
+np.loadtxt on the same table, the function of cv2, and a YAML file (by libyaml) with the camera matrix and the
+distortion, and with the standard deviations of `calibrateCameraExtended`. Two workers each; their start is included.
+
+**One worker and two**, in turns, {turns} times {some} jobs with `compact: true`: a job takes {cpu_one:.1f} ms of
+processor time with one worker and {cpu_two:.1f} ms with two (the least of each), so that on processors of their own
+two do {cpu_gain:.2f} times the jobs of one. By the clock on the wall the best runs differ by a factor of
+{wall_gain:.2f}, on processors that had other work as well.
 
 The largest process had {memory:.0f} MB.
+
+## Where the time goes
+
+One process, means of {some_parts} jobs.
+
+{parts}
 
 ## 100,000 jobs on 1,000 workers
 
@@ -327,9 +371,23 @@ task is {scheduler:.0f} s for the scheduler; without groups it would need {alone
 """
 
 
-def _page(rows: list[str], parent: dict[str, float], memory: float, job: float, count: int) -> str:
+def _page(
+    rows: list[str],
+    parent: dict[str, float],
+    memory: float,
+    job: float,
+    count: int,
+    parts_of: str,
+    turns: np.ndarray,
+) -> str:
+    """`turns` (T, 2, 2) are wall and processor seconds with one and with two workers."""
     tasks = PLANNED / MOST_IN_GROUP
+    some = min(count, 200)
+    (wall_one, cpu_one), (wall_two, cpu_two) = turns.min(0)
     return PAGE.format(
+        last=count - 1, date=time.strftime("%Y-%m-%d"), turns=len(turns), some=some,
+        cpu_one=1e3 * cpu_one / some, cpu_two=1e3 * cpu_two / some, cpu_gain=2 * cpu_one / cpu_two,
+        wall_gain=wall_one / wall_two, some_parts=min(count, 100), parts=parts_of,
         load=os.getloadavg()[0],
         count=count, cv2=cv2.__version__, numpy=np.__version__, python=platform.python_version(),
         processors=os.cpu_count(), rows="\n".join(rows), overhead=1e6 * parent["run"] / PLANNED, memory=memory,

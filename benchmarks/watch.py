@@ -37,17 +37,22 @@ def answers(process: subprocess.Popen[str]) -> Iterator[str]:
     assert process.stderr is not None
     what = ""
     for line in process.stderr:
-        if line.startswith("  next:"):
+        if line.strip().startswith("next:"):
             yield what
         what = line
 
 
-def measured(folder: Path, pictures: int) -> np.ndarray:
+def rendered(folder: Path, pictures: int) -> list[Path]:
+    """The pictures in a folder; made first where it does not exist."""
+    if not folder.exists():
+        command = [sys.executable, "-m", "camcal", "simulate", "images", "--target", "checkerboard:9x6:25mm"]
+        command += ["--image-size", SIZE, "--views", str(THERE + pictures), "-o", str(folder)]
+        subprocess.run(command, check=True)
+    return sorted(folder.glob("view*"))
+
+
+def measured(made: list[Path], folder: Path) -> np.ndarray:
     """Wall and processor seconds (pictures, 2) of each picture that arrives."""
-    command = [sys.executable, "-m", "camcal", "simulate", "images", "--target", "checkerboard:9x6:25mm"]
-    command += ["--image-size", SIZE, "--views", str(THERE + pictures), "-o", str(folder / "made")]
-    subprocess.run(command, check=True)
-    made = sorted((folder / "made").glob("view*"))
     (folder / "in").mkdir()
     for path in made[:THERE]:
         shutil.copy(path, folder / "in")
@@ -78,12 +83,14 @@ def measured(folder: Path, pictures: int) -> np.ndarray:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", type=int, default=6)
+    parser.add_argument("--made", type=Path, help="the pictures, rendered before")
     parser.add_argument("--write", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
-        wall, used = measured(Path(place), given.pictures).T
+        made = rendered(given.made or Path(place) / "made", given.pictures)
+        wall, used = measured(made, Path(place)).T
     text = (
-        f"{given.pictures} pictures of {SIZE} arrive, {THERE} and more are there: answer after "
+        f"{len(wall)} pictures of {SIZE} arrive, {THERE} and more are there: answer after "
         f"{np.median(wall):.2f} s (median; {wall.min():.2f} to {wall.max():.2f} s) on the wall clock, "
         f"{np.median(used):.2f} s of processor time with report and page; "
         f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d')}\n"

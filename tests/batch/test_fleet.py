@@ -39,6 +39,17 @@ def test_an_unusual_camera_is_named_with_what_is_unusual():
     assert found["c0007"].startswith("focal +") and found["c0012"].startswith("distortion +")
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_exactly_the_bad_cameras_of_a_production_line_are_named(seed):
+    """Of 200: a lens out of place, a decentred sensor, a soft lens whose corners are noisy."""
+    line = fleet_of(
+        200, seed, c0017={"focal": 840.0}, c0101={"cx": 355.0}, c0163={"rms_point": 0.4, "holdout": 0.5}
+    )
+    found = outliers(line)
+    assert list(found) == ["c0017", "c0101", "c0163"]
+    assert [said.split()[0] for said in found.values()] == ["focal", "cx", "rms_point"]
+
+
 def test_a_small_residual_is_no_fault():
     assert not outliers(fleet_of(40, c0003={"holdout": 0.01, "rms_point": 0.001}))
 

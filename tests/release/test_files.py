@@ -1,5 +1,6 @@
 """The files of a release say the same: versions, dependencies, exit codes, licence."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -31,6 +32,31 @@ def test_conda_asks_for_the_same_packages():
     conda = {line.strip("- ").replace(" ", "") for line in recipe.splitlines()}
     ours = {d.replace("opencv-contrib-python-headless", "py-opencv") for d in PROJECT["dependencies"]}
     assert conda == ours | {"python" + PROJECT["requires-python"]}
+
+
+def test_the_conda_recipe_is_rendered():
+    """As `conda build` does: Jinja, then YAML with the sections that it knows."""
+    jinja2 = pytest.importorskip("jinja2")
+    recipe = yaml.safe_load(jinja2.Template(text("packaging/conda/meta.yaml")).render(PYTHON="python"))
+    assert set(recipe) == {"package", "source", "build", "requirements", "test", "about"}
+    assert recipe["package"] == {"name": PROJECT["name"], "version": __version__}
+    scripts = [f"{name} = {target}" for name, target in PROJECT["scripts"].items()]
+    assert recipe["build"]["entry_points"] == scripts and recipe["build"]["noarch"] == "python"
+    assert (ROOT / "packaging/conda" / recipe["source"]["path"]).resolve() == ROOT
+    backend = tomllib.loads(text("pyproject.toml"))["build-system"]["requires"][0].partition(">")[0]
+    assert backend in recipe["requirements"]["host"] and (ROOT / recipe["about"]["license_file"]).exists()
+    assert recipe["test"]["imports"] == ["camcal"]
+
+
+def test_the_image_is_built_of_known_steps_and_runs_as_nobody_special():
+    lines = re.sub(r"\\\n", " ", text("Dockerfile")).splitlines()
+    steps = [line.split(maxsplit=1) for line in lines if line and not line.startswith("#")]
+    assert {name for name, _ in steps} <= {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENTRYPOINT", "CMD"}
+    images = [said.split()[0] for name, said in steps if name == "FROM"]
+    assert all(re.fullmatch(r"python:3\.\d+-slim", image) for image in images)  # a version, not `latest`
+    last = dict(steps)
+    assert last["USER"] != "root" and f"useradd --create-home {last['USER']}" in text("Dockerfile")
+    assert all(isinstance(json.loads(last[name]), list) for name in ("ENTRYPOINT", "CMD"))
 
 
 def test_licence():
