@@ -32,6 +32,11 @@ def processor(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / TICK
 
 
+def waited(pid: int) -> float:
+    """Seconds that the main thread of a process was ready to run and had no processor (Linux)."""
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
+
+
 def answers(process: subprocess.Popen[str]) -> Iterator[str]:
     """The lines that say what a picture brought, each when what comes after it has been said, too."""
     assert process.stderr is not None
@@ -52,7 +57,7 @@ def rendered(folder: Path, pictures: int) -> list[Path]:
 
 
 def measured(made: list[Path], folder: Path) -> np.ndarray:
-    """Wall and processor seconds (pictures, 2) of each picture that arrives."""
+    """Seconds (pictures, 3) of each picture that arrives: wall, wall without waiting for a processor, processor."""
     (folder / "in").mkdir()
     for path in made[:THERE]:
         shutil.copy(path, folder / "in")
@@ -68,12 +73,12 @@ def measured(made: list[Path], folder: Path) -> np.ndarray:
         for path in made[THERE:]:
             time.sleep(0.5)
             shutil.copy(path, folder / "arriving")
-            before, begin = processor(process.pid), time.perf_counter()
+            before, queued, begin = processor(process.pid), waited(process.pid), time.perf_counter()
             (folder / "arriving").rename(folder / "in" / path.name)
             assert path.name in next(said)
-            wall = time.perf_counter() - begin
+            wall, queued = time.perf_counter() - begin, waited(process.pid) - queued
             time.sleep(0.5)  # the report and the page are renewed after the answer
-            found.append((wall, processor(process.pid) - before))
+            found.append((wall, wall - queued, processor(process.pid) - before))
         return np.array(found)
     finally:
         process.kill()
@@ -88,10 +93,11 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         made = rendered(given.made or Path(place) / "made", given.pictures)
-        wall, used = measured(made, Path(place)).T
+        wall, free, used = measured(made, Path(place)).T
     text = (
         f"{len(wall)} pictures of {SIZE} arrive, {THERE} and more are there: answer after "
-        f"{np.median(wall):.2f} s (median; {wall.min():.2f} to {wall.max():.2f} s) on the wall clock, "
+        f"{np.median(wall):.2f} s (median; {wall.min():.2f} to {wall.max():.2f} s) on the wall clock, without the "
+        f"time in which other work had the processors {np.median(free):.2f} s ({free.min():.2f} to {free.max():.2f} s); "
         f"{np.median(used):.2f} s of processor time with report and page; "
         f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d')}\n"
     )
