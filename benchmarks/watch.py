@@ -97,7 +97,7 @@ def main() -> None:
     text = (
         f"{len(wall)} pictures of {SIZE} arrive, {THERE} and more are there: answer after "
         f"{np.median(wall):.2f} s (median; {wall.min():.2f} to {wall.max():.2f} s) on the wall clock, without the "
-        f"time in which other work had the processors {np.median(free):.2f} s ({free.min():.2f} to {free.max():.2f} s); "
+        f"time in which other work had the processors {np.median(free):.2f} s ({free.min():.2f} to {free.max():.2f}); "
         f"{np.median(used):.2f} s of processor time with report and page; "
         f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d')}\n"
     )
