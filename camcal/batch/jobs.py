@@ -32,6 +32,7 @@ from camcal.settings.detection import REFINE_CORNERS, DetectionOptions
 from camcal.settings.option import Option, readable
 from camcal.settings.rig import CAMERA, RigOptions
 from camcal.settings.run import IMAGE_SIZE
+from camcal.system.text import readable as text_of
 
 POINTS, IMAGES, CAMERAS = "points", "images", "cameras"
 #: what a job is of -> the command that does the same
@@ -182,7 +183,7 @@ def _job(
     kind = kinds[0]
     value = given.pop(kind)
     sources = _cameras(value, base, where) if kind == CAMERAS else _sources(value, base, where)
-    group = str(given.pop("type", ""))
+    group = text_of(str(given.pop("type", "")))
     key = f"{kind} {given!r}"
     if key not in shared:
         shared[key] = _options(given, kind, base, common, where)

@@ -23,8 +23,11 @@ def readable(text: str) -> str:
     r"""The text in valid UTF-8: invalid bytes of a file name become `\xe9`."""
     try:
         text.encode("utf-8")
-    except UnicodeEncodeError:
-        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError as error:
+        # U+DC80 to U+DCFF stand for bytes of a file's name; JSON can hold other halves of a pair
+        halves = all("\udc80" <= c <= "\udcff" for c in text if "\ud800" <= c <= "\udfff")
+        data = text.encode(error.encoding, "surrogateescape" if halves else "backslashreplace")
+        return data.decode("utf-8", "backslashreplace")
     return text
 
 

@@ -178,3 +178,10 @@ def test_defaults_are_those_of_the_command_of_each_kind():
         of_command = {o.name: o.default for o in OPTIONS[command] if o.name != "cameras"}
         differ = {n for n, o in options_of(kind).items() if n in of_command and o.default != of_command[n]}
         assert not differ, kind
+
+
+def test_a_type_that_no_encoding_holds(tmp_path):
+    """JSON can say half of a pair of surrogates; the summary is UTF-8."""
+    (tmp_path / "jobs.json").write_text('{"jobs": [{"name": "a", "points": "p.csv", "type": "\\ud800x"}]}')
+    (job,) = read_jobs(str(tmp_path / "jobs.json"))
+    assert job.type == "\\ud800x"
