@@ -207,7 +207,7 @@ def size_needed(source: Source) -> tuple[int, int]:
     size = size_said(source)
     if size is None:
         raise DataError(
-            "it does not say how large the picture is.",
+            "it has no image size.",
             "Give --image-size WxH; where a command has no such option: camcal convert FILE cam.yaml --image-size WxH",
         )
     return size
