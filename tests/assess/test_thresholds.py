@@ -62,23 +62,23 @@ def test_gross_points_count_by_what_they_hold_of_the_squares(good, gross, said, 
         assert found[0].severity == severity
 
 
+def with_moment(moment, shapes):
+    """Facts whose squared residuals follow the first of the shapes (N,) with that E[x²] / E[x]², and their moment."""
+    solution = solved(views=75, noise=0.2)
+    x = next(x for x in shapes if np.mean((x / x.mean()) ** 2) >= moment)
+    r = np.zeros_like(solution.residuals)
+    r[: len(x), 0] = 0.2 * np.sqrt(np.random.default_rng(0).permutation(x))
+    used = np.arange(len(r)) < len(x)
+    facts = with_residuals(replace(solution, observations=solution.observations.with_used(used)), r)
+    return facts, *noise.fourth_moment(facts)
+
+
 @pytest.mark.parametrize(("moment", "said"), [(2.28, False), (2.5, True)])
 def test_tails_are_heavy_from_their_bound_on(moment, said):
     # x = |r|² is a mixture of two exponentials; one in ten points has the larger mean
-    count = 4000
-    solution = solved(views=75, noise=0.2)
-    u = (np.arange(count) + 0.5) / count
-    base = -np.log(u)
-    for scale in np.linspace(1.0, 4.0, 400):
-        factor = np.where(np.arange(count) % 10 == 0, scale, 1.0)
-        x = base * factor
-        if np.mean((x / x.mean()) ** 2) >= moment:
-            break
-    r = np.zeros_like(solution.residuals)
-    r[:count, 0] = 0.2 * np.sqrt(np.random.default_rng(0).permutation(x))
-    used = np.arange(len(r)) < count
-    facts = with_residuals(replace(solution, observations=solution.observations.with_used(used)), r)
-    found, deviations = noise.fourth_moment(facts)
+    base, tenth = -np.log((np.arange(4000) + 0.5) / 4000), np.arange(4000) % 10 == 0
+    shapes = (base * np.where(tenth, scale, 1.0) for scale in np.linspace(1.0, 4.0, 400))
+    facts, found, deviations = with_moment(moment, shapes)
     assert abs(found - noise.HEAVY) < 0.15 and deviations > noise.SIGNIFICANT
     assert (found > noise.HEAVY) == said
     assert bool(list(noise.tails(facts))) == said
@@ -87,18 +87,8 @@ def test_tails_are_heavy_from_their_bound_on(moment, said):
 @pytest.mark.parametrize(("moment", "said"), [(1.65, True), (1.75, False)])
 def test_tails_are_light_up_to_their_bound(moment, said):
     # powers of an exponential variable: E[x²] / E[x]² grows from 1 (power 0) to 2 (power 1)
-    count = 4000
-    solution = solved(views=75, noise=0.2)
-    base = -np.log((np.arange(count) + 0.5) / count)
-    for power in np.linspace(0.5, 1.0, 400):
-        x = base**power
-        if np.mean((x / x.mean()) ** 2) >= moment:
-            break
-    r = np.zeros_like(solution.residuals)
-    r[:count, 0] = 0.2 * np.sqrt(np.random.default_rng(0).permutation(x))
-    used = np.arange(len(r)) < count
-    facts = with_residuals(replace(solution, observations=solution.observations.with_used(used)), r)
-    found, deviations = noise.fourth_moment(facts)
+    base = -np.log((np.arange(4000) + 0.5) / 4000)
+    facts, found, deviations = with_moment(moment, (base**power for power in np.linspace(0.5, 1.0, 400)))
     assert abs(found - noise.LIGHT) < 0.1 and deviations < -noise.SIGNIFICANT
     assert (found < noise.LIGHT) == said
     assert bool(list(noise.tails(facts))) == said
