@@ -17,7 +17,6 @@ from dataclasses import replace
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.parameters import WEAK
 from camcal.assess.covariance import covariance
-from camcal.assess.holdout import CHEAP_PARAMETERS
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
@@ -42,12 +41,10 @@ CONTINUED = 4
 #: points up to which principal points are searched: minima apart by the principal point were met on 24 to 30 points of
 #: one view; at 200 the 34 searches take 2 s, and sets of 500 and more had no such minimum
 SEARCHED = 200
-#: free parameters of the camera up to which they are searched: larger models begin at the minima of those inside, and
-#: searched themselves take half a minute for 20 points
+#: free parameters of the camera up to which they are searched, and up to which it is asked whether curved directions
+#: make them weak. Larger models begin at the minima of those inside; searched themselves they take half a minute for 20
+#: points, and following their directions takes longer than the fit (opencv8, 10 views of 54 points: 1.8 s against .09)
 MOST_PARAMETERS = 10
-#: free parameters up to which it is asked whether curved directions make them weak: with more (splines, generic
-#: cameras) the directions are followed for longer than the fit takes, 14 s against 2 for 392
-FOLLOWED_PARAMETERS = CHEAP_PARAMETERS
 #: a search from a minimum that was found by the last one looks elsewhere again; on the data used there two are enough
 ROUNDS = 2
 
@@ -68,7 +65,7 @@ def weak(fit: Calibration) -> bool:
 
     if any_weak(covariance(fit).sigmas):
         return True
-    return int(fit.free.any(0).sum()) <= FOLLOWED_PARAMETERS and any_weak(facts.covariance.sigmas)
+    return int(fit.free.any(0).sum()) <= MOST_PARAMETERS and any_weak(facts.covariance.sigmas)
 
 
 def _several_centres(fit: Calibration) -> bool:

@@ -67,7 +67,7 @@ def test_curved_directions_are_followed_for_small_models_alone(monkeypatch, most
     """`opencv5` has nine free parameters; the linear sigmas of good views are not weak."""
     fit = solved("opencv5", views=8)
     followed = []
-    monkeypatch.setattr(minima, "FOLLOWED_PARAMETERS", most)
+    monkeypatch.setattr(minima, "MOST_PARAMETERS", most)
     monkeypatch.setattr(
         Facts, "covariance", property(lambda facts: followed.append(1) or covariance(facts.solution))
     )
