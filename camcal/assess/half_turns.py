@@ -94,8 +94,10 @@ def decided(flat: Estimate, how: How) -> Turned | None:
     if signs is None or (signs > 0).all():
         return None
     views, plain = len(signs), np.ones(len(signs))
-    least = 2 * log(2) * views + EVIDENCE
-    if (signs @ gram @ signs - plain @ gram @ plain) / _variance(flat) < least:
+    least, explained = 2 * log(2) * views + EVIDENCE, float(signs @ gram @ signs)
+    left = max(2 * flat.fit.cost - explained, 0.0)
+    by_chance = _logarithm_of_chance(explained, numbers, left, redundancy(flat) - numbers)
+    if (explained - plain @ gram @ plain) / _variance(flat) < least or by_chance > _allowed(views):
         return None  # (2) promises too little: not worth two fits
     data, free = flat.observations, replace(how, board="free")
     names = tuple(v for v, sign in zip(data.view_ids, signs, strict=True) if sign < 0)
@@ -107,9 +109,8 @@ def decided(flat: Estimate, how: How) -> Turned | None:
     if freedom <= 0 or not 0 < costs[1] < costs[0]:
         return None
     evidence = redundancy(flat) * log(costs[0] / costs[1])
-    ratio = signs @ gram @ signs / numbers / (2 * costs[1] / freedom)
-    by_chance = f_exceeded(float(ratio), numbers, freedom)
-    if evidence < least or log(max(by_chance, 1e-300)) > log(SIGNIFICANT) - (views - 1) * log(2):
+    by_chance = _logarithm_of_chance(explained, numbers, 2 * costs[1], freedom)
+    if evidence < least or by_chance > _allowed(views):
         return None
     return Turned(fit, names, turn, evidence)
 
@@ -178,6 +179,18 @@ def turned(poses: Poses, view_ids: Sequence[str], names: Collection[str], turn: 
 
 def _among(view_ids: Sequence[str], names: Collection[str]) -> Array:
     return np.array([v in names for v in view_ids], bool)
+
+
+def _logarithm_of_chance(explained: float, numbers: int, left: float, freedom: int) -> float:
+    """ln of the probability that so many numbers explain as much by chance, beside the sum of squares left."""
+    if freedom <= 0 or left <= 0:
+        return -np.inf if explained > 0 else 0.0
+    return log(max(f_exceeded(explained / numbers / (left / freedom), numbers, freedom), 1e-300))
+
+
+def _allowed(views: int) -> float:
+    """The largest of `_logarithm_of_chance` at which turns of so many views are believed: one in 2^(V-1) was chosen."""
+    return log(SIGNIFICANT) - (views - 1) * log(2)
 
 
 def _variance(fit: Estimate) -> float:
