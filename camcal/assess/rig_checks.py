@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.assess.checks import check as check_camera
+from camcal.assess.checks import coverage, fit, lens, noise, pictures, rejected, spoken
+from camcal.assess.checks.facts import Facts
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.rig import relative_sigmas
 from camcal.assess.warning import CalibrationWarning
@@ -19,13 +20,21 @@ FEW_INSTANTS = 4
 #: a relative rotation known no better than this, degrees, moves the pictures against each other by ten pixels at a
 #: focal length of 1000 px
 LOOSE_DEG = 0.5
-#: warnings on a camera of a rig: on its lens, its points and its pictures. Those on its poses and on what its own views
-#: determine do not hold where other cameras see the same boards.
+#: the checks of one camera that hold for a camera of a rig: of its lens, its points and its pictures. Those of its
+#: poses and of what its own views determine do not hold where other cameras see the same boards, and cost the most.
 OF_A_CAMERA = (
-    "poor-coverage", "points-outside-image", "outliers", "large-residuals", "systematic-residuals",
-    "points-outside-model", "image-circle", "fold-in-image", "heavy-tailed-residuals", "rounded-coordinates",
-    "rejected-points",
-)  # fmt: skip
+    lens.outside_domain,
+    lens.fold_in_image,
+    coverage.poor,
+    coverage.outside_image,
+    fit.outliers,
+    rejected.many_rejected,
+    pictures.poor_pictures,
+    fit.large_residuals,
+    fit.systematic,
+    noise.tails,
+    noise.rounded,
+)
 
 
 def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[CalibrationWarning, ...]:
@@ -41,9 +50,8 @@ def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[Calibratio
     found += [*_not_converged(solution), *_undetermined(accuracy), *_few_instants(solution)]
     found += _loose(solution, accuracy)
     for name in solution.rig.cameras:
-        for warning in check_camera(within(solution, name)):
-            if warning.code in OF_A_CAMERA or warning.code.startswith("pictures-"):
-                found.append(replace(warning, message=f"camera {name}: {warning.message}"))
+        for warning in spoken(OF_A_CAMERA, Facts(within(solution, name))):
+            found.append(replace(warning, message=f"camera {name}: {warning.message}"))
     return tuple(found)
 
 

@@ -11,6 +11,7 @@ from camcal.assess.board_shape import CANDIDATES, SIGNIFICANT, Trial
 from camcal.assess.holdout import hold_out
 from camcal.assess.shape_benefit import Change as Benefit
 from camcal.assess.shape_benefit import change as benefit
+from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
 from camcal.plan.better import Candidate
@@ -28,6 +29,20 @@ def _flat(progress: Progress) -> Estimate:
 
 def _several_boards(progress: Progress) -> bool:
     return len((progress.given.target or {}).get("boards", ())) > 1
+
+
+def as_designed(progress: Progress) -> tuple[CalibrationWarning, ...]:
+    """A note that `auto` tries no shape where there are several boards; empty where it tries some."""
+    if progress.options.board_shape != "auto" or not _several_boards(progress):
+        return ()
+    return (
+        CalibrationWarning(
+            "boards-as-designed",
+            "with several boards no board shape is estimated: each is taken as designed.",
+            "If a board may be bent or printed to another size, calibrate with that board alone.",
+            "note",
+        ),
+    )
 
 
 def _shape_tells(progress: Progress) -> bool:

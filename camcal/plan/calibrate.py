@@ -20,7 +20,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
-from camcal.plan.boards import with_shape
+from camcal.plan.boards import as_designed, with_shape
 from camcal.plan.camera import run_closed_form, starts_from_nothing
 from camcal.plan.known_camera import fully_known, placed
 from camcal.plan.lens import solved_with_found
@@ -242,5 +242,6 @@ def assessed(solution: Solution, progress: Progress) -> Solution:
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, difference_of_folds(solution, held)))
-    solution = replace(solution, warnings=check(solution, solution.warnings, solution.holdout, found))
+    warnings = (*check(solution, solution.warnings, solution.holdout, found), *as_designed(progress))
+    solution = replace(solution, warnings=warnings)
     return replace(solution, stages=with_conditioning(solution.stages, solution, asked.normalise))

@@ -20,7 +20,7 @@ from camcal.data.rig_table import RigViews, joined
 from camcal.errors import EstimationError
 from camcal.model.rig import Rig
 from camcal.plan.better import Candidate
-from camcal.plan.boards import SHAPES, with_shape
+from camcal.plan.boards import SHAPES, as_designed, with_shape
 from camcal.plan.options import Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
@@ -233,4 +233,4 @@ def _assessed(solution: RigSolution, progress: Progress, asked: RigOptions) -> R
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, None))
-    return replace(solution, warnings=check(solution, progress.notes["lags"]))
+    return replace(solution, warnings=(*check(solution, progress.notes["lags"]), *as_designed(progress)))

@@ -42,6 +42,8 @@ Array = np.ndarray
 FAST = 0.05
 #: what `--boards` takes
 BOARDS = ("auto", "fixed", "moving")
+#: two groups that were put together, and the number of instants they share
+_Pair = tuple[int, int, int] | None
 
 
 @dataclass(frozen=True)
@@ -176,50 +178,53 @@ def _link(a: tuple[Array, Poses, Array], b: tuple[Array, Poses, Array], corners:
     return link(a[1][i], b[1][j], a[2][i] + b[2][j], [Pose.identity()], corners)
 
 
+def _join_best(groups: _Groups, others: _Groups, linked: Callable[[int, int, int], Link | None]) -> _Pair:
+    """Put the two groups together that know most about each other by way of one group of the other kind.
+
+    `linked` estimates first_from_second of two groups by way of a third. None where it does for no two.
+    """
+    pairs, between = combinations(np.unique(groups.of).tolist(), 2), np.unique(others.of).tolist()
+    tried = [(k, a, b) for a, b in pairs for c in between if (k := linked(a, b, c)) is not None]
+    if not tried:
+        return None
+    best, a, b = max(tried, key=lambda t: t[0].information)
+    groups.join(a, b, best.pose)
+    return a, b, best.shared
+
+
 def _by_cameras(
     sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str]
 ) -> str:
     """Put the two groups of cameras together that know most about each other; what was done, "" where nothing."""
-    best: tuple[Link, int, int] | None = None
-    for g, h in combinations(np.unique(cameras.of).tolist(), 2):
-        for k in np.unique(boards.of):
-            one, other = (_seen(sights, cameras, boards, c, k) for c in (g, h))
-            found = _link(one, other, corners)
-            if found is not None and (best is None or found.information > best[0].information):
-                best = found, g, h
-    if best is None:
-        return ""
-    found, g, h = best
-    said = f"{names[g]} and {names[h]} see one board at {found.shared} instants"
-    cameras.join(g, h, found.pose)
-    return said
+
+    def linked(a: int, b: int, board: int) -> Link | None:
+        one, other = (_seen(sights, cameras, boards, c, board) for c in (a, b))
+        return _link(one, other, corners)
+
+    made = _join_best(cameras, boards, linked)
+    return f"{names[made[0]]} and {names[made[1]]} see one board at {made[2]} instants" if made else ""
 
 
 def _by_boards(
     sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str], believed: float
 ) -> str:
     """Put the two groups of boards together that one group of cameras knows best, where they stand fast."""
-    best: tuple[Link, int, int] | None = None
-    for k, m in combinations(np.unique(boards.of).tolist(), 2):
-        for g in np.unique(cameras.of):
-            one, other = (_seen(sights, cameras, boards, g, b) for b in (k, m))
-            if not len(one[0]) or not len(other[0]):
-                continue
-            middle = other[1].apply(corners.mean(0)).mean(0)  # where the corners of the other board are
-            back = [(t, Poses.of(p.inverse()), v) for t, p, v in (one, other)]
-            found = _link(back[0], back[1], corners - corners.mean(0) + middle)
-            if (
-                found is not None
-                and found.scatter <= believed
-                and (best is None or found.information > best[0].information)
-            ):
-                best = found, k, m
-    if best is None:
-        return ""
-    found, k, m = best
-    said = f"boards {names[k]} and {names[m]} are seen together at {found.shared} instants"
-    boards.join(k, m, found.pose)
-    return said
+
+    def linked(a: int, b: int, camera: int) -> Link | None:
+        one, other = (_seen(sights, cameras, boards, camera, k) for k in (a, b))
+        if not len(one[0]) or not len(other[0]):
+            return None
+        middle = other[1].apply(corners.mean(0)).mean(0)  # where the corners of the other board are
+        back = [(t, Poses.of(p.inverse()), v) for t, p, v in (one, other)]
+        found = _link(back[0], back[1], corners - corners.mean(0) + middle)
+        return found if found is not None and found.scatter <= believed else None
+
+    made = _join_best(boards, cameras, linked)
+    return (
+        f"boards {names[made[0]]} and {names[made[1]]} are seen together at {made[2]} instants"
+        if made
+        else ""
+    )
 
 
 def _by_both(

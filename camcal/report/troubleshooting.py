@@ -149,6 +149,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Unrounded points.",
     ),
     "rounded-coordinates": ("Points clicked or stored in whole pixels.", "Store sub-pixel coordinates."),
+    "boards-as-designed": (
+        "Several boards in the pictures.",
+        "None is needed if the boards are flat and have their stated size.",
+    ),
     "cameras-out-of-step": (
         "A camera started later, or lost a frame.",
         "Move its pictures by the number of views named; a common trigger.",

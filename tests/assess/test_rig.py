@@ -1,11 +1,15 @@
 """Standard deviations of relative poses and baselines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from camcal import calibrate_rig
+from camcal.assess.checks import CHECKS, facts
 from camcal.assess.covariance import covariance
 from camcal.assess.rig import baseline_sigma, relative_sigmas
+from camcal.assess.rig_checks import OF_A_CAMERA, check
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.model.rig import Rig
@@ -67,3 +71,23 @@ def test_the_size_of_a_free_board_is_that_of_the_design():
     sigma = baseline_sigma(free, covariance(free), "a", "b")
     assert abs(value - truth().baseline("a", "b")) < 4 * sigma
     assert sigma < 2 * baseline_sigma(flat, covariance(flat), "a", "b")
+
+
+def test_checks_of_a_rig_take_no_profiles_of_its_cameras(monkeypatch):
+    """Their warnings are on what a camera's own views determine; of a rig out of step they took most of the time."""
+
+    def profile(solution):
+        raise AssertionError("a profile of the sum of squares")
+
+    solution = solved()
+    monkeypatch.setattr(facts, "accuracy", profile)
+    assert check(solution, {"c": 1})[0].code == "cameras-out-of-step"
+    rounded = replace(
+        solution, observations=replace(solution.observations, uv=solution.observations.uv.round())
+    )
+    said = [w.message for w in check(rounded, {}) if w.code == "rounded-coordinates"]
+    assert [m.partition(":")[0] for m in said] == ["camera a", "camera b", "camera c"]
+
+
+def test_checks_of_a_camera_in_a_rig_are_some_of_those_of_one():
+    assert [c for c in CHECKS if c in OF_A_CAMERA] == list(OF_A_CAMERA)

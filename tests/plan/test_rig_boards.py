@@ -144,3 +144,10 @@ def test_turns_about_one_axis_leave_them_unconnected():
     data = seen(rig, ("front", "back"), noise=0.01, turn=0.0)  # only moved, never turned
     with pytest.raises(EstimationError, match="not connected"):
         calibrated(data)
+
+
+@pytest.mark.parametrize(("shape", "said"), [("auto", 1), ("flat", 0)])
+def test_a_note_says_that_several_boards_are_taken_as_designed(shape, said):
+    solution = calibrated(seen(rig_of(0.1), ("front", "side"), turn=0.15), checks=True, board_shape=shape)
+    notes = [w for w in solution.warnings if w.code == "boards-as-designed"]
+    assert len(notes) == said and all(w.severity == "note" for w in notes)
