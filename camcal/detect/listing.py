@@ -12,7 +12,8 @@ from collections.abc import Iterable
 from pathlib import Path, PurePath, PurePosixPath
 
 from camcal.detect.frames import is_film
-from camcal.detect.sources import ARCHIVES, RAW, exists, page_count
+from camcal.detect.pages import page_count
+from camcal.detect.sources import ARCHIVES, RAW, exists
 from camcal.errors import DataError
 from camcal.system.text import listed, readable
 
@@ -31,7 +32,8 @@ def list_pictures(paths: Iterable[str | os.PathLike]) -> list[Path]:
     """The files that folders, patterns and names refer to, each once; folders in natural order.
 
     A file that is named is taken whatever its ending; in a folder (or a zip archive) those with the ending of a
-    picture are, and where there is none, films. Of a TIFF file of several pages each page is one picture.
+    picture are, and where there is none, films. Of a TIFF file of several pages, and of an animated PNG, WebP or AVIF
+    file, each page is one picture.
 
     Raises
     ------
@@ -77,7 +79,7 @@ def _with_pages(files: list[Path]) -> list[Path]:
     """The files; one with several pages is replaced by its pages."""
     found = []
     for path in files:
-        pages = page_count(path) if path.suffix.lower() in (".tif", ".tiff", ".webp") else 1
+        pages = page_count(path)
         found += [path] if pages == 1 else [path.with_name(f"{path.name}#{n}") for n in range(pages)]
     return found
 

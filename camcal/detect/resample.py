@@ -11,6 +11,7 @@ import numpy as np
 from camcal.data.writing import atomic_write
 from camcal.detect.decode import UnreadableError, check_size, decode_gray, decoded
 from camcal.detect.frames import colour_frames, is_film, read_frame
+from camcal.detect.pages import read_page
 from camcal.detect.sources import read_bytes, split
 from camcal.errors import DataError
 
@@ -54,15 +55,12 @@ def _read(path: Path, size: tuple[int, int] | None) -> Array:
     stated = check_size(data)
     if None not in (size, stated) and stated != size:
         raise UnreadableError(other_size(stated, size))
-    encoded = np.frombuffer(data, np.uint8)
     if number is not None:
-        done, pictures = cv2.imdecodemulti(encoded, _FLAGS, range=(number, number + 1))
-        picture = pictures[0] if done and len(pictures) else None
-    else:
-        picture = decoded(encoded, _FLAGS)
+        return read_page(data, number, _FLAGS)
+    picture = decoded(np.frombuffer(data, np.uint8), _FLAGS)
     if picture is None:
         decode_gray(data)  # raises, with the reason
-        raise UnreadableError("it is not a picture of a known format, or has no such page")
+        raise UnreadableError("it is not a picture of a known format")
     return picture
 
 

@@ -15,14 +15,14 @@ from multiprocessing import parent_process
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from camcal.detect.decode import FLAGS, UnreadableError, as_gray, check_size, decode_gray
+from camcal.detect.decode import UnreadableError, as_gray, decode_gray
 from camcal.detect.exif import UNKNOWN, Taken, read_exif
 from camcal.detect.frames import is_film, read_frame
+from camcal.detect.pages import read_page
 from camcal.errors import DataError
-from camcal.system.reading import is_file, read_file
+from camcal.system.reading import read_file
 
 Array = np.ndarray
 
@@ -114,7 +114,7 @@ def fetch(path: Path) -> Fetched:
     if number is None:
         return Fetched(hashlib.sha256(data).hexdigest(), lambda: decode_gray(data), read_exif(data))
     page = hashlib.sha256(data + f"#{number}".encode()).hexdigest()
-    return Fetched(page, lambda: decode_page(data, number))
+    return Fetched(page, lambda: as_gray(read_page(data, number)))
 
 
 def split(path: Path) -> tuple[Path, int | None]:
@@ -174,47 +174,6 @@ def read_bytes(path: Path) -> bytes:
         raise UnreadableError(f"it cannot be read: {error.strerror or error}") from error
     except (zipfile.BadZipFile, KeyError, RuntimeError, EOFError, ValueError, zlib.error) as error:
         raise UnreadableError(f"the archive '{archive}' cannot be read: {error}") from error
-
-
-def page_count(path: Path) -> int:
-    """The number of pictures in a file: more than 1 for multi-page TIFF files and animated WebP files."""
-    if not is_file(path):  # a pipe would be waited for
-        return 1
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(64)
-        if head[:2] not in (b"II", b"MM") and not (_is_webp(head) and b"ANIM" in head):
-            return 1
-        return max(1, int(cv2.imcount(str(path), FLAGS)))
-    except (OSError, cv2.error):
-        return 1
-
-
-def _is_webp(data: bytes) -> bool:
-    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
-
-
-def decode_page(data: bytes, number: int) -> Array:
-    """One page of a multi-page picture.
-
-    Raises
-    ------
-    UnreadableError
-        Where there is no such page, or it is damaged.
-    """
-    check_size(data)
-    try:
-        buffer = np.frombuffer(data, np.uint8)
-        if _is_webp(data):  # of animations cv2 5.0 gives the first frame for every range
-            done, pages = cv2.imdecodemulti(buffer, FLAGS)
-            pages = pages[number : number + 1]
-        else:
-            done, pages = cv2.imdecodemulti(buffer, FLAGS, range=(number, number + 1))
-    except cv2.error as error:
-        raise UnreadableError(f"page {number} cannot be decoded: {str(error.err).strip()[:80]}") from error
-    if not done or not len(pages):
-        raise UnreadableError(f"page {number} is damaged or missing")
-    return as_gray(pages[0])
 
 
 def of_pixels(gray: Array) -> Fetched:

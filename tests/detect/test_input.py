@@ -2,6 +2,7 @@
 
 import os
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ from camcal.detect.exif import Taken, read_exif
 from camcal.detect.images import detect_images
 from camcal.detect.listing import list_pictures, view_ids
 from camcal.detect.mosaic import levels
+from camcal.detect.pages import _Block, page_count
+from camcal.detect.resample import read_pictures
 from camcal.detect.sources import read_gray
 from camcal.errors import DataError
 from camcal.system.text import readable
@@ -203,12 +206,46 @@ def test_names_that_are_not_utf8(tmp_path):
     ]
 
 
-@pytest.mark.skipif(not hasattr(cv2, "Animation"), reason="this OpenCV reads no animations")
-def test_frames_of_an_animated_webp_are_pages(tmp_path):
+@pytest.fixture(params=[".png", ".webp"])
+def animation(request, tmp_path):
+    """An animation of three frames of one value each."""
+    if not hasattr(cv2, "imdecodeanimation"):
+        pytest.skip("this OpenCV reads no animations")
     made = cv2.Animation()
     made.frames = [np.full((40, 60, 4), (v, v, v, 255), np.uint8) for v in (20, 90, 160)]
     made.durations = np.full(3, 100, np.int32)
-    assert cv2.imwriteanimation(str(tmp_path / "a.webp"), made, [cv2.IMWRITE_WEBP_QUALITY, 100])
-    pages = list_pictures([tmp_path / "a.webp"])
-    assert [p.name for p in pages] == ["a.webp#0", "a.webp#1", "a.webp#2"]
-    assert [round(float(read_gray(p)[0].mean()), -1) for p in pages] == [20, 90, 160]
+    path = tmp_path / f"a{request.param}"
+    assert cv2.imwriteanimation(str(path), made, [cv2.IMWRITE_WEBP_QUALITY, 100])
+    return path
+
+
+def test_frames_of_an_animation_are_pages(animation, monkeypatch):
+    pages = list_pictures([animation])
+    assert [p.name for p in pages] == [f"{animation.name}#{n}" for n in range(3)]
+    for block in (1 << 20, 1):  # all in one block, each in its own
+        monkeypatch.setattr("camcal.detect.pages.BLOCK", block)
+        monkeypatch.setattr("camcal.detect.pages._block", [_Block(b"", 0, ())])
+        for order in (pages, pages[::-1]):
+            values = {p: round(float(read_gray(p)[0].mean()), -1) for p in order}
+            assert [values[p] for p in pages] == [20, 90, 160]
+    (_, picture), (_, reason) = read_pictures([pages[1], animation.with_name(f"{animation.name}#3")])
+    assert picture.shape[:2] == (40, 60) and round(float(picture[..., :3].mean()), -1) == 90
+    assert str(reason) == "page 3 is damaged or missing"
+
+
+def test_the_frames_of_a_png_file_are_counted_not_believed(tmp_path):
+    def chunk(kind, body):
+        return struct.pack(">I4s", len(body), kind) + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    control = chunk(b"fcTL", struct.pack(">5I2H2B", 0, 8, 8, 0, 0, 1, 10, 0, 0))
+    start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 8, 8, 0, 0, 0, 0))
+    parts = [chunk(b"acTL", struct.pack(">II", 4_000_000_000, 0)), control, chunk(b"IDAT", b""), control]
+    path = tmp_path / "claims.png"
+    path.write_bytes(start + b"".join(parts) + chunk(b"IEND", b""))
+    assert page_count(path) == 2
+    path.write_bytes(
+        start + b"".join(parts[2:]) + chunk(b"IEND", b"")
+    )  # no animation: nothing says so before IDAT
+    assert page_count(path) == 1
+    path.write_bytes(start + b"".join(parts[:2]) + b"\0\0")  # cut off
+    assert page_count(path) == 1
