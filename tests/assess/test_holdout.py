@@ -68,7 +68,8 @@ def test_one_step_is_the_fit_to_the_rest(fix, monkeypatch):
         # a fold moves the parameters by up to one sigma; the step leaves what is of the second order in that, .03 here
         off = np.abs(a.camera.params - b.camera.params)
         assert (off <= 0.05 * sigmas).all()
-        assert a.camera.values["k3"] == b.camera.values["k3"] or "k3" not in fix
+        if "k3" in fix:
+            assert a.camera.values["k3"] == b.camera.values["k3"]
         assert a.fit.cost == pytest.approx(b.fit.cost, rel=1e-4)
     assert quick.figures.rms_point == pytest.approx(slow.figures.rms_point, rel=1e-3)
 

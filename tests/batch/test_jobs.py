@@ -111,11 +111,17 @@ def test_a_name_of_200_bytes_is_the_longest(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["{}", "jobs: []", "jobs: 3", "jobs: [{name: a, points: b}]\nmodel: opencv4"]
+    ("text", "said"),
+    [
+        ("{}", "lists no jobs"),
+        ("jobs: []", "lists no jobs"),
+        ("jobs: 3", "lists no jobs"),
+        ("jobs: [{name: a, points: b}]\nmodel: opencv4", "unknown key 'model'"),
+    ],
 )
-def test_a_file_without_jobs(tmp_path, text):
+def test_a_file_without_jobs(tmp_path, text, said):
     (tmp_path / "jobs.yaml").write_text(text)
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match=said):
         read_jobs(str(tmp_path / "jobs.yaml"))
 
 

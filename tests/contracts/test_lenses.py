@@ -1,5 +1,7 @@
 """The battery over every model of the table, its variants, with and without skew; and over wrong models."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -280,5 +282,6 @@ def test_differences_are_sharper_than_the_tolerance():
 )
 def test_options_up_to_their_limits(most, beyond):
     battery.check_parameters(lenses.make(most))
-    with pytest.raises(UsageError):
+    option = re.escape(beyond.rpartition(":")[2].rpartition(",")[2])
+    with pytest.raises(UsageError, match=f"{option}"):
         lenses.make(beyond)

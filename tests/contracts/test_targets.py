@@ -115,6 +115,24 @@ def test_wrong_specs_are_usage_errors(kind, rest):
     assert error.value.hint
 
 
+# what each kind needs after its size and its first length, without which it refuses a spec for being incomplete
+REST = {"charuco": ":1mm:4X4_50", "aruco-grid": ":5mm:4X4_50", "aprilgrid": ":0.3", "squares": ":0.3"}
+
+
+@pytest.mark.parametrize("kind", list(TARGETS))
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        ("banana:20mm", "'banana' is not the size of a board"),
+        ("0x3:20mm", "a board of 0x3 cannot be used"),
+        ("9x7:-3mm", "'-3mm' is not a length"),
+    ],
+)
+def test_a_complete_spec_with_a_wrong_size_or_length_names_it(kind, size, said):
+    with pytest.raises(UsageError, match=said):
+        make(f"{kind}:{size}{REST.get(kind, '')}")
+
+
 def test_partial_boards_of_identified_corners():
     """Half a board, the other half outside the picture: every corner that is seen, under its own number."""
     for spec in ("charuco:9x7:40mm:20mm:4X4_100", "aprilgrid:6x6:22mm:0.3"):

@@ -135,15 +135,23 @@ def test_the_last_stage_names_the_attempt_that_gave_it():
 
 
 @needs_data
-@pytest.mark.parametrize("name", ["vaila_ref3d.csv", "wrong-count-1.csv"])
-def test_robust_runs_of_real_data_keep_their_stages_together(name):
-    path = DATA / "cases" / name
-    try:
-        found = calibrate(read_points(path), robust="auto", checks=False)
-    except (EstimationError, DataError, AttributeError):
-        return
+def test_a_robust_run_of_real_data_keeps_its_stages_together():
+    """Five poles, one of them 14 to 17 px off: no stage fits its points twice as well as the result fits them."""
+    cases = DATA / "cases"
+    data = read_points(points3d=cases / "vaila_ref3d.csv", points2d=cases / "vaila_c02.csv")
+    found = calibrate(data, robust="auto", checks=False)
+    assert found.stages[-1].rms_point == pytest.approx(found.rms_point) and 0.6 < found.rms_point < 0.8
+    assert len(found.stages) > 2
     for stage in found.stages[:-1]:
-        assert not stage.rms_point < 0.5 * found.rms_point, stage.name
+        assert stage.rms_point >= 0.5 * found.rms_point, stage.name
+
+
+@needs_data
+def test_points_numbered_as_a_board_of_the_other_size_are_refused():
+    with pytest.raises(
+        DataError, match="a grid of 6x9, but their positions in the pictures are those of 9x6"
+    ):
+        calibrate(read_points(DATA / "cases" / "wrong-count-1.csv"), robust="auto", checks=False)
 
 
 # ---------------------------------------------------------------------------------------- never worse

@@ -272,11 +272,22 @@ class TestBadFiles:
             with pytest.raises(DataError, match="is damaged: camera"):
                 load_camera(tmp_path / "r.yaml")
 
-    @pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2\n", "\x00\x01", "{", "a: b: c"])
-    def test_not_a_report(self, tmp_path, text):
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("", "contains no mapping"),
+            ("just words", "contains no mapping"),
+            ("a: [1", "not readable as YAML: the error is at line 2"),
+            ("- 1\n- 2\n", "contains no mapping"),
+            ("\x00\x01", "not readable as YAML: the error is at an unknown character"),
+            ("{", "not readable as YAML: the error is at line 2"),
+            ("a: b: c", "not readable as YAML: the error is at line 1"),
+        ],
+    )
+    def test_not_a_report(self, tmp_path, text, said):
         path = tmp_path / "r.yaml"
         path.write_text(text)
-        with pytest.raises(DataError):
+        with pytest.raises(DataError, match=said):
             load(path)
 
     def test_binary(self, tmp_path):
@@ -346,7 +357,7 @@ class TestBadFiles:
     def test_a_report_is_not_overwritten_unasked(self, tmp_path, solution):
         path = tmp_path / "r.yaml"
         path.write_text("mine")
-        with pytest.raises(UsageError):
+        with pytest.raises(UsageError, match="exists"):
             save(document(solution), path)
         assert path.read_text() == "mine"
 

@@ -131,21 +131,21 @@ def test_an_option_that_differs_between_commands(load):
         ("\nmodle: x", "camcal.yaml:2: unknown key 'modle'.", "Did you mean 'model'?"),
         ("estimate:\n  modle: x", "camcal.yaml:2: unknown key 'modle'.", "Did you mean 'model'?"),
         ("detect: {folds: 3}", "camcal.yaml:1: unknown key 'folds'.", "Known under detect: board, cache"),
-        ("\n\nmax_rms: abc", "camcal.yaml:3: max_rms: 'abc' is not a number above 0.", ""),
-        ("max_rms: .nan", "camcal.yaml:1: max_rms: nan is not a number above 0.", ""),
-        ("max_rms: .inf", "camcal.yaml:1: max_rms: inf is not a number above 0.", ""),
-        ("max_rms: true", "camcal.yaml:1: max_rms: true is not a number above 0.", ""),
-        ("max_rms: [1]", "camcal.yaml:1: max_rms: [1] is not a number above 0.", ""),
+        ("\n\nmax_rms: abc", "camcal.yaml:3: max_rms: 'abc' is not a number above 0.", None),
+        ("max_rms: .nan", "camcal.yaml:1: max_rms: nan is not a number above 0.", None),
+        ("max_rms: .inf", "camcal.yaml:1: max_rms: inf is not a number above 0.", None),
+        ("max_rms: true", "camcal.yaml:1: max_rms: true is not a number above 0.", None),
+        ("max_rms: [1]", "camcal.yaml:1: max_rms: [1] is not a number above 0.", None),
         ("max_rms:", "camcal.yaml:1: 'max_rms' has no value.", "Remove the line"),
-        ("seed: 1.0", "camcal.yaml:1: seed: 1.0 is not a whole number from 0 up.", ""),
-        ("crosscheck: no", "camcal.yaml:1: crosscheck: 'no' is not true, false or full.", ""),
+        ("seed: 1.0", "camcal.yaml:1: seed: 1.0 is not a whole number from 0 up.", None),
+        ("crosscheck: no", "camcal.yaml:1: crosscheck: 'no' is not true, false or full.", None),
         ("model: 5", "camcal.yaml:1: model: unknown model '5'.", "Known: pinhole,"),
         ("robust: hubr", "camcal.yaml:1: robust: unknown robust method 'hubr'.", "Did you mean 'huber'?"),
         ("fix: [a, 3]", "camcal.yaml:1: fix: 3 is not NAME[=VALUE],...", "Try: p1,p2,k3=0.1"),
         ("estimate: 3", "camcal.yaml:1: estimate: 3 found; options of the command are needed.", "Write"),
         ("image_size: {a: 2}", "camcal.yaml:1: image_size: {'a': 2} is not an image size;", "Try: 640x480"),
         ("max_rms: 1\nmax-rms: 1", "camcal.yaml:2: 'max-rms' is given a second time", "Remove one."),
-        ("config: other.yaml", "camcal.yaml:1: unknown key 'config'.", ""),
+        ("config: other.yaml", "camcal.yaml:1: unknown key 'config'.", "Known: against, alpha"),
     ],
 )
 def test_what_is_refused(load, text, message, hint):
@@ -153,7 +153,10 @@ def test_what_is_refused(load, text, message, hint):
     with pytest.raises(UsageError) as caught:
         values_for("estimate", config)
     assert caught.value.message.startswith(message)
-    assert (caught.value.hint or "").startswith(hint)
+    if hint is None:
+        assert caught.value.hint is None
+    else:
+        assert caught.value.hint.startswith(hint)
     assert caught.value.exit_code == 2
 
 

@@ -123,7 +123,8 @@ def test_instants_that_a_camera_did_not_see_are_not_coupled_with_it():
         for where in (camera.columns, camera.extrinsics):
             part = blocks.coupling[:, where]
             assert not part[~saw].any()
-            assert part.shape[1] == 0 or part[saw].any((1, 2)).all()
+            if part.shape[1]:  # the reference camera has no extrinsics
+                assert part[saw].any((1, 2)).all()
     assert [c.extrinsics for c in problem.cameras] == [slice(o, e) for o, e in extrinsics(problem)]
 
 

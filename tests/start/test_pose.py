@@ -108,7 +108,7 @@ def test_polish_lowers_the_error_to_a_minimum():
 
 
 def test_a_view_of_too_few_points_is_refused():
-    with pytest.raises(DataError):
+    with pytest.raises(DataError, match="view '1': 3 points; at least 4 on a plane"):
         pose.initial_poses([scenes.board()[[0, 1, 10]]], [np.zeros((3, 2))])
 
 

@@ -144,9 +144,13 @@ def test_a_motion_means_the_same_in_both_models(name):
 def test_unknown_motions_and_groups_are_refused():
     from camcal.errors import UsageError
 
-    for given in (("thermel", {}), ("thermal", {"fokal": 1.0}), ("thermal", {"focal": -1.0})):
-        with pytest.raises(UsageError):
-            motion.figures(*given)
+    for motions, drift, said in (
+        ("thermel", {}, "unknown motion 'thermel'"),
+        ("thermal", {"fokal": 1.0}, "unknown group of parameters 'fokal'"),
+        ("thermal", {"focal": -1.0}, "focal=-1.0 is negative"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            motion.figures(motions, drift)
 
 
 def test_sigmas_of_the_table_are_those_of_its_numbers():
