@@ -2,7 +2,8 @@
 
 A corner at which one dark square meets white is no saddle of grey value. Its place is where two straight edges
 cross: each edge is measured in profiles across it, where they reach the middle between dark and bright, and a
-line is fitted to the places.
+line is fitted to the places. A lens bends the edges: by how much is known from the corners of all squares
+(`camcal.detect.targets.outlined`), and the line is then the chord of an arc.
 """
 
 from __future__ import annotations
@@ -137,7 +138,9 @@ def _dark_inside(gray: Array, quads: Array) -> Array:
     return around[:, 1] > value[:, 0] + THRESHOLD
 
 
-def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
+def refine_squares(
+    gray: Array, quads: Array, room: Array, bows: Array | None = None, rounds: int = ROUNDS
+) -> Squares:
     """Measure the edges of squares and intersect them.
 
     Parameters
@@ -147,19 +150,24 @@ def refine_squares(gray: Array, quads: Array, room: Array) -> Squares:
         Corners to start from, clockwise, right to a px or two.
     room : (K,) array
         Distance from an edge to the next one, inside or outside, px.
+    bows : (K, 4) array, optional
+        How far the middle of the edge from each corner to the next stands out of the square, px; straight without.
+    rounds : int
+        Of measuring the edges from the corners found last.
     """
     picture = gray.astype(np.float32)
     count = len(quads)
+    bows = np.zeros((count, 4)) if bows is None else bows
     corners, covariance = quads.astype(float).copy(), np.full((count, 4, 2, 2), np.nan)
     good, contrast, blur = np.zeros(count, bool), np.zeros(count), np.zeros(count)
     for k in range(count):
         reach = min(LONGEST, REACH * float(room[k]))
         if reach < SHORTEST:
             continue
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             ends = ENDS_PX + reach * _acuteness(corners[k])
             edges = [
-                _edge(picture, corners[k, i], corners[k, (i + 1) % 4], reach, ends[[i, (i + 1) % 4]])
+                _edge(picture, corners[k, i], corners[k, i - 3], reach, ends[[i, i - 3]], bows[k, i])
                 for i in range(4)
             ]
             if any(e is None for e in edges):
@@ -202,8 +210,11 @@ def _acuteness(corners: Array) -> Array:
     return np.maximum((before * after).sum(1), 0.0) / np.maximum(cross, 1e-9)
 
 
-def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array) -> _Edge | None:
-    """The line of the edge between two corners, dark on its right (inside); `ends` px at the corners are skipped."""
+def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array, bow: float) -> _Edge | None:
+    """The chord of the edge between two corners, dark on its right (inside), whose middle stands out by `bow` px.
+
+    `ends` px at the corners are skipped.
+    """
     side = stop - start
     length = float(np.hypot(*side))
     along = side / max(length, 1e-9)
@@ -213,8 +224,9 @@ def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array) 
     if number < LEAST_PROFILES:
         return None
     at = np.linspace(first, length - last, number)
+    arc = 4 * bow * (at / length) * (1 - at / length)
     offset = np.arange(-reach, reach + 1e-9, STEP)
-    places = start + at[:, None, None] * along + offset[None, :, None] * outward
+    places = start + at[:, None, None] * along + (arc[:, None, None] + offset[None, :, None]) * outward
     u, v = np.moveaxis(places.astype(np.float32), -1, 0)
     value = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
     total, place = _crossings(value, offset)

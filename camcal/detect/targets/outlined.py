@@ -11,23 +11,72 @@ from camcal.detect.board_points import LOCAL_POINTS, from_points
 from camcal.detect.outlines import Squares, refine_squares
 from camcal.detect.pyramid import grey_span
 from camcal.detect.targets.base import Detection
+from camcal.geometry import homography
 
 Array = np.ndarray
 
+#: degrees of the polynomials that describe how a lens bends a view, the highest that has three corners for each term
+DEGREES = (5, 3)
 STRAY = 0.1  #: of a side; a corner farther from where its neighbours put it is not of this target
 
 
-def fit_squares(gray: Array, starts: Array, room: float) -> tuple[Squares, Array]:
+def fit_squares(gray: Array, starts: Array, room: float, board: Array) -> tuple[Squares, Array]:
     """The squares (K, 4, 2) that start clockwise at these corners, and their shortest sides (K,), px.
 
-    `room` is the distance from an edge to the next one, inside or outside, of a side.
+    They are fitted twice: with straight edges, and with the arcs that the corners of all of them show.
+
+    `room` is the distance from an edge to the next one, inside or outside, of a side; `board` (K, 4, 2) are the
+    corners on the board.
     """
     lengths = np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2)
     along, up = starts[:, 1] - starts[:, 0], starts[:, 3] - starts[:, 0]
     area = np.abs(along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0])
     # across a foreshortened square it is less far than along its sides
-    across = area / lengths.max(1)
-    return refine_squares(gray, starts, across * min(1.0, room)), lengths.min(1)
+    across = area / lengths.max(1) * min(1.0, room)
+    fitted = refine_squares(gray, starts, across)
+    bent = bows(board, fitted)
+    if bent.any():
+        fitted = refine_squares(
+            gray, np.where(fitted.good[:, None, None], fitted.corners, starts), across, bent
+        )
+    return fitted, lengths.min(1)
+
+
+def bows(board: Array, fitted: Squares) -> Array:
+    """How far the middles of the edges stand out of their squares (K, 4), px; zeros where too few corners show it.
+
+    A homography maps lines to lines, and the middle of an edge from A to B to the mean of their images with weights
+    w(A) and w(B), the third homogeneous coordinates. What the corners are off from a homography, d(X), is taken for a
+    polynomial of the place X on the board; the middle then stands off the chord by
+
+        d((A + B) / 2) - (w(A) d(A) + w(B) d(B)) / (w(A) + w(B))
+
+    Parameters
+    ----------
+    board : (K, 4, 2) array
+        Corners on the board, in the order of those fitted.
+    fitted : Squares
+    """
+    known, seen = board[fitted.good].reshape(-1, 2), fitted.corners[fitted.good].reshape(-1, 2)
+    degree = next((d for d in DEGREES if 3 * (d + 1) * (d + 2) // 2 <= len(known)), None)
+    if degree is None:
+        return np.zeros(fitted.good.shape + (4,))
+    h = homography.homographies(known[None], seen[None])
+    off = seen - homography.transfer(h, known[None])[0]
+    weight = (board @ h[0, 2, :2] + h[0, 2, 2])[..., None]
+    middle, scale = known.mean(0), np.abs(known - known.mean(0)).max()
+
+    def terms(at: Array) -> Array:
+        x, y = np.moveaxis((at - middle) / scale, -1, 0)
+        return np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)], -1)
+
+    factors, *_ = np.linalg.lstsq(terms(known), off, rcond=None)
+    after, next_weight = np.roll(board, -1, 1), np.roll(weight, -1, 1)
+    ends = (weight * terms(board) + next_weight * terms(after)) / (weight + next_weight)
+    away = (terms((board + after) / 2) - ends) @ factors
+    sides = np.roll(fitted.corners, -1, 1) - fitted.corners
+    outward = np.stack([sides[..., 1], -sides[..., 0]], -1) / np.linalg.norm(sides, axis=-1, keepdims=True)
+    return np.where(fitted.good[:, None], (away * outward).sum(-1), 0.0)
 
 
 def in_place(points: Array, side: float, squares: Array, fitted: Squares) -> Array:

@@ -85,7 +85,8 @@ class SquareGrid(Target):
         centres = self._origins[grid.ids] + 0.5 * self.square
         _, jacobian, _ = from_points(centres, centres, grid.discs.centre)
         starts = _ordered(quads, grid.discs.centre, jacobian)
-        fitted, sides = outlined.fit_squares(gray, starts, self.spacing)
+        board = self.points.reshape(-1, 4, 3)[grid.ids][:, CLOCKWISE, :2]
+        fitted, sides = outlined.fit_squares(gray, starts, self.spacing, board)
         fitted = fitted.take_corners(CLOCKWISE)
         keep = outlined.in_place(self.points, self.square, grid.ids, fitted)
         total = self.columns * self.rows

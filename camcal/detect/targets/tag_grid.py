@@ -119,7 +119,7 @@ class TagGrid(TagBoard):
                 "none", f"{said} of {self.dictionary} of this grid was found; {LEAST_MARKERS} are needed"
             )
         room = min(self.spacing, FARTHER * self._border_share)
-        fitted, sides = outlined.fit_squares(gray, corners, room)
+        fitted, sides = outlined.fit_squares(gray, corners, room, self.tag_corners[tags])
         keep = outlined.in_place(self.points, self.square, tags, fitted)
         if keep.sum() < LEAST_MARKERS:
             return Miss(
