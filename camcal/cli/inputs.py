@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,10 +46,19 @@ def refuse_pictures(paths: Sequence[str | Path]) -> None:
         return
     from camcal.detect.frames import is_film
     from camcal.detect.listing import holds_pictures, is_picture
+    from camcal.detect.sources import ARCHIVES, split
 
+    kinds = {
+        "a folder of pictures": lambda path: path.is_dir() and holds_pictures(path),
+        "an archive": lambda path: path.suffix.lower() in ARCHIVES,
+        "a film": is_film,
+        "a frame of a film": lambda path: is_film(split(path)[0]),
+        "a picture": lambda path: is_picture(split(path)[0]),
+    }
     for path in others:
-        if is_picture(path) or is_film(path) or (path.is_dir() and holds_pictures(path)):
-            what = "a folder of pictures" if path.is_dir() else "a film" if is_film(path) else "a picture"
+        what = next((kind for kind, holds in kinds.items() if holds(path)), None)
+        if what:
             raise DataError(
-                f"'{path}' is {what}; a table of points is needed.", f"Try: camcal checkerboard {path}"
+                f"'{path}' is {what}; a table of points is needed.",
+                f"Try: camcal checkerboard {shlex.quote(str(path))}",
             )

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePath, PurePosixPath
 
 from camcal.detect.frames import is_film
-from camcal.detect.pages import page_count
+from camcal.detect.pages import page_count, page_count_in
 from camcal.detect.sources import ARCHIVES, RAW, exists
 from camcal.errors import DataError
 from camcal.system.text import listed, readable
@@ -77,11 +77,12 @@ def _expand(path: Path) -> list[Path]:
 
 def _with_pages(files: list[Path]) -> list[Path]:
     """The files; one with several pages is replaced by its pages."""
-    found = []
-    for path in files:
-        pages = page_count(path)
-        found += [path] if pages == 1 else [path.with_name(f"{path.name}#{n}") for n in range(pages)]
-    return found
+    return [page for path in files for page in _pages(path, page_count(path))]
+
+
+def _pages(path: Path, count: int) -> list[Path]:
+    """The names of the pages of a file; its own where it has one."""
+    return [path] if count == 1 else [path.with_name(f"{path.name}#{n}") for n in range(count)]
 
 
 def _in_archive(archive: Path) -> list[Path]:
@@ -89,17 +90,18 @@ def _in_archive(archive: Path) -> list[Path]:
     try:
         with zipfile.ZipFile(archive) as opened:
             names = [e.filename for e in opened.infolist() if not e.is_dir()]
+            pictures = [n for n in names if is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
+            pages = {archive / n: page_count_in(opened, n) for n in pictures}
     except (OSError, zipfile.BadZipFile) as error:
         raise DataError(
             f"the archive '{archive}' cannot be read: {error}.", "Unpack it, and name the folder."
         ) from None
-    files = [archive / n for n in names if is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
-    if not files:
+    if not pages:
         raise DataError(
             f"the archive '{archive}' holds no pictures among its {len(names)} files.",
             "Files such as .jpg, .png or .tif are read.",
         )
-    return sorted(files, key=natural_order)
+    return [page for path in sorted(pages, key=natural_order) for page in _pages(path, pages[path])]
 
 
 def is_picture(path: PurePath) -> bool:

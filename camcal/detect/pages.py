@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import zipfile
+import zlib
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import IO, BinaryIO, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +22,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 #: bytes of decoded frames that are kept. A frame of an animation is decoded from the first one on, so that a block
 #: of them is decoded at a time; this is 27 frames of 640x480 in four channels
 BLOCK = 32 << 20
+MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
 
 
 def page_count(path: Path) -> int:
@@ -27,13 +31,41 @@ def page_count(path: Path) -> int:
         return 1
     try:
         with path.open("rb") as stream:
-            head = stream.read(64)
-            if head.startswith(PNG):
-                return max(1, _png_frames(stream))
-        if head[:2] not in (b"II", b"MM") and not _is_animation(head):
+            return _count(stream, path)
+    except OSError:
+        return 1
+
+
+def page_count_in(archive: zipfile.ZipFile, entry: str) -> int:
+    """The number of pages of an entry of an archive; 1 where it is no picture of several, or cannot be read."""
+    try:
+        if archive.getinfo(entry).file_size > MOST_UNPACKED:
             return 1
+        with archive.open(entry) as stream:
+            return _count(stream, None)
+    except (OSError, zipfile.BadZipFile, KeyError, RuntimeError, EOFError, ValueError, zlib.error):
+        return 1
+
+
+def _count(stream: BinaryIO | IO[bytes], path: Path | None) -> int:
+    """The number of pages in a stream; `path` is that of its file, if it has one."""
+    head = stream.read(64)
+    if head.startswith(PNG):
+        return max(1, _png_frames(stream))
+    if head[:2] not in (b"II", b"MM") and not _is_animation(head):
+        return 1
+    if path is not None:
+        return _counted(path)
+    with TemporaryDirectory(prefix="camcal-") as folder:  # cv2 counts the pages of files only
+        copy = Path(folder, "pages")
+        copy.write_bytes(head + stream.read())
+        return _counted(copy)
+
+
+def _counted(path: Path) -> int:
+    try:
         return max(1, int(cv2.imcount(str(path), FLAGS)))
-    except (OSError, cv2.error, struct.error):
+    except cv2.error:
         return 1
 
 
@@ -72,7 +104,7 @@ def _is_animation(head: bytes) -> bool:
     return (head[:4] == b"RIFF" and head[8:12] == b"WEBP" and b"ANIM" in head) or head[4:12] == b"ftypavis"
 
 
-def _png_frames(stream: BinaryIO) -> int:
+def _png_frames(stream: BinaryIO | IO[bytes]) -> int:
     """The number of frame control chunks of an animated PNG file (PNG, third edition, 11.3.6); 0 if it is none.
 
     They are counted because the number that the file states may be anything.

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from camcal.detect.decode import UnreadableError
 from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.films import Range, candidates
@@ -15,6 +17,7 @@ from camcal.detect.listing import view_ids
 from camcal.detect.sources import is_frame, keep_none, read_gray
 from camcal.detect.targets.base import Target
 from camcal.detect.workers import map_unordered
+from camcal.errors import DataError
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -39,7 +42,13 @@ class Search:
         keep_none()
 
     def open_films(self, chosen: Range) -> None:
-        """Replace films by their frames to be searched."""
+        """Replace films by their frames to be searched.
+
+        Raises
+        ------
+        DataError
+            Where no frame is in the range.
+        """
         files = []
         for path in self.files:
             if not is_film(path):
@@ -55,6 +64,12 @@ class Search:
             self.frame_count += count
             files += names
             self.tell("frames", path=path, frames=count, searched=len(names))
+        if not files and not self.unreadable:
+            limits = f"from {chosen.start:g} s" + f" to {chosen.end:g} s" * (chosen.end < np.inf)
+            raise DataError(
+                f"there are no frames {limits}.",
+                "--from has to be before --to and before the end of the film.",
+            )
         self.files = files
 
     def _tell_film(self, path: Path, done: int, count: int) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from camcal.detect.decode import UnreadableError, as_gray, decode_gray
 from camcal.detect.exif import UNKNOWN, Taken, read_exif
 from camcal.detect.frames import is_film, read_frame
-from camcal.detect.pages import read_page
+from camcal.detect.pages import MOST_UNPACKED, read_page
 from camcal.errors import DataError
 from camcal.system.reading import read_file
 
@@ -33,7 +33,6 @@ RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", "
 #: decoding takes a tenth of the time of such a set, and the memory of a command is to stay that of a script + 60 MB
 KEPT = 32 << 20
 MOST_BYTES = 2 << 30  #: of a picture's file: more than 200 million pixels of three 16-bit colours
-MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
 
 
 def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:

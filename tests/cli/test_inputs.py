@@ -17,13 +17,21 @@ def inputs(tmp_path, monkeypatch):
     (tmp_path / "pictures").mkdir()
     cv2.imwrite("pictures/a.png", np.zeros((8, 8), np.uint8))
     (tmp_path / "film.mp4").write_bytes(b"")
+    (tmp_path / "all.zip").write_bytes(b"")
     (tmp_path / "points.csv").write_text("view,X,Y,Z,u,v\n")
 
 
-@pytest.mark.parametrize("given", ["pictures", "pictures/a.png", "film.mp4"])
+@pytest.mark.parametrize("given", ["pictures", "pictures/a.png", "film.mp4", "all.zip"])
 def test_estimate_names_checkerboard(camcal, inputs, given):
     code, _, err = camcal("estimate", given)
     assert code == 3 and f"Try: camcal checkerboard {given}" in err
+
+
+@pytest.mark.parametrize("given", ["film.mp4#3", "all.tif#2"])
+def test_estimate_names_checkerboard_for_frames(camcal, inputs, given):
+    Path("all.tif").write_bytes(b"")
+    code, _, err = camcal("estimate", given)
+    assert code == 3 and f"Try: camcal checkerboard '{given}'" in err
 
 
 @pytest.mark.parametrize("command", [("checkerboard",), ("detect", "-o", "x.csv")])

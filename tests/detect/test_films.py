@@ -140,6 +140,9 @@ def test_a_film_without_a_board_and_a_broken_one(tmp_path):
     (tmp_path / "b.mp4").write_bytes(b"no film")
     with pytest.raises(DataError, match="no target was found in 6 of 6 frames"):
         detect_images([tmp_path / "a.avi"], cache=False)
+    for limits in ({"from_time": 5.0, "to_time": 3.0}, {"from_time": 60.0}):
+        with pytest.raises(DataError, match="there are no frames from"):
+            detect_images([tmp_path / "a.avi"], cache=False, **limits)
     with pytest.raises(DataError) as error:
         detect_images([tmp_path / "b.mp4"], cache=False)
     assert "no decoder opens this film" in error.value.hint
@@ -242,6 +245,11 @@ def test_pages_of_a_tiff_file(tmp_path):
     assert all((sources.read_gray(n)[0] == p).all() for n, p in zip(names, pages, strict=True))
     with pytest.raises(UnreadableError, match="page 3"):
         sources.read_gray(tmp_path / "all.tif#3")
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        archive.write(tmp_path / "all.tif", "session/all.tif")
+    names = list_pictures([tmp_path / "all.zip"])
+    assert names == [tmp_path / "all.zip" / "session" / f"all.tif#{i}" for i in range(3)]
+    assert all((sources.read_gray(n)[0] == p).all() for n, p in zip(names, pages, strict=True))
     assert len(detect_images([tmp_path], cache=False, jobs=1).views) == 3
 
 
