@@ -31,6 +31,15 @@ Array = np.ndarray
 
 #: of equal counts, at least 10 points each; 12 resolve a radial curve with several bends
 RINGS, SECTORS = 12, 12
+#: points up to which all distances are computed, 96 MB of differences; of more points those next in the list count as
+#: neighbours
+ALL_DISTANCES = 2000
+#: pairs of neighbours from which on the mean of their products counts as normally distributed
+LEAST_PAIRS = 10
+#: numbers from which on the approximation of the kurtosis test holds (Anscombe & Glynn 1983)
+LEAST_VALUES = 20
+#: degrees of freedom within the pieces: the noise variance is then known to sqrt(2 / 10) = 45 %
+LEAST_FREEDOM = 10
 #: points of a piece of the target for the bias ratio: at least so many, at most twice
 PIECE = 6
 
@@ -129,9 +138,9 @@ def _pairs(xyz: Array) -> tuple[Array, Array]:
     """Pairs of each point and its nearest neighbour, each pair once."""
     if len(xyz) < 2:
         return np.zeros(0, int), np.zeros(0, int)
-    gaps = np.linalg.norm(xyz[:, None] - xyz[None], axis=2) if len(xyz) <= 2000 else None
-    if gaps is None:
+    if len(xyz) > ALL_DISTANCES:
         return np.arange(len(xyz) - 1), np.arange(1, len(xyz))
+    gaps = np.linalg.norm(xyz[:, None] - xyz[None], axis=2)
     gaps[np.diag_indices(len(xyz))] = np.inf
     nearest = gaps.argmin(1)
     pairs = np.unique(np.sort(np.c_[np.arange(len(xyz)), nearest], axis=1), axis=0)
@@ -197,7 +206,7 @@ def _correlation(found: Standardised) -> ResidualTest:
     """Neighbouring points: the mean of z_i · z_j / 2, which is 0 for white noise."""
     question = "Do neighbouring points err in the same direction?"
     pairs = found.neighbours / 2
-    if len(pairs) < 10:
+    if len(pairs) < LEAST_PAIRS:
         return ResidualTest("neighbours", question, float("nan"), 1.0, 0.0, "correlation")
     mean = float(pairs.mean())
     # of two products of independent standard normals: variance 1, halved sum 1/2
@@ -211,7 +220,7 @@ def _gaussian(found: Standardised) -> ResidualTest:
     """D'Agostino & Pearson's test of skewness and kurtosis; the effect is the excess kurtosis."""
     question = "Do the residuals follow a Gaussian?"
     flat = found.z.ravel()
-    if len(flat) < 20:
+    if len(flat) < LEAST_VALUES:
         return ResidualTest("gaussian", question, float("nan"), 1.0, 0.0, "excess kurtosis")
     statistic, p = normality(flat)
     return ResidualTest("gaussian", question, statistic, p, excess_kurtosis(flat), "excess kurtosis")
@@ -238,7 +247,7 @@ def bias_ratio(design: Design) -> BiasRatio | None:
             left, spare = _without_pose(rows, piece)
             square, freedom, pieces = square + left, freedom + spare, pieces + 1
     own = redundancy(design.calibration)
-    if not pieces or freedom < 10 or own <= freedom or covered <= 0:
+    if not pieces or freedom < LEAST_FREEDOM or own <= freedom or covered <= 0:
         return None
     noise = square / freedom
     statistic = max(covered - square, 0.0) / (own - freedom) / noise

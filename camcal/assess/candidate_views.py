@@ -163,6 +163,7 @@ def surround(points: Array) -> Array:
         return np.zeros((0, 3))
     columns, rows = lattice(points)
     if len(columns) < 2 or len(rows) < 2 or not len(points) <= len(columns) * len(rows) <= 4 * len(points):
+        # points that fill less than a quarter of the places are no grid
         return np.zeros((0, 3))
     x, y = (np.r_[c[0] - np.diff(c)[0], c, c[-1] + np.diff(c)[-1]] for c in (columns, rows))
     sides = [np.c_[x, np.full(len(x), edge)] for edge in (y[0], y[-1])]

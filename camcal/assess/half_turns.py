@@ -159,6 +159,7 @@ def half_turn(data: Observations, ideal: Array | None = None) -> Pose | None:
     if identified(data) or not may_turn(target):
         return None
     turns = turns_of(np.unique(data.xyz, axis=0) if ideal is None else ideal)
+    # cos(180 degrees) = -1 of half a turn in the plane; quarter turns have 0
     return next((t for t in turns[1:] if t.rotation[0, 0] < -0.5), None)
 
 

@@ -77,6 +77,7 @@ def _p_value(move: Array, spread: Array, freedom: int) -> float:
     """The p-value of (2), over the directions that the view affects."""
     d = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     values, vectors = np.linalg.eigh(spread / np.outer(d, d))
+    # `spread` is the difference of two inverses: in directions on which the view has no effect, rounding is left
     good = values > 1e-8 * values[-1]
     along = vectors[:, good].T @ (move / d)
     statistic = float((along**2 / values[good]).sum()) / max(int(good.sum()), 1)

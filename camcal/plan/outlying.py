@@ -142,7 +142,7 @@ def _plain_is_lower(progress: Progress) -> bool:
         return False
     rows = _rows_of(plain, progress.fit)
     squares = np.square(plain.residuals[rows]).sum(1)[progress.fit.used]
-    return bool(0.5 * squares.sum() < progress.fit.fit.cost)
+    return bool(0.5 * squares.sum() < progress.fit.fit.cost)  # the cost is half the sum of squares
 
 
 def _rows_of(plain: Calibration, kept: Calibration) -> np.ndarray:

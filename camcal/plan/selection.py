@@ -224,6 +224,7 @@ class _Bench:
         tried: list[Calibration] = [] if solution is None else [solution]
         for inner in (c.solution for c in done if c.solution is not None):
             known = embed(lens, inner.camera.lens, inner.camera.params)
+            # 1 + 1e-9: a cost that is as low but for rounding
             if known is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
                 tried.append(refine(*starts.adopted(lens, inner, fix), data, How(fix)))
         if not tried:

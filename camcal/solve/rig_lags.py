@@ -18,7 +18,7 @@ Array = np.ndarray
 
 #: frames by which a camera may lag: triggers lose a frame or two, recordings start some frames apart
 MOST = 5
-#: pairs of pictures that a lag is judged by at least: fewer agree by chance, with six numbers of a pose to fit
+#: smallest number of pairs of pictures that decide on a lag: fewer agree by chance, as a pose has six free numbers
 LEAST = 6
 #: a lag is accepted where it brings the boards nearer together by this factor. A hand moves a board by several times
 #: what a pose is uncertain by from frame to frame; where it stands still, no lag does better than another.
@@ -55,7 +55,7 @@ def lags(
 def _lag(pictures: Pictures, a: int, b: int, known: Link, turns: Sequence[Pose], corners: Array) -> int:
     """The lag of camera b behind camera a in frames; 0 if none is significant."""
     best, least = 0, NEARER * known.scatter
-    if least < known.expected:  # nothing can be nearer together than noise lets it
+    if least < known.expected:  # noise sets a lower limit to the distance
         return 0
     for lag in (k for size in range(1, MOST + 1) for k in (size, -size)):
         i, j = shared(pictures, a, b, lag)

@@ -26,7 +26,7 @@ TRIED = 16
 #: a turned board is accepted where it brings the instants nearer together by this factor. A static board is the same
 #: before both cameras at every instant, turned or not.
 NEARER = 0.5
-#: instants further from the relative pose of a pair than so many times the median one have no part in it
+#: instants further from the relative pose of a pair than so many times the median one are left out
 FAR = 5.0
 
 

@@ -86,7 +86,7 @@ def reject(calibration: E, how: How) -> E:
             data = data.without(_reasons(current, verdict.bad_views))
             seen.clear()
         elif current.observations.weight is None and np.array_equal(current.used, verdict.used):
-            break  # it is that fit already
+            break  # this is that fit already
         current = refit(current, data, how, poses)
     return current
 

@@ -30,8 +30,8 @@ from camcal.start.radial import RadialStart
 #: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
 #: at 120 degrees it is 1 %, at 150 degrees 4 %
 POOR_START = 0.02
-#: a refinement that leaves a larger median error than this part, or does not converge, is doubted: a wrong minimum
-#: leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
+#: a refinement that leaves a larger median error than this part, or does not converge, may be a wrong minimum:
+#: one leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
 POOR_END = 0.002
 #: where in the joint interval of the principal point starts lie, in standard deviations: half-way and at the 95 % end
 REACHES = (1.0, 2.0)

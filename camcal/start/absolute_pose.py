@@ -21,11 +21,11 @@ Array = np.ndarray
 
 #: steps of Gauss-Newton: from the 24 rotations of a cube every minimum of 10,000 random views settles in fewer
 STEPS = 40
-#: rad; minima nearer to one another than this are one: the refinement in px takes them to the same place
+#: rad; minima closer together than this count as one: the refinement in px leads to the same pose from both
 SAME = 1e-3
 #: eigenvectors of Ω that are tried: its null space has up to 3 dimensions for planes, up to 6 for few points
 EIGENVECTORS = 6
-#: more than this part of the points behind the camera, and a minimum is no pose
+#: a minimum with more than this part of the points behind the camera is no pose
 BEHIND = 0.5
 
 

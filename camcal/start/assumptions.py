@@ -129,7 +129,7 @@ def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 
 def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Found:
     """As `climb`, with each view's equations weighted by the inverse of their noise.
 
-    Worth a second attempt where views of little weight (small, far boards) drown the others. Not the first
+    A second attempt, for data in which views of little weight (small, far boards) dominate the others. Not the first
     choice: with an undistorted model of a distorting lens, the noise is not what the views differ in.
     """
     guess = np.array([1.0, 0, 1, 0, 0, 1])  # f = half the diagonal: only the views' ratios matter

@@ -21,7 +21,7 @@ Array = np.ndarray
 #: |m34| against the root mean square depth of the points: below it the origin lies in the plane of the
 #: camera's centre as far as 64-bit floats tell.
 NO_DEPTH = 1e-8
-#: ... and below this many standard deviations it cannot be told from 0.
+#: m34 also counts as 0 below this many of its standard deviations.
 SIGNIFICANT = 3.0
 
 

@@ -38,7 +38,7 @@ Array = np.ndarray
 
 #: 18 entries up to scale, two equations a point
 LEAST_POINTS = 9
-#: depth of a ray beside that at the centre: rays nearer to a right angle to the axis are no input for a pinhole
+#: depth of a ray beside that at the centre: rays nearer to a right angle to the axis cannot be used for a pinhole
 #: camera (84 degrees at f = ρ)
 FLATTEST = 0.1
 #: rounds of weights: equations (2) are in units of the plane, and noise is in px
@@ -131,7 +131,7 @@ def _map(view: _View) -> Array:
         du, dv = ((d @ b[:2].T - at * (d @ b[2])[:, None]) / onto[:, 2:] for d in (by_u, by_v))
         area = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
         size = np.abs(onto[:, 2]) * np.sqrt(area)
-        # points where the map folds have no say
+        # points where the map folds are left out
         usable = np.isfinite(size) & (size > 1e-3 * np.median(size))
         roots = np.where(usable, view.roots / np.where(usable, size, 1.0), 0.0)
     return b
@@ -153,6 +153,7 @@ def derivatives(q: Array) -> tuple[Array, Array]:
 
 def pinhole_at_centre(rows: Array) -> Array:
     """A (3, 6) of the homography that makes pixels near the centre those of a pinhole camera: [Q, I]."""
+    # beyond 1e6 less than ten of the 16 digits of the rays are left
     if not np.linalg.cond(rows[:, 3:]) < 1e6:
         raise EstimationError(
             "the lifted homographies leave the rays near the image's centre undetermined.",

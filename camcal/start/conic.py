@@ -68,7 +68,7 @@ def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> f
     """The relative uncertainty of the less certain focal length: standard deviation and bias combined.
 
     Both to first order (13), of the b that minimises |A b| with |b| = 1: the noise of the homographies gives
-    the equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which drags b by -(AᵀA)⁺ M b:
+    the equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which biases b by -(AᵀA)⁺ M b:
     where the planes hardly tilt, that is the larger part.
 
     Parameters

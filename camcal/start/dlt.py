@@ -32,7 +32,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     DataError
         Where a view has too few points or all on a line.
     EstimationError
-        Where no view holds points in space, where they leave the matrix open, or come out behind the camera.
+        Where no view holds points in space, where the matrix is undetermined, or the points lie behind the camera.
     """
     form = shape.check(correspondences)
     views = correspondences.views

@@ -35,7 +35,7 @@ Array = np.ndarray
 CANDIDATE_VIEWS = 12
 #: rounds of λ and the h of all views in turn; the change of λ that ends them
 ROUNDS, SETTLED = 60, 1e-13
-#: of 1 + λ ρ²: rays nearer to a right angle to the axis are no input for a pinhole camera (84 degrees at f = ρ)
+#: of 1 + λ ρ²: rays nearer to a right angle to the axis cannot be used for a pinhole camera (84 degrees at f = ρ)
 FLATTEST = 0.1
 
 
@@ -92,6 +92,7 @@ def _candidate(views: Sequence[Equations]) -> float:
     for view in some:
         d1, d2 = view.flat
         values = eig(d1.T @ d1, -(d1.T @ d2), right=False)
+        # a double root splits by the square root of rounding, 1e-8, into a complex pair
         real = np.isfinite(values) & (np.abs(values.imag) < 1e-6 * (1 + np.abs(values.real)))
         found += [float(v) for v in values[real].real if abs(v) <= STRONGEST]
     errors = [np.median([_error(v, value)[0] for v in some]) for value in found]

@@ -274,7 +274,7 @@ def depths(
         ]
         normal = sum(b.T @ b for b, *_ in systems)
         right = sum(s * (b.T @ w) for s, (b, w, *_) in zip(signs, systems, strict=True))
-        # LAPACK may never come back from infinite numbers
+        # LAPACK may not return where the matrix holds infinite numbers
         if not (np.isfinite(normal).all() and np.isfinite(right).all()):
             return _Lens(exponents, np.full(len(exponents), np.nan), t3, signs, np.inf)
         coefficients = np.linalg.lstsq(normal, right, rcond=1e-13)[0]

@@ -1,10 +1,12 @@
 """Tests of the residuals: silent on noise, and each speaks of what it asks for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from camcal.assess import bias
 from camcal.assess.bias import ResidualTest, bias_ratio, cut, holm, residual_tests, standardise
 from camcal.assess.design import Design
 from camcal.data.observations import Correspondences
@@ -143,3 +145,19 @@ def test_too_few_points_say_nothing():
     s = solved("pinhole", views=3)
     few = replace(s, observations=s.observations.with_used(s.observations.point < 5))
     assert bias_ratio(Design(few)) is None
+
+
+def test_neighbours_of_many_points_are_those_next_in_the_list(monkeypatch):
+    monkeypatch.setattr(bias, "ALL_DISTANCES", 4)
+    line = np.c_[[0.0, 2, 1, 3, 4], np.zeros((5, 2))]
+    assert np.transpose(bias._pairs(line[:4])).tolist() == [[0, 2], [1, 2], [1, 3]]
+    assert np.transpose(bias._pairs(line)).tolist() == [[0, 1], [1, 2], [2, 3], [3, 4]]
+
+
+def test_residual_tests_need_a_number_of_values():
+    rng = np.random.default_rng(0)
+    for spare, tested in ((0, True), (-1, False)):
+        values = rng.normal(size=bias.LEAST_VALUES + spare)
+        assert np.isfinite(bias._gaussian(SimpleNamespace(z=values)).statistic) == tested
+        products = rng.normal(size=bias.LEAST_PAIRS + spare)
+        assert np.isfinite(bias._correlation(SimpleNamespace(neighbours=products)).statistic) == tested

@@ -37,7 +37,7 @@ def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
     rays = base.camera.unproject(pixels)
     good = np.isfinite(rays).all(1)
     pixels, rays = pixels[good], rays[good]
-    if len(pixels) < 3:
+    if len(pixels) < 3:  # as in `_left`
         return 0.0, 0.0
     none = np.zeros_like(trial.theta)
     every = none if trial.kind == "rolling" else trial.theta
@@ -81,7 +81,7 @@ def _left(camera: Camera, warp: Warp, theta: Array, rays: Array, pixels: Array) 
         off = seen(turn)
         slopes = np.stack([(seen(rotations.exp(_TURN * e) @ turn) - off) / _TURN for e in np.eye(3)], -1)
         good = np.isfinite(off).all(1) & np.isfinite(slopes).all((1, 2))
-        if good.sum() < 3:
+        if good.sum() < 3:  # two equations each, three unknowns, one pixel to spare
             break
         step = np.linalg.lstsq(slopes[good].reshape(-1, 3), -off[good].reshape(-1), rcond=None)[0]
         turn = rotations.exp(step) @ turn

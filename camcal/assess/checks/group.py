@@ -116,7 +116,7 @@ def _of_shift(rows: Rows, left: Array, members: Array) -> tuple[float, Array]:
     b = roots @ rows.residuals[members]
     inner = np.einsum("i,icjd,j->cd", roots, left[members][:, :, members], roots)
     values, vectors = np.linalg.eigh(inner)
-    if not values[0] > 1e-9 * max(values[1], 1e-300):
+    if not values[0] > 1e-9 * max(values[1], 1e-300):  # zero but for rounding
         return 0.0, np.zeros(2)  # the fit follows the group wherever it goes
     shift = vectors @ ((vectors.T @ b) / values)
     return float(b @ shift), -shift

@@ -71,6 +71,7 @@ def rounded(facts: Facts) -> Iterator[CalibrationWarning]:
     if len(uv) < 4:
         return
     for step, words in ((1.0, "whole"), (0.5, "half")):
+        # 1e-9 steps: some hundred times the rounding of coordinates of 10,000 px in 64 bits
         on_grid = np.abs(uv / step - np.round(uv / step)) < 1e-9
         if on_grid.mean() > ROUNDED:
             yield CalibrationWarning(
