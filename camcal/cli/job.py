@@ -145,6 +145,8 @@ def detection_events(
                 note(f"{details['id']}: {details['reason']}", 1)
         elif event == "frames":
             note("{path}: {searched} of {frames} frames are searched".format(**details))
+        elif event == "no-film":
+            note("none of the inputs is a film: --every, --from and --to are ignored")
         elif event == "negative":
             note(
                 "black and white are exchanged in the pictures. To select that: --target {spec}".format(

@@ -75,6 +75,7 @@ def detect_images(
     on_event : callable, optional
         Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
         `("film", {path, done, count})` as a film is read and `("frames", {path, frames, searched})` after it,
+        `("no-film", {})` where a part of the films was asked for and there is none,
         `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
         `("negative", {spec})` where the target that was asked for is found with black and white exchanged,
         `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor saw them),

@@ -70,6 +70,8 @@ class Search:
                 f"there are no frames {limits}.",
                 "--from has to be before --to and before the end of the film.",
             )
+        if chosen != Range() and not any(map(is_film, self.files)):
+            self.tell("no-film")
         self.files = files
 
     def _tell_film(self, path: Path, done: int, count: int) -> None:

@@ -66,3 +66,10 @@ def test_a_wrong_path_is_refused_before_anything_is_loaded(words, tmp_path):
 def test_names_that_are_more_than_a_path_are_left_to_who_reads_them(name, tmp_path):
     (tmp_path / "pictures.zip").write_bytes(b"")
     refuse_missing([tmp_path / name])
+
+
+def test_options_of_films_say_where_there_is_no_film(camcal, inputs):
+    ignored = "none of the inputs is a film: --every, --from and --to are ignored"
+    for limits, said in (((), False), (("--every", "2"), True), (("--from", "1"), True)):
+        _, _, err = camcal("detect", "pictures", "-o", "x.csv", *limits)
+        assert (ignored in err) == said
