@@ -304,8 +304,8 @@ def _refuse_epipoles(cameras: tuple[Camera, Camera], turns: Array, axis: int) ->
     for camera, turn in zip(cameras, turns, strict=True):
         if _sources(camera, turn, np.stack([along, -along]))[1].any():
             raise EstimationError(
-                "one camera is behind the other: the baseline lies in the field of view, and perspective "
-                "pictures cannot be rectified.",
+                "the direction of one camera from the other lies in the field of view (it is behind the other, or the "
+                "lens sees 180 degrees and more), and perspective pictures cannot be rectified.",
                 f"Try: --projection {LATITUDE_LONGITUDE}",
             )
 
