@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 import camcal
 from camcal.geometry import rotations as so3
@@ -122,6 +123,22 @@ def test_metres_and_degrees(run, made):
     assert code == 3 and "the poses are in another unit" in err
     code, _, err = run("hand-eye", "views.yaml", "--poses", "m.csv", "--poses-unit", "m")
     assert code == 2 and "not known" in err
+
+
+@pytest.mark.parametrize(
+    ("count", "exits", "said"),
+    [(12, 1, "another form than their columns say"), (10, 3, "or their rotations in another form")],
+)
+def test_a_quaternion_under_wrong_names(run, made, count, exits, said):
+    """Its rotations fit those of the other set-up; the positions do not, or not with this scale."""
+    h = made(count=count)
+    numbers = Rotation.from_matrix(h.robot.rotation).as_quat()
+    views = [v.id for v in h.pictures.views]
+    for columns, code in ((["qx", "qy", "qz", "qw"], 0), (["qy", "qz", "qw", "qx"], exits)):
+        rows = [[n, *p, *q] for n, p, q in zip(views, h.robot.translation, numbers, strict=True)]
+        write("poses.csv", ["view", "x", "y", "z", *columns], rows)
+        found, _, err = run("hand-eye", "views.yaml", "--poses", "poses.csv")
+        assert found == code and (said in " ".join(err.split())) == (code > 0), err
 
 
 def test_inverse_poses_are_named(run, made):

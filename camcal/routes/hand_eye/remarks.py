@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from camcal.assess.warning import CalibrationWarning
+from camcal.model.pose import Poses
 from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.estimate import LEAST_TO_TEST, Estimate
 from camcal.routes.hand_eye.recognise import Reading
@@ -22,6 +23,9 @@ UNEVEN = 3.0
 #: A wrong scale puts the board, and with it the camera, off by its part of their distance: wrong from so many standard
 #: deviations of the translation on, the error that its interval cannot explain.
 OFF = 3.0
+#: Part of the extent of the motions that the robot's positions may be off by. A robot has 1 to 3 % (5 mm of 200 mm);
+#: positions that have nothing to do with the pictures have about 1.
+UNRELATED = 0.5
 
 
 def remarks(
@@ -56,9 +60,25 @@ def remarks(
             "Check --rotation and --setup, and whether the poses are base_from_hand (else --inverse).",
             "wrong",
         )
+    else:
+        yield from _unrelated(made)
     yield from _poses(made, names, lost)
     yield from _directions(made)
     yield from _scale(made, *size, square)
+
+
+def _unrelated(made: Estimate) -> Iterator[CalibrationWarning]:
+    """Positions that do not fit although the rotations do: a misread rotation may be the inverse between constants."""
+    places = made.measured.translation, Poses.of(made.poses.inverse()).translation
+    extent = max(float(np.sqrt(np.square(p - p.mean(0)).sum(1).mean())) for p in places)
+    if made.translation_rms > UNRELATED * extent:
+        yield CalibrationWarning(
+            "hand-eye-convention",
+            f"the robot's positions are off by {made.translation_rms:.3g}, with motions of {extent:.3g}: they do not "
+            "belong to the pictures, or the rotations are in another form than their columns say.",
+            "Check the order of the rotation's numbers (--rotation), and which pose belongs to which view.",
+            "wrong",
+        )
 
 
 def _scale(made: Estimate, factor: float, sigma: float, square: str | None) -> Iterator[CalibrationWarning]:

@@ -59,10 +59,12 @@ def require_same_unit(factor: float, unit: str | None) -> None:
     guess = next((u for u, mm in MILLIMETRES.items() if _is(factor, mm, unit)), None)
     of = f"the report's unit ({unit})" if unit in MILLIMETRES else "the report's unit"
     raise DataError(
-        f"the robot moves {abs(factor):.4g} times as far as the pictures say in {of}: the poses are in another unit.",
+        f"the robot moves {abs(factor):.4g} times as far as the pictures say in {of}: the poses are in another unit"
+        + ("." if guess else ", or their rotations in another form."),
         f"The poses are in {guess}? Say so: --poses-unit {guess}."
         if guess
-        else "Give the side of a square with its unit (--square 25mm), and --poses-unit.",
+        else "Give the side of a square with its unit (--square 25mm), and --poses-unit; check the order of the "
+        "rotation's numbers (--rotation).",
     )
 
 
