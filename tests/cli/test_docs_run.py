@@ -130,6 +130,28 @@ def test_page(camcal, prepare, page):
         exec(compile(text, page.name, "exec"), names)
 
 
+def test_the_error_on_the_page_of_configuration(camcal):
+    """The message that the page quotes is the one that camcal prints."""
+    (quoted,) = [b for b in blocks(ROOT / "docs" / "configuration.md", ("",)) if b.startswith("Error: ")]
+    Path("camcal.yaml").write_text("modle: opencv5\n", encoding="utf-8")
+    code, _, err = camcal("estimate", "points.csv")
+    assert code == 2 and err == quoted
+
+
+def test_quoted_messages_are_in_the_source():
+    """Lines of output that pages show, without their figures and names, are made of the words of messages."""
+    source = " ".join(p.read_text(encoding="utf-8") for p in (ROOT / "camcal").rglob("*.py"))
+    quoted = {
+        "batch.md": ("; worst uncertainty ", " px at the ", "  next: "),
+        "targets.md": (". To select it: --target ",),
+        "tracking.md": ("camera ", " deg about ", "focal length changed by ", " % at frame "),
+    }
+    for name, parts in quoted.items():
+        shown = "\n".join(blocks(ROOT / "docs" / name, ("", "text")))
+        for part in parts:
+            assert part in shown and part in source, (name, part)
+
+
 def test_nothing_is_left_out():
     """Every command of every page is run here, or has its reason; so has every page with Python."""
     reasonless = [c for p in PAGES if p.name not in PREPARED for c in commands(p) if not elsewhere(c)]
