@@ -18,6 +18,7 @@ from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
 from camcal.settings.option import Settings
+from camcal.system.text import listed
 
 if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
@@ -145,6 +146,9 @@ def detection_events(
                 note(f"{details['id']}: {details['reason']}", 1)
         elif event == "frames":
             note("{path}: {searched} of {frames} frames are searched".format(**details))
+        elif event == "left":
+            names = listed([p.name for p in details["files"]])
+            note(f"not used, as there are pictures in the same folder: {names}; name a film to use it")
         elif event == "no-film":
             note("none of the inputs is a film: --every, --from and --to are ignored")
         elif event == "negative":

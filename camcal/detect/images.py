@@ -16,7 +16,7 @@ from camcal.detect.examine import Outcome
 from camcal.detect.exif import Taken
 from camcal.detect.film_motion import with_motion
 from camcal.detect.films import Range, Shown, left_out
-from camcal.detect.listing import list_pictures
+from camcal.detect.listing import left_in_folders, list_pictures
 from camcal.detect.recognition.decide import Answer, contradiction, words
 from camcal.detect.recognition.families import family_of, read_markers, read_others
 from camcal.detect.recognition.look import Sight
@@ -75,6 +75,7 @@ def detect_images(
     on_event : callable, optional
         Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
         `("film", {path, done, count})` as a film is read and `("frames", {path, frames, searched})` after it,
+        `("left", {files})` where folders of pictures contain films or raw pictures, too, which are not used,
         `("no-film", {})` where a part of the films was asked for and there is none,
         `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
         `("negative", {spec})` where the target that was asked for is found with black and white exchanged,
@@ -106,7 +107,11 @@ def detect_images(
     """
     wanted = _wanted(target, board, square)
     folder = cache_files.default_folder() if cache else None
+    paths = list(paths)
     run = Search(list_pictures(paths), seconds, jobs, folder, on_event)
+    left = left_in_folders(paths)
+    if left:
+        run.tell("left", files=left)
     run.open_films(Range(from_time or 0.0, np.inf if to_time is None else to_time, every))
     if not run.files:
         raise nothing_found("target", run.unreadable, None, run)

@@ -122,6 +122,16 @@ def _in_folder(folder: Path) -> list[Path]:
     raise _no_pictures(folder, entries)
 
 
+def left_in_folders(paths: Iterable[str | os.PathLike]) -> list[Path]:
+    """The films and raw pictures that `list_pictures` leaves in folders, because there are other pictures."""
+    left: list[Path] = []
+    for folder in filter(Path.is_dir, map(Path, paths)):
+        listed_files = _in_folder(folder)
+        if not (is_film(listed_files[0]) or _is_raw(listed_files[0])):
+            left += [p for p in folder.iterdir() if (is_film(p) or _is_raw(p)) and p.is_file()]
+    return sorted((p for p in left if not p.name.startswith(".")), key=natural_order)
+
+
 def _begins_like_a_picture(path: Path) -> bool:
     """Return whether a file without an extension is a picture by its first bytes."""
     if path.suffix:

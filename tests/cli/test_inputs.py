@@ -73,3 +73,11 @@ def test_options_of_films_say_where_there_is_no_film(camcal, inputs):
     for limits, said in (((), False), (("--every", "2"), True), (("--from", "1"), True)):
         _, _, err = camcal("detect", "pictures", "-o", "x.csv", *limits)
         assert (ignored in err) == said
+
+
+def test_films_and_raw_pictures_beside_pictures_are_named(camcal, inputs):
+    said = "not used, as there are pictures in the same folder: "
+    assert said not in camcal("detect", "pictures", "-o", "x.csv")[2]
+    for name in ("b.mp4", "c.dng", "._d.dng", "notes.txt"):
+        Path("pictures", name).write_bytes(b"")
+    assert said + "b.mp4, c.dng; name" in " ".join(camcal("detect", "pictures", "-o", "x.csv")[2].split())
