@@ -16,7 +16,7 @@ from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
-#: poses that a hand can hold and a detector likes; up close and flat against the line of sight corners blur
+#: poses that can be held by hand and detected; corners blur close to the camera and at grazing angles
 SPREAD = Spread(tilt=(0.0, 50.0), fill=(0.25, 0.9), roll=90.0, margin=0.01)
 #: how far a pose is moved in search of a better one: turn, radians, and shift, parts of the distance
 MOVE = (0.15, 0.08)

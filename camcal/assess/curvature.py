@@ -59,7 +59,7 @@ SHARE = 0.01
 #: steps to `FARTHEST`. A valley that bends is lost by longer steps.
 FIRST, STRIDE = 0.5, 2.0
 #: A step that takes the root of the growth to more than so many times what is wanted is halved: from further off the
-#: end of the interval is not told by proportion.
+#: end of the interval cannot be found in proportion.
 OVERSHOT = 1.5
 #: An interval that is longer than said by this factor is none: what is off by a hundred stated sigmas was not measured.
 FARTHEST = 100.0
@@ -110,7 +110,7 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
         own = free**2 @ share / np.maximum((free**2).sum(1), 1e-300)
         variances = np.diag(matrix)
         wider = np.maximum(variances, (1 - own) * variances + (reached / REACH) ** 2)
-        # below that the sigma is as right as (1) can tell
+        # below that the linear sigma is kept
         touched = np.isfinite(variances) & (wider > GROWN[1] * variances)
         if any(end.endless for end in found):
             touched |= (own > SHARE) & np.isfinite(variances)

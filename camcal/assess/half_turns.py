@@ -45,7 +45,7 @@ SIGNIFICANT = 0.001
 STEP = 1e-6
 #: views that change sides in turn: one round settles them unless the camera was far off
 ROUNDS = 4
-#: two views can always be made to agree by a turn; of three, a turned one is told
+#: two views can always be made to agree by a turn; among three, the turned one can be identified
 LEAST = 3
 
 

@@ -111,7 +111,7 @@ def bootstrap(design: Design, replicates: int = 200, seed: int = 0) -> Array:
     scale = 1 / np.sqrt(np.maximum(np.diag(design.information.sum(0)), 1e-300))
     scaled = total * scale * scale[:, None]
     values, vectors = np.linalg.eigh(scaled)
-    # a draw of few different views may leave the camera open: it says nothing and is left out
+    # a draw of few different views may leave the camera undetermined, and is left out
     good = values[:, 0] > NULL * values[:, -1]
     if not good.any():
         return np.full((count, count), np.nan)

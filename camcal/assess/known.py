@@ -23,8 +23,8 @@ from camcal.solve.calibration import Calibration
 from camcal.solve.poses import refine_poses
 from camcal.start.known_pose import start_poses
 
-#: A median residual this many times what the calibration left is worse than another distance, light and detector make
-#: it (the held-out median of real sets stays below 1.5 times that of the fit); ...
+#: A median residual this many times what the calibration left is worse than another distance, lighting and detector
+#: make it (the held-out median of real sets stays below 1.5 times that of the fit); ...
 WORSE = 2.0
 #: ... from this many times on, and from `SEVERAL_PX` px on, the camera is not that of the data.
 FAR, SEVERAL_PX = 5.0, 1.0

@@ -33,7 +33,7 @@ Array = np.ndarray
 
 #: candidate instants before each camera; the best of 60 is within a few per cent of the best of 400
 CANDIDATES = 60
-#: rad; a rig among boards is turned by up to so much from where it was: beyond, cameras lose them
+#: rad; a rig among boards is turned by up to so much from where it was: beyond, cameras no longer see them
 TURN = 0.5
 #: points of the board that a camera has to see for a pose of its own: below, a detector finds no board
 LEAST_POINTS = 8

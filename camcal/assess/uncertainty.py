@@ -133,7 +133,7 @@ class ProjectionUncertainty:
                 seen = seen.mean(0) if at_infinity else (seen + end.poses.translations[:, None]).mean(0)
                 moved = end.part * (self.camera.lens.project(end.params, seen)[0] - here)
                 lost = ~np.isfinite(moved).all(1)
-                if end.endless:  # it would go on moving
+                if end.endless:  # beyond this end it moves further, without limit
                     lost |= ~(np.square(moved).sum(1) <= linear)
                 moved = np.where(lost[:, None], np.inf, moved)
                 larger = np.square(moved).sum(1) > np.square(most).sum(1)

@@ -154,7 +154,7 @@ def _solution(progress: Progress) -> Solution:
     )
     # attempts were also made on points that agree, when in the end all were kept
     changed = len(fit.poses) < len(progress.given) or not fit.used.all() or progress.restarts > 0
-    # the attempt that gave the result stands at the end, as `refine`; a closed form on the same points says it all
+    # the attempt that gave the result stands at the end, as `refine`; of a closed form on the same points one is kept
     before = [s for s in progress.stages if s.camera is not fit.camera]
     last = {s.name: s for s in before}
     before = [s for s in before if s.name not in start.CLOSED_FORMS or s is last[s.name]]

@@ -195,7 +195,7 @@ def _from_radial(progress: Progress) -> Change | None:
         try:
             found.append(refine(camera, poses, progress.data, progress.how))
         except EstimationError:
-            continue  # the next start may do
+            continue  # another start may succeed
     return Change(fit=Candidate(lowest(found))) if found else None
 
 

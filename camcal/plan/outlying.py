@@ -70,7 +70,7 @@ def _agreeing(progress: Progress) -> Change:
 def _half_agreeing(progress: Progress) -> Change:
     """The half of the views with the best agreement."""
     found = progress.notes["agreed"]
-    scatter = np.array([a.sigma for a in found])  # NaN, where there are too few points to tell, comes last
+    scatter = np.array([a.sigma for a in found])  # NaN, where there are too few points, comes last
     count = max(len(found) // 2, LEAST_VIEWS)
     rows = np.sort(np.argsort(scatter, kind="stable")[:count])
     return Change(data=progress.data.of_views(rows), again=True)

@@ -37,7 +37,7 @@ from camcal.solve.rig_start import Link, link
 
 Array = np.ndarray
 
-#: boards stand fast where the instants agree on the place of one before the other to this part of their distance: a
+#: boards count as fixed where the instants agree on the place of one before the other to this part of their distance: a
 #: board in a hand moves by more from picture to picture, cameras calibrated alone leave less
 FAST = 0.05
 #: what `--boards` takes

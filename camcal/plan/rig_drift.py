@@ -120,7 +120,7 @@ def _instants(rig: RigSolution, data: Observations, poses: Poses) -> tuple[list[
 def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations, Poses]:
     """The observations without outliers and with rotated boards renumbered, and rig_from_board of each instant."""
     boards = {b for own in views.boards.values() for b in own.values()}
-    views = views.apart(range(max(boards, default=0) + 1))  # where they stand to each other is not asked
+    views = views.apart(range(max(boards, default=0) + 1))  # their relative poses are not estimated
     names = [n for n in rig.rig.cameras if n in views.parts]
     fits = {}
     for name in names:

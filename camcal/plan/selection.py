@@ -28,7 +28,7 @@ from camcal.solve import starts
 from camcal.solve.calibration import Calibration
 from camcal.solve.refine import How, refine
 
-#: what `--model select` chooses from: each kind of lens once, none with more parameters than a dozen views bear
+#: what `--model select` chooses from: each kind of lens once, none with more parameters than a dozen views determine
 AUTO = (
     "pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5", "opencv8",
     "kb4", "ucm", "eucm", "ds", "mei", "fov", "division:1", "division:2",

@@ -50,10 +50,10 @@ class Judged(Estimate):
         fallen = [
             f"cross-check of stage '{e['stage']}' against {e['against']}: {e.get('why') or 'failed'}"
             for e in self.crosscheck
-            if e["status"] == "fail" and e["stage"] == "refine"  # a stage on the way is no verdict
+            if e["status"] == "fail" and e["stage"] == "refine"  # earlier stages do not decide
         ]
         bound = self.option("max_rms")
-        # written so that a NaN falls, too
+        # in this form the comparison also fails for NaN
         if bound is not None and not self.rms_point <= float(bound):
             fallen.append(f"rms_point {self.rms_point:.6g} px exceeds --max-rms {float(bound):g}")
         bar = self.option("fail_on") or "wrong"

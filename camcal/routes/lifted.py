@@ -82,6 +82,7 @@ def of_matches(matches: list[tuple[Array, Array]], size: tuple[int, int], seed: 
     full = _least_squares(single, np.eye(9).reshape(9, 3, 3), agreed)
     squares = [float(np.square(_off(rays, agreed)).sum()) for rays in (single, full)]
     freedom = sum(len(a) - 7 for a, _ in agreed) - 9
+    # F test of the eight numbers that the full model has more
     if freedom > 0 and (squares[0] - squares[1]) / 8 > F_WORTH * squares[1] / freedom:
         single, kind = full, "rational"
     else:
@@ -147,7 +148,7 @@ def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]
         columns = [(_off(rays + STEP * s, matches) - now) / STEP for s in steps]
         j = np.stack(columns, 1)
         normal = j.T @ j
-        while damping < 1e6:
+        while damping < 1e6:  # beyond, a step is less than a millionth of the full one
             move = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-12), -j.T @ now)
             trial = rays + np.einsum("k,kij->ij", move, steps)
             off = _off(trial, matches)

@@ -114,6 +114,7 @@ def slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
 
 def tangents(vectors: Array) -> Array:
     """Two unit vectors (N, 3, 2) normal to each vector (N, 3) and to each other."""
+    # an axis that is at least 37 degrees (cos = 0.8) from the vector: x, or y where x is nearer than 53 degrees
     helper = np.where(np.abs(vectors[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(vectors, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

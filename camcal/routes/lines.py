@@ -250,7 +250,8 @@ def _finished(
     score, inside = weight * off, float((weight == 1).mean())
     covariance = covariance * (weight.mean() / inside**2 * (score @ score) / freedom) * factor
     names = camera.lens.names
-    # a parameter is undetermined where an undetermined direction moves it noticeably
+    # a parameter is undetermined where an undetermined direction moves it noticeably: rounding
+    # leaves something in every one
     share = np.abs(lost).max(1, initial=0) if lost.size else np.zeros(len(names))
     loose = (
         tuple(n for n, s in zip(names, share, strict=True) if s > 1e-3 * max(share.max(), 1e-300))
@@ -286,7 +287,7 @@ def inflation(residuals: Array, group: Array) -> float:
     for lag in range(1, max(count // 10, 2)):
         same = group[lag:] == group[:-lag]
         pairs = int(same.sum())
-        if pairs < 30 or power == 0:
+        if pairs < 30 or power == 0:  # a correlation of 30 pairs is known to 1 / sqrt(30) = 0.18
             break
         correlation = float((residuals[lag:] * residuals[:-lag])[same].mean()) / power
         if correlation < 2 / np.sqrt(pairs):

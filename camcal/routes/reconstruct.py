@@ -174,6 +174,7 @@ def usable(bundle: Bundle, tracks: Tracks, bound: float) -> Array:
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))
     good &= count[tracks.point] >= 2
     seen = np.bincount(tracks.view[good], minlength=len(bundle.rotations))
+    # three points determine the pose of a view, up to four solutions; the fourth decides
     return np.flatnonzero(good & (seen[tracks.view] >= 4))
 
 

@@ -85,6 +85,7 @@ def _sampled(own: Array, rng: np.random.Generator, focal: float | None) -> tuple
     one /= np.linalg.norm(one, axis=1, keepdims=True)
     two -= one * (one * two).sum(1, keepdims=True)  # with a focal length given they need not be orthogonal
     norm = np.linalg.norm(two, axis=1)
+    # sin(30 degrees): the two directions are at least so far apart
     keep = norm > 0.5
     one, two, f = one[keep], two[keep] / norm[keep, None], f[keep]
     return f, np.stack([one, two, np.cross(one, two)], 2)

@@ -76,7 +76,7 @@ def seen_lines(lines: Lines, picture: bool) -> Seen:
 def families(seen: Seen, camera: Camera, rotation: Array, wider: float = 1.0) -> Vote:
     """The direction of each line, -1 where it probably has none, and its weight; `wider` multiplies σ."""
     ends, noise, length = seen
-    flat = ends if camera.lens.size <= 5 else _flat(camera, ends)
+    flat = ends if camera.lens.name == "pinhole" else _flat(camera, ends)
     sigma = wider * noise
     miss = misses(flat, camera.params[2:4], float(camera.params[0]), rotation) / sigma[:, None]
     # beside a line of no direction, whose ends miss by up to half its length, of every angle

@@ -218,6 +218,7 @@ def _without_outliers(
     """`used` without the images whose removal improves their points."""
     costs, freedom = _costs(images, used, found, count)
     scale = _scale(costs, freedom)
+    # three degrees of freedom: without one of its images, two numbers, a point still has one to be tested by
     with np.errstate(invalid="ignore"):
         suspects = (costs > scale * chi2_quantile(LEVEL, np.maximum(freedom, 1))) & (freedom >= 3)
     if not suspects.any():

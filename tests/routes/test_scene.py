@@ -16,6 +16,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.routes.line_geometry import Lines
 from camcal.routes.scene import estimate
+from camcal.routes.scene_vote import Seen, families
 
 SIZE = (640, 480)
 PINHOLE = Camera(lenses.make("pinhole"), np.array([800.0, 800, 331, 236]), SIZE)
@@ -128,3 +129,22 @@ def test_the_command(tmp_path):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((100, 100), 7, np.uint8))
     done = CliRunner().invoke(camcal, ["scene", str(tmp_path / "grey.png")], standalone_mode=False)
     assert isinstance(done.exception, DataError)
+
+
+def test_one_distortion_parameter_is_not_ignored_in_the_vote():
+    """The same lines through a pinhole camera and through a division model of one parameter get the same weights."""
+    rng = np.random.default_rng(2)
+    plain = Camera(lenses.make("pinhole"), np.array([500.0, 500, 320, 240]), (640, 480))
+    bent = Camera(lenses.make("division:1"), np.array([500.0, 500, 320, 240, -0.3]), (640, 480))
+    rotation = rotations.exp(np.array([0.3, 0.5, 0.1]))
+    axes = np.repeat(np.arange(3), 20)
+    begin = np.c_[rng.uniform(-3, 3, 60), rng.uniform(-2.2, 2.2, 60), np.full(60, 5.0)]
+    points = np.stack([begin, begin + rotation[:, axes].T], 1)
+    found = []
+    for camera in (plain, bent):
+        ends = camera.project(points)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        found.append(families(Seen(ends, np.full(60, 0.3), length), camera, rotation))
+    for vote in found:
+        assert (vote.family == axes).all()
+    assert found[1].roots == pytest.approx(found[0].roots, rel=0.01)

@@ -40,7 +40,7 @@ from camcal.solve.warp import Warp
 EVIDENCE = 10.0
 #: a part of the views holds at least so many: one is a view that does not belong
 LEAST_PART = 2
-#: what two groups may differ in, by the number of each view that tells them apart
+#: what two groups may differ in, by the number of each view that separates them
 _GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
 #: groups of more views than this are not improved view by view: that takes count² products
 MOST_SWAPPED = 40

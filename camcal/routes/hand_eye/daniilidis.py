@@ -55,6 +55,7 @@ def _unit(v: Array, w: Array) -> tuple[Array, Array]:
     """λ1 v + λ2 w with |q| = 1 and q · q' = 0: a quadratic in λ1 / λ2, eq. (33) to (35)."""
     u1, v1, u2, v2 = v[:4], v[4:], w[:4], w[4:]
     roots = np.roots([u1 @ v1, u1 @ v2 + u2 @ v1, u2 @ v2])
+    # rounding, 1e-16, splits a double root into a complex pair that is 1e-8 apart
     real = roots[np.abs(roots.imag) < 1e-6 * (1 + np.abs(roots))].real
     if not len(real):
         raise EstimationError("the dual quaternions of the motions have no common solution.", "Add poses.")

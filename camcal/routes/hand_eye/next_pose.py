@@ -74,9 +74,10 @@ def _candidates(found: Estimate) -> tuple[Poses, View]:
         low, high = view.uv.min(0), view.uv.max(0) + 1
     with np.errstate(invalid="ignore"):
         inside = ((uv >= low) & (uv <= np.subtract(high, 1))).all((1, 2))
-    # the front of the board, from at least 15 degrees above its plane
+    # the front of the board
     side = np.einsum("ki,ki->k", rotation[:, :, 2], centre) / np.linalg.norm(centre, axis=1)
     before = np.einsum("vi,vi->v", bases.rotation[:, :, 2], bases.rotation @ middle + bases.translation)
+    # sin(15 degrees) = 0.26: closer to its plane the squares are foreshortened to less than a quarter
     inside &= side * np.repeat(np.sign(before), len(turns)) > np.sin(np.radians(15))
     return poses[np.flatnonzero(inside)], view
 

@@ -70,4 +70,5 @@ def require_same_unit(factor: float, unit: str | None) -> None:
 
 def _is(factor: float, millimetres: float, unit: str | None) -> bool:
     """Return whether poses in a given unit would explain the ratio to within a tenth."""
+    # a tenth: units differ by a factor of 2.5 (in, cm) and more
     return unit in MILLIMETRES and abs(abs(factor) * millimetres / MILLIMETRES[unit] - 1) < 0.1

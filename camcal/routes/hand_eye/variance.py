@@ -78,9 +78,9 @@ def estimate(linear: Linear, start: Noise, freedom: float) -> Components:
         f = here.information[np.ix_(active, active)]
         step[active] = np.clip(np.linalg.solve(f, here.score[active]), -FURTHEST, FURTHEST)
         logs, here, moved = model.uphill(logs, here, step, floors)
-        if moved < 1e-9:
+        if moved < 1e-9:  # of the logarithms of the variances: no digit that is printed
             break
-    return _components(model, here, logs, logs > floors + 1e-12)
+    return _components(model, here, logs, logs > floors + 1e-12)  # above the floor by more than rounding
 
 
 def _components(model: _Model, here: _Point, logs: Array, inside: Array) -> Components:
