@@ -68,7 +68,7 @@ def _smooth(uv: Array) -> tuple[Array, float] | None:
         curve = np.polynomial.chebyshev.chebfit(scaled[good], across[good], SMOOTH)
         off = np.abs(across - np.polynomial.chebyshev.chebval(scaled, curve))
         sigma = 1.4826 * float(np.median(off[good]))
-        good = off <= max(FAR * sigma, 1e-6)
+        good = off <= max(FAR * sigma, 1e-6)  # px; exact points are off by rounding alone
     return (uv[good], sigma) if sigma <= ROUGHEST else None
 
 

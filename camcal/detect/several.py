@@ -88,7 +88,7 @@ def _apart(seen: Sequence[Array | None]) -> list[int]:
             (np.linalg.norm(own[:, None] - np.asarray(seen[j]), axis=2).min(1) < SAME_CORNER).mean()
             for j in kept
         )
-        if all(s < 0.5 for s in shared):
+        if all(s < 0.5 for s in shared):  # most
             kept.append(k)
     return sorted(kept)
 

@@ -247,6 +247,7 @@ def search(
         if found is not None:
             return found, others
         others += seen
+        # the next picture has four times as many pixels, and sorting takes a little more than in proportion
         if 5 * (clock() - start) > seconds - (clock() - began):
             break
     return None, others
