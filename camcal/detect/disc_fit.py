@@ -94,7 +94,7 @@ def fit_discs(gray: Array, discs: Discs, blur: float = 1.0, scale: float = 255.0
     params = _minimise(band, params)
     # the blur is known now: a band of the right width, so that neither the neighbours nor the middle matter
     settled = Discs(discs.centre + params[:, :2], np.linalg.inv(matrix_of(params)))
-    # a centre that moved by half a radius has left its disc
+    # where the centre moved by half a radius or more, the start is kept
     usable = np.isfinite(settled.shape).all((1, 2)) & (np.abs(params[:, :2]).max(1) < 0.5 * _radius(discs))
     shape = np.where(usable[:, None, None], settled.shape, discs.shape)
     settled = Discs(np.where(usable[:, None], settled.centre, discs.centre), shape)

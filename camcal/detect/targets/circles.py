@@ -247,7 +247,7 @@ def search(
         if found is not None:
             return found, others
         others += seen
-        # the next picture has four times as many pixels, and sorting takes a little more than in proportion
+        # the next picture has four times as many pixels; five times, a quarter to spare
         if 5 * (clock() - start) > seconds - (clock() - began):
             break
     return None, others
