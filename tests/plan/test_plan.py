@@ -139,7 +139,7 @@ def test_a_robust_run_of_real_data_keeps_its_stages_together():
     """Five poles, one of them 14 to 17 px off: no stage fits its points twice as well as the result fits them."""
     cases = DATA / "cases"
     data = read_points(points3d=cases / "vaila_ref3d.csv", points2d=cases / "vaila_c02.csv")
-    found = calibrate(data, robust="auto", checks=False)
+    found = calibrate(data, model="opencv4", robust="auto", checks=False)
     assert found.stages[-1].rms_point == pytest.approx(found.rms_point) and 0.6 < found.rms_point < 0.8
     assert len(found.stages) > 2
     for stage in found.stages[:-1]:
