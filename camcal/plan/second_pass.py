@@ -22,11 +22,12 @@ from camcal.detect.camera_pass import WINDOWS
 from camcal.detect.refine_images import refine_images
 from camcal.detect.saddle import INNER_HALF
 from camcal.detect.targets.circles import Circles
+from camcal.errors import CamcalError
 from camcal.model.pose import Pose
 from camcal.plan.better import Candidate, better
 from camcal.plan.progress import Attempt, Change, Progress, stage_of
 from camcal.solve.calibration import Calibration
-from camcal.solve.refine import refine
+from camcal.solve.refine import refine, refit
 
 #: rounds end where a new camera moves its projections by less than this, px. Only the shape of the edges is
 #: taken from the camera, so that the corners move by some hundredths of it.
@@ -57,6 +58,8 @@ def _second_pass(progress: Progress) -> Change:
     kept, why = True, "asked for"
     if progress.options.refine_points is None:
         kept, why = better(Candidate(current, after), Candidate(first, before))
+        if not kept:
+            kept, why = _better_on_a_free_board(current, first, progress, why)
     notes: dict[str, Any] = {
         "rounds": rounds,
         "window": window,
@@ -86,6 +89,22 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
         if other is usual or better(other[3], usual[3])[0]:
             return other[0], other[1], other[2]
     return usual[0], usual[1], usual[2]
+
+
+def _better_on_a_free_board(
+    new: Calibration, old: Calibration, progress: Progress, why: str
+) -> tuple[bool, str]:
+    """Return whether new points are preferred with the board's shape estimated, and the reason; else the given one.
+
+    Residuals of a board that is not quite flat are the same for both, several times what corners gain, and hide it.
+    """
+    how = replace(progress.how, board="free")
+    try:
+        free = [refit(fit, fit.observations, how) for fit in (new, old)]
+        kept, reason = better(*(Candidate(fit, hold_out(fit, how)) for fit in free))
+    except CamcalError:
+        return False, why  # too few views for a free board
+    return (True, f"with the board's shape estimated {reason}") if kept else (False, why)
 
 
 def _rms(held: HoldOut | None) -> float | None:

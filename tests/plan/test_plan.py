@@ -72,6 +72,15 @@ def test_the_sample_pictures_cost_one_closed_form_and_nine_fits(counted):
     assert counted["zhang"] == 1 and counted["refine"] <= 9
 
 
+@needs_data
+def test_a_board_that_is_not_flat_does_not_hide_what_new_points_gain():
+    """1.5 standard errors with the flat board, whose misfit is three times the noise of the corners."""
+    found = detect_images([str(DATA / "opencv_left")])
+    made = calibrate(found, model="opencv5", refine_points=None, checks=False, crosscheck=False)
+    notes = next(s for s in made.stages if s.name == "second-pass").info
+    assert notes["kept"] and "with the board's shape estimated" in notes["why"]
+
+
 def test_clean_points_cost_one_closed_form_and_one_fit(counted):
     calibrate(data_of(), robust="auto")
     assert counted == {"zhang": 1, "refine": 1}
