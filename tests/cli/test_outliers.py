@@ -80,7 +80,7 @@ LIES = {
     "a shifted row": (
         lambda: reordered(shifted_row),
         "mismatched-points",
-        "18, 19, 20, 21, 22, 23, 24, 25 lie where those displaced by (1, 0, 0)",
+        "18, 19, 20, 21, 22, 23, 24, 25 match the points displaced by (1, 0, 0)",
     ),
     "shifted rows": (lambda: reordered(shifted_rows), "mismatched-points", "displaced by (0, -1, 0)"),
     "two swapped corners": (lambda: reordered(swapped), "mismatched-points", "5 and 40 are swapped"),

@@ -73,7 +73,7 @@ TWO = Pose.from_vector(np.zeros((2, 3)), np.zeros((2, 3)))
             "left",
             "a pose of 'bottom', but no such camera",
         ),
-        ({"right": RIGHT_FROM_RIG}, "middle", "no camera 'middle' to be its reference"),
+        ({"right": RIGHT_FROM_RIG}, "middle", "no camera 'middle' for its reference"),
         (
             {"left": RIGHT_FROM_RIG, "right": RIGHT_FROM_RIG},
             "left",
