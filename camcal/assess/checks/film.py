@@ -64,8 +64,8 @@ def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
         "rolling-shutter",
         f"the residuals follow the row times the speed of the target: rows are read one after the other{order}, all "
         f"within {least}{abs(found.time):.2f} +- {found.sigma:.2f} of the time from frame to frame, which displaces "
-        f"points by up to {found.most:.2g} px. It explains {found.share:.0%} of the squared residuals. The camera is off by "
-        f"{effect:.2g} px (rms over the picture).{rest}",
+        f"points by up to {found.most:.2g} px. It explains {found.share:.0%} of the squared residuals. The camera is "
+        f"off by {effect:.2g} px (rms over the picture).{rest}",
         ("Measure the time with --board-shape flat. " if shaped else "")
         + "Hold the target still for a moment in each place (frames without motion are preferred), put camera and "
         "target on stands, or use a global shutter.",
