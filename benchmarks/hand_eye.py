@@ -146,29 +146,12 @@ def main():
         return
     done = [json.loads(line) for line in given.results.read_text().splitlines()]
     rows = {d["row"]: d["cells"] for d in done if d["poses"] == given.poses}
+    shared = ["set-up", "noise", "inside 95 %", "bias", "error/sigma", "noise found, mm, deg"]
     if given.calibrated:
-        header = [
-            "set-up",
-            "noise",
-            "inside 95 %",
-            "bias",
-            "error/sigma",
-            "noise found, mm, deg",
-            "camera held",
-        ]
-        header += ["translation, mm", "camera held", "fx, px", "by the pictures"]
+        header = [*shared, "camera held", "translation, mm", "camera held", "fx, px", "by the pictures"]
         update(given.update, "study-calibrated", markdown(header, [rows[r] for r in every if r in rows]))
         return
-    header = [
-        "set-up",
-        "noise",
-        "inside 95 %",
-        "bias",
-        "error/sigma",
-        "noise found, mm, deg",
-        "joint",
-        *FORMS,
-    ]
+    header = [*shared, "joint", *FORMS]
     if hasattr(cv2, "calibrateHandEye"):
         header.append(f"cv2 {cv2.__version__} park")
     update(given.update, f"study-{given.poses}", markdown(header, [rows[r] for r in every if r in rows]))

@@ -14,7 +14,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.track.rig_equations import inverse
 from camcal.track.rig_matches import PairMatches, epipolar, instant_of_matches, rays_of
-from tests.track.test_rig_drift import CAMERA, PLACES, seen, write
+from tests.track.test_rig_drift import CAMERA, PLACES, calibrated_rigs
 
 SIZE = (640, 480)
 
@@ -47,17 +47,7 @@ def table(path, rng, names, count, at=None, moved="b", step=None):
 
 @pytest.fixture(scope="module")
 def rigs(tmp_path_factory):
-    """Reports of a pair and of three cameras, each from 20 instants of a board."""
-    from camcal.cli.boundary import run
-
-    folder, made = tmp_path_factory.mktemp("rigs"), {}
-    for names in ("ab", "abc"):
-        write(folder / "t.csv", seen(np.random.default_rng(1), names, 20))
-        path = folder / f"{names}.yaml"
-        given = ["-m", "pinhole", "--image-size", "640x480", "--no-crosscheck", "-o", str(path)]
-        assert run(["rig", str(folder / "t.csv"), *given, "-q"]) == 0
-        made[names] = path
-    return made
+    return calibrated_rigs(tmp_path_factory.mktemp("rigs"))
 
 
 @pytest.fixture

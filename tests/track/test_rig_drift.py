@@ -48,12 +48,11 @@ def write(path, rows):
         csv.writer(file).writerows([["camera", "view", "X", "Y", "Z", "u", "v", "id"], *rows])
 
 
-@pytest.fixture(scope="module")
-def rigs(tmp_path_factory):
-    """Reports of a pair and of three cameras, each from 20 instants."""
+def calibrated_rigs(folder):
+    """Reports of a pair and of three cameras, each from 20 instants of a board."""
     from camcal.cli.boundary import run
 
-    folder, made = tmp_path_factory.mktemp("rigs"), {}
+    made = {}
     for names in ("ab", "abc"):
         write(folder / "t.csv", seen(np.random.default_rng(1), names, 20))
         path = folder / f"{names}.yaml"
@@ -61,6 +60,11 @@ def rigs(tmp_path_factory):
         assert run(["rig", str(folder / "t.csv"), *given, "-q"]) == 0
         made[names] = path
     return made
+
+
+@pytest.fixture(scope="module")
+def rigs(tmp_path_factory):
+    return calibrated_rigs(tmp_path_factory.mktemp("rigs"))
 
 
 @pytest.fixture
