@@ -25,8 +25,9 @@ _TERMS = 100_000
 _TINY = 1e-300  #: stands for 0 in the continued fraction (Lentz's method), where it is a divisor
 
 
-def beta_part(a: float, b: float, x: float) -> float:
-    """I_x(a, b), the regularised incomplete beta function.
+def beta_part(a: float, b: float, x: float, rest: float | None = None) -> float:
+    """I_x(a, b), the regularised incomplete beta function; ``rest`` is 1 - x, where the caller knows it without the
+    cancellation near x = 1.
 
     By the continued fraction DLMF 8.17.22,
 
@@ -36,11 +37,13 @@ def beta_part(a: float, b: float, x: float) -> float:
     """
     if not (a > 0 and b > 0):
         return float("nan")
-    if not 0 < x < 1:
-        return 0.0 if x <= 0 else (1.0 if x >= 1 else float("nan"))
+    rest = 1 - x if rest is None else rest
+    if not (x > 0 and rest > 0):
+        return 0.0 if x <= 0 else (1.0 if rest <= 0 else float("nan"))
     if x > (a + 1) / (a + b + 2):
-        return 1.0 - beta_part(b, a, 1 - x)
-    front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
+        return 1.0 - beta_part(b, a, rest, x)
+    far = math.log1p(-x) if x < rest else math.log(rest)
+    front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * far
     c, d = 1.0, 1.0 / max(1 - (a + b) * x / (a + 1), _TINY)
     total = d
     for m in range(1, _TERMS):
@@ -62,7 +65,8 @@ def _away_from_zero(x: float) -> float:
 
 def f_exceeded(x: float, m: float, n: float) -> float:
     """Probability that F(m, n) exceeds x, by (1)."""
-    return beta_part(n / 2, m / 2, n / (n + m * float(x)))
+    over = m * float(x)
+    return beta_part(n / 2, m / 2, n / (n + over), over / (n + over) if over < math.inf else 1.0)
 
 
 def f_bound(p: Any, m: Any, n: Any) -> Any:
@@ -80,7 +84,8 @@ def f_bound(p: Any, m: Any, n: Any) -> Any:
 
 def t_exceeded(t: float, n: float) -> float:
     """Probability that Student's distribution with n degrees of freedom exceeds t, by (3)."""
-    tail = 0.5 * beta_part(n / 2, 0.5, n / (n + float(t) ** 2))
+    over = float(t) ** 2
+    tail = 0.5 * beta_part(n / 2, 0.5, n / (n + over), over / (n + over) if over < math.inf else 1.0)
     return tail if t > 0 else 1 - tail
 
 
