@@ -64,7 +64,9 @@ def test_the_ends_of_t(n):
 @pytest.mark.parametrize("x", [1e-9, 1e-3, 0.5, 1 - 1e-9])
 def test_the_other_end_of_the_beta_function(x):
     assert ours.beta_part(2.5, 0.5, x, 1 - x) == ours.beta_part(2.5, 0.5, x)
-    assert ours.beta_part(0.5, 2.5, 1 - x, x) + ours.beta_part(2.5, 0.5, x, 1 - x) == pytest.approx(1, rel=1e-12)
+    assert ours.beta_part(0.5, 2.5, 1 - x, x) + ours.beta_part(2.5, 0.5, x, 1 - x) == pytest.approx(
+        1, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("freedom", [20_000, 1_000_000])

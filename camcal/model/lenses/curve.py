@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, wraps
-from math import comb, isfinite
+from math import comb, floor, isfinite, ldexp, log2
 from operator import mul
 from typing import Any, TypeVar
 
@@ -16,8 +16,15 @@ T = TypeVar("T")
 #: A root counts as real where its imaginary part is below this part of its size: a double root, where a fold
 #: appears, is known to the square root of the rounding only, 1e-8, and ten times that is allowed.
 REAL = 1e-7
-#: A leading coefficient smaller than this part of the largest has its root at 1e150, which no r² reaches.
-NEGLIGIBLE = 1e-150
+#: What a term may have at the first root to be left out: a rounding.
+NEGLIGIBLE = np.finfo(float).eps
+#: 2 to it is 1e289, and what is divided by FARTHEST still a number
+LARGEST_POWER = 960
+#: reciprocal of a root, in units of the first one, from which on the rounding makes it up: no radius² is 1e15
+FARTHEST = 1e-15
+#: what a root may leave of a polynomial, as a part of the sum of its terms' sizes: the rounding of a root 1e7 times as
+#: far as the first, which is known to 1e-9 of itself only; what the rounding makes up leaves a part of the order of 1
+LEFT = 1e-7
 #: error of f, relative above 1, up to which its inverse counts as found: some thousand roundings, 1e-9 px in a picture
 #: with a focal length of 1000 px
 SOLVED = 1e-12
@@ -41,24 +48,42 @@ def first_root(ascending: Sequence[float] | Array, top: float = np.inf) -> float
     """The smallest positive real root of a polynomial, coefficients in ascending order; `top` if there is none.
 
     A root where the polynomial touches 0 without a change of sign counts, too. 0 where a coefficient is not finite.
-    By the eigenvalues of the companion matrix (Horn & Johnson 1985, section 3.3), without what numpy.roots adds.
+    By the eigenvalues of the companion matrix (Horn & Johnson 1985, section 3.3) of the reversed polynomial, in the
+    reciprocal of a scaled variable: the first root is the largest of its eigenvalues, which has all digits however far
+    the other roots are.
     """
     c = [float(v) for v in ascending]
     if not all(map(isfinite, c)):
         return 0.0
-    largest = max((abs(v) for v in c), default=0.0)
-    while c and abs(c[-1]) <= NEGLIGIBLE * largest:
-        c.pop()
-    if len(c) < 2:
+    while c and c[0] == 0:
+        del c[0]
+    if not c:
         return top
-    companion = np.eye(len(c) - 1, k=-1)
-    companion[:, -1] = np.array(c[:-1]) / -c[-1]
-    roots = np.linalg.eigvals(companion)
+    scaled, power = _scaled(c)
+    if len(scaled) < 2:
+        return top
+    companion = np.eye(len(scaled) - 1, k=1)
+    companion[:, 0] = np.negative(scaled[1:])
     found = top
-    for root in roots.tolist():
-        if root.real > 0 and abs(root.imag) <= REAL * abs(root):
-            found = min(found, root.real)
+    for inverse in np.linalg.eigvals(companion).tolist():
+        if inverse.real > FARTHEST and abs(inverse.imag) <= REAL * abs(inverse):
+            terms = [v / inverse.real**i for i, v in enumerate(scaled)]
+            if abs(sum(terms)) <= LEFT * sum(map(abs, terms)):
+                found = min(found, ldexp(1 / inverse.real, power))
     return found
+
+
+def _scaled(c: list[float]) -> tuple[list[float], int]:
+    """The coefficients over the first one, of the variable in units of 2^power: none is above 1, and the largest but
+    the first about 1, so that the root next to 0 lies between 1/2 and twice their number (Cauchy's bounds).
+    """
+    c = [v / c[0] for v in c]
+    power = min((floor(-log2(abs(v)) / i) for i, v in enumerate(c) if i and v), default=0)
+    power = min(power, LARGEST_POWER)
+    scaled = [ldexp(v, i * power) for i, v in enumerate(c)]
+    while scaled and abs(scaled[-1]) * (2 * len(c)) ** (len(scaled) - 1) <= NEGLIGIBLE:
+        scaled.pop()
+    return scaled, power
 
 
 def bernstein(ascending: Sequence[float], top: float) -> list[float]:

@@ -135,3 +135,39 @@ def test_the_radial_start_is_exact_without_decentering():
     f = 1 - 0.2 * (a * a + b * b)
     for got, want in zip(start(a * f, b * f), (a, b), strict=True):
         np.testing.assert_allclose(got, want, rtol=1e-8, atol=1e-150)
+
+
+@pytest.mark.parametrize("far", [1e-81, 1e-30, 1e-12, 0.0])
+def test_a_coefficient_next_to_zero_makes_up_no_root(far):
+    grows = [1.0, 1.5, 2.5, far, far / 2, 3 * far]
+    assert first_root(grows) == np.inf and first_root([*grows, -far]) > 10
+    assert first_root([1.0, -4.0, far, far]) == pytest.approx(0.25, rel=1e-11)
+
+
+@given(
+    st.floats(-6, 6),
+    st.lists(st.floats(0.0, 6).map(lambda e: -(10**e)), max_size=3),
+    st.lists(st.tuples(st.floats(0, 3), st.floats(0.5, 3)), max_size=2),
+)
+def test_the_first_root_of_a_polynomial_made_of_its_roots(exponent, negative, pairs):
+    """Against roots that were multiplied out: one positive one, negative ones and complex pairs further out."""
+    first = 10**exponent
+    polynomial = np.polynomial.Polynomial([1, -1 / first])
+    for root in negative:
+        polynomial *= np.polynomial.Polynomial([1, -1 / (first * root)])
+    for size, angle in pairs:
+        far = first * 10**size
+        polynomial *= np.polynomial.Polynomial([1, -2 * np.cos(angle) / far, 1 / far**2])
+    # its condition: two pairs .5 rad beside the root make it up to some 1e4
+    assert first_root(polynomial.coef) == pytest.approx(first, rel=1e-10)
+
+
+def test_a_double_root_counts_and_a_close_pair_does_not():
+    assert first_root([1.0, -2.0, 1.0]) == pytest.approx(1.0, rel=1e-7)
+    apart = 1e-3
+    assert first_root([1.0, -2.0, 1.0 + apart**2]) == np.inf
+    assert (
+        first_root([0.0, 1.0, -2.0]) == 0.5
+        and first_root([1.0, np.nan]) == 0.0
+        and first_root([0.0]) == np.inf
+    )
