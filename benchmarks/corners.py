@@ -137,7 +137,7 @@ def bound(scene: Scene, ids: np.ndarray, half: float) -> np.ndarray:
     blur = np.hypot(scene.look.blur, np.sqrt(1 / 12))
     share = np.clip(1 - saddle.CLEAR * blur / np.linalg.norm(sides, axis=2).min(1), saddle.LEAST_HALF, half)
     windows = cut(scene.gray, uv, sides, share, saddle.SEEN * blur + 1)
-    windows = straightened(windows, sides, share, scene.board_from_pixel)
+    windows = straightened(windows, sides, share, scene.board_from_pixel, blur)
     params = np.zeros((len(uv), edge_model.COUNT))
     params[:, edge_model.ANGLE1 : edge_model.ANGLE2 + 1] = saddle.edge_normals(sides)
     params[:, edge_model.CONTRAST] = (scene.look.white - scene.look.black) / 2

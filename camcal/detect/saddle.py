@@ -172,7 +172,7 @@ def sharpen_sizes(
     share = np.stack([shares(known, sides, half, largest) for half in halves])
     windows, sizes = nested(gray, known.uv, sides, share, SEEN * known.blur + 1)
     limits = grey_limits(gray, windows)
-    windows = straightened(windows, sides, share[-1], board_from_pixel)
+    windows = straightened(windows, sides, share[-1], board_from_pixel, known.blur)
     usual = sizes[int(np.argmin([abs(np.max(half) - INNER_HALF) for half in halves]))]
     straight, seen = rounded(windows.inner(usual), sides, shape)
     start = known.params.copy()

@@ -23,6 +23,11 @@ LARGEST = (
 SIDE = 5  #: points to each side of a window where the map to the board is asked for; a cubic needs 4
 LEAST_AREA = 1e-3  #: of a map's derivative, as a share of its square; with less it is no map of a plane
 MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends by a tenth of it, and a wrong map by more
+#: of the scale at the corner; a board seen so obliquely that a square is twice as large at its far end has no window
+LEAST_SCALE = np.float32(0.5)
+#: places of the terms tt, ttt, st, stt of both edges among the monomials from x² on; x is s for the first, t for the
+#: second edge
+OF_EDGE = ([2, 6, 1, 5], [0, 3, 1, 4])
 UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
 TILE = 4  #: px; side of the squares in which pixels near an edge are looked for
 IN_TILE = (np.stack(np.divmod(np.arange(TILE**2), TILE)[::-1]) - 0.5 * (TILE - 1)).astype(
@@ -229,13 +234,21 @@ def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Arra
 
 
 def straightened(
-    windows: Windows, sides: Array, half: Array | float, board_from_pixel: BoardFromPixel
+    windows: Windows, sides: Array, half: Array | float, board_from_pixel: BoardFromPixel, blur: Array | float
 ) -> Windows:
-    """Replace the pixels' coordinates by ones in which the board's edges are straight.
+    """Replace the pixels' coordinates by ones in which the board's edges are straight and distances are the picture's.
 
-    They are those on the board, brought to px by the map's derivative at the origin: there they agree with
-    the picture's in place, direction and scale. The map is asked for a few points of each window; a cubic
-    through these gives the others. Windows in which the map has no value are left as they are.
+    With s and t the coordinates along a window's axes, the map to the board is (a, b) = (s, t) + terms of the second
+    and third degree. The edge a = 0 is the curve
+
+        s = -p(t) / (1 + a_st t + a_stt t²),    p(t) = a_tt t² + a_ttt t³
+
+    and s is replaced by the distance from it, t by that from b = 0. The terms in s alone do not move the edge: on the
+    board, seen obliquely, its blur would be wider on the near side. Blur moves a curved edge towards the centre of
+    its curvature: the mean of t² over a Gaussian is t² + v, that of t³ is t³ + 3 t v.
+
+    The map is asked for a few points of each window; a cubic through these gives the others. Windows in which the map
+    has no value are left as they are.
 
     Parameters
     ----------
@@ -243,6 +256,8 @@ def straightened(
         As for `cut`, none larger than its `largest`.
     board_from_pixel : callable
         px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
+    blur : float or (K,) array
+        Standard deviation, px.
     """
     axes = (
         sides * np.broadcast_to(half, len(sides))[:, None, None]
@@ -255,14 +270,40 @@ def straightened(
         (1, 2)
     )  # not where it is NaN
     cubic = np.where(flat[:, None, None], cubic, THROUGH_STENCIL @ offset)
-    px_from_board = axes.transpose(0, 2, 1) @ np.linalg.inv(cubic[:, 1:3].transpose(0, 2, 1))
-    bend = (px_from_board @ cubic[:, 3:].transpose(0, 2, 1)).astype(np.float32)
-    bend[np.abs(bend).sum((1, 2)) > MOST_BEND * np.linalg.norm(axes, axis=2).max(1)] = 0
-    place = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32) @ windows.q
+    terms = np.linalg.inv(cubic[:, 1:3].transpose(0, 2, 1)) @ cubic[:, 3:].transpose(0, 2, 1)
+    terms[
+        np.abs(axes.transpose(0, 2, 1) @ terms).sum((1, 2)) > MOST_BEND * np.linalg.norm(axes, axis=2).max(1)
+    ] = 0
+    square = np.square(axes).sum(2)
+    # the foot of a pixel on an edge: its coordinate along it, where the axes are not at right angles
+    lean = (axes[:, 0] * axes[:, 1]).sum(1)[:, None] / square
+    spread = np.square(np.broadcast_to(blur, len(axes)))[:, None] / square
+    inverse = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32)
+    place = inverse @ windows.q
     place *= windows.counts[:, None]
-    terms = np.empty((len(place), CUBIC - 3, place.shape[2]), np.float32)
-    monomials(place[:, 0], place[:, 1], terms, 3)
-    return replace(windows, q=windows.q + bend @ terms)
+    bend = np.empty_like(place)
+    for along, across in ((1, 0), (0, 1)):
+        foot = place[:, across] * lean[:, along, None].astype(np.float32)
+        foot += place[:, along]
+        of_edge = terms[:, across][:, OF_EDGE[across]]
+        bend[:, across] = _curve(foot, of_edge.astype(np.float32), spread[:, along].astype(np.float32))
+    return replace(windows, q=windows.q + axes.transpose(0, 2, 1).astype(np.float32) @ bend)
+
+
+def _curve(along: Array, terms: Array, variance: Array) -> Array:
+    """How far (K, P) an edge is from its tangent, as blur of a variance (K,) shows it, at places (K, P) along it.
+
+    Parameters
+    ----------
+    terms : (K, 4) array
+        tt, ttt, st and stt of `straightened`.
+    """
+    square = along * along
+    moved = square + variance[:, None]
+    moved *= terms[:, :1]
+    moved += terms[:, 1:2] * along * (square + 3 * variance[:, None])
+    moved /= np.maximum(1 + terms[:, 2:3] * along + terms[:, 3:] * square, LEAST_SCALE)
+    return moved
 
 
 def _stencil() -> tuple[Array, Array]:
