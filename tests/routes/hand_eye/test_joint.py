@@ -1,6 +1,7 @@
 """The joint estimate: derivatives, variances, coverage, outliers, offsets."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -242,3 +243,11 @@ def test_a_camera_that_is_estimated_along_is_that_of_one_likelihood():
     assert np.abs(step[-2:] / [camera[n][1] for n in ("fx", "fy")]).max() < 0.1
     spread = np.linalg.inv(made.jac.T @ made.jac)[-2:, -2:]
     np.testing.assert_allclose(np.sqrt(np.diagonal(spread)), [camera[n][1] for n in ("fx", "fy")], rtol=0.1)
+
+
+@pytest.mark.parametrize(("score", "part"), [(0.0, 1.0), (-0.4, 0.6), (-5.0, variance.LEAST_PART**2)])
+def test_a_variance_at_its_bound_may_lie_below_it(score, part):
+    m = np.array([[4.0, 1.0], [1.0, 1.0]])
+    here = SimpleNamespace(information=np.eye(3), score=np.array([0.0, 0.0, score]))
+    by_log = np.stack([0 * m, 0 * m, m])
+    np.testing.assert_allclose(variance._unbounded(m, here, by_log), part * m, rtol=1e-12)
