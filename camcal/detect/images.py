@@ -278,5 +278,8 @@ def _seen_instead(run: Search, target: Target) -> Answer | None:
     best = best_of(looked)
     if best is None or (type(best.target) is type(target) and same_size(best.target, target)):
         return None
-    shown = best.target.scaled(target.square, target.unit)
-    return Answer(shown, best.pictures)
+    shown, pictures = best.target.scaled(target.square, target.unit), best.pictures
+    if isinstance(shown, Checkerboard):  # among boards of several sizes it is the most frequent one
+        size = shown.columns, shown.rows
+        pictures = tuple(i for i in pictures if (looked[i].sight or Sight()).board == size)
+    return Answer(shown, pictures)

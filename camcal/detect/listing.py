@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path, PurePath, PurePosixPath
 
-from camcal.detect.frames import is_film
+from camcal.detect.frames import FILMS, is_film
 from camcal.detect.pages import page_count, page_count_in
 from camcal.detect.sources import ARCHIVES, RAW, exists
 from camcal.errors import DataError
@@ -57,7 +57,7 @@ def natural_order(path: Path) -> tuple:
 def _expand(path: Path) -> list[Path]:
     if path.is_dir():
         return _with_pages(_in_folder(path))
-    if path.is_file() and path.suffix.lower() in ARCHIVES:
+    if _is_archive(path):
         return _in_archive(path)
     if path.exists():
         return _with_pages([path])
@@ -85,23 +85,46 @@ def _pages(path: Path, count: int) -> list[Path]:
     return [path] if count == 1 else [path.with_name(f"{path.name}#{n}") for n in range(count)]
 
 
+def _is_archive(path: Path) -> bool:
+    return path.suffix.lower() in ARCHIVES and path.is_file()
+
+
 def _in_archive(archive: Path) -> list[Path]:
     """The pictures in an archive, named as if the archive were a folder."""
     try:
         with zipfile.ZipFile(archive) as opened:
-            names = [e.filename for e in opened.infolist() if not e.is_dir()]
-            pictures = [n for n in names if is_picture(PurePosixPath(n)) and not n.startswith("__MACOSX")]
-            pages = {archive / n: page_count_in(opened, n) for n in pictures}
+            names = _entries(opened)
+            pages = {archive / n: page_count_in(opened, n) for n in names if is_picture(PurePosixPath(n))}
     except (OSError, zipfile.BadZipFile) as error:
         raise DataError(
             f"the archive '{archive}' cannot be read: {error}.", "Unpack it, and name the folder."
         ) from None
+    films = [n for n in names if PurePosixPath(n).suffix.lower() in FILMS]
+    if films and not pages:
+        unpack = f"python -m zipfile -e {shlex.quote(str(archive))} {shlex.quote(archive.stem)}"
+        raise DataError(
+            f"the archive '{archive}' holds films, which are not read from archives: {listed(films, MOST_NAMED)}.",
+            f"Unpack it, and name the films. Try: {unpack}",
+        )
     if not pages:
         raise DataError(
             f"the archive '{archive}' holds no pictures among its {len(names)} files.",
             "Files such as .jpg, .png or .tif are read.",
         )
     return [page for path in sorted(pages, key=natural_order) for page in _pages(path, pages[path])]
+
+
+def _entries(archive: zipfile.ZipFile) -> list[str]:
+    """The names of the files in an archive, without those that macOS adds."""
+    names = [e.filename for e in archive.infolist() if not e.is_dir()]
+    return [n for n in names if not n.startswith("__MACOSX")]
+
+
+def _left_in_archive(archive: Path) -> list[Path]:
+    """The films and raw pictures in an archive, named as if it were a folder."""
+    with zipfile.ZipFile(archive) as opened:
+        names = [PurePosixPath(n) for n in _entries(opened)]
+    return [archive / n for n in names if n.suffix.lower() in (*FILMS, *RAW)]
 
 
 def is_picture(path: PurePath) -> bool:
@@ -123,9 +146,12 @@ def _in_folder(folder: Path) -> list[Path]:
 
 
 def left_in_folders(paths: Iterable[str | os.PathLike]) -> list[Path]:
-    """The films and raw pictures that `list_pictures` leaves in folders, because there are other pictures."""
-    left: list[Path] = []
-    for folder in filter(Path.is_dir, map(Path, paths)):
+    """The films and raw pictures that `list_pictures` leaves in folders and archives, because there are other
+    pictures.
+    """
+    paths = list(map(Path, paths))
+    left = [p for archive in filter(_is_archive, paths) for p in _left_in_archive(archive)]
+    for folder in filter(Path.is_dir, paths):
         listed_files = _in_folder(folder)
         if not (is_film(listed_files[0]) or _is_raw(listed_files[0])):
             left += [p for p in folder.iterdir() if (is_film(p) or _is_raw(p)) and p.is_file()]

@@ -182,4 +182,6 @@ def _why_not(best: Found, size: tuple[int, int]) -> Miss:
     if (columns, rows) == tuple(sorted(size, reverse=True)):
         return Miss("cut-off", f"only {best.lattice.present.mean():.0%} of the {wanted} corners are seen")
     words = f"the picture shows a board of {columns}x{rows} corners, not {wanted}"
+    if columns <= max(size) and rows <= min(size):
+        words += ", or something covers its outer rows"
     return Miss("other-size", words, {"size": (columns, rows)})

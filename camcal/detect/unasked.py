@@ -114,7 +114,8 @@ def _as_checkerboard(
         raise DataError(
             f"{len(shown)} of {len(looked)} pictures show a checkerboard, but too few show its end, "
             f"and they do not agree on its size: {sizes}.",
-            f"Give its size in inner corners, as in --board {columns}x{rows}.",
+            f"Give its size in inner corners, as in --board {columns}x{rows}. A picture in which something (a hand) "
+            "covers an outer row of corners shows a smaller board: leave it out, or hold the board by its margin.",
         )
     size, whole, votes = found
     target = Checkerboard(*size, *length_of(square))

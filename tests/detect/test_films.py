@@ -10,7 +10,7 @@ from camcal.detect import films, frames, sources
 from camcal.detect.decode import UnreadableError
 from camcal.detect.films import Range, Shown, candidates, left_out
 from camcal.detect.images import detect_images
-from camcal.detect.listing import list_pictures, view_ids
+from camcal.detect.listing import left_in_folders, list_pictures, view_ids
 from camcal.detect.refine_images import refine_images
 from camcal.detect.resample import read_pictures, written_name
 from camcal.detect.targets.base import Detection
@@ -235,6 +235,23 @@ def test_pictures_of_an_archive(tmp_path):
     for name in ("none.zip", "broken.zip"):
         with pytest.raises(DataError, match=name):
             list_pictures([tmp_path / name])
+
+
+def test_films_in_an_archive_are_named(tmp_path):
+    gray = np.zeros((48, 64), np.uint8)
+    picture = cv2.imencode(".png", gray)[1].tobytes()
+    for name, entries in (("films", {}), ("both", {"a.png": picture})):
+        with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as archive:
+            for entry, data in {"session/movie.mp4": b"film", "b.GIF": b"film", **entries}.items():
+                archive.writestr(entry, data)
+    with pytest.raises(
+        DataError, match=r"holds films, which are not read from archives: .*movie\.mp4"
+    ) as error:
+        list_pictures([tmp_path / "films.zip"])
+    assert f"python -m zipfile -e {tmp_path}/films.zip films" in error.value.hint
+    both = tmp_path / "both.zip"
+    assert list_pictures([both]) == [both / "a.png"]
+    assert left_in_folders([both]) == [both / "b.GIF", both / "session/movie.mp4"]
 
 
 def test_pages_of_a_tiff_file(tmp_path):

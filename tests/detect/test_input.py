@@ -126,6 +126,22 @@ def test_heic_is_named(tmp_path, monkeypatch):
     assert [s.id for s in skipped] == ["a.HEIC", "b.jpg"] and all("HEIC" in s.reason for s in skipped)
 
 
+def test_a_heic_picture_is_read(tmp_path):
+    """A file of the encoder of libheif; lossy, so that pixels agree to a few grey levels."""
+    heif = pytest.importorskip("pillow_heif")
+    gray = board()
+    rgb = np.repeat(gray[..., None], 3, 2)
+    made = heif.from_bytes("RGB", rgb.shape[1::-1], rgb.tobytes())
+    try:
+        made.save(tmp_path / "a.heic", quality=95)
+    except (OSError, RuntimeError, ValueError) as error:  # libheif may be built without an encoder
+        pytest.skip(f"no HEIC encoder: {error}")
+    read = decode_gray((tmp_path / "a.heic").read_bytes())
+    assert read.shape == gray.shape and read.dtype == np.uint8
+    assert np.abs(read.astype(int) - gray).mean() < 2
+    assert len(detect_images([tmp_path], cache=False).views[0]) == 30
+
+
 def test_heic_is_read_where_pillow_heif_is_installed(monkeypatch):
     class Installed:
         @staticmethod

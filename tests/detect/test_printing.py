@@ -3,6 +3,7 @@
 import re
 import struct
 import zlib
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import cv2
@@ -14,7 +15,7 @@ from camcal.cli.boundary import run
 from camcal.detect import targets
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.printing import pdf, png, svg
-from camcal.detect.targets.printing.sheet import UNPRINTED, lay_out, page_size
+from camcal.detect.targets.printing.sheet import DIGIT, NUMBER, UNPRINTED, lay_out, page_size
 from camcal.errors import UsageError
 from tests.detect.scenes import SPECS
 
@@ -106,6 +107,25 @@ def test_png_is_found_where_it_was_drawn(spec):
     last = len(truth) - 1
     off = min(np.abs(found.uv - truth[ids]).max() for ids in (found.point_ids, last - found.point_ids))
     assert off < 0.1
+
+
+def test_the_ticks_of_the_rulers_are_numbered_in_centimetres():
+    sheet = sheet_of("checkerboard:9x6:25mm", "a4")
+    texts = [text for text, _, _ in sheet.numbers]
+    assert texts == [str(n) for n in range(1, 11)] * 2
+    lower, left = sheet.numbers[:10], sheet.numbers[10:]
+    ticks = [line for line in sheet.lines if abs(line[2] - line[0]) < 50 and abs(line[3] - line[1]) < 50]
+    assert [x for _, x, _ in lower] == sorted(x for _, x, _ in lower)
+    for (text, x, y), tick in zip(lower, ticks[1:11], strict=True):  # beside its tick, within its height
+        assert x + DIGIT * NUMBER * len(text) < tick[0] and y <= tick[3]
+    for (_, x, y), tick in zip(left, ticks[12:], strict=True):  # above its tick
+        assert tick[0] < x and tick[1] - 1 < y < tick[1]
+    assert min(x for _, x, _ in left) > UNPRINTED - 0.1
+    for written in (svg.write(sheet).decode(), pdf.write(sheet).decode("latin-1")):
+        assert all(f">{t}</text>" in written or f"({t}) Tj" in written for t in texts)
+    ink = np.minimum(png.draw(sheet, 150), 255)
+    bare = png.draw(replace(sheet, numbers=()), 150)
+    assert 20 * 30 < (ink != bare).sum() < 20 * 200  # px of 20 numbers
 
 
 def test_png_states_its_resolution():

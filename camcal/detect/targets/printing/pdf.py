@@ -6,7 +6,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from camcal.detect.targets.printing.sheet import LINE, Sheet
+from camcal.detect.targets.printing.sheet import LINE, NUMBER, Sheet
 
 POINTS = 72 / 25.4  #: per millimetre
 #: of the radius; handles of the Bézier curve nearest to a quarter of a circle, true to 2.7e-4 of the radius
@@ -65,6 +65,7 @@ def content(sheet: Sheet) -> str:
     out += [disc(x, y, r) for x, y, r in sheet.circles]
     out.append(f"{LINE} w")
     out += [f"{number(a)} {number(b)} m {number(c)} {number(d)} l S" for a, b, c, d in sheet.lines]
+    out += [text_at(text, x, y, NUMBER) for text, x, y in sheet.numbers]
     out.append(text_at(sheet.caption, *sheet.caption_at, 3.0))
     return "\n".join(out)
 

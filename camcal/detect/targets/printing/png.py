@@ -10,12 +10,13 @@ import numpy as np
 
 from camcal.detect.black_area import BlackArea, RectangleIntegral, is_rectangle
 from camcal.detect.targets.base import Pattern
-from camcal.detect.targets.printing.sheet import LINE, Sheet
+from camcal.detect.targets.printing.sheet import LINE, NUMBER, Sheet
 from camcal.errors import UsageError
 
 Array = np.ndarray
 
 MOST_PIXELS = 2e8  #: A0 at 300 dpi has 1.4e8; more is a slip of --dpi
+LETTERS = 22  #: px; height of the capital letters of that font at scale 1
 BAND = 64  #: rows drawn at a time
 
 
@@ -57,11 +58,16 @@ def draw(sheet: Sheet, dpi: float) -> Array:
         _add_disc(black, disc, size)
     assert all(map(is_rectangle, sheet.polygons)), "only rectangles and discs are drawn"
     picture = np.rint(255 * (1 - np.clip(black, 0, 1))).astype(np.uint8)
-    left, base = (round(v / size) for v in sheet.caption_at)
-    cv2.putText(
-        picture, sheet.caption, (left, base), cv2.FONT_HERSHEY_SIMPLEX, 3 / size / 22, 0, 1, cv2.LINE_AA
-    )
+    for text, x, y in sheet.numbers:
+        _write(picture, text, (x / size, y / size), NUMBER / size)
+    _write(picture, sheet.caption, (sheet.caption_at[0] / size, sheet.caption_at[1] / size), 3 / size)
     return picture
+
+
+def _write(picture: Array, text: str, at: tuple[float, float], height: float) -> None:
+    """Write a line of text; `at` is the left end of its base line, px."""
+    place = round(at[0]), round(at[1])
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, height / LETTERS, 0, 1, cv2.LINE_AA)
 
 
 def _thick(line: tuple[float, float, float, float]) -> Array:

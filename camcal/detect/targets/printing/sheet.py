@@ -38,6 +38,8 @@ TICK_LENGTH = 2.0  #: mm; fits into the margin beside the target
 #: mm; a print that is 0.2 % too short is short by 0.2 mm on it, which a steel rule shows
 LONGEST_RULER = 100.0
 LINE = 0.2  #: mm, width of the rulers' lines
+NUMBER = 1.7  #: mm; size of the letters of a ruler's numbers, whose digits fit between the ends of its ticks
+DIGIT = 0.556  #: of the size of the letters; width of a digit in Helvetica
 LETTER = 1.5  #: mm; width of a letter of the caption on average, which is 3 mm high
 CAPTION_DROP = 5.5  #: mm from the lower ruler to the base line of the caption
 #: mm from the white around the target to the edge of the strip: the ruler on the left, the lower one and the caption
@@ -57,6 +59,8 @@ class Sheet:
         x, y, radius.
     lines : tuple of (x0, y0, x1, y1)
         The rulers, `LINE` wide: first the one below the target, then the one on its left.
+    numbers : tuple of (text, x, y)
+        Of the rulers' ticks, cm, each with the left end of its base line; the letters are `NUMBER` mm high.
     caption : str
     caption_at : (x, y)
         Left end of its base line.
@@ -73,6 +77,7 @@ class Sheet:
     polygons: tuple[Array, ...]
     circles: Array
     lines: tuple[tuple[float, float, float, float], ...]
+    numbers: tuple[tuple[str, float, float], ...]
     caption: str
     caption_at: tuple[float, float]
     page: str
@@ -136,6 +141,7 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
         tuple(polygons),
         circles,
         (*across, *down),
+        (*numbers(across, False), *numbers(down, True)),
         caption,
         (float(x0), float(y1 + CAPTION_DROP)),
         name,
@@ -229,6 +235,24 @@ def ruler(
         return ((x, y, x, y + length), *ticks)
     ticks = [(x + t, y, x + t, y + TICK_LENGTH) for t in at]
     return ((x, y, x + length, y), *ticks)
+
+
+def numbers(
+    lines: tuple[tuple[float, float, float, float], ...], downward: bool
+) -> tuple[tuple[str, float, float], ...]:
+    """The numbers of a ruler's ticks, cm: to the left of each tick, or above it on a ruler that goes down.
+
+    Parameters
+    ----------
+    lines : tuple of (x0, y0, x1, y1)
+        As `ruler` gives them: the ruler itself, then its ticks.
+    """
+    found = []
+    for centimetres, (x, y, _, end) in enumerate(lines[2:], 1):  # the tick of 0 needs no number
+        text = str(centimetres)
+        width = DIGIT * NUMBER * len(text)
+        found.append((text, x + 2 * LINE, y - 2 * LINE) if downward else (text, x - width - 2 * LINE, end))
+    return tuple(found)
 
 
 def page_size(page: str, width: float, height: float) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from camcal.detect.targets.printing.sheet import LINE, Sheet
+from camcal.detect.targets.printing.sheet import LINE, NUMBER, Sheet
 
 
 def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
@@ -21,6 +21,9 @@ def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
         f'<line x1="{number(a)}" y1="{number(b)}" x2="{number(c)}" y2="{number(d)}"/>'
         for a, b, c, d in sheet.lines
     )
+    numbers = "\n".join(
+        f'<text x="{number(x)}" y="{number(y)}">{text}</text>' for text, x, y in sheet.numbers
+    )
     w, h = number(sheet.width), number(sheet.height)
     x, y = sheet.caption_at
     caption = escape(sheet.caption)
@@ -34,6 +37,9 @@ def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
 </g>
 <g stroke="black" stroke-width="{LINE}">
 {lines}
+</g>
+<g font-family="Helvetica, sans-serif" font-size="{NUMBER}">
+{numbers}
 </g>
 <text x="{number(x)}" y="{number(y)}" font-family="Helvetica, sans-serif" font-size="3">{caption}</text>
 </svg>
