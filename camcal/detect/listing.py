@@ -149,9 +149,9 @@ def left_in_folders(paths: Iterable[str | os.PathLike]) -> list[Path]:
     """The films and raw pictures that `list_pictures` leaves in folders and archives, because there are other
     pictures.
     """
-    paths = list(map(Path, paths))
-    left = [p for archive in filter(_is_archive, paths) for p in _left_in_archive(archive)]
-    for folder in filter(Path.is_dir, paths):
+    named = list(map(Path, paths))
+    left = [p for archive in filter(_is_archive, named) for p in _left_in_archive(archive)]
+    for folder in filter(Path.is_dir, named):
         listed_files = _in_folder(folder)
         if not (is_film(listed_files[0]) or _is_raw(listed_files[0])):
             left += [p for p in folder.iterdir() if (is_film(p) or _is_raw(p)) and p.is_file()]

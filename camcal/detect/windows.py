@@ -13,21 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.detect.local_map import BoardFromPixel
-from camcal.detect.polynomials import CUBIC, monomials
 
 Array = np.ndarray
 
 LARGEST = (
     20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
 )
-SIDE = 5  #: points to each side of a window where the map to the board is asked for; a cubic needs 4
-LEAST_AREA = 1e-3  #: of a map's derivative, as a share of its square; with less it is no map of a plane
+#: of a window's half-width, along an edge: places where the map to the board is asked for. A polynomial of the fifth
+#: degree needs 6; a cubic left .001 px in windows of 60 px
+ALONG = np.linspace(-1, 1, 7)
+BESIDE = 0.02  #: of a window's half-width; of the differences across an edge
+#: of the scale at the corner; where a window's far end has less, the board is seen so obliquely that an edge is no
+#: curve of a low degree; a map of no plane has any scale
+LEAST_SCALE = 0.3
 MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends by a tenth of it, and a wrong map by more
-#: of the scale at the corner; a board seen so obliquely that a square is twice as large at its far end has no window
-LEAST_SCALE = np.float32(0.5)
-#: places of the terms tt, ttt, st, stt of both edges among the monomials from x² on; x is s for the first, t for the
-#: second edge
-OF_EDGE = ([2, 6, 1, 5], [0, 3, 1, 4])
 UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
 TILE = 4  #: px; side of the squares in which pixels near an edge are looked for
 IN_TILE = (np.stack(np.divmod(np.arange(TILE**2), TILE)[::-1]) - 0.5 * (TILE - 1)).astype(
@@ -238,81 +237,88 @@ def straightened(
 ) -> Windows:
     """Replace the pixels' coordinates by ones in which the board's edges are straight and distances are the picture's.
 
-    With s and t the coordinates along a window's axes, the map to the board is (a, b) = (s, t) + terms of the second
-    and third degree. The edge a = 0 is the curve
+    With s and t the coordinates along a window's axes and a(s, t) the board's coordinate across an edge, that edge is
+    the curve where a does not change,
 
-        s = -p(t) / (1 + a_st t + a_stt t²),    p(t) = a_tt t² + a_ttt t³
+        s = σ(t) = (a(0, 0) - a(0, t)) / a_s(0, t)
 
-    and s is replaced by the distance from it, t by that from b = 0. The terms in s alone do not move the edge: on the
-    board, seen obliquely, its blur would be wider on the near side. Blur moves a curved edge towards the centre of
-    its curvature: the mean of t² over a Gaussian is t² + v, that of t³ is t³ + 3 t v.
-
-    The map is asked for a few points of each window; a cubic through these gives the others. Windows in which the map
-    has no value are left as they are.
+    and s is replaced by the distance from the curve, s - σ(t), without the linear part of σ, which is a direction of
+    the edge; t likewise by that from the other edge. Distances stay those of the picture because blur is the same
+    there at both sides of an edge, which it is not on a board seen obliquely. The map is asked for points of each
+    edge, and a polynomial through these gives the others. Windows in which the map has no value are left as they are.
 
     Parameters
     ----------
     sides, half
         As for `cut`, none larger than its `largest`.
     board_from_pixel : callable
-        px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board.
+        px (K, P, 2) around the K corners -> coordinates (K, P, 2) on the board, the first along `sides[:, 0]`.
     blur : float or (K,) array
         Standard deviation, px.
     """
     axes = (
         sides * np.broadcast_to(half, len(sides))[:, None, None]
     )  # of a window: half its width along columns and rows
-    offset = STENCIL @ axes
-    board = board_from_pixel(windows.origin[:, None] + offset)
-    cubic = THROUGH_STENCIL @ board
-    derivative = cubic[:, 1:3]
-    flat = np.abs(np.linalg.det(derivative)) > LEAST_AREA * np.square(derivative).sum(
-        (1, 2)
-    )  # not where it is NaN
-    cubic = np.where(flat[:, None, None], cubic, THROUGH_STENCIL @ offset)
-    terms = np.linalg.inv(cubic[:, 1:3].transpose(0, 2, 1)) @ cubic[:, 3:].transpose(0, 2, 1)
-    terms[
-        np.abs(axes.transpose(0, 2, 1) @ terms).sum((1, 2)) > MOST_BEND * np.linalg.norm(axes, axis=2).max(1)
-    ] = 0
+    cross = np.stack([np.stack(np.meshgrid([-BESIDE, BESIDE], ALONG, indexing="ij"), -1)] * 2)
+    cross[1] = cross[1, ..., ::-1]  # (edge, side, place, 2): (s, t) beside the two edges
+    board = board_from_pixel(windows.origin[:, None] + cross.reshape(-1, 2) @ axes)
+    board = board.reshape(-1, *cross.shape)
     square = np.square(axes).sum(2)
     # the foot of a pixel on an edge: its coordinate along it, where the axes are not at right angles
     lean = (axes[:, 0] * axes[:, 1]).sum(1)[:, None] / square
     spread = np.square(np.broadcast_to(blur, len(axes)))[:, None] / square
-    inverse = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32)
-    place = inverse @ windows.q
+    place = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32) @ windows.q
     place *= windows.counts[:, None]
     bend = np.empty_like(place)
     for along, across in ((1, 0), (0, 1)):
         foot = place[:, across] * lean[:, along, None].astype(np.float32)
         foot += place[:, along]
-        of_edge = terms[:, across][:, OF_EDGE[across]]
-        bend[:, across] = _curve(foot, of_edge.astype(np.float32), spread[:, along].astype(np.float32))
+        bend[:, across] = _bend(_curve(board[:, across, ..., across]), spread[:, along], foot)
     return replace(windows, q=windows.q + axes.transpose(0, 2, 1).astype(np.float32) @ bend)
 
 
-def _curve(along: Array, terms: Array, variance: Array) -> Array:
-    """How far (K, P) an edge is from its tangent, as blur of a variance (K,) shows it, at places (K, P) along it.
+def _curve(beside: Array) -> Array:
+    """The coefficients (K, 4) of t² to t⁵ of the curve that an edge is; 0 where the map has no value or is none.
 
     Parameters
     ----------
-    terms : (K, 4) array
-        tt, ttt, st and stt of `straightened`.
+    beside : (K, 2, N) array
+        The board's coordinate across the edge, at `BESIDE` to either side of its tangent and the places `ALONG`.
     """
-    square = along * along
-    moved = square + variance[:, None]
-    moved *= terms[:, :1]
-    moved += terms[:, 1:2] * along * (square + 3 * variance[:, None])
-    moved /= np.maximum(1 + terms[:, 2:3] * along + terms[:, 3:] * square, LEAST_SCALE)
-    return moved
+    slope, middle = (beside[:, 1] - beside[:, 0]) / (2 * BESIDE), beside.mean(1)
+    centre = slope[:, [len(ALONG) // 2]]
+    with np.errstate(all="ignore"):
+        away = (middle[:, [len(ALONG) // 2]] - middle) / slope
+        sound = np.isfinite(away).all(1) & (slope > LEAST_SCALE * np.abs(centre)).all(1)
+    curve = np.where(sound[:, None], away, 0.0) @ THROUGH.T
+    curve[np.abs(curve).sum(1) > MOST_BEND] = 0
+    return curve
 
 
-def _stencil() -> tuple[Array, Array]:
-    """Points (25, 2) of a window from -1 to 1, and the matrix (10, 25) of the cubic through values there."""
-    line = np.linspace(-1, 1, SIDE)
-    x, y = (a.ravel() for a in np.meshgrid(line, line))
-    terms = np.empty((CUBIC, x.size))
-    monomials(x, y, terms)
-    return np.stack([x, y], -1), np.linalg.pinv(terms.T)
+def _bend(curve: Array, variance: Array, along: Array) -> Array:
+    """How far (K, P) edges are from their tangents at places (K, P) along them, as blur shows them; against s.
+
+    Blur moves a curved edge towards the centre of its curvature: each power of t becomes its mean over a Gaussian of
+    the blur's variance (K,), t² + v in place of t² and so on.
+    """
+    two, three, four, five = curve.T
+    v = variance
+    terms = (
+        two * v + 3 * four * v * v, 3 * three * v + 15 * five * v * v, two + 6 * four * v, three + 10 * five * v,
+        four, five,
+    )  # fmt: skip
+    first, *rest = (-t.astype(np.float32)[:, None] for t in terms[::-1])
+    bend = first * along
+    for term in rest[:-1]:
+        bend += term
+        bend *= along
+    bend += rest[-1]
+    return bend
 
 
-STENCIL, THROUGH_STENCIL = _stencil()
+def _through() -> Array:
+    """The matrix (4, N) from values at `ALONG` to the coefficients of t² to t⁵ of the polynomial through them."""
+    return np.asarray(np.linalg.pinv(np.vander(ALONG, 6, increasing=True))[2:])
+
+
+THROUGH = _through()

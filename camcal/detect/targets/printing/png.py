@@ -58,9 +58,10 @@ def draw(sheet: Sheet, dpi: float) -> Array:
         _add_disc(black, disc, size)
     assert all(map(is_rectangle, sheet.polygons)), "only rectangles and discs are drawn"
     picture = np.rint(255 * (1 - np.clip(black, 0, 1))).astype(np.uint8)
-    for text, x, y in sheet.numbers:
-        _write(picture, text, (x / size, y / size), NUMBER / size)
-    _write(picture, sheet.caption, (sheet.caption_at[0] / size, sheet.caption_at[1] / size), 3 / size)
+    for text, left, base in sheet.numbers:
+        _write(picture, text, (left / size, base / size), NUMBER / size)
+    left, base = sheet.caption_at
+    _write(picture, sheet.caption, (left / size, base / size), 3 / size)
     return picture
 
 
