@@ -60,6 +60,7 @@ def report(
         "selfcalib": {
             "focal_length_from_pairs": float(found.start.params[0]),
             "focal_length_kruppa": kruppa_focal(found),
+            "focal_length_dual_quadric": found.dual_quadric,
             "rays_from_pairs": found.rays,
             "pairs": len(found.pairs),
             "views": int(found.bundle.known_views.sum()),

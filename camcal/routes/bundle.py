@@ -172,6 +172,13 @@ class _Problem:
         return Bundle(camera, r, t, points)
 
 
+def freedom(tracks: Tracks, free: Array) -> int:
+    """The degrees of freedom of the residuals: the frame and the scale of the world are free. At least 1."""
+    views = int(np.count_nonzero(np.bincount(tracks.view)))
+    points = int(np.count_nonzero(np.bincount(tracks.point)))
+    return max(2 * len(tracks) - 3 * points - 6 * views - free.shape[1] + 7, 1)
+
+
 def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Array:
     """The covariance (P, P) of the camera's parameters.
 
@@ -195,7 +202,6 @@ def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Ar
         scale, scale
     )
     c = free.shape[1]
-    used = 2 * len(tracks) - len(kept) - 3 * int(np.count_nonzero(np.bincount(tracks.point)))
     residual = bundle.residuals(tracks)
-    variance = float(np.square(residual).sum()) / max(used, 1)
+    variance = float(np.square(residual).sum()) / freedom(tracks, free)
     return free @ inverse[len(kept) - c :, len(kept) - c :] @ free.T * variance

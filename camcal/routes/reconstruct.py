@@ -167,8 +167,8 @@ def _rough(bundle: Bundle, tracks: Tracks) -> float:
     return ROUGH * (max(size) if size is not None else float(np.ptp(tracks.uv, 0).max()))
 
 
-def usable(bundle: Bundle, tracks: Tracks, bound: float) -> Array:
-    """The rows (M,) of images within a bound, px, of points with two such images in known views."""
+def usable(bundle: Bundle, tracks: Tracks, bound: float | Array) -> Array:
+    """The rows (M,) of images within a bound, px, one for all or one for each, of points with two such images in known views."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
     good = off <= bound
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))

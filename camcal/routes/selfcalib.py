@@ -2,8 +2,9 @@
 
 1. The fundamental matrix of every pair of views with enough matches; of a lens that bends far, the lifted one
    (`lifted`), after which pixels are undistorted.
-2. The focal length with which all E = Kᵀ F K are most nearly essential matrices (Mendonça & Cipolla 1999), the
-   principal point in the middle, pixels square.
+2. The focal length of the absolute dual quadric of a projective reconstruction of three views or more
+   (`dual_quadric`), and that with which all E = Kᵀ F K are most nearly essential matrices (Mendonça & Cipolla 1999),
+   the principal point in the middle, pixels square.
 3. The views put together one by one, then adjusted together with the focal length and the lens.
 
 What the motion leaves undetermined (a critical motion: Sturm, Critical motion sequences for monocular self-calibration
@@ -25,8 +26,9 @@ from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
-from camcal.routes import epipolar, lifted
+from camcal.routes import dual_quadric, epipolar, lifted
 from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
+from camcal.routes.bundle_outliers import adjusted
 from camcal.routes.reconstruct import Pair, aligned, empty, first_pair, grow, pairs, usable, with_points
 from camcal.solve.parameters import apply_fixed, free_matrix
 
@@ -37,15 +39,14 @@ CENTRE = 0.05
 UNCERTAIN = 0.1
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
-#: images farther than this many robust standard deviations from their points are left out, and no less than px
-FAR, LEAST_FAR = 4.0, 0.5
-ROUNDS = 6  #: of adjusting and leaving out images, at most
 LEAST_VIEWS = 2  #: one view has no parallax
 #: matches of a pair that tell of the distortion: with fewer its one parameter more takes off as much by chance
 LEAST_BENT = 40
 #: times the distance of matches from epipolar lines that they have from where a homography sends them: for noise alone
 #: it is 2.5 (two coordinates of it in two pictures against one)
 PARALLAX = 5.0
+#: of log f: two starts nearer than this end in the same minimum; 20 % are two steps of the focal lengths tried for pairs
+SAME = 0.2
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,8 @@ class SelfCalibration:
         That the pairs' fundamental matrices are of: undistorted ones for a lens that bends far.
     rays : str
         What the pairs' fundamental matrices took the lens for: pinhole, division or rational.
+    dual_quadric : float or None
+        The focal length of the absolute dual quadric, px; None for two views, or where it is no real number.
     """
 
     bundle: Bundle
@@ -84,6 +87,7 @@ class SelfCalibration:
     converged: bool
     pixels: Array
     rays: str = "pinhole"
+    dual_quadric: float | None = None
 
 
 def estimate(
@@ -120,11 +124,35 @@ def estimate(
             known, pixels = again, flat
         else:
             bent = None
-    focal = fix.get("fx") or _focal(known, image_size)
-    start = _pinhole(focal, image_size) if bent is None else lifted.as_camera(bent, focal, image_size)
-    bundle = _put_together(known, start, tracks, views, points, "fx" in fix)
+    straight = Tracks(np.where(np.isfinite(pixels).all(1), tracks.view, -1), tracks.point, pixels)
+    quadric = dual_quadric.focal(known, straight, image_size)
+    given = fix.get("fx")
+    focals = [given] if given else _focals(known, image_size, quadric)
+
+    def put_together(focal: float) -> tuple[Camera, Bundle]:
+        start = _pinhole(focal, image_size) if bent is None else lifted.as_camera(bent, focal, image_size)
+        return start, _put_together(known, start, tracks, views, points, "fx" in fix)
+
+    start, bundle = min(map(put_together, focals), key=lambda made: _misses(made[1], tracks))
     found = _calibrated(bundle, tracks, lens, start, fix, known)
-    return replace(found, pixels=pixels, rays="pinhole" if bent is None else bent.kind)
+    kind = "pinhole" if bent is None else bent.kind
+    return replace(found, pixels=pixels, rays=kind, dual_quadric=quadric)
+
+
+def _focals(known: list[Pair], size: tuple[int, int], quadric: float | None) -> list[float]:
+    """The focal lengths to start from, px: that of the dual quadric, which is of all views at once, and that of the pairs
+    where it is another.
+    """
+    pairwise = _focal(known, size)
+    if quadric is None:
+        return [pairwise]
+    return [quadric] if abs(np.log(pairwise / quadric)) < SAME else [quadric, pairwise]
+
+
+def _misses(bundle: Bundle, tracks: Tracks) -> float:
+    """The median distance of images from their points, px, infinite for those without a place."""
+    off = np.linalg.norm(bundle.residuals(tracks), axis=1)
+    return float(np.median(np.where(np.isfinite(off), off, np.inf)))
 
 
 def _rotation_alone(known: list[Pair], uv: Array) -> bool:
@@ -228,7 +256,7 @@ def _calibrated(
     camera = _of_lens(lens, bundle.camera, held)
     bundle = replace(bundle, camera=camera)
     centre = {n: None for n in ("cx", "cy") if n not in held}
-    bundle, _, _ = _adjusted(bundle, tracks, {**held, **centre})
+    bundle, _, _ = adjusted(bundle, tracks, {**held, **centre})
     found = _result(bundle, tracks, {**held, **centre}, start, known)
     _require_focal(found)
     if centre:
@@ -256,58 +284,10 @@ def _of_lens(lens: Lens, pinhole: Camera, fix: Mapping[str, float | None]) -> Ca
     return Camera(lens, apply_fixed(lens, params, dict(fix)), size)
 
 
-def _adjusted(
-    bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None], rows: Array | None = None
-) -> tuple[Bundle, Array, int]:
-    """Alternate between adjusting and removing images until the choice is stable; return the used rows and the
-    iterations.
-    """
-    free = free_matrix(bundle.camera.lens, bundle.camera.params, dict(fix))
-    used = usable(bundle, tracks, _bound(bundle, tracks)) if rows is None else rows
-    total = 0
-    for _ in range(ROUNDS):
-        fitted = adjust(bundle, tracks.take(used), free)
-        if fitted is None:
-            break
-        bundle, total = _placed_again(fitted.state, tracks, used), total + fitted.iterations
-        again = usable(bundle, tracks, _bound(bundle, tracks.take(used)))
-        if np.array_equal(again, used):
-            break
-        used = again
-    return bundle, used, total
-
-
-def _placed_again(bundle: Bundle, tracks: Tracks, used: Array) -> Bundle:
-    """The bundle with points of which images were left out placed by all of these, where all then agree.
-
-    Beside a point that moves with the others alone, an image misses by more than its noise, and would never come back.
-    """
-    count = len(bundle.points)
-    bound = _bound(bundle, tracks.take(used))
-    outside = np.ones(len(tracks), bool)
-    outside[used] = False
-    some = np.bincount(tracks.point[outside], minlength=count) > 0
-    none = np.bincount(tracks.point[used], minlength=count) == 0
-    trial = with_points(replace(bundle, points=np.where(some[:, None], np.nan, bundle.points)), tracks)
-    off = np.linalg.norm(trial.residuals(tracks), axis=1)
-    bad = np.bincount(tracks.point[~(off <= bound)], minlength=count) > 0
-    return replace(bundle, points=np.where((some & ~bad | none)[:, None], trial.points, bundle.points))
-
-
-def _bound(bundle: Bundle, tracks: Tracks) -> float:
-    """How far an image may be from its point, px: `FAR` standard deviations of what its point leaves of the noise."""
-    off = np.linalg.norm(bundle.residuals(tracks), axis=1)
-    several = np.bincount(tracks.point)[tracks.point] > 2
-    # the median of |r|, in standard deviations: two coordinates of noise; of a point seen twice, whose place takes up
-    # three of four coordinates, there is one number, and twice as many of that are far out
-    unit = 1.177 if several.mean() > 0.5 else 0.6745
-    return max(FAR * float(np.nanmedian(off)) / unit, LEAST_FAR)
-
-
 def _result(
     bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None], start: Camera, known: list[Pair]
 ) -> SelfCalibration:
-    bundle, rows, iterations = _adjusted(bundle, tracks, fix)
+    bundle, rows, iterations = adjusted(bundle, tracks, fix)
     lens = bundle.camera.lens
     free = free_matrix(lens, bundle.camera.params, dict(fix))
     part = tracks.take(rows)

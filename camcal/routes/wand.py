@@ -21,13 +21,16 @@ from camcal.errors import DataError, EstimationError
 from camcal.least_squares.blocks import Fitted
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
-from camcal.routes.selfcalib import CENTRE, FAR, LEAST_FAR, ROUNDS, UNCERTAIN
+from camcal.routes.bundle_outliers import LEAST_FAR, RAYLEIGH_MEDIAN, ROUNDS, reach
+from camcal.routes.selfcalib import CENTRE, UNCERTAIN
 from camcal.routes.wand_fit import Sightings, Wand, adjust
 from camcal.routes.wand_start import LEAST_BARS, chained, focal_part, links, placed, with_bars, with_focal
 from camcal.solve.parameters import apply_fixed, free_matrix
 
 #: part of the picture's width; images farther than this from their bar do not take part in the first adjustment
 ROUGH = 0.05
+#: part of the variance of the noise that is left in the residuals of two cameras: 3 of the 8 coordinates of a bar
+KEPT = 3 / 8
 
 Held = Mapping[str, float | None]
 
@@ -275,9 +278,12 @@ def _result(
     total, rows, fitted = 0, np.zeros(0, int), None
     for _ in range(ROUNDS + 1):
         off = np.linalg.norm(wand.residuals(seen), axis=1)
-        inside = off[rows] if len(rows) else off
-        # the median of |r| for two coordinates of noise s is 1.177 s
-        again = _usable(seen, off, max(FAR * float(np.nanmedian(inside)) / 1.177, LEAST_FAR))
+        if fitted is None:
+            sigma, left = float(np.nanmedian(off)) / RAYLEIGH_MEDIAN / np.sqrt(KEPT), np.inf
+        else:
+            left = _freedom(fitted, len(rows))
+            sigma = float(np.sqrt(2 * fitted.normal.cost / max(left, 1)))
+        again = _usable(seen, off, max(reach(len(seen), sigma, max(left, 1)), LEAST_FAR))
         if fitted is not None and np.array_equal(again, rows):
             break
         rows = again
@@ -293,10 +299,13 @@ def _result(
     return WandCalibration(wand, start, frees, covariance, (), used, total, fitted.converged)
 
 
+def _freedom(fitted: Fitted[Wand], images: int) -> int:
+    return 2 * images - len(fitted.normal.gradient) - 5 * len(fitted.normal.blocks)
+
+
 def _covariance(fitted: Fitted[Wand], seen: Sightings, names: Sequence[str]) -> Array:
     """(S, S), scaled by the residuals."""
-    reduced = fitted.normal.reduced()
-    freedom = 2 * len(seen) - len(reduced) - 5 * len(fitted.normal.blocks)
+    reduced, freedom = fitted.normal.reduced(), _freedom(fitted, len(seen))
     if freedom < 1:
         raise EstimationError(
             f"{len(seen)} images of {len(fitted.normal.blocks)} bars are too few for {len(reduced)} unknowns of "

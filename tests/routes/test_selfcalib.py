@@ -14,8 +14,9 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers import two_views
-from camcal.routes import epipolar, lifted
+from camcal.routes import dual_quadric, epipolar, lifted
 from camcal.routes.bundle import Tracks
+from camcal.routes.reconstruct import pairs
 from camcal.routes.selfcalib import estimate
 
 SIZE = (1000, 800)
@@ -233,3 +234,56 @@ def test_tracks_that_stand_still_in_one_view_are_refused():
     tracks = Tracks(np.repeat([0, 1], 60), np.tile(np.arange(60), 2), np.r_[uv, np.full((60, 2), 5.0)])
     with pytest.raises(EstimationError, match="critical"):
         estimate(tracks, 2, 60, CAMERA.lens, SIZE, {})
+
+
+def _at(position, target=(0, 0, 0), roll=0.0):
+    return looking(np.array(position), target, roll)
+
+
+def _projective(poses, seed=0):
+    """Cameras about the principal point in units of the width, in a random projective frame."""
+    k = np.diag([0.7, 0.7, 1.0])
+    cameras = np.stack([k @ np.c_[p.rotation, p.translation] for p in poses])
+    return cameras @ (np.eye(4) + 0.3 * np.random.default_rng(seed).normal(size=(4, 4)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("count", [3, 6])
+def test_the_dual_quadric_gives_the_focal_length_of_exact_cameras(count, seed):
+    assert np.isclose(dual_quadric.constant(_projective(walk(count, seed), seed)), 0.7, rtol=1e-6)
+
+
+def test_the_dual_quadric_is_of_a_turntable_where_single_pairs_are_critical():
+    poses = [_at((3.5 * np.cos(a), 3.5 * np.sin(a), 0.8 * a - 0.5), roll=0.6 * a) for a in (0, 0.6, 1.3, 2.0)]
+    camera = Camera(lenses.make("pinhole"), np.array([900.0, 900, 499.5, 399.5]), SIZE)
+    tracks = tracks_of(poses, 0.3, camera=camera)
+    known = pairs(tracks, 4)
+    assert all(epipolar.axes_apart(p.matrix, np.array([499.5, 399.5])) < 10 for p in known)
+    assert abs(dual_quadric.focal(known, tracks, SIZE) / 900 - 1) < 0.05
+    two = np.flatnonzero(tracks.view < 2)
+    assert dual_quadric.focal(pairs(tracks.take(two), 2), tracks.take(two), SIZE) is None
+
+
+def test_the_dual_quadric_of_cameras_that_only_turn_is_none():
+    """All cameras are at one place: f² of noise is negative or outside what is looked for, or F says so before."""
+    rng = np.random.default_rng(0)
+    cameras = rng.normal(size=(4, 3, 4))
+    found = dual_quadric.constant(cameras)
+    assert found is None or 0.26 <= found <= 6.0
+
+
+def test_right_images_are_kept_and_wrong_ones_are_not():
+    """Three views leave residuals of very different size: none of noise is left out, one of ten deviations is."""
+    poses = walk(3, 4)
+    camera = Camera(lenses.make("pinhole"), np.array([900.0, 900, 499.5, 399.5]), SIZE)
+    left = []
+    for seed in range(6):
+        tracks = tracks_of(poses, 0.3, seed, camera=camera)
+        wrong = int(np.flatnonzero(tracks.view == 1)[seed])
+        uv = tracks.uv.copy()
+        uv[wrong] += 3.0
+        found = solve(Tracks(tracks.view, tracks.point, uv), 3, {}, camera.lens)
+        point = tracks.point == tracks.point[wrong]
+        assert not found.used[point].all()
+        left.append(int((~found.used[~point]).sum()))
+    assert sum(left) <= 1

@@ -1,0 +1,131 @@
+"""The focal length from the absolute dual quadric of three views and more, the intrinsics constant.
+
+With the cameras P of a projective reconstruction the dual image of the absolute conic is ω* = K Kᵀ ~ P Q Pᵀ, Q (4, 4)
+of rank 3 and the same for all views (B. Triggs, Autocalibration and the absolute quadric, CVPR 1997). Square pixels and
+the principal point in the middle make four linear equations in Q for each view (M. Pollefeys et al., Self-calibration and
+metric reconstruction in spite of varying and unknown internal camera parameters, IJCV 1999). Then f and the plane at
+infinity are estimated with one f in all views: all ω* agree with diag(f², f², 1).
+
+Where the optical axes all meet, fundamental matrices do not determine f, and Q does from three views on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camcal.model.pose import Array
+from camcal.routes.bundle import Tracks
+from camcal.routes.epipolar import FOCAL
+from camcal.routes.projective_views import of_pairs
+from camcal.routes.reconstruct import Pair
+
+#: how far ω* of pixels in units of the picture's width may be from that of f = 1 (Pollefeys et al., Visual modeling with a
+#: hand-held camera, IJCV 2004, (14)): f is known to a factor of three, the aspect to .1, the skew to .01 and the
+#: principal point to .1
+DOUBTS = np.array([9.0, 9.0, 0.2, 0.01, 0.1, 0.1])
+WEIGHTINGS = 4  #: solutions with the equations scaled by the last ω*33
+ITERATIONS, STEP = 30, 1e-6
+
+
+def focal(known: list[Pair], tracks: Tracks, size: tuple[int, int]) -> float | None:
+    """The focal length, px, of three views or more; None where there is no real one."""
+    centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
+    views = of_pairs(known, tracks, centre, width)
+    found = None if views is None else constant(views.cameras)
+    return None if found is None else width * found
+
+
+def constant(cameras: Array) -> float | None:
+    """f of cameras (V, 3, 4) about their principal point, in the unit of their pixels; None where f² < 0."""
+    quadric = linear(cameras)
+    cones = cameras @ quadric @ np.swapaxes(cameras, 1, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = (cones[:, 0, 0] + cones[:, 1, 1]) / (2 * cones[:, 2, 2])
+    f2 = float(np.nanmedian(squares))
+    if not f2 > 0:
+        return None
+    # Q = [[ω*, -ω* p], [-pᵀ ω*, pᵀ ω* p]] where the first camera is [I | 0]
+    to_first = _to_identity(cameras[0])
+    moved = cameras @ to_first
+    back = np.linalg.inv(to_first)
+    q = back @ quadric @ back.T
+    plane = -q[:3, 3] / np.diag([f2, f2, 1.0]).diagonal() / q[2, 2]
+    best = _agreed(moved, np.r_[np.log(f2) / 2, plane])
+    f = float(np.exp(best[0]))
+    return f if FOCAL[0] <= f <= FOCAL[-1] else None
+
+
+def linear(cameras: Array) -> Array:
+    """Q (4, 4) of rank 3, positive where it can be, by the weighted linear equations."""
+    upper = np.triu_indices(4)
+    scale = np.ones(len(cameras))
+    quadric = np.zeros((4, 4))
+    for _ in range(WEIGHTINGS):
+        form = {(i, j): _products(cameras[:, i], cameras[:, j]) for i, j in zip(*np.triu_indices(3), strict=True)}
+        each = [
+            form[0, 0] - form[2, 2],
+            form[1, 1] - form[2, 2],
+            form[0, 0] - form[1, 1],
+            form[0, 1],
+            form[0, 2],
+            form[1, 2],
+        ]
+        rows = np.concatenate([e / d / scale[:, None] for e, d in zip(each, DOUBTS, strict=True)])
+        solution = np.linalg.svd(rows)[2][-1]
+        quadric = np.zeros((4, 4))
+        quadric[upper] = solution
+        quadric = quadric + np.triu(quadric, 1).T
+        values, vectors = np.linalg.eigh(quadric)
+        values[np.abs(values).argmin()] = 0
+        quadric = (vectors * values) @ vectors.T
+        third = np.einsum("vi,ij,vj->v", cameras[:, 2], quadric, cameras[:, 2])
+        quadric = quadric * np.sign(np.median(third))
+        scale = np.maximum(np.abs(third), 1e-3 * np.median(np.abs(third)))
+    return quadric
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Coefficients (V, 10) of aᵀ Q b in the upper triangle of Q."""
+    outer = a[:, :, None] * b[:, None]
+    both = outer + np.swapaxes(outer, 1, 2)
+    both[:, range(4), range(4)] /= 2
+    i, j = np.triu_indices(4)
+    return np.asarray(both[:, i, j])
+
+
+def _to_identity(camera: Array) -> Array:
+    """H (4, 4) with P H = [I | 0]."""
+    u, s, vt = np.linalg.svd(camera)
+    inverse = vt[:3].T @ np.diag(1 / s) @ u.T
+    return np.c_[inverse, vt[3]]
+
+
+def _agreed(cameras: Array, start: Array) -> Array:
+    """(log f, plane) at which ω* of all views are most nearly diag(f², f², 1), both of norm 1; LM by differences."""
+
+    def off(x: Array) -> Array:
+        k = np.diag([np.exp(2 * x[0]), np.exp(2 * x[0]), 1.0])
+        side = -k @ x[1:]
+        q = np.block([[k, side[:, None]], [side[None], np.array([[x[1:] @ k @ x[1:]]])]])
+        cones = cameras @ q @ np.swapaxes(cameras, 1, 2)
+        cones = cones / np.linalg.norm(cones, axis=(1, 2), keepdims=True)
+        return np.asarray((cones - k / np.linalg.norm(k)).ravel())
+
+    x, damping = start, 1e-3
+    now = off(x)
+    for _ in range(ITERATIONS):
+        j = np.stack([(off(x + STEP * e) - now) / STEP for e in np.eye(4)], 1)
+        normal = j.T @ j
+        while damping < 1e6:
+            step = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-12), -j.T @ now)
+            trial = off(x + step)
+            if trial @ trial < now @ now:
+                break
+            damping *= 10
+        else:
+            return x
+        gain = 1 - (trial @ trial) / (now @ now)
+        x, now, damping = x + step, trial, max(damping / 10, 1e-9)
+        if gain < 1e-8:
+            break
+    return x

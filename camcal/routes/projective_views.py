@@ -1,0 +1,173 @@
+"""A projective reconstruction: cameras P (3, 4) of several views and points X (4,), up to a homography of space.
+
+R. Hartley & A. Zisserman, Multiple view geometry (2003): two cameras from F (result 9.14), points and further cameras
+by linear equations (12.2, 7.1), which are weighted to distances in the picture and solved in turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camcal.geometry import homography
+from camcal.model.pose import Array
+from camcal.routes import epipolar
+from camcal.routes.bundle import Tracks
+from camcal.routes.reconstruct import Pair
+
+#: views that are put together: the plane at infinity is found as well from a dozen, and more of them drift apart
+MOST_VIEWS = 12
+#: points that a further view shares: six determine a camera, and as many say whether it is right
+LEAST = 12
+#: samples of six: with three of ten images wrong, one is without a wrong one in all but 1 of 2e5 views
+SAMPLES = 100
+#: rounds of solving for all cameras and points in turn
+ROUNDS = 12
+#: images are right within so many robust standard deviations, and no less than px
+FAR, LEAST_FAR = 3.5, 0.5
+
+
+@dataclass(frozen=True)
+class Views:
+    """Cameras of pixels (uv - centre) / unit.
+
+    Attributes
+    ----------
+    cameras : (V, 3, 4) array, of norm 1
+    """
+
+    cameras: Array
+
+
+def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> Views | None:
+    """Put views together, beginning with the pair that has the most matches off any plane; None for fewer than three."""
+    q = np.c_[(tracks.uv - centre) / unit, np.ones(len(tracks))]
+    begin = max(known, key=lambda p: _off_plane(p, tracks))
+    state = _State(tracks, q, LEAST_FAR / unit, int(tracks.view.max()) + 1)
+    state.begin(begin, _about(begin.matrix, centre, unit))
+    while state.known.sum() < MOST_VIEWS and state.add():
+        state.alternate(2)
+    if state.known.sum() < 3:
+        return None
+    state.alternate(ROUNDS)
+    return Views(state.cameras[state.known])
+
+
+def _about(f: Array, centre: Array, unit: float) -> Array:
+    to_px = np.array([[unit, 0, centre[0]], [0, unit, centre[1]], [0, 0, 1]])
+    return np.asarray(to_px.T @ f @ to_px)
+
+
+def _off_plane(pair: Pair, tracks: Tracks) -> float:
+    """Matches that agree, times their median distance from a homography, px."""
+    first, second = (tracks.uv[pair.matches[pair.agree, i]] for i in (0, 1))
+    h = homography.homographies(first[None], second[None])
+    across = np.linalg.norm(homography.transfer(h, first[None])[0] - second, axis=1)
+    return float(len(first) * np.median(across))
+
+
+class _State:
+    def __init__(self, tracks: Tracks, q: Array, least: float, views: int):
+        self.view, self.point, self.q, self.least = tracks.view, tracks.point, q, least
+        self.cameras = np.full((views, 3, 4), np.nan)
+        self.points = np.full((int(tracks.point.max()) + 1, 4), np.nan)
+        self.good = tracks.view >= 0
+        self.refused = np.zeros(views, bool)
+
+    @property
+    def known(self) -> Array:
+        return np.asarray(np.isfinite(self.cameras).all((1, 2)))
+
+    def begin(self, pair: Pair, f: Array) -> None:
+        e = np.linalg.svd(f)[0][:, 2]
+        cross = np.array([[0, -e[2], e[1]], [e[2], 0, -e[0]], [-e[1], e[0], 0]])
+        # a plane in general position, so that neither camera's own plane is at infinity
+        self.cameras[pair.first] = np.eye(3, 4)
+        self.cameras[pair.second] = np.c_[cross @ f / np.linalg.norm(f), e]
+        wrong = pair.matches[~pair.agree].ravel()
+        self.good[wrong] = False
+        self._place()
+
+    def add(self) -> bool:
+        """Add the view with the most known points; whether there was one."""
+        known = np.isfinite(self.points).all(1)[self.point] & self.good & ~self.known[self.view.clip(0)]
+        counts = np.bincount(self.view[known], minlength=len(self.cameras))
+        counts[self.refused] = 0
+        view = int(counts.argmax())
+        if counts[view] < LEAST:
+            return False
+        rows = np.flatnonzero(known & (self.view == view))
+        xyz, q = self.points[self.point[rows]], self.q[rows]
+        rng = np.random.default_rng(view)
+        samples = np.stack([rng.choice(len(rows), 6, replace=False) for _ in range(SAMPLES)])
+        trials = _cameras(xyz[samples], q[samples], np.ones((SAMPLES, 6)))
+        off = _distances(trials @ xyz.T, q)
+        best = int(np.median(off, axis=1).argmin())
+        bound = max(FAR * 1.4826 * float(np.median(off[best])), self.least)
+        inside = off[best] <= bound
+        if inside.sum() < LEAST:
+            self.refused[view] = True
+            return True
+        self.cameras[view] = _cameras(xyz[inside][None], q[inside][None], np.ones((1, int(inside.sum()))))[0]
+        self.good[rows[~inside]] = False
+        self._place()
+        return True
+
+    def alternate(self, rounds: int) -> None:
+        """Cameras and points in turn, without the images that lie far off."""
+        for _ in range(rounds):
+            rows = np.flatnonzero(self._usable())
+            weight = self._weights(rows)
+            for view in np.flatnonzero(self.known):
+                own = self.view[rows] == view
+                if own.sum() >= LEAST:
+                    xyz, q = self.points[self.point[rows[own]]], self.q[rows[own]]
+                    self.cameras[view] = _cameras(xyz[None], q[None], weight[own][None])[0]
+            self._place()
+            off = np.full(len(self.q), np.inf)
+            rows = np.flatnonzero(self._usable(everything=True))
+            off[rows] = _distances(self._seen(rows).T[None], self.q[rows])[0]
+            spread = 1.4826 * float(np.median(off[rows]))
+            self.good = off <= max(FAR * spread, self.least)
+
+    def _usable(self, everything: bool = False) -> Array:
+        placed = np.isfinite(self.points).all(1)[self.point] & self.known[self.view.clip(0)] & (self.view >= 0)
+        return np.asarray(placed if everything else placed & self.good)
+
+    def _seen(self, rows: Array) -> Array:
+        return np.einsum("nij,nj->ni", self.cameras[self.view[rows]], self.points[self.point[rows]])
+
+    def _weights(self, rows: Array) -> Array:
+        depth = np.abs(self._seen(rows)[:, 2])
+        return 1 / np.maximum(depth, 1e-3 * np.median(depth))
+
+    def _place(self) -> None:
+        """The points that two known views see, by their linear equations, weighted in a second pass."""
+        for again in (False, True):
+            rows = np.flatnonzero(self.known[self.view.clip(0)] & self.good & (self.view >= 0))
+            if again:
+                rows = rows[np.isfinite(self.points[self.point[rows]]).all(1)]
+            weight = self._weights(rows) if again else np.ones(len(rows))
+            p, q = self.cameras[self.view[rows]], self.q[rows]
+            lines = (q[:, :2, None] * p[:, 2:] - p[:, :2]) * weight[:, None, None]
+            normal = np.zeros((len(self.points), 4, 4))
+            np.add.at(normal, self.point[rows], np.swapaxes(lines, 1, 2) @ lines)
+            count = np.bincount(self.point[rows], minlength=len(self.points))
+            found = np.linalg.eigh(normal)[1][:, :, 0]
+            self.points = np.where((count >= 2)[:, None], found, np.nan)
+
+
+def _cameras(xyz: Array, q: Array, weight: Array) -> Array:
+    """Cameras (H, 3, 4) of norm 1 from points (H, N, 4) and their images (H, N, 3)."""
+    zero = np.zeros_like(xyz)
+    rows = [np.concatenate([xyz, zero, -q[..., :1] * xyz], -1), np.concatenate([zero, xyz, -q[..., 1:2] * xyz], -1)]
+    a = np.concatenate([r * weight[..., None] for r in rows], -2)
+    return np.linalg.svd(a, full_matrices=True)[2][..., 11, :].reshape(-1, 3, 4)
+
+
+def _distances(seen: Array, q: Array) -> Array:
+    """Distances (H, N) of images (H, 3, N) from those observed (N, 3)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = seen[:, :2] / seen[:, 2:] - q[:, :2].T
+    return np.asarray(np.nan_to_num(np.sqrt(np.square(off).sum(1)), nan=np.inf))
