@@ -1,4 +1,4 @@
-"""The images of tracks that agree with a bundle: they enter and leave by a test against the noise of those that are in."""
+"""The images of tracks that agree with a bundle: a test against the noise of those that are in."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ ROUNDS = 6  #: of adjusting and leaving out images, at most
 RAYLEIGH_MEDIAN = 1.177
 
 
-def adjusted(
-    bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None]
-) -> tuple[Bundle, Array, int]:
+def adjusted(bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None]) -> tuple[Bundle, Array, int]:
     """Alternate between adjusting and removing images until the choice is stable; return the used rows and the
     iterations.
     """
@@ -58,8 +56,8 @@ def farthest(bundle: Bundle, tracks: Tracks, sigma: float, left: float) -> Array
 def reach(images: int, sigma: float, left: float) -> float:
     """How far an image may be from its point, px, for noise `sigma`, px, known from `left` degrees of freedom.
 
-    The F test at `LEVEL` over all images (Bonferroni), as for the pose of a known camera. A robust deviation in place of
-    `sigma` leaves out right images: the unknown points make the residuals of some images small and those of others not.
+    The F test at `LEVEL` over all images (Bonferroni), as for the pose of a known camera. A robust deviation in place
+    of `sigma` leaves out right images: the unknown points make the residuals of some small and those of others not.
     """
     level = LEVEL / images
     return sigma * float(np.sqrt(-2 * np.log(level) if np.isinf(left) else 2 * f_bound(level, 2, left)))
@@ -72,7 +70,9 @@ def _first_sigma(bundle: Bundle, tracks: Tracks) -> float:
     variable with half of it in each.
     """
     off, seen = np.linalg.norm(bundle.residuals(tracks), axis=1), _seen(bundle, tracks)
-    median = np.where(seen <= 2, 0.6745 * np.sqrt(0.5), RAYLEIGH_MEDIAN * np.sqrt(1 - 1.5 / np.maximum(seen, 2)))
+    median = np.where(
+        seen <= 2, 0.6745 * np.sqrt(0.5), RAYLEIGH_MEDIAN * np.sqrt(1 - 1.5 / np.maximum(seen, 2))
+    )
     return float(np.nanmedian(off / median))
 
 

@@ -2,9 +2,9 @@
 
 With the cameras P of a projective reconstruction the dual image of the absolute conic is ω* = K Kᵀ ~ P Q Pᵀ, Q (4, 4)
 of rank 3 and the same for all views (B. Triggs, Autocalibration and the absolute quadric, CVPR 1997). Square pixels and
-the principal point in the middle make four linear equations in Q for each view (M. Pollefeys et al., Self-calibration and
-metric reconstruction in spite of varying and unknown internal camera parameters, IJCV 1999). Then f and the plane at
-infinity are estimated with one f in all views: all ω* agree with diag(f², f², 1).
+the principal point in the middle make four linear equations in Q for each view (M. Pollefeys et al., Self-calibration
+and metric reconstruction in spite of varying and unknown internal camera parameters, IJCV 1999). Then f and the plane
+at infinity are estimated with one f in all views: all ω* agree with diag(f², f², 1).
 
 Where the optical axes all meet, fundamental matrices do not determine f, and Q does from three views on.
 """
@@ -19,10 +19,11 @@ from camcal.routes.epipolar import FOCAL
 from camcal.routes.projective_views import of_pairs
 from camcal.routes.reconstruct import Pair
 
-#: how far ω* of pixels in units of the picture's width may be from that of f = 1 (Pollefeys et al., Visual modeling with a
-#: hand-held camera, IJCV 2004, (14)): f is known to a factor of three, the aspect to .1, the skew to .01 and the
-#: principal point to .1
+#: how far ω* of pixels in units of the picture's width may be from that of f = 1 (Pollefeys et al., Visual modeling
+#: with a hand-held camera, IJCV 2004, (14)): f is known to a factor of three, the aspect to .1, the skew to .01 and
+#: the principal point to .1
 DOUBTS = np.array([9.0, 9.0, 0.2, 0.01, 0.1, 0.1])
+ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  #: of ω*
 WEIGHTINGS = 4  #: solutions with the equations scaled by the last ω*33
 ITERATIONS, STEP = 30, 1e-6
 
@@ -30,8 +31,8 @@ ITERATIONS, STEP = 30, 1e-6
 def focal(known: list[Pair], tracks: Tracks, size: tuple[int, int]) -> float | None:
     """The focal length, px, of three views or more; None where there is no real one."""
     centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
-    views = of_pairs(known, tracks, centre, width)
-    found = None if views is None else constant(views.cameras)
+    cameras = of_pairs(known, tracks, centre, width)
+    found = None if cameras is None else constant(cameras)
     return None if found is None else width * found
 
 
@@ -49,7 +50,7 @@ def constant(cameras: Array) -> float | None:
     moved = cameras @ to_first
     back = np.linalg.inv(to_first)
     q = back @ quadric @ back.T
-    plane = -q[:3, 3] / np.diag([f2, f2, 1.0]).diagonal() / q[2, 2]
+    plane = -q[:3, 3] / q[2, 2] / [f2, f2, 1.0]
     best = _agreed(moved, np.r_[np.log(f2) / 2, plane])
     f = float(np.exp(best[0]))
     return f if FOCAL[0] <= f <= FOCAL[-1] else None
@@ -61,7 +62,7 @@ def linear(cameras: Array) -> Array:
     scale = np.ones(len(cameras))
     quadric = np.zeros((4, 4))
     for _ in range(WEIGHTINGS):
-        form = {(i, j): _products(cameras[:, i], cameras[:, j]) for i, j in zip(*np.triu_indices(3), strict=True)}
+        form = {ij: _products(cameras[:, ij[0]], cameras[:, ij[1]]) for ij in ENTRIES}
         each = [
             form[0, 0] - form[2, 2],
             form[1, 1] - form[2, 2],

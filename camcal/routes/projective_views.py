@@ -6,13 +6,10 @@ by linear equations (12.2, 7.1), which are weighted to distances in the picture 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.geometry import homography
 from camcal.model.pose import Array
-from camcal.routes import epipolar
 from camcal.routes.bundle import Tracks
 from camcal.routes.reconstruct import Pair
 
@@ -28,20 +25,11 @@ ROUNDS = 12
 FAR, LEAST_FAR = 3.5, 0.5
 
 
-@dataclass(frozen=True)
-class Views:
-    """Cameras of pixels (uv - centre) / unit.
+def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> Array | None:
+    """Cameras (V, 3, 4) of pixels (uv - centre) / unit, up to a homography; None for fewer than three views.
 
-    Attributes
-    ----------
-    cameras : (V, 3, 4) array, of norm 1
+    The pair that has the most matches off any plane begins; rows of the tracks with view -1 do not count.
     """
-
-    cameras: Array
-
-
-def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> Views | None:
-    """Put views together, beginning with the pair that has the most matches off any plane; None for fewer than three."""
     q = np.c_[(tracks.uv - centre) / unit, np.ones(len(tracks))]
     begin = max(known, key=lambda p: _off_plane(p, tracks))
     state = _State(tracks, q, LEAST_FAR / unit, int(tracks.view.max()) + 1)
@@ -51,7 +39,7 @@ def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> V
     if state.known.sum() < 3:
         return None
     state.alternate(ROUNDS)
-    return Views(state.cameras[state.known])
+    return np.asarray(state.cameras[state.known])
 
 
 def _about(f: Array, centre: Array, unit: float) -> Array:
@@ -82,7 +70,6 @@ class _State:
     def begin(self, pair: Pair, f: Array) -> None:
         e = np.linalg.svd(f)[0][:, 2]
         cross = np.array([[0, -e[2], e[1]], [e[2], 0, -e[0]], [-e[1], e[0], 0]])
-        # a plane in general position, so that neither camera's own plane is at infinity
         self.cameras[pair.first] = np.eye(3, 4)
         self.cameras[pair.second] = np.c_[cross @ f / np.linalg.norm(f), e]
         wrong = pair.matches[~pair.agree].ravel()
@@ -132,7 +119,9 @@ class _State:
             self.good = off <= max(FAR * spread, self.least)
 
     def _usable(self, everything: bool = False) -> Array:
-        placed = np.isfinite(self.points).all(1)[self.point] & self.known[self.view.clip(0)] & (self.view >= 0)
+        placed = (
+            np.isfinite(self.points).all(1)[self.point] & self.known[self.view.clip(0)] & (self.view >= 0)
+        )
         return np.asarray(placed if everything else placed & self.good)
 
     def _seen(self, rows: Array) -> Array:
@@ -161,7 +150,10 @@ class _State:
 def _cameras(xyz: Array, q: Array, weight: Array) -> Array:
     """Cameras (H, 3, 4) of norm 1 from points (H, N, 4) and their images (H, N, 3)."""
     zero = np.zeros_like(xyz)
-    rows = [np.concatenate([xyz, zero, -q[..., :1] * xyz], -1), np.concatenate([zero, xyz, -q[..., 1:2] * xyz], -1)]
+    rows = [
+        np.concatenate([xyz, zero, -q[..., :1] * xyz], -1),
+        np.concatenate([zero, xyz, -q[..., 1:2] * xyz], -1),
+    ]
     a = np.concatenate([r * weight[..., None] for r in rows], -2)
     return np.linalg.svd(a, full_matrices=True)[2][..., 11, :].reshape(-1, 3, 4)
 

@@ -168,7 +168,7 @@ def _rough(bundle: Bundle, tracks: Tracks) -> float:
 
 
 def usable(bundle: Bundle, tracks: Tracks, bound: float | Array) -> Array:
-    """The rows (M,) of images within a bound, px, one for all or one for each, of points with two such images in known views."""
+    """The rows (M,) of images within a bound, px, for all or each, of points with two such images in known views."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
     good = off <= bound
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))

@@ -45,7 +45,7 @@ LEAST_BENT = 40
 #: times the distance of matches from epipolar lines that they have from where a homography sends them: for noise alone
 #: it is 2.5 (two coordinates of it in two pictures against one)
 PARALLAX = 5.0
-#: of log f: two starts nearer than this end in the same minimum; 20 % are two steps of the focal lengths tried for pairs
+#: of log f: two starts nearer than this end in the same minimum; 20 % are four steps of the focal lengths of pairs
 SAME = 0.2
 
 
@@ -140,9 +140,7 @@ def estimate(
 
 
 def _focals(known: list[Pair], size: tuple[int, int], quadric: float | None) -> list[float]:
-    """The focal lengths to start from, px: that of the dual quadric, which is of all views at once, and that of the pairs
-    where it is another.
-    """
+    """The focal lengths to start from, px: of the dual quadric, and of the pairs where that is another."""
     pairwise = _focal(known, size)
     if quadric is None:
         return [pairwise]
