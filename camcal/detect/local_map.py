@@ -1,7 +1,7 @@
 """Maps from the picture to the board in which the board's edges are straight, from the corners alone.
 
 A homography carries the perspective; what is left, the lens and the bending of the sheet, varies so slowly
-that a cubic through the corners around each corner describes it well within half a square.
+that a polynomial of the fourth degree through the corners around each corner describes it well within half a square.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from camcal.detect.polynomials import CUBIC, LINEAR, QUADRATIC, monomials
+from camcal.detect.polynomials import CUBIC, LINEAR, QUADRATIC, QUARTIC, monomials
 from camcal.geometry.homography import homographies
 
 Array = np.ndarray
@@ -18,12 +18,16 @@ Array = np.ndarray
 #: from px (K, P, 2) near each of K corners to coordinates (K, P, 2) in which edges are straight, in squares
 BoardFromPixel = Callable[[Array], Array]
 
-SPAN = 5  #: corners to each side of the block from which a corner's map is made; a cubic needs 4
+#: corners to each side of the block from which a corner's map is made; a polynomial of the fourth degree needs 5, and
+#: with one more its corners' noise adds 1 % to that of the corner. A cubic left .003 px where squares are large and
+#: the lens is strong
+SPAN = 6
 STEEPEST = (
     4.0  #: largest ratio of depths for which one homography is trusted: a board of its own length away has 2
 )
 RIDGE = 1e-9  #: keeps the equations solvable where corners are missing in a line
-FOR_CUBIC, FOR_QUADRATIC = 14, 8  #: corners that a polynomial of that degree needs: 1.4 for each coefficient
+#: corners that a polynomial of that degree needs: 1.4 for each coefficient
+FOR_QUARTIC, FOR_CUBIC, FOR_QUADRATIC = 21, 14, 8
 
 
 def board_from_corners(uv: Array) -> BoardFromPixel:
@@ -40,7 +44,7 @@ def board_from_corners(uv: Array) -> BoardFromPixel:
     flat = _perspective(uv[present], board[present])
     near = np.full_like(uv, np.nan)
     near[present] = flat(uv[present])
-    centre, coefficients = _cubics(near, board, present)
+    centre, coefficients = _polynomials(near, board, present)
 
     def map_pixels(pixels: Array) -> Array:
         offset = flat(pixels) - centre[:, None]
@@ -64,8 +68,8 @@ def _perspective(uv: Array, board: Array) -> Callable[[Array], Array]:
     return apply
 
 
-def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
-    """Centres (K, 2) and coefficients (K, 10, 2) of the polynomials from `near` to `board`."""
+def _polynomials(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
+    """Centres (K, 2) and coefficients (K, 15, 2) of the polynomials from `near` to `board`."""
     rows, columns = present.shape
     at = np.argwhere(present)
     height, width = min(SPAN, rows), min(SPAN, columns)
@@ -79,7 +83,7 @@ def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
     y = np.where(known[..., None], board.reshape(-1, 2)[k], 0.0)
     degree = _terms(known.sum(1), min(height, width))
     design = _powers(x) * known[:, None]
-    coefficients = np.zeros((len(at), CUBIC, 2))
+    coefficients = np.zeros((len(at), QUARTIC, 2))
     for terms in np.unique(degree):
         k = np.flatnonzero(degree == terms)
         a = design[k, :terms]
@@ -90,12 +94,13 @@ def _cubics(near: Array, board: Array, present: Array) -> tuple[Array, Array]:
 
 def _terms(number: Array, side: int) -> Array:
     """The number of monomials that so many corners, in a block of so many per side, determine."""
-    terms = np.where(number >= FOR_CUBIC, CUBIC, np.where(number >= FOR_QUADRATIC, QUADRATIC, LINEAR))
-    return np.minimum(terms, CUBIC if side >= 4 else QUADRATIC if side >= 3 else LINEAR)
+    needed = ((QUARTIC, FOR_QUARTIC, 5), (CUBIC, FOR_CUBIC, 4), (QUADRATIC, FOR_QUADRATIC, 3))
+    allowed = [(number >= corners) & (side >= least) for _, corners, least in needed]
+    return np.asarray(np.select(allowed, [terms for terms, _, _ in needed], LINEAR))
 
 
 def _powers(points: Array) -> Array:
-    """Monomials (K, 10, P) of points (K, P, 2)."""
-    out = np.empty((len(points), CUBIC, points.shape[1]))
+    """Monomials (K, 15, P) of points (K, P, 2)."""
+    out = np.empty((len(points), QUARTIC, points.shape[1]))
     monomials(points[..., 0], points[..., 1], out)
     return out

@@ -1,4 +1,4 @@
-"""Polynomials of two variables up to the third degree."""
+"""Polynomials of two variables up to the fourth degree."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import numpy as np
 
 Array = np.ndarray
 
-LINEAR, QUADRATIC, CUBIC = 3, 6, 10  #: number of monomials
+LINEAR, QUADRATIC, CUBIC, QUARTIC = 3, 6, 10, 15  #: number of monomials
 
 
-def monomials(x: Array, y: Array, out: Array, first: int = 0) -> None:
-    """Write 1, x, y, x², xy, y², x³, x²y, xy², y³ into `out`, starting at index `first`.
+def monomials(x: Array, y: Array, out: Array) -> None:
+    """Write 1, x, y, x², xy, y², x³, x²y, xy², y³, x⁴, x³y, x²y², xy³, y⁴ into `out`.
 
     Parameters
     ----------
     x, y : (..., P) arrays
-    out : (..., 10 - first, P) array
+    out : (..., 15, P) array
     """
-    two = [x * x, x * y, y * y]
-    three = ((two[0], x), (two[0], y), (two[2], x), (two[2], y))
-    for i, term in enumerate([1.0, x, y, *two][first:]):
+    xx, xy, yy = x * x, x * y, y * y
+    for i, term in enumerate([1.0, x, y, xx, xy, yy]):
         out[..., i, :] = term
-    for i, (a, b) in enumerate(three, QUADRATIC - first):
+    three = ((xx, x), (xx, y), (yy, x), (yy, y))
+    four = ((xx, xx), (xx, xy), (xy, xy), (xy, yy), (yy, yy))
+    for i, (a, b) in enumerate((*three, *four), QUADRATIC):
         np.multiply(a, b, out=out[..., i, :])

@@ -187,16 +187,31 @@ def test_windows_of_several_sizes_are_fitted_as_each_alone(off):
         assert fits.noise == pytest.approx(alone.noise, rel=0.01)
 
 
+def photographed(blur, bits, f=330.0):
+    """A board seen obliquely through a lens: the second pass over its picture, and the true corners."""
+    camera = Camera(lenses.make("opencv5"), np.array([f, f, 160, 120, -0.3, 0.08, 0, 0, 0]), (320, 240))
+    board = Checkerboard(5, 4)
+    middle, rotation = board.points.mean(0), rotations.exp(np.array([0.7, 0.4, 0.1]))
+    pose = Pose(rotation, np.array([-0.6, 0.5, f / 33]) - rotation @ middle)
+    gray = render(board.pattern(), camera, pose, Look(blur=blur, bits=bits), samples=8)
+    true = camera.project(pose.apply(board.points))
+    view = View("", board.points, true + 0.2, None, np.arange(len(true)))
+    return refine_in_windows(gray, view, partial(on_board, camera, pose), 1.0, [0.65])[0], true
+
+
 @pytest.mark.parametrize("blur", [0.8, 1.5])
 def test_blur_on_curved_and_oblique_edges_does_not_pull_the_corners(blur):
     """Without noise corners are true to the renderer's own error: perspective and curvature leave no part of blur²."""
-    camera = Camera(lenses.make("opencv5"), np.array([330.0, 330, 160, 120, -0.3, 0.08, 0, 0, 0]), (320, 240))
-    board = Checkerboard(5, 4)
-    middle, rotation = board.points.mean(0), rotations.exp(np.array([0.7, 0.4, 0.1]))
-    pose = Pose(rotation, np.array([-0.6, 0.5, 10.0]) - rotation @ middle)
-    gray = render(board.pattern(), camera, pose, Look(blur=blur, bits=16), samples=8)
-    true = camera.project(pose.apply(board.points))
-    view = View("", board.points, true + 0.2, None, np.arange(len(true)))
-    found = refine_in_windows(gray, view, partial(on_board, camera, pose), 1.0, [0.65])[0]
+    found, true = photographed(blur, 16)
     # with the blur taken on the board it was .005 px at 1.5
     assert np.linalg.norm(found.uv - true, axis=1).max() < 0.0015
+
+
+def test_sigmas_without_noise_are_neither_too_small_nor_too_large():
+    """Rounding to 8 bits and the square pixel are all that is left, and are what the sigmas say."""
+    z = []
+    for blur, f in ((0.5, 320.0), (0.5, 341.0), (0.8, 330.0), (1.2, 335.0)):
+        found, true = photographed(blur, 8, f)
+        z.append((found.uv - true) / found.sigma[:, None])
+    # 160 numbers: a standard deviation of 0.06 about 1
+    assert 0.82 < np.sqrt(np.square(z).mean()) < 1.18
