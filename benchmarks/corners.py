@@ -231,7 +231,8 @@ def add_camcal(
     nearest, error = matched(found.uv, scene.uv)
     scores["camcal, first pass"].add(error, found.info["covariance"])
     view = View("", BOARD.points[nearest], found.uv, found.sigma, nearest)
-    views = refine_in_windows(scene.gray, view, scene.board_from_pixel, 1.0, list(predicted))
+    blur = found.info["blur_px"]
+    views = refine_in_windows(scene.gray, view, scene.board_from_pixel, 1.0, list(predicted), blur)
     for half, second in zip(predicted, views, strict=True):
         covariance = np.eye(2) * (second.sigma**2)[:, None, None]
         scores[f"camcal, second pass {half}"].add(second.uv - scene.uv[nearest], covariance)

@@ -7,8 +7,8 @@ import sys
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    from camcal.system.processes import collect_seldom, end_on_signals, limit_linear_algebra
-    from camcal.system.streams import close, hold_standard_descriptors
+    from camcal.system.processes import collect_seldom, end_on_signals, leave, limit_linear_algebra
+    from camcal.system.streams import hold_standard_descriptors
 
     collect_seldom()
     hold_standard_descriptors()
@@ -16,9 +16,7 @@ def main() -> None:
     limit_linear_algebra()
     from camcal.cli.boundary import run
 
-    code = run(sys.argv[1:])
-    close(sys.stdout, sys.stderr)
-    sys.exit(code)
+    leave(run(sys.argv[1:]))
 
 
 if __name__ == "__main__":

@@ -19,13 +19,14 @@ parameters, so that an F test says whether the ratio differs from 0.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from camcal.assess.design import Design, Rows
 from camcal.assess.figures import ranked, redundancy
 from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, normal_exceeded, normality
+from camcal.records import dataclass
 
 Array = np.ndarray
 

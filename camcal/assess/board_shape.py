@@ -13,7 +13,6 @@ A free board has so many parameters that it can do both and leave the camera wor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from camcal.assess import figures
 from camcal.assess.holdout import HoldOut
 from camcal.assess.shape_benefit import Change
 from camcal.least_squares.distributions import f_exceeded
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: a shape is accepted below this p-value: of a thousand flat boards one passes

@@ -18,7 +18,7 @@ and two correct calibrations may differ by any number of px.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from camcal.assess.uncertainty import ProjectionUncertainty, projection_uncertai
 from camcal.errors import DataError
 from camcal.geometry import hull, rotations
 from camcal.model.camera import Camera
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 Array = np.ndarray

@@ -19,13 +19,13 @@ does each parameter that has a part in them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from camcal.assess.figures import sigma_0
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, NormalBlocks
 
 Array = np.ndarray

@@ -16,7 +16,6 @@ within a view. Where a board's shape was estimated, it counts as known here.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +24,7 @@ from camcal.assess.covariance import eliminate_poses, invert_determined
 from camcal.assess.figures import sigma_0
 from camcal.geometry import rotations
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, NormalBlocks
 from camcal.solve.problem import Problem
 

@@ -15,7 +15,6 @@ camera are counted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from camcal.geometry import rotations
 from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 

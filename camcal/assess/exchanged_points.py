@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.data.observations import View
 from camcal.geometry.neighbours import Neighbours, spacing
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.system.text import listed
 

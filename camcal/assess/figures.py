@@ -21,10 +21,9 @@ over the normal matrix that has the v_i in it; with v = 1 this is (4).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate
 from camcal.solve.losses import LOSSES, robust_sigma
 

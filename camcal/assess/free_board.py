@@ -6,14 +6,13 @@ hardly differs from the minimum. That takes one pass over the data and one facto
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.assess import figures
 from camcal.errors import UsageError
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.board import LEAST_VIEWS, Board, BoardProblem, make_board, settle
 from camcal.solve.calibration import Calibration
 from camcal.solve.schur import Reduced

@@ -20,7 +20,7 @@ fixed signs), and a free board fits better with them than without by more than a
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import log
 
 import numpy as np
@@ -31,6 +31,7 @@ from camcal.data.observations import Observations
 from camcal.geometry.neighbours import Neighbours
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, Estimate
 from camcal.solve.poses import refine_poses
 from camcal.solve.refine import How, as_designed, refit, residuals, subject_of

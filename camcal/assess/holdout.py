@@ -16,7 +16,7 @@ have their minimum there: what it leaves out is of fourth order in their residua
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, Estimate, NormalBlocks
 from camcal.solve.poses import poses_before
 from camcal.solve.refine import How, as_designed, on_board, refit, residuals, subject_of

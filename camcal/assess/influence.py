@@ -17,8 +17,6 @@ covariance tells of noise that is not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.assess.covariance import NULL
@@ -26,6 +24,7 @@ from camcal.assess.design import Design
 from camcal.assess.figures import redundancy
 from camcal.assess.uncertainty import ProjectionUncertainty
 from camcal.least_squares.distributions import f_exceeded
+from camcal.records import dataclass
 
 Array = np.ndarray
 

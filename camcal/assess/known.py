@@ -8,7 +8,7 @@ them (`SUSPICIONS`), with the pose of each view re-estimated; the one that expla
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from camcal.data.observations import Observations, View
 from camcal.errors import CamcalError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.solve.poses import refine_poses
 from camcal.start.known_pose import start_poses

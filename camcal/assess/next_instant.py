@@ -12,7 +12,7 @@ shape was estimated, it counts as known.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +24,7 @@ from camcal.data.observations import View
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
+from camcal.records import dataclass
 from camcal.solve.board import PLACED, common_points
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.problem import Problem, Seen

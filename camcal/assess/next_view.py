@@ -16,7 +16,6 @@ a wanted uncertainty needs. Where the board's shape was estimated, it counts as 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 
@@ -30,6 +29,7 @@ from camcal.assess.difference import image_grid
 from camcal.assess.uncertainty import projection_uncertainty, twists, worst_sigma
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, NormalBlocks
 
 Array = np.ndarray

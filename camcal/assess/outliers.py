@@ -7,7 +7,7 @@ as its own mirror image is of a picture that was mirrored.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from camcal.geometry import homography, projective
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 from camcal.solve import ransac
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import RAYLEIGH_MEDIAN

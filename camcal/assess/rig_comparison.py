@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -14,6 +13,7 @@ from camcal.assess.rig import baseline_sigma, relative_sigmas
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model.rig import Rig
+from camcal.records import dataclass
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray

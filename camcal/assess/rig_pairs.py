@@ -15,8 +15,6 @@ both pictures has, with J, P the rows of both and σ the noise of a coordinate, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.assess.covariance import Covariance
@@ -24,6 +22,7 @@ from camcal.assess.difference import grid_of
 from camcal.assess.rig import pose_rows
 from camcal.geometry import rotations
 from camcal.geometry.picture import in_picture
+from camcal.records import dataclass
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray

@@ -21,8 +21,6 @@ the mean of a posterior add its variance to both alike.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.assess.covariance import eliminate_poses, reduce
@@ -31,6 +29,7 @@ from camcal.assess.figures import sigma_0
 from camcal.assess.fold_difference import covered_pixels
 from camcal.geometry import rotations
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: columns of the grid over the picture

@@ -35,7 +35,7 @@ no end, what has moved by more than (3) says, up to where it was looked at, is u
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,6 +44,7 @@ from camcal.assess.difference import image_grid
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 Array = np.ndarray

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Literal
+
+from camcal.records import dataclass
 
 #: `wrong`: do not use the camera, it is off by more than its sigmas say, by several px, or the data are not what they
 #: are taken for; `doubtful`: usable, but worse than it looks; `note`: worth knowing

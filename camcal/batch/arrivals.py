@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from camcal.detect.listing import PICTURES, natural_order
+from camcal.records import dataclass
 
 #: s; a file without the mark of a complete picture is taken when it has not changed for so long: writers that stop for
 #: longer (a camera over a slow link) are noticed by the change that follows

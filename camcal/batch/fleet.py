@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ import numpy as np
 from camcal.assess.figures import ranked
 from camcal.batch.rows import Row, Rows
 from camcal.batch.work import DONE
+from camcal.records import dataclass
 from camcal.system.text import cell
 
 Array = np.ndarray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from camcal.detect.targets.base import Target
 from camcal.errors import CamcalError, DataError
 from camcal.plan.calibrate import calibrate
 from camcal.plan.solution import Solution
+from camcal.records import dataclass
 from camcal.report.charts.base import Chart
 from camcal.report.next_view import drawing, suggest
 

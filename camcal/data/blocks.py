@@ -10,12 +10,13 @@ import hashlib
 import io
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 import numpy as np
 
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 BLOCK_BYTES = 1 << 21  #: 2 MB: what is in work stays small beside the points themselves
 LONGEST_LINE = 1 << 20  #: more than this in one line is not a table of points

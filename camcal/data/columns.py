@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from camcal.errors import DataError
+from camcal.records import dataclass
 from camcal.registry import suggestion
 
 #: Names of each column, compared without case, blanks, and signs such as `_`, `-` and `[px]`.

@@ -7,7 +7,6 @@ import io
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from camcal.data.columns import plain
 from camcal.data.dltdv import as_long, is_xypts
 from camcal.data.layout import find_separator, is_number
 from camcal.errors import DataError
+from camcal.records import dataclass
 from camcal.system.documents import LARGEST
 from camcal.system.reading import read_text
 from camcal.system.text import from_cell

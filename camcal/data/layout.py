@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import functools
 import re
-from dataclasses import dataclass
 
 from camcal.data.blocks import Block
 from camcal.data.columns import POINTS, Form, from_header, role_of, without_header
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 SAMPLE_ROWS = 50  #: rows that decide what the columns are; docs/input-formats.md states the number
 _NUMBER = re.compile(

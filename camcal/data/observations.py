@@ -7,7 +7,7 @@ run of rows (a block). One camera is the case of one camera: its blocks are its 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 
 from camcal.data.shape import Shapes, shapes
 from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_view, named_view, stacked
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from camcal.data.boards import by_board, names_of, picture_name, view_name
 from camcal.data.labelled import Labelled, read_labelled
 from camcal.data.observations import NO_ID, Observations
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from camcal.data.rotation_forms import FORMS, Form, form_of
 from camcal.errors import DataError, UsageError
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 
 Array = np.ndarray
 

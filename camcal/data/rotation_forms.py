@@ -7,11 +7,11 @@ R = Rz(third) Ry(second) Rx(first): turns about axes that stay, with the numbers
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.geometry import rotations as so3
+from camcal.records import dataclass
 
 Array = np.ndarray
 

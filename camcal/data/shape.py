@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from camcal.geometry import homography, projective
+from camcal.records import dataclass
 
 if TYPE_CHECKING:
     from camcal.data.views import View

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import repeat
 from typing import NoReturn
 
@@ -14,6 +14,7 @@ from camcal.data.blocks import Block, TextFile, without_last_separator
 from camcal.data.columns import POINTS, Form, shown
 from camcal.data.layout import Layout, find_layout
 from camcal.errors import DataError
+from camcal.records import dataclass
 from camcal.system.text import from_cell
 
 Array = np.ndarray

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 Array = np.ndarray
 

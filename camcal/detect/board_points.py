@@ -7,7 +7,6 @@ closely enough through a wide angle and on a bent sheet.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from camcal.detect.corners import Corners
 from camcal.detect.edge_model import COUNT
 from camcal.geometry import homography
 from camcal.geometry.neighbours import Neighbours
+from camcal.records import dataclass
 
 Array = np.ndarray
 

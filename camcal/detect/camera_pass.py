@@ -31,6 +31,7 @@ def refine_in_windows(
     board_from_pixel: Callable[[Array], Array],
     cell: float,
     halves: Sequence[float | Array] = WINDOWS,
+    blur: float | None = None,
 ) -> list[View]:
     """Fit the corners of a view again, in windows of several sizes.
 
@@ -46,6 +47,8 @@ def refine_in_windows(
         Side of a square in that unit.
     halves : sequence of float or (N,) array
         Half-widths of the windows, of a square, ascending; see `saddle.wider_halves`.
+    blur : float, optional
+        Width (sigma) of the edges in the picture, px; left out, it is found by a fit of the first pass.
 
     Returns
     -------
@@ -55,8 +58,11 @@ def refine_in_windows(
     """
     sides, known = _sides(view.uv, board_from_pixel, cell)
     rows = np.flatnonzero(known)
-    first = saddle.refine(gray, view.uv[rows], sides[rows])
-    rows, corners = rows[first.good], first.take(first.good)
+    if blur is None:
+        first = saddle.refine(gray, view.uv[rows], sides[rows])
+        rows, corners = rows[first.good], first.take(first.good)
+    else:
+        corners = saddle.placed(view.uv[rows], sides[rows], blur)
     wide = [np.broadcast_to(half, len(view.uv))[rows] for half in halves]
     views = []
     for new in saddle.sharpen_sizes(gray, corners, sides[rows], board_from_pixel, wide, LARGEST):

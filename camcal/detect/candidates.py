@@ -7,13 +7,12 @@ here as a count of sign changes, which also yields the directions of the two edg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
 from camcal.detect.grid import Marks
 from camcal.geometry.neighbours import Neighbours
+from camcal.records import dataclass
 
 Array = np.ndarray
 

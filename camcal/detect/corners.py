@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits
 from camcal.detect.ranks import median
 from camcal.detect.windows import Windows
+from camcal.records import dataclass
 
 Array = np.ndarray
 
@@ -128,11 +127,11 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
         Grey levels from black to white that the picture could hold.
     """
     params = fits.params
-    shift = np.linalg.norm(params[:, :2], axis=1)
-    shortest = np.linalg.norm(sides, axis=2).min(1)
+    shift = np.hypot(params[:, 0], params[:, 1])
+    shortest = np.hypot(sides[..., 0], sides[..., 1]).min(1)
     turn = np.abs((params[:, 2:4] - edge_normals(sides) + np.pi / 2) % np.pi - np.pi / 2).max(1)
     contrast = np.abs(params[:, model.CONTRAST])
-    variance = 0.5 * np.trace(fits.covariance, axis1=1, axis2=2)
+    variance = 0.5 * (fits.covariance[:, 0, 0] + fits.covariance[:, 1, 1])
     misfit = fits.noise / np.maximum(contrast, 1e-9)
     tests = {
         "at the border of the picture": windows.inside < LEAST_INSIDE,
@@ -143,7 +142,9 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
         "does not look like a corner": misfit > max(MOST_MISFIT, RARE * median(misfit)),
         "uncertain": ~fits.converged | ~((variance > 0) & (variance < MOST_SIGMA**2)),
     }
-    reasons = np.select(list(tests.values()), list(tests), "")
-    uv = windows.origin + params[:, :2]
-    params = np.c_[np.zeros((len(params), 2)), params[:, 2:]]
-    return Corners(uv, fits.covariance, params, fits.noise, tuple(map(str, reasons)))
+    uv, params = windows.origin + params[:, :2], params.copy()
+    params[:, :2] = 0
+    reasons: tuple[str, ...] = ("",) * len(uv)
+    if np.any(list(tests.values())):
+        reasons = tuple(map(str, np.select(list(tests.values()), list(tests), "")))
+    return Corners(uv, fits.covariance, params, fits.noise, reasons)

@@ -6,8 +6,6 @@ centroid nothing depends on where a window ends.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.detect.aliasing import white_level
@@ -28,6 +26,7 @@ from camcal.detect.discs import Discs
 from camcal.detect.fit import ROUNDING
 from camcal.detect.ranks import median
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from camcal.detect import grid
 from camcal.detect.discs import Discs, links
 from camcal.detect.lattice import Lattice, trim
 from camcal.detect.targets.base import Miss
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -9,9 +9,9 @@ L symmetric (3), a, g (2), b, σ.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from camcal.records import dataclass
 
 Array = np.ndarray
 

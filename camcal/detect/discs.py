@@ -7,13 +7,12 @@ tilted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
 from camcal.detect.grid import Marks, neighbours
 from camcal.geometry.neighbours import Neighbours
+from camcal.records import dataclass
 
 Array = np.ndarray
 

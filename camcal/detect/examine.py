@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
 from camcal.detect.sources import fetch, keep, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
+from camcal.records import dataclass
 from camcal.version import __version__
 
 

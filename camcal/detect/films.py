@@ -8,7 +8,6 @@ known (`view_information.py`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -18,6 +17,7 @@ from camcal.detect.frames import MOST_FRAMES, Film
 from camcal.detect.targets.base import Detection
 from camcal.detect.view_information import chosen_views, information
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.windows import Inner, Windows
 from camcal.least_squares import Normal, Options, Small, damped_steps, minimise, negligible
+from camcal.records import dataclass
 
 Array = np.ndarray
 
@@ -52,6 +52,10 @@ class Fits:
     noise: Array
     converged: Array
 
+    def take(self, rows: Array | slice) -> Fits:
+        """Select some of the fits."""
+        return Fits(self.params[rows], self.covariance[rows], self.noise[rows], self.converged[rows])
+
     def replaced(self, rows: Array, new: Fits) -> Fits:
         """With other fits of some corners."""
         if not len(rows):
@@ -85,24 +89,31 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     if not converged.all():
         step = problem.solve(params, normal, np.zeros(len(start)))[0]
         converged |= np.abs(step[:, :2]).max(1) < STILL
-    return _found(params, normal, windows, converged)
+    return _found(params, normal, pixels, converged)
 
 
-def _found(params: Array, normal: Normal, windows: Windows, converged: Array) -> Fits:
-    """Fits with the noise and the covariance that their equations show."""
-    freedom = np.maximum(windows.counts.sum(1) - model.COUNT, 1)
-    shape = SQUARE_PIXEL * params[:, model.CONTRAST] / np.maximum(params[:, model.BLUR], LEAST_BLUR) ** 4
-    noise = np.sqrt(np.maximum(2 * normal.cost / freedom, ROUNDING**2 + shape**2))
+def _found(params: Array, normal: Normal, pixels: Array, converged: Array) -> Fits:
+    """Fits with the noise and the covariance that their equations of so many `pixels` (K,) show."""
+    noise = _noise(normal.cost, pixels, params)
     covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     return Fits(params, covariance, noise, converged)
 
 
-def approached(windows: Windows, start: Array, limits: tuple[float, float]) -> Array:
-    """Parameters (K, 7) one step nearer to the fit; where that step is longer than `LONG`, those of the start."""
+def _noise(cost: Array, pixels: Array, params: Array) -> Array:
+    """Standard deviation (K,) of the residuals of so many pixels that leave this cost, grey levels."""
+    shape = SQUARE_PIXEL * params[:, model.CONTRAST] / np.maximum(params[:, model.BLUR], LEAST_BLUR) ** 4
+    return np.sqrt(np.maximum(2 * cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2 + shape**2))
+
+
+def approached(windows: Windows, start: Array, limits: tuple[float, float]) -> tuple[Array, Array]:
+    """Parameters (K, 7) one step nearer to the fit, and the noise (K,) that this step predicts.
+
+    Where the step is longer than `LONG`, the parameters are those of the start.
+    """
     problem = _Corners(windows, limits)
     with np.errstate(over="ignore", invalid="ignore"):
-        moved, _, length = _stepped(problem, start, problem.linearise(start, problem.left[0]))
-    return np.where((length <= LONG)[:, None], moved, start)
+        moved, cost, length = _stepped(problem, start, problem.linearise(start, problem.left[0]))
+    return np.where((length <= LONG)[:, None], moved, start), _noise(cost, windows.counts.sum(1), start)
 
 
 def fit_sizes(
@@ -122,16 +133,21 @@ def fit_sizes(
         As for `fit`.
     """
     problem = _Corners(windows, limits)
+    count, begin = len(start), np.tile(start, (len(sizes), 1))
+    pixels = np.concatenate([windows.counts[:, : s.columns].sum(1) for s in sizes])
+    # the sizes are solved together, as so many corners more
     with np.errstate(over="ignore", invalid="ignore"):
         parts = _normal_equations(windows, start, limits, [s.columns for s in sizes])
+        equations = Normal(*map(np.concatenate, zip(*parts, strict=True)))
+        params, cost, length = _stepped(problem, begin, equations)
+    every = _found(params, equations._replace(cost=cost), pixels, length <= SHORT)
     fits = []
-    for size, equations in zip(sizes, parts, strict=True):
-        inner = windows.inner(size)
-        with np.errstate(over="ignore", invalid="ignore"):
-            params, cost, length = _stepped(problem, start, equations)
-        found = _found(params, equations._replace(cost=cost), inner, length <= SHORT)
+    for i, size in enumerate(sizes):
+        found = every.take(slice(i * count, (i + 1) * count))
         far = np.flatnonzero(~found.converged)
-        fits.append(found.replaced(far, fit(inner.take(far), start[far], limits)) if len(far) else found)
+        if len(far):
+            found = found.replaced(far, fit(windows.inner(size).take(far), start[far], limits))
+        fits.append(found)
     return fits
 
 

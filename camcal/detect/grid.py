@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.geometry.neighbours import Neighbours
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.detect.ranks import median
+from camcal.records import dataclass
 
 Array = np.ndarray
 

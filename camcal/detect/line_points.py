@@ -7,10 +7,10 @@ across the direction of greatest curvature (Steger, An unbiased detector of curv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -7,10 +7,10 @@ stereo camera the median vertical disparity falls from 0.21 to 0.13 px by that, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -8,12 +8,13 @@ line is fitted to the places. A lens bends the edges: by how much is known from 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from camcal.detect.discs import CONCENTRIC, THRESHOLD, WINDOWS, Discs, distinct
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -69,7 +69,8 @@ def refine_images(
                 tell("unrefined", {"id": view.id, "reason": str(error)})
             else:
                 halves = [_half(target, view, w) for w in windows]
-                new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves)
+                blur = found.picture_quality.get(view.id, {}).get("blur_px")
+                new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
                 tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0].uv)})
         versions.append(new)
     return [found.with_views(views) for views in zip(*versions, strict=True)]

@@ -33,6 +33,8 @@ FIRST_SEEN = 3.0  #: blurs; the same where the picture is blurred
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
 MOST_START = 0.2  #: of a square; a larger blur at the start hides that there are two edges
+#: pixels of a window from which its start is found: 1/16 of the noise is left in each of its seven numbers
+ENOUGH = 256
 ROUGH = 2.0  #: standard deviations within which a first fit stops: the second begins there
 CLEAR = 2.5  #: blurs that a window keeps away from the next edge: 1 % of that edge is left
 LEAST_HALF = 0.25  #: of a square
@@ -90,6 +92,18 @@ def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
     return half.ravel()
 
 
+def placed(uv: Array, sides: Array, blur: float) -> Corners:
+    """Corners for `sharpen_sizes` that have not been fitted, at places (K, 2) known to a fraction of the blur, px.
+
+    Their grey values are to be found; `sides` as for `refine`.
+    """
+    params = np.full((len(uv), model.COUNT), np.nan)
+    params[:, :2] = 0
+    params[:, model.ANGLE1 : model.ANGLE2 + 1], params[:, model.BLUR] = edge_normals(sides), blur
+    unknown = np.full((len(uv), 2, 2), np.nan)
+    return Corners(uv, unknown, params, unknown[:, 0, 0], ("",) * len(uv))
+
+
 def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corners:
     """Replace the rejected corners by predictions from the good ones, to be fitted again.
 
@@ -132,7 +146,7 @@ def sharpen(
     Parameters
     ----------
     known : Corners
-        Of an earlier fit, all of them good.
+        Of an earlier fit, all of them good, or as `placed`.
     sides : (K, 2, 2) array
         Steps to the next corner along columns and rows, px.
     board_from_pixel : callable
@@ -174,13 +188,17 @@ def sharpen_sizes(
     limits = grey_limits(gray, windows)
     windows = straightened(windows, sides, share[-1], board_from_pixel, known.blur)
     usual = sizes[int(np.argmin([abs(np.max(half) - INNER_HALF) for half in halves]))]
-    straight, seen = rounded(windows.inner(usual), sides, shape)
+    straight, seen = rounded(windows.inner(usual).thinned(ENOUGH), sides, shape)
     start = known.params.copy()
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    start = approached(straight, start, limits)
+    if np.isnan(start).any():  # not fitted before: a step for the grey values and the blur
+        start = first_guess(straight, start[:, model.ANGLE1 : model.ANGLE2 + 1], start[:, model.BLUR])
+        start, _ = approached(straight, start, limits)
+    start, noise = approached(straight, start, limits)
+    noise = np.where(np.isnan(known.noise), noise, known.noise)
     offset, contrast = start[:, model.OFFSET], np.abs(start[:, model.CONTRAST])
-    slope = slopes(known.uv, offset, contrast, ~unusual(known.noise))
+    slope = slopes(known.uv, offset, contrast, ~unusual(noise))
     windows, _ = rounded(evened(windows, slope, offset, contrast, limits), sides, shape)
     corners, span = [], grey_span(gray)
     for i, fits in enumerate(fit_sizes(windows, sizes, start, limits)):

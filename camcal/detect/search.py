@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,6 +14,7 @@ from camcal.detect.pyramid import as_float, grey_range, reduced
 from camcal.detect.ranks import median
 from camcal.detect.squares import Squares, complete, shown_edges
 from camcal.detect.targets.base import Miss, clock
+from camcal.records import dataclass
 
 Array = np.ndarray
 

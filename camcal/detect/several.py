@@ -6,7 +6,6 @@ Where the boards stand to each other is not asked, so that they may be moved bet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from camcal.detect.examine import Outcome
 from camcal.detect.recognition.decide import Answer
 from camcal.detect.targets.base import Target
 from camcal.detect.targets.tag_board import TagBoard
+from camcal.records import dataclass
 
 #: px; corners of two boards so near are one corner, found twice to some hundredths
 SAME_CORNER = 1.0

@@ -29,9 +29,10 @@ Array = np.ndarray
 ARCHIVES = (".zip",)
 #: raw pictures of cameras: cv2 would read the small preview in some of them
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw")
-#: bytes of decoded pictures that are kept from the search to the second pass, a hundred of .3 megapixels or 16 of 2:
-#: decoding takes a tenth of the time of such a set, and the memory of a command is to stay that of a script + 60 MB
-KEPT = 32 << 20
+#: bytes of decoded pictures that are kept from the search to the second pass, 200 of .3 megapixels or 32 of 2:
+#: decoding takes a tenth of the time of such a set, and the memory of a command is to stay 1.5 times that of a
+#: script + 60 MB; the program itself takes 35 MB more than the script
+KEPT = 64 << 20
 MOST_BYTES = 2 << 30  #: of a picture's file: more than 200 million pixels of three 16-bit colours
 
 
@@ -57,12 +58,12 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
         fetched = of_pixels(read_frame(file, number, from_start=True))
     if fetched.sha256 != sha256 is not None:
         raise UnreadableError(f"'{path}' has changed since the corners were found")
-    gray = _kept.pop(fetched.sha256, None)
+    gray = _kept.get(fetched.sha256)
     return fetched.decode() if gray is None else gray, fetched.sha256
 
 
 def keep(sha256: str, gray: Array) -> None:
-    """Keep a decoded picture for its next `read_gray`, as long as all that are kept have no more than `KEPT` bytes.
+    """Keep a decoded picture for `read_gray` until `keep_none`; all that are kept have at most `KEPT` bytes.
 
     A process that only searches pictures for another one keeps none.
     """
@@ -71,7 +72,7 @@ def keep(sha256: str, gray: Array) -> None:
 
 
 def keep_none() -> None:
-    """Forget the pictures that were kept: another search begins."""
+    """Forget the pictures that were kept: another search begins, or the second pass has read them."""
     _kept.clear()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -12,6 +10,7 @@ from camcal.detect.grid import Marks
 from camcal.detect.lattice import Lattice, predicted
 from camcal.detect.ranks import median
 from camcal.geometry.neighbours import Neighbours
+from camcal.records import dataclass
 
 Array = np.ndarray
 

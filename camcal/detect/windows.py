@@ -7,12 +7,13 @@ pixels near its two edges are kept: the others do not depend on where the edges 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from camcal.detect.local_map import BoardFromPixel
+from camcal.records import dataclass
 
 Array = np.ndarray
 
@@ -66,6 +67,11 @@ class Windows:
         """The smaller windows inside these."""
         q, value, counts = (a[..., : size.columns] for a in (self.q, self.value, self.counts))
         return Windows(self.origin, q, value, counts, size.inside)
+
+    def thinned(self, most: int) -> Windows:
+        """The windows with every second, third, ... of their pixels, so that no more than `most` or so are left."""
+        step = slice(None, None, max(1, round(self.value.shape[1] / most)))
+        return replace(self, q=self.q[..., step], value=self.value[:, step], counts=self.counts[:, step])
 
 
 class Inner(NamedTuple):

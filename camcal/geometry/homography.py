@@ -9,11 +9,11 @@ from one batched product.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.geometry import projective
+from camcal.records import dataclass
 
 Array = np.ndarray
 

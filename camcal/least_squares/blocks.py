@@ -8,13 +8,13 @@ a modern synthesis, 2000, section 6.1).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from camcal.least_squares import loop
 from camcal.least_squares.problem import Options, Trial
+from camcal.records import dataclass
 
 Array = np.ndarray
 State = TypeVar("State")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.model.lenses.base import Lens
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
+from camcal.records import dataclass
 
 Array = np.ndarray
 

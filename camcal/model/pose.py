@@ -6,12 +6,12 @@ Names compose by cancelling: `a_from_b @ b_from_c` is a_from_c. Batch axes broad
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from camcal.geometry import rotations as so3
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -16,8 +16,6 @@ the two coordinates change places.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import EstimationError, UsageError
@@ -26,6 +24,7 @@ from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.lenses.undistort import bisected, border_grid
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 

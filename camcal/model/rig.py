@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from camcal.errors import UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,6 +11,7 @@ import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 Entry = dict[str, Any]

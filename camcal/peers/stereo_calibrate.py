@@ -9,7 +9,7 @@ that it returned, before the best pose of each board.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -37,6 +37,7 @@ from camcal.peers.base import (
 from camcal.peers.calibrate_camera import camera_of, coefficients, criteria, flags_of, refusals
 from camcal.peers.fisheye_calibrate import flags_of as fisheye_flags
 from camcal.peers.register_cameras import registered
+from camcal.records import dataclass
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.poses import poses_before
 from camcal.solve.refine import How, refine, residuals

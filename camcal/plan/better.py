@@ -20,12 +20,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.assess.holdout import HoldOut
 from camcal.least_squares.distributions import t_exceeded
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, Estimate
 
 #: of twenty choices between equals one falls on the larger model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from camcal.data.robot_poses import RobotPoses, Stream, matched
 from camcal.errors import DataError, UsageError
 from camcal.model.pose import Pose, Poses
 from camcal.plan.solution import RigSolution, Solution
+from camcal.records import dataclass
 from camcal.routes.hand_eye import closed_forms, offset, recognise
 from camcal.routes.hand_eye.estimate import Estimate, estimate
 from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, Self
 
 from camcal.model.lenses.base import Lens
+from camcal.records import dataclass
 from camcal.settings.calibration import CalibrationOptions
 from camcal.solve.optimizers.base import Options as Stopping
 from camcal.solve.refine import How

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from camcal.assess.warning import CalibrationWarning
@@ -20,6 +20,7 @@ from camcal.model.lenses.base import Lens
 from camcal.model.pose import Poses
 from camcal.plan.better import Candidate, better
 from camcal.plan.options import Options
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How
 

@@ -17,7 +17,7 @@ Which instants agree is decided as for cameras (`camcal.solve.rig_start.link`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -28,6 +28,7 @@ from camcal.data.rig_table import RigViews
 from camcal.errors import CamcalError
 from camcal.model.pose import Pose, Poses
 from camcal.plan.rig_cameras import board_variance
+from camcal.records import dataclass
 from camcal.routes.hand_eye import motions, shah
 from camcal.routes.hand_eye.closed_forms import length_unit, scaled
 from camcal.routes.hand_eye.equation import residuals

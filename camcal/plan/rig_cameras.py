@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
 from camcal.plan.run import solved, usable
 from camcal.plan.solution import Solution, of_fit
+from camcal.records import dataclass
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions, check_names
 from camcal.solve import starts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from camcal.plan.known_camera import evaluate
 from camcal.plan.rig_cameras import pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
+from camcal.records import dataclass
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem
 from camcal.solve.refine import on_board

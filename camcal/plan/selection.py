@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from camcal.model.lenses.containment import embed
 from camcal.plan.better import lowest
 from camcal.plan.options import Options
 from camcal.plan.run import solved
+from camcal.records import dataclass
 from camcal.solve import starts
 from camcal.solve.calibration import Calibration
 from camcal.solve.refine import How, refine

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from os import PathLike
 from typing import Any
 
 from camcal.assess.warning import SEVERITIES, CalibrationWarning, Grade, grade
 from camcal.data.observations import Observations
+from camcal.records import dataclass
 from camcal.registry import load
 from camcal.solve.calibration import Calibration, Estimate, RigCalibration, Stage
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 from camcal.errors import UsageError
+from camcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from camcal.data.robot_poses import RobotPoses, read_robot_poses
 from camcal.model.pose import Array, Pose
 from camcal.plan.hand_eye import Asked, Found, find
 from camcal.plan.solution import RigSolution, Solution
+from camcal.records import dataclass
 from camcal.report.document import document, save
 from camcal.report.loading import from_document
 from camcal.report.plain import plain

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from camcal.detect.resample import read_pictures
 from camcal.errors import DataError, UsageError
 from camcal.model.pose import Pose
 from camcal.model.rectification import Rectification, rectify
+from camcal.records import dataclass
 from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
 from camcal.routes.natural import Natural, judge, turn_of

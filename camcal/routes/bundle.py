@@ -5,7 +5,7 @@ The points are eliminated from every normal equation (Triggs et al., Bundle adju
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from camcal.geometry import rotations
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 
 
 @dataclass(frozen=True)

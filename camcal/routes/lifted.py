@@ -18,12 +18,11 @@ eight matches.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes import epipolar
 from camcal.start.claus import FLATTEST, derivatives, lifted
 from camcal.start.of_rays import camera_of

@@ -7,13 +7,13 @@ line's image is, to first order, (n · d) / |∂(n · d)/∂(u, v)| px (Sampson)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ the focal length given (the longer side of the picture by default).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.line_geometry import (
     Lines,
     best_normals,

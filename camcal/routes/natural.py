@@ -9,7 +9,7 @@ what agrees grows with the scatter of the matches, so that an error of the disto
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from camcal.geometry import rotations
 from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Array
 from camcal.model.rectification import PERSPECTIVE, Rectification
+from camcal.records import dataclass
 from camcal.routes.epipolar import LEAST, agreeing, fundamental
 
 #: px; matches nearer than this to their own epipolar line always count: five times the scatter of the points of

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.geometry import projective
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
+from camcal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.data.observations import View
@@ -12,6 +10,7 @@ from camcal.geometry import projective, rotations
 from camcal.least_squares.distributions import f_bound
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
+from camcal.records import dataclass
 from camcal.routes.outliers import consensus
 from camcal.routes.pose_fit import refine_pose
 from camcal.solve import p3p

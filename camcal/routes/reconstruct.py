@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from camcal.errors import CamcalError
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
+from camcal.records import dataclass
 from camcal.routes import epipolar
 from camcal.routes.bundle import Bundle, Tracks, adjust
 from camcal.routes.placed import PlacedCamera

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.line_geometry import Lines, Nearest, line_rays, nearest_points, slopes, tangents
 from camcal.routes.scene_vote import LEAST_LINES, Vote
 from camcal.solve.parameters import free_matrix

@@ -15,7 +15,7 @@ adjustment; two views are refused before that where their axes meet.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes import dual_quadric, epipolar, lifted
 from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
 from camcal.routes.bundle_outliers import adjusted

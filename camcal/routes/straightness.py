@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.line_geometry import Lines, distances
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from camcal.errors import DataError
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.placed import PlacedCamera
 
 #: Rays are parallel where the least singular value of their normal matrix is below this part of the largest: the

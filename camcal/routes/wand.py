@@ -13,7 +13,7 @@ length.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.least_squares.blocks import Fitted
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.bundle_outliers import LEAST_FAR, RAYLEIGH_MEDIAN, ROUNDS, reach
 from camcal.routes.selfcalib import CENTRE, UNCERTAIN
 from camcal.routes.wand_fit import Sightings, Wand, adjust

@@ -6,7 +6,7 @@ from the normal equations, as points are from a bundle adjustment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from camcal.geometry import rotations
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
+from camcal.records import dataclass
 from camcal.routes.line_geometry import tangents
 
 

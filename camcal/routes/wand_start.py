@@ -7,7 +7,7 @@ where the optical axes meet, too, where fundamental matrices say nothing of it (
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +16,7 @@ from camcal.errors import EstimationError
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
+from camcal.records import dataclass
 from camcal.routes import epipolar
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.straightness import undistorted

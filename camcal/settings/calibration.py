@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
+from camcal.records import dataclass
 from camcal.settings.kinds import POSITIVE, Assignments, CameraSource, Name, Switch, SwitchOr, Whole, Words
 from camcal.settings.option import Settings, setting
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from camcal.errors import DataError, UsageError
+from camcal.records import dataclass
 from camcal.registry import suggestion
 from camcal.settings.commands import OPTIONS, options_of
 from camcal.settings.kinds import shown

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
+from camcal.records import dataclass
 from camcal.settings.kinds import POSITIVE, Kind, Name, Switch, Whole, refuse
 from camcal.settings.option import Option, Settings, setting
 from camcal.settings.sizes import BoardSize, Length, LengthKind

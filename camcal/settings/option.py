@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, field, fields, replace
 from functools import cache
 from pathlib import PurePath
 from typing import Any, Self
 
 from camcal.errors import UsageError
+from camcal.records import dataclass
 from camcal.registry import suggestion
 from camcal.settings.kinds import FilePath, Kind, OutputPath, Several, Switch
 

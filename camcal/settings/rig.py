@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from camcal.errors import UsageError
+from camcal.records import dataclass
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.kinds import Assignments, Kind, Name, Text, Words, refuse
 from camcal.settings.option import setting

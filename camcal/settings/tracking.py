@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from camcal.records import dataclass
 from camcal.settings.calibration import MODEL, CalibrationOptions
 from camcal.settings.kinds import POSITIVE, Assignments, FilePath, Name, Real, Switch, Whole, Words
 from camcal.settings.option import Option, Settings, setting

@@ -10,7 +10,7 @@ complement), and what is left is the camera and θ.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen

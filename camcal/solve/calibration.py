@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from camcal.data.observations import Observations
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.model.rig import Rig
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -16,13 +16,13 @@ alone is a rig of one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
+from camcal.records import dataclass
 from camcal.solve.state import Blocks, State
 
 Array = np.ndarray

@@ -8,13 +8,13 @@ matrix with a few columns. All views are taken at once: the arrays are small wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.forms import LocalRows
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -13,11 +13,11 @@ They differ from the usual ones, which hold for scalar residuals.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.model.pose import Array
+from camcal.records import dataclass
 
 
 @dataclass(frozen=True)

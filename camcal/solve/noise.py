@@ -17,11 +17,10 @@ half a χ² of one degree of freedom where τ is 0 (Self & Liang, JASA 82, 1987,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 

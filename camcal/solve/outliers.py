@@ -12,13 +12,13 @@ thirds of its points, or whose rest does not fix a pose, is rejected as a whole.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.data.observations import Observations, View
 from camcal.least_squares.distributions import f_bound
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate
 from camcal.solve.losses import robust_sigma
 from camcal.start import shape

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from camcal.geometry import rotations
 from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, RigCalibration
 from camcal.solve.problem import Problem, Seen, State
 

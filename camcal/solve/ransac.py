@@ -12,7 +12,6 @@ The model of a view is a homography or a projection matrix where the camera is n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +20,7 @@ from camcal.data.observations import View
 from camcal.geometry import dlt, homography, projective
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve import p3p
 from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.poses import refine_poses

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, TypeVar, cast, overload
 
 import numpy as np
@@ -16,6 +16,7 @@ from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.model.rig import Rig
+from camcal.records import dataclass
 from camcal.solve import optimizers
 from camcal.solve.board import PLACED, BoardProblem, make_board, motions_of, settle
 from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard

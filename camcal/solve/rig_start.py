@@ -9,13 +9,14 @@ tree of those pairs of cameras that know most about each other connects all of t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from camcal.data.observations import Observations
 from camcal.errors import EstimationError
 from camcal.model.pose import Pose, Poses
+from camcal.records import dataclass
 from camcal.solve.turns import Renaming
 
 Array = np.ndarray

@@ -12,10 +12,9 @@ Damping is the same least squares problem with the rows sqrt(λ) D below it (Mor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve import rows, tangent
 from camcal.solve.problem import Blocks, Problem, State, Step
 

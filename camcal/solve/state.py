@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import NormalBlocks
 
 Array = np.ndarray

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from camcal.data.observations import Observations
 from camcal.geometry import rotations
 from camcal.geometry.neighbours import Neighbours
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 

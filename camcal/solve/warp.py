@@ -12,7 +12,7 @@ from some view on, one for each group of views, or a number for each view. β ta
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from camcal.data.observations import View
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen

@@ -5,11 +5,10 @@ Coordinates are the unit ones of `unit_coordinates`: origin at the image's centr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.data.observations import Correspondences
+from camcal.records import dataclass
 from camcal.start import conic
 
 Array = np.ndarray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from camcal.data.observations import Correspondences
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -22,7 +22,7 @@ quadratic terms small (`PRIOR`), which a distortion that can be seen overrules.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ import numpy as np
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
+from camcal.records import dataclass
 from camcal.start import assumptions, shape, zhang
 from camcal.start.base import ClosedForm
 from camcal.start.of_rays import camera_of

@@ -8,9 +8,9 @@ points that agree with it (local optimisation: Chum, Matas & Kittler, Locally op
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -6,7 +6,6 @@ Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from camcal.errors import DataError
 from camcal.geometry import dlt, homography, rotations
 from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.start import shape
 
 Array = np.ndarray

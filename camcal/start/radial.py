@@ -15,7 +15,6 @@ Square pixels are assumed. The lens may be of any width.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.start import assumptions, pose, shape
 
 Array = np.ndarray

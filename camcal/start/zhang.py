@@ -6,7 +6,7 @@ their frame; nearly flat ones are projected onto their best plane. docs/closed-f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from camcal.data.observations import Correspondences
 from camcal.errors import EstimationError
 from camcal.geometry import homography
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.start import assumptions, pose, shape
 from camcal.start.base import ClosedForm, scaled
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.records import dataclass
 from camcal.solve import optimizers
 from camcal.solve.coordinates import OtherRotations
 from camcal.solve.optimizers.base import Options, Result

@@ -8,7 +8,6 @@ samples' resolution, so that the picture equals (pattern * pixel's area * Gaussi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from camcal.detect.black_area import BlackArea
 from camcal.detect.targets.base import Pattern
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 Surface = Callable[[Array], Array]

@@ -40,6 +40,27 @@ def collect_seldom() -> None:
     gc.set_threshold(100_000, 20, 20)
 
 
+def leave(code: int) -> None:
+    """End the program with its exit code, without taking the modules apart one by one.
+
+    That takes .09 s for the modules of a calibration, a quarter of their import, and frees what the system frees too.
+    Functions registered for the end run; while threads or processes are left, the interpreter's own end waits for them.
+    """
+    import atexit
+    import sys
+    import threading
+
+    from camcal.system.streams import close
+
+    processes = sys.modules.get("multiprocessing")
+    if threading.active_count() == 1 and not (processes and processes.active_children()):
+        atexit._run_exitfuncs()
+        close(sys.stdout, sys.stderr)
+        os._exit(code)
+    close(sys.stdout, sys.stderr)
+    sys.exit(code)
+
+
 class Terminated(BaseException):
     """The program was asked to terminate; raised in the running code so that it cleans up as on ^C."""
 

@@ -9,11 +9,10 @@ where (δ, τ) moves the camera by x_cam -> exp(δ) x_cam + τ: δ turns it abou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.records import dataclass
 from camcal.track.keep import stored
 
 Array = np.ndarray

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.records import dataclass
 from camcal.track.decompose import FOCAL, PRINCIPAL, ROTATION, TRANSLATION, Cameras
 from camcal.track.keep import stored
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from camcal.records import dataclass
 from camcal.track import checkpoint
 from camcal.track.estimator import Estimator, TrackState
 from camcal.track.events import Alarm, Change, explain

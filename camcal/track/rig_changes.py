@@ -14,7 +14,6 @@ drift: a generalised likelihood ratio test (Basseville & Nikiforov 1993, sec. 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +21,7 @@ from scipy import stats
 
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 from camcal.track.events import axis
 from camcal.track.rig_equations import Instant, inverse
 

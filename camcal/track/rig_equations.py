@@ -13,12 +13,12 @@ leaves normal equations of δ of all cameras; they lack six directions, as the r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 
 Array = np.ndarray
 

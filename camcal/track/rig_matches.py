@@ -17,13 +17,13 @@ length of one distance: a pair shows rotation and the direction of its baseline,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.geometry import rotations as so3
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 from camcal.track.rig_equations import Instant, inverse
 
 Array = np.ndarray

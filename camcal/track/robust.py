@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from camcal.errors import EstimationError
+from camcal.records import dataclass
 from camcal.track import linear
 from camcal.track.frames import Frame
 from camcal.track.linear import Compressed

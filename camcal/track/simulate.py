@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from camcal.errors import UsageError
 from camcal.geometry import projective, rotations
 from camcal.geometry.picture import in_picture
+from camcal.records import dataclass
 from camcal.track import SEQUENCES
 from camcal.track.decompose import noise_columns
 from camcal.track.frames import Frame

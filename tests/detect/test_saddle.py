@@ -177,7 +177,7 @@ def test_windows_of_several_sizes_are_fitted_as_each_alone(off):
     shares = np.repeat([[0.35], [0.5], [0.65]], len(true), 1)
     windows, sizes = nested(gray, start, sides, shares, 4.0)
     begin = first_guess(windows, guess, np.full(len(true), 1.0))
-    near = approached(windows.inner(sizes[1]), begin, limits)
+    near, _ = approached(windows.inner(sizes[1]), begin, limits)
     for size, fits in zip(sizes, fit_sizes(windows, sizes, near, limits), strict=True):
         alone = fit(windows.inner(size), begin, limits)
         assert fits.converged.all() and alone.converged.all()

@@ -8,7 +8,7 @@ model explains all views at once (`search.py`), and `words.py` says which.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from camcal.assess.causes.search import EVIDENCE, Search, Trial
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 from camcal.solve.optimizers.base import Options

@@ -16,7 +16,6 @@ as the residuals of a solution are at right angles to what the camera and the po
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from camcal.assess.design import Design
 from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 #: Points on an outline, and its radius in parts of the spacing: small enough for (1), large enough for rounding.

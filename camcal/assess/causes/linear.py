@@ -12,12 +12,12 @@ of the cost, exactly where the problem is linear.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.solve.groups import Group
 from camcal.solve.warp import FIELDS, Warp, WarpedProblem

@@ -13,7 +13,7 @@ the others: what they explain better is left to the checks that name them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import comb, exp, lgamma, log
 
 import numpy as np
@@ -28,6 +28,7 @@ from camcal.errors import CamcalError
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve import optimizers
 from camcal.solve.board import make_board
 from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from camcal.assess.fold_difference import covered_grid
 from camcal.assess.warning import CalibrationWarning
 from camcal.geometry.plane_flow import flow_at
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 #: frames whose motion is known; fewer hardly tell the motion from their poses

@@ -12,7 +12,6 @@ in Regression, 1982, section 2.2.2, of groups).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.geometry.neighbours import Neighbours
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.system.text import listed
 
 #: points up to which groups are looked for: in larger sets a group no longer pulls the fit, and is found by the test of

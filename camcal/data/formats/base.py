@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from camcal.data.formats.source import Source
 from camcal.errors import DataError
 from camcal.model.pose import Pose
+from camcal.records import dataclass
 from camcal.registry import suggestion
 
 Array = np.ndarray

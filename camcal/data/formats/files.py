@@ -6,7 +6,7 @@ import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from camcal.errors import CamcalError, DataError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rectification import PERSPECTIVE, rectify
+from camcal.records import dataclass
 from camcal.registry import load, look_up
 from camcal.system.text import listed
 

@@ -13,7 +13,7 @@ A camera has one or more descriptions (`mei` with ξ = 0 is also a polynomial), 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from camcal.errors import UsageError
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
+from camcal.records import dataclass
 
 #: how messages call the kinds
 KINDS = {

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.data.formats.source import Source
 from camcal.data.table import LARGEST_VALUE, Table
 from camcal.errors import DataError
+from camcal.records import dataclass
 
 Array = np.ndarray
 Size = tuple[int, int]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from camcal.detect.targets.circles import AsymmetricCircles, Circles
 from camcal.detect.targets.squares import SquareGrid
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.detect.targets.tag_grid import TagGrid
+from camcal.records import dataclass
 
 Array = np.ndarray
 

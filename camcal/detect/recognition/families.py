@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.detect.pyramid import reduced, reductions, to_8_bits
 from camcal.detect.recognition.quads import decode, marker_like
 from camcal.detect.targets.dictionaries import marker_count, names
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from heapq import heappop, heappush
 
@@ -22,6 +21,7 @@ from camcal.detect.targets.dictionaries import marker_count
 from camcal.detect.targets.tag_board import TagBoard, consistent
 from camcal.detect.targets.tag_grid import TagGrid
 from camcal.geometry import homography
+from camcal.records import dataclass
 
 Array = np.ndarray
 

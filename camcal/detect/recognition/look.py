@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.detect.recognition.families import Family, Marker, read_markers, read_others
@@ -12,6 +10,7 @@ from camcal.detect.recognition.marks import squares_hold_marks
 from camcal.detect.targets import circles, squares
 from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.checkerboard import find_any
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -16,12 +16,13 @@ import re
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.records import dataclass
 from camcal.settings.detection import DEFAULT_SECONDS
 from camcal.settings.kinds import real
 from camcal.settings.sizes import UNITS

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import EstimationError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import Regression, regress
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -7,14 +7,13 @@ how it is split between the ideal camera and the lens.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import Regression, measure, regress
+from camcal.records import dataclass
 
 Array = np.ndarray
 

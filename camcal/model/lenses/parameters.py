@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.errors import UsageError
+from camcal.records import dataclass
 
 Array = np.ndarray
 

@@ -15,7 +15,6 @@ their own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -24,6 +23,7 @@ import numpy as np
 
 from camcal.model.lenses import newton
 from camcal.model.lenses.curve import bernstein, cached, first_root
+from camcal.records import dataclass
 
 Array = np.ndarray
 

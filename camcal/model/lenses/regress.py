@@ -6,7 +6,6 @@ BabelCalib's idea (Lochman et al., ICCV 2021): solve for one general model, then
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.lenses import make
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.containment import embed
+from camcal.records import dataclass
 
 Array = np.ndarray
 

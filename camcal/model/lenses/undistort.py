@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from camcal.errors import EstimationError, UsageError
 from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
+from camcal.records import dataclass
 
 Array = np.ndarray
 

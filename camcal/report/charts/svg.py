@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.report.charts.base import Arrows, Bars, Cells, Chart, Line, Points, tick_text, ticks
 from camcal.report.charts.colours import css_colour
 

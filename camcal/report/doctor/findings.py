@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Literal
 
+from camcal.records import dataclass
 from camcal.report.charts.base import short
 
 SCHEMA = "camcal-doctor/1"

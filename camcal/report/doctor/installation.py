@@ -6,11 +6,12 @@ import os
 import platform
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+from camcal.records import dataclass
 from camcal.report.doctor.findings import Finding, diagnosis
 from camcal.version import __version__
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.plan.solution import Solution
+from camcal.records import dataclass
 from camcal.report.charts.residuals import enlargement
 from camcal.system.reading import is_file
 from camcal.system.text import listed

@@ -6,7 +6,6 @@ same polygons by the same rule when the reader turns them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -18,6 +17,7 @@ from camcal.data.observations import View
 from camcal.model.pose import Pose
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
+from camcal.records import dataclass
 from camcal.solve.calibration import Estimate
 
 Array = np.ndarray

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.errors import EstimationError
 from camcal.model.pose import Pose, Poses
+from camcal.records import dataclass
 from camcal.registry import load
 from camcal.routes.hand_eye import CLOSED_FORM_SUMMARIES, CLOSED_FORMS
 from camcal.routes.hand_eye.equation import residuals

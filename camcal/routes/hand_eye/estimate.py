@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
 from camcal.errors import EstimationError
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 from camcal.routes.hand_eye import closed_forms, equation, variance
 from camcal.routes.hand_eye.agreement import agreeing
 from camcal.routes.hand_eye.closed_forms import Method

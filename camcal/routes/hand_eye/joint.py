@@ -14,7 +14,7 @@ with C_i moved so and gains ½ |z|²: the pictures' likelihood with the camera's
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from camcal.geometry import rotations as so3
 from camcal.least_squares import Options, Trial, minimise
 from camcal.least_squares.blocks import BlockNormal
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 from camcal.routes.hand_eye import equation
 from camcal.solve.problem import Problem, State
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.views import Views
 

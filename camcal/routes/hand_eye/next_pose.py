@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from camcal.data.observations import View
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 from camcal.routes.hand_eye import equation, variance
 from camcal.routes.hand_eye.estimate import Estimate
 from camcal.routes.hand_eye.joint import Joint, Measured, Unknowns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from camcal.data.observations import View
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
+from camcal.records import dataclass
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem, Seen, State
 

@@ -9,7 +9,6 @@ other set-up.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from camcal.data.rotation_forms import Form, candidates
 from camcal.errors import EstimationError, UsageError
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Poses
+from camcal.records import dataclass
 from camcal.routes.hand_eye import SETUPS, shah
 from camcal.routes.hand_eye.closed_forms import length_unit
 from camcal.routes.hand_eye.views import Views, views_of

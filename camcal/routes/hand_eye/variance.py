@@ -14,12 +14,11 @@ The residuals of the pictures that no pose explains add their own χ² part for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import stats
 
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.routes.hand_eye.joint import Linear, Noise, prior
 
 #: Steps of the scoring; from any start within a factor of 1000 the variances are found to 1e-9 in about ten.

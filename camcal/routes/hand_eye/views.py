@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from camcal.geometry import rotations as so3
 from camcal.model.pose import Array, Pose, Poses
+from camcal.records import dataclass
 
 #: Pairs of views that are taken, those with the smallest distance in the list last. All pairs of 64 views; more add
 #: time and, as V views have but V - 1 independent motions, no information.

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 from camcal import least_squares
 from camcal.errors import EstimationError
+from camcal.records import dataclass
 from camcal.solve.linear import Linear
 from camcal.solve.problem import Blocks, Problem, State, Step
 from camcal.solve.schur import Reduced

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, remaining
 from camcal.solve.optimizers.line_search import strong_wolfe
 from camcal.solve.optimizers.variables import Place, choose

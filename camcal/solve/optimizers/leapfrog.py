@@ -17,10 +17,9 @@ The published values δ1 = 0.001, m = 3, j = 2 are kept; δ is left to the user 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, remaining
 from camcal.solve.optimizers.descent import LEAST_TOLERANCE
 from camcal.solve.optimizers.variables import VARIANTS, Place, Variables, choose

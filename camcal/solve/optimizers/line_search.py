@@ -12,10 +12,9 @@ SIAM J. Optim. 16, 2005, section 4).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve.optimizers.variables import Place, Variables
 
 Array = np.ndarray

@@ -13,10 +13,10 @@ to be chosen. Three ways:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 
+from camcal.records import dataclass
 from camcal.solve import tangent
 from camcal.solve.optimizers.base import Options, begin
 from camcal.solve.poses import solve_poses

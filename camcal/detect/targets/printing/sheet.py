@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
 from camcal.detect.targets.base import Target
 from camcal.errors import UsageError
+from camcal.records import dataclass
 
 Array = np.ndarray
 
