@@ -96,7 +96,7 @@ def _sides(first: Any, second: Any, options: dict[str, Any]) -> dict[str, Any]:
 def _by_cv2(a: Path) -> Any:
     from camcal.assess.comparison import Side
     from camcal.peers.camera import camera_by_cv2
-    from camcal.report.document import load
+    from camcal.report.loading import load
 
     camera, name = camera_by_cv2(load(a))
     return Side(name, camera)

@@ -21,7 +21,7 @@ def held_options(
     """
     from camcal.errors import UsageError
     from camcal.plan.calibrate import calibrate
-    from camcal.report.document import load_camera
+    from camcal.report.loading import load_camera
     from camcal.routes.distortion_first import at_focal_length, held_parameters, without_distortion
 
     known = load_camera(path, data.image_size)

@@ -38,8 +38,7 @@ def command(ctx: click.Context, camera: Path, data: tuple[str, ...], **options: 
         return _straightness(camera, data, options, command_line(ctx))
     from camcal.plan.known_camera import evaluate
     from camcal.plan.run import usable
-    from camcal.report.document import load_camera
-    from camcal.report.loading import promise_of
+    from camcal.report.loading import load_camera, promise_of
     from camcal.report.opening import is_rig
 
     if is_rig(camera):
@@ -66,8 +65,8 @@ def _rig(ctx: click.Context, camera: Path, data: tuple[str, ...], options: dict[
 def _straightness(camera: Path, data: tuple[str, ...], options: dict[str, Any], words: list[str]) -> int:
     from camcal.cli.lines import tables
     from camcal.cli.results import deliver
-    from camcal.report.document import load_camera
     from camcal.report.lines import evaluation
+    from camcal.report.loading import load_camera
 
     found = evaluation(load_camera(camera), data, words)
     deliver(found, options, "Report", lambda: tables(found))

@@ -67,7 +67,7 @@ def _solution(data: tuple[str, ...], options: dict[str, Any]) -> Solution | RigS
     if options["camera"] is not None:
         from camcal.plan.known_camera import evaluate
         from camcal.plan.run import usable
-        from camcal.report.document import load_camera
+        from camcal.report.loading import load_camera
 
         known = load_camera(options["camera"], options["image_size"])
         return evaluate(known, usable(found), options["robust"], options["seed"])

@@ -29,7 +29,7 @@ def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> i
     from camcal.cli.results import deliver
 
     output_is_free(options)
-    from camcal.report.document import load_camera
+    from camcal.report.loading import load_camera
 
     report = _report(load_camera(camera), points, options, command_line(ctx))
     deliver(report, options, "Report", lambda: _table(report))

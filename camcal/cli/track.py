@@ -135,7 +135,7 @@ _FOR_ALL = frozenset(("sigma", "learn_noise", "gate", "false_alarm", "min_points
 
 def _camera(ctx: click.Context, options: dict[str, Any]) -> Any:
     from camcal.errors import UsageError
-    from camcal.report.document import load_camera
+    from camcal.report.loading import load_camera
 
     for name in ("model", "skew"):
         if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:

@@ -34,7 +34,8 @@ def command(ctx: click.Context, images: tuple[str, ...], **options: Any) -> int:
     from camcal.detect.resample import written_name
     from camcal.model.lenses.undistort import undistortion
     from camcal.report.camera import camera_document
-    from camcal.report.document import load_camera, save
+    from camcal.report.document import save
+    from camcal.report.loading import load_camera
 
     source = load_camera(options["camera"], options["image_size"])
     check_size(source, options["image_size"], str(options["camera"]))

@@ -173,7 +173,7 @@ def _final(
     from camcal.batch.watch import worst_uncertainty
     from camcal.cli.job import calibrate_and_report, read_pictures
     from camcal.errors import CamcalError
-    from camcal.report.document import load
+    from camcal.report.loading import load
     from camcal.report.next_view import suggest
 
     code = calibrate_and_report(ctx, read_pictures((str(folder),), options), options)

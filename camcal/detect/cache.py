@@ -1,4 +1,4 @@
-"""A cache of detections, keyed by the hash of the picture and the options of the detector.
+"""A cache of detections and second passes, keyed by the hash of the picture and all that the result depends on.
 
 An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and rewritten.
 """
@@ -32,6 +32,19 @@ def default_folder() -> Path | None:
         return platformdirs.user_cache_path("camcal", appauthor=False) / "detections"
     except RuntimeError:  # the system does not know the user
         return None
+
+
+def use(folder: Path | None) -> None:
+    """State where the results of this search, and of the second pass over its pictures, are kept; None for nowhere."""
+    _used[:] = [folder]
+
+
+def in_use() -> Path | None:
+    """The folder of the last search."""
+    return _used[0]
+
+
+_used: list[Path | None] = [None]
 
 
 @functools.cache

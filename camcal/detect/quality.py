@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import cv2
 import numpy as np
 
 from camcal.detect.motion_blur import blur_ellipse, corner_blurs
 from camcal.detect.targets.base import Detection
-from camcal.geometry import hull
 
 Array = np.ndarray
 
@@ -57,7 +57,8 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
 
 def coverage(uv: Array, image_size: tuple[int, int]) -> float:
     """Share of the picture inside the convex hull of the points (N, 2)."""
-    return hull.area(uv) / (image_size[0] * image_size[1])
+    area = cv2.contourArea(cv2.convexHull(uv.astype(np.float32))) if len(uv) else 0.0
+    return float(area) / (image_size[0] * image_size[1])
 
 
 def _exposure(gray: Array, uv: Array) -> dict[str, float]:

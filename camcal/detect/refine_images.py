@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from camcal.data.observations import Observations, View
+from camcal.detect import cache
 from camcal.detect.camera_pass import refine_in_windows
 from camcal.detect.decode import UnreadableError
 from camcal.detect.listing import view_ids
@@ -17,6 +20,7 @@ from camcal.detect.saddle import INNER_HALF, WIDER_HALF, wider_halves
 from camcal.detect.sources import read_gray
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.version import __version__
 
 Array = np.ndarray
 
@@ -63,14 +67,24 @@ def refine_images(
         new = [view] * len(windows)
         pose = poses.get(view.id)
         if pose is not None:
+            halves = [_half(target, view, w) for w in windows]
+            blur, negative = (
+                found.picture_quality.get(view.id, {}).get("blur_px"),
+                bool(target.get("negative")),
+            )
+            file = files.get(view.id)
+            place = _place(file, view, camera, pose, (cell, blur, negative, halves))
             try:
-                gray = _read_again(files.get(view.id), bool(target.get("negative")))
+                known = None if place is None else _from_cache(place, view, len(windows))
+                if known is None:
+                    gray = _read_again(file, negative)
+                    new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
+                    if place is not None:
+                        _into_cache(place, new)
+                new = known or new
             except UnreadableError as error:
                 tell("unrefined", {"id": view.id, "reason": str(error)})
             else:
-                halves = [_half(target, view, w) for w in windows]
-                blur = found.picture_quality.get(view.id, {}).get("blur_px")
-                new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
                 tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0].uv)})
         versions.append(new)
     return [found.with_views(views) for views in zip(*versions, strict=True)]
@@ -91,6 +105,44 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
         reach = -origin[2] / rays[..., 2]
         place = origin[:2] + reach[..., None] * rays[..., :2]
     return np.where((reach > 0)[..., None], place, np.nan)
+
+
+def _place(
+    file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, options: tuple[Any, ...]
+) -> Path | None:
+    """The entry of the cache for a view's second pass; None without a cache."""
+    folder = cache.in_use()
+    if folder is None or file is None:
+        return None
+    digest = hashlib.sha256()
+    sigma = np.zeros(0) if view.sigma is None else view.sigma
+    for values in (view.uv, sigma, camera.params, pose.rotation, pose.translation, *options[-1]):
+        digest.update(np.ascontiguousarray(values, float).tobytes())
+    words = f"{__version__} {cache.code()} {camera.lens.name} {camera.image_size} {len(sigma)} {options[:-1]}"
+    return cache.entry(folder, file["sha256"], f"second pass {words} {digest.hexdigest()}")
+
+
+def _into_cache(place: Path, views: Sequence[View]) -> None:
+    """Keep a view's second pass: points (W, N, 2) and sigmas (W, N), or none."""
+    arrays, sigmas = {"uv": np.stack([v.uv for v in views])}, [v.sigma for v in views if v.sigma is not None]
+    if sigmas:
+        arrays["sigma"] = np.stack(sigmas)
+    if len(sigmas) in (0, len(views)):
+        cache.store(place, arrays, {})
+
+
+def _from_cache(place: Path, view: View, count: int) -> list[View] | None:
+    """The views of a second pass that was made before, one for each window size; None if there is none."""
+    stored = cache.load(place)
+    if stored is None:
+        return None
+    uv, sigma = stored[0].get("uv"), stored[0].get("sigma")
+    shape = (count, *view.uv.shape)
+    if uv is None or uv.shape != shape or (sigma is not None and sigma.shape != shape[:2]):
+        return None
+    if sigma is None:
+        return [replace(view, uv=u) for u in uv] if view.sigma is None else None
+    return [replace(view, uv=u, sigma=s) for u, s in zip(uv, sigma, strict=True)]
 
 
 def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.detect import cache as cache_files
 from camcal.detect.decode import UnreadableError
 from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.films import Range, candidates
@@ -40,6 +41,7 @@ class Search:
         self.frame_count = 0
         self.unreadable: list[Outcome] = []
         keep_none()
+        cache_files.use(cache)
 
     def open_films(self, chosen: Range) -> None:
         """Replace films by their frames to be searched.

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,7 +67,9 @@ def keep(sha256: str, gray: Array) -> None:
 
     A process that only searches pictures for another one keeps none.
     """
-    if parent_process() is None and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
+    processes = sys.modules.get("multiprocessing")  # a process that was started by it has it
+    alone = processes is None or processes.parent_process() is None
+    if alone and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
         _kept[sha256] = gray
 
 

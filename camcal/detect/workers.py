@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
-import pickle
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sized
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from camcal.system.processes import THREADS, start_worker
+
+if TYPE_CHECKING:  # what starts processes is imported with the first of them
+    from concurrent.futures import Future
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -90,6 +89,10 @@ def usable_processors() -> int:
 
 def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
     """Yield (index, result); return the items that a broken pool has lost, or None if all are done."""
+    import multiprocessing
+    from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+    from concurrent.futures.process import BrokenProcessPool
+
     before = set(multiprocessing.active_children())
     try:
         pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
@@ -130,6 +133,8 @@ def _end_children(before: set[Any]) -> None:
     The pool's own thread waits for the same processes: whichever of the two sees the end first, the other may
     for a moment hold a process for alive that is not, so that `join` alone does not tell.
     """
+    import multiprocessing
+
     for child in set(multiprocessing.active_children()) - before:
         child.terminate()
     until = time.monotonic() + ENDED
@@ -139,6 +144,8 @@ def _end_children(before: set[Any]) -> None:
 
 def _of_main(work: object) -> bool:
     """Return whether the work needs objects that the user's script defines, such as a target of its own class."""
+    import pickle
+
     return b"__main__" in pickle.dumps(work)
 
 

@@ -6,7 +6,6 @@ import os
 import time
 
 from camcal.assess import figures
-from camcal.data.formats import files
 from camcal.errors import UsageError
 from camcal.model.camera import Camera
 from camcal.plan.progress import Attempt, Begin, Change, Progress
@@ -56,6 +55,8 @@ def camera_of(progress: Progress) -> Camera:
     if isinstance(given, Camera):
         known = given
     else:
+        from camcal.data.formats import files
+
         known = files.single(files.read(given, image_size=theirs), os.fspath(given))
     ours = known.image_size
     if ours is not None and theirs is not None and tuple(ours) != tuple(theirs):

@@ -21,7 +21,6 @@ from camcal.errors import EstimationError
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, follow
 from camcal.plan.run import BETTER, begun, camera_plan, plan
-from camcal.plan.selection import AUTO, described, select
 
 #: the model of an ordinary lens
 ORDINARY = "opencv5"
@@ -39,6 +38,8 @@ LEAST_FREEDOM = 5.0
 def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Mapping[str, Any]]:
     """All attempts of the plan with the model that the data require, and how it was found."""
     if asked.model == "select":
+        from camcal.plan.selection import AUTO
+
         return _ranked(given, asked, AUTO, "")
     try:
         progress = follow(camera_plan(), begun(given, replace(asked, model=ORDINARY)))
@@ -78,6 +79,8 @@ def _ranked(
     given: Observations, asked: Options, models: tuple[str, ...], why: str
 ) -> tuple[Progress, Mapping[str, Any]]:
     """The best of some models, with its whole plan."""
+    from camcal.plan.selection import described, select  # few runs rank models
+
     options = {name: getattr(asked, name) for name in ("skew", "fix", "robust", "seed")}
     found = described(select(given, models, **options))
     if why:

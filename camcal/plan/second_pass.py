@@ -35,8 +35,8 @@ from camcal.solve.refine import refine, refit
 SETTLED = 0.1
 #: the corrections shrink by ten or more from round to round; four leave nothing
 ROUNDS = 4
-#: views on which the size of the windows is chosen; twice as many would tell a difference of their errors that is
-#: smaller by a factor of 1.4, and several sizes take twice the time of one
+#: views on which the size of the windows is chosen, where there are twice as many or more: these would tell a
+#: difference of their errors that is smaller by a factor of 1.4, and several sizes take twice the time of one
 TRIED_ON = 12
 #: targets whose corners have a second pass; those of tags have too little room for it
 SHARPENED = ("checkerboard", "charuco")
@@ -90,7 +90,7 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
     """
     whole, found = progress.fit, progress.given
     count = len(whole.poses)
-    some = np.arange(count) if count <= TRIED_ON else np.arange(TRIED_ON) * count // TRIED_ON
+    some = np.arange(count) if count < 2 * TRIED_ON else np.arange(TRIED_ON) * count // TRIED_ON
     fit, tried = whole, []
     if len(some) < count:
         fit = refine(whole.camera, whole.poses[some], whole.observations.of_views(some), progress.how)

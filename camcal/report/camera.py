@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from camcal.data.formats.base import CameraFile
-from camcal.data.formats.camcal import rig_entry
 from camcal.model.camera import Camera
 from camcal.report.head import head
 from camcal.report.plain import plain
+
+if TYPE_CHECKING:  # reports of a calibration need none of the formats
+    from camcal.data.formats.base import CameraFile
 
 
 def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) -> dict[str, Any]:
@@ -17,6 +18,8 @@ def camera_document(camera: Camera, command: Sequence[str] = (), **more: Any) ->
 
     The `camera` entry is that of a report, its parameters without standard deviations.
     """
+    from camcal.data.formats.base import CameraFile
+
     return cameras_document(CameraFile.one(camera), command, **more)
 
 
@@ -27,6 +30,8 @@ def cameras_document(cameras: CameraFile, command: Sequence[str] = (), **more: A
         made["camera"] = camera_entry(cameras.cameras[0].camera)
     else:
         made["cameras"] = {c.name: camera_entry(c.camera) for c in cameras.cameras}
+        from camcal.data.formats.camcal import rig_entry
+
         rig = rig_entry(cameras)
         if rig is not None:
             made["rig"] = rig

@@ -21,7 +21,6 @@ from camcal.report.camera import camera_entry
 from camcal.report.coverage import section as coverage
 from camcal.report.embedded import encode
 from camcal.report.head import head
-from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
 from camcal.report.uncertainty import section as uncertainty
 from camcal.report.yaml import save
@@ -29,7 +28,7 @@ from camcal.schema import Report, unknown_key
 from camcal.solve.calibration import Estimate, Stage
 from camcal.start.base import scaled
 
-__all__ = ["document", "load", "load_camera", "save"]
+__all__ = ["document", "save"]
 
 Array = np.ndarray
 

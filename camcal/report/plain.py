@@ -26,7 +26,9 @@ def plain(value: Any) -> Any:
         return readable(value)
     if value is None or isinstance(value, bool) or type(value) in (int, float):
         return value
-    if isinstance(value, Mapping):
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return value.tolist()
+    if isinstance(value, (dict, Mapping)):
         return {readable(str(k)): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist())

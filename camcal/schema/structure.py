@@ -126,8 +126,12 @@ def _fields(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]
 
 def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
     """Return the path to the first key of a plain document that the schema does not have, or None."""
-    if not isinstance(value, (Mapping, list, tuple)):
+    if not isinstance(value, (dict, list, tuple, Mapping)):
         return None
+    if isinstance(value, (list, tuple)) and not any(
+        isinstance(v, (dict, list, tuple, Mapping)) for v in value
+    ):
+        return None  # numbers and words, the most of a report
     kind, _ = _bare(kind, value)
     section = isinstance(kind, type) and issubclass(kind, Section)
     if section and isinstance(value, Mapping) and not kind.open:
@@ -135,9 +139,10 @@ def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
             if name not in hints_of(kind):
                 return _join(path, name)
     for name, inner, part in _parts(kind, value):
-        found = None if part is msgspec.NODEFAULT else unknown_key(inner, part, _join(path, name))
-        if found is not None:
-            return found
+        if isinstance(part, (dict, list, tuple, Mapping)):
+            found = unknown_key(inner, part, _join(path, name))
+            if found is not None:
+                return found
     return None
 
 

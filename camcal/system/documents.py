@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from typing import Any
 
 import yaml
@@ -40,6 +39,8 @@ def parse_json(text: str, path: Path) -> Any:
 def parse_toml(text: str, path: Path) -> Any:
     """The content of a TOML document; DataError if it is invalid."""
     try:
+        import tomllib
+
         return tomllib.loads(text)
     except _FAILURES as error:
         raise broken(path, "TOML", error) from None

@@ -21,6 +21,8 @@ LONGEST_MESSAGE = 2000  #: characters; a screen of text
 
 def readable(text: str) -> str:
     r"""The text in valid UTF-8: invalid bytes of a file name become `\xe9`."""
+    if text.isascii():
+        return text
     try:
         text.encode("utf-8")
     except UnicodeEncodeError as error:

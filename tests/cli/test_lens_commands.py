@@ -11,7 +11,8 @@ import yaml
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.report.camera import camera_document
-from camcal.report.document import load_camera, save
+from camcal.report.document import save
+from camcal.report.loading import load_camera
 
 
 @pytest.fixture

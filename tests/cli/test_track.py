@@ -93,7 +93,7 @@ def test_fail_on_change(camcal, knock):
 
 def test_the_report_is_a_camera(camcal, knock):
     assert camcal("track", knock, "-o", "a.csv", "--report", "r.yaml", "--method", "iekf")[0] == 0
-    from camcal.report.document import load_camera
+    from camcal.report.loading import load_camera
 
     camera = load_camera("r.yaml")
     assert camera.lens.name == "pinhole" and abs(camera.params[0] - 900) < 10

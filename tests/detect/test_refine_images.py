@@ -50,6 +50,26 @@ def test_several_windows_of_one_reading(pictures):
     assert np.abs(half.uv[rim] - most.uv[rim]).max() < 0.1 * np.abs(half.uv[~rim] - most.uv[~rim]).max()
 
 
+def test_a_second_pass_of_the_same_camera_is_taken_from_the_cache(pictures, monkeypatch, tmp_path_factory):
+    folder, camera, poses = pictures
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    found = detect_images([folder], square="20mm")
+    first = refine_images(found, camera, poses, windows=WINDOWS)
+
+    def fit(*_):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr("camcal.detect.refine_images.refine_in_windows", fit)
+    for one, again in zip(first, refine_images(found, camera, poses, windows=WINDOWS), strict=True):
+        assert (one.uv == again.uv).all() and (one.sigma == again.sigma).all()
+    nearly = {**poses, "0.png": pose([0.5, 0.3, 0.2 + 1e-12], [-55, -40, 330])}
+    with pytest.raises(AssertionError, match="fitted again"):
+        refine_images(found, camera, nearly, windows=WINDOWS)
+    detect_images([folder], square="20mm", cache=False)
+    with pytest.raises(AssertionError, match="fitted again"):  # where no cache is wanted, none is read
+        refine_images(found, camera, poses, windows=WINDOWS)
+
+
 def test_views_without_a_pose_stay(pictures):
     folder, camera, poses = pictures
     found = detect_images([folder], square="20mm", cache=False)

@@ -240,11 +240,9 @@ def test_of_many_views_some_are_tried_in_all_windows_and_all_in_the_chosen_one(m
         return [points] * len(windows)
 
     monkeypatch.setattr(second_pass, "refine_images", refine_images)
-    count = len(found.views)
-    for most, expected in (
-        (count, [(count, WINDOWS)]),
-        (count - 1, [(count - 1, WINDOWS), (count, (INNER_HALF,))]),
-    ):
+    count, few = len(found.views), len(found.views) // 2
+    whole, part = [(count, WINDOWS)], [(few, WINDOWS), (count, (INNER_HALF,))]
+    for most, expected in ((few + 1, whole), (few, part)):
         monkeypatch.setattr(second_pass, "TRIED_ON", most)
         read.clear()
         calibrate(found, refine_points=True, checks=False)

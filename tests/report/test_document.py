@@ -15,7 +15,8 @@ from camcal.assess.covariance import covariance
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import SkippedView
 from camcal.errors import DataError, UsageError
-from camcal.report.document import document, load, load_camera, save
+from camcal.report.document import document, save
+from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
 from camcal.report.yaml import dump_json, dump_yaml
 from tests.solved import solved
