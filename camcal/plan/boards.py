@@ -6,19 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.assess import board_shape, half_turns
+from camcal.assess import board_shape, half_turns, rolling
 from camcal.assess.board_shape import CANDIDATES, SIGNIFICANT, Trial
+from camcal.assess.checks import film
 from camcal.assess.holdout import hold_out
 from camcal.assess.shape_benefit import Change as Benefit
 from camcal.assess.shape_benefit import change as benefit
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
-from camcal.plan.better import Candidate
+from camcal.plan.better import Candidate, better
 from camcal.plan.progress import Attempt, Change, Progress, stage_of
 from camcal.solve import robust
 from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How, refit
+
+#: steps to a readout time at most: the first is off by .02 of .8 frames, the second by less than its sigma
+READOUT_STEPS = 4
 
 
 def _flat(progress: Progress) -> Estimate:
@@ -88,6 +92,50 @@ def _after_turn(stage: Stage, progress: Progress, found: half_turns.Turned) -> S
     return replace(stage, poses=half_turns.turned(stage.poses, names, found.views, found.turn))
 
 
+def _shutter_tells(progress: Progress) -> bool:
+    return isinstance(_flat_fit(progress), Calibration) and not _several_boards(progress)
+
+
+def _flat_fit(progress: Progress) -> Estimate | None:
+    return None if progress.best is None or progress.estimate.board is not None else progress.estimate
+
+
+def _shutter(progress: Progress) -> Change | None:
+    """A rolling shutter as the cause, before a board that is free to follow the motion takes its part.
+
+    The flat board is fitted to points corrected for the readout time that its residuals show. Where that is better than
+    without, the points stay corrected: a shape then has to be better than the shutter alone.
+    """
+    flat = _flat_fit(progress)
+    assert isinstance(flat, Calibration)
+    found = rolling.sure(flat)
+    if found is None:
+        return None
+    time, made = _corrected_fit(flat, found.time, progress.how)
+    found = replace(found, time=time)
+    best, shutter = (Candidate(fit, hold_out(fit, progress.how)) for fit in (flat, made))
+    kept, why = better(shutter, best)
+    if not kept:
+        return Change(fit=shutter, best=best, refused=why)
+    return Change(
+        fit=shutter,
+        instead=True,
+        given=rolling.corrected(progress.given, found.time),
+        notes={"shutter": film.corrected_for(found, rolling.effect_px(flat, found))},
+    )
+
+
+def _corrected_fit(flat: Calibration, time: float, how: How) -> tuple[float, Calibration]:
+    """The readout time to which linear steps from the first lead, and the fit to points corrected for it."""
+    for _ in range(READOUT_STEPS):
+        made = refit(flat, rolling.corrected(flat.observations, time), how)
+        left = rolling.readout(made)
+        if left is None or abs(left.time) < left.sigma:
+            break
+        time += left.time
+    return time, made
+
+
 def shape_attempt(kind: str) -> Attempt:
     """The attempt with a kind of shape: accepted if it was requested, otherwise only if it is better."""
 
@@ -130,7 +178,7 @@ def _tried(progress: Progress, flat: Estimate, trial: Trial, how: How) -> Change
     best = progress.best
     assert best is not None
     if not trials:
-        held = hold_out(flat, progress.how)
+        held = best.holdout or hold_out(flat, progress.how)
         trials = (Trial("flat", flat, 1.0, held),)
         best = Candidate(flat, held)
     if trial.kind == "free":
@@ -192,6 +240,7 @@ def with_shape(data: Observations, progress: Progress) -> Observations:
 
 
 SHAPES: tuple[Attempt, ...] = (
+    Attempt("rolling-shutter", _shutter_tells, _shutter),
     Attempt("turned-views", _shape_tells, _turn),
     *(shape_attempt(kind) for kind in CANDIDATES),
     Attempt("rejected", _is_shaped, _reject_again),

@@ -236,6 +236,8 @@ def assessed(solution: Solution, progress: Progress) -> Solution:
     known = progress.notes.get("causes")  # looked for on the way, where views seemed not to belong
     found = known[1] if known and known[0] is progress.fit else causes.find(solution, progress.given)
     data, said = foreign.named(solution, progress.given, asked.robust != "none", found)
+    shutter = progress.notes.get("shutter")
+    said = (*said, shutter) if shutter is not None else said
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
     folds = folds_wanted(solution, asked.holdout)
     how = replace(progress.how, board=solution.board.kind if solution.board else "flat")

@@ -8,8 +8,9 @@ from math import exp, log
 
 from camcal.assess.causes.search import EVIDENCE
 from camcal.assess.causes.words import warning_of
-from camcal.assess.checks import film, noise
+from camcal.assess.checks import noise
 from camcal.assess.checks.facts import Facts
+from camcal.assess.rolling import sure
 from camcal.assess.warning import CalibrationWarning
 
 #: errors that whole views share rather than single points (a bent board, blur in one direction) are as many as the
@@ -39,7 +40,7 @@ def cause(facts: Facts) -> Iterator[CalibrationWarning]:
     if said is None or facts.found is None:
         return
     if (
-        said.code == "rolling-shutter" and film.sure(facts) is not None
+        said.code == "rolling-shutter" and sure(facts.solution) is not None
     ):  # known motion says it with one number
         return
     heavy = any(w.code == "heavy-tailed-residuals" for w in noise.tails(facts))

@@ -3,142 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from camcal.assess.causes.words import severity
 from camcal.assess.checks.facts import Facts
-from camcal.assess.design import Design
-from camcal.assess.difference import difference
-from camcal.assess.fold_difference import covered_grid
+from camcal.assess.rolling import Readout, effect_px, sure
 from camcal.assess.warning import CalibrationWarning
-from camcal.geometry.plane_flow import flow_at
-from camcal.model.pose import Array
-from camcal.records import dataclass
-from camcal.solve.calibration import Calibration
 
-#: frames whose motion is known; fewer hardly tell the motion from their poses
-LEAST_FRAMES = 6
-#: sigmas of the readout time; chance reaches 3 in one film of 400, and blur by motion is not quite symmetric
-SURE = 5.0
-#: of the time between two frames. Rows cannot take longer than that, but for the error of the motion; a longer
-#: readout is another cause that follows the motion
-LONGEST = 1.2
-
-
-@dataclass(frozen=True)
-class Readout:
-    """The readout time that explains the residuals best.
-
-    Attributes
-    ----------
-    time, sigma : float
-        From the first row to the last, in frames; negative where the last row is read first.
-    share : float
-        Of the sum of squared residuals, what it explains.
-    step : (P,) array
-        By what the camera's parameters change with it.
-    most : float
-        px; the largest displacement within a frame.
-    """
-
-    time: float
-    sigma: float
-    share: float
-    step: Array
-    most: float
+STILL = (
+    "Hold the target still for a moment in each place (frames without motion are preferred), put camera and target on "
+    "stands, or use a global shutter."
+)
 
 
 def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
-    """The residuals of a film follow the row times the speed of the target."""
-    found = sure(facts)
+    """The residuals of a film follow the row times the speed of the target, and the points are not corrected for it."""
+    found = sure(facts.solution)
     if found is None:
         return
     effect = effect_px(facts.solution, found)
-    order = "" if found.time > 0 else ", the last row first"
     # a board that was free to follow took most of a readout of .8 frames: .12 was left
     shaped = facts.solution.board is not None
-    least = "at least " if shaped else ""
     rest = " The estimated shape of the board hides the rest." if shaped else ""
     yield CalibrationWarning(
         "rolling-shutter",
-        f"the residuals follow the row times the speed of the target: rows are read one after the other{order}, all "
-        f"within {least}{abs(found.time):.2f} +- {found.sigma:.2f} of the time from frame to frame, which displaces "
-        f"points by up to {found.most:.2g} px. It explains {found.share:.0%} of the squared residuals. The camera is "
-        f"off by {effect:.2g} px (rms over the picture).{rest}",
-        ("Measure the time with --board-shape flat. " if shaped else "")
-        + "Hold the target still for a moment in each place (frames without motion are preferred), put camera and "
-        "target on stands, or use a global shutter.",
+        f"{_words(found, 'at least ' * shaped)} The camera is off by {effect:.2g} px (rms over the picture).{rest}",
+        ("Measure the time with --board-shape flat. " if shaped else "") + STILL,
         severity(effect, 0.0, False, float(np.sqrt(1 - found.share))),
     )
 
 
-def sure(facts: Facts) -> Readout | None:
-    """The readout time of a film's frames if the residuals show significantly that there is one."""
-    found = readout(facts.solution)
-    if found is None or abs(found.time) < SURE * found.sigma or abs(found.time) > LONGEST:
-        return None
-    return found
-
-
-def effect_px(solution: Calibration, found: Readout) -> float:
-    """The difference in projection from the camera with the readout time, px (rms over the covered part)."""
-    grid, covered = covered_grid(solution)
-    camera = solution.camera
-    moved = replace(camera, params=camera.params + found.step)
-    return difference(camera, moved, grid[covered]).rms_px
-
-
-def readout(solution: Calibration) -> Readout | None:
-    """Estimate the readout time of a film's frames by one linear step from a solution.
-
-    With d the displacement of each point for a readout of one frame, (row / height) times its velocity, and H the
-    projection on what camera and poses take up (`design.py`), residuals r = predicted - observed give
-
-        time = -dᵀ r / dᵀ (I - H) d,    sigma = sigma_0 / sqrt(dᵀ (I - H) d)                              (1)
-
-    Returns
-    -------
-    Readout, or None where the motion of fewer than `LEAST_FRAMES` frames is known or the camera is held.
-    """
-    flows = _flows(solution)
-    size = solution.camera.image_size
-    if len(flows) < LEAST_FRAMES or size is None or not solution.free.any():
-        return None
-    design = Design(solution)
-    kept = solution.observations.kept()
-    weights = np.ones(kept.point_count) if kept.precision is None else np.sqrt(kept.precision)
-    along = cost = own = most = 0.0
-    coupling = np.zeros(design.transform.shape[1])
-    for rows in design.rows():
-        r = rows.residuals.ravel()
-        cost += float(r @ r)
-        flow = flows.get(kept.view_ids[rows.view])
-        if flow is None:
-            continue
-        at = kept.slices[rows.view]
-        uv = kept.uv[at]
-        shift = ((uv[:, 1] + 0.5) / size[1])[:, None] * flow_at(flow, uv, size)
-        most = max(most, float(np.ptp(shift, axis=0).max()))
-        d = (shift * weights[at, None]).ravel()
-        free, pose = rows.free.reshape(len(d), -1), rows.pose.reshape(len(d), -1)
-        to_pose = pose.T @ d
-        along += float(d @ r)
-        own += float(d @ d - to_pose @ design.poses.inverse[rows.view] @ to_pose)
-        coupling += free.T @ d - design.poses.gain[rows.view].T @ to_pose
-    taken = design.inverse @ coupling
-    information = own - float(coupling @ taken)
-    if not information > 0 or not cost > 0:
-        return None
-    time = -along / information
-    sigma = float(design.sigma_0 / np.sqrt(information))
-    return Readout(
-        time, sigma, along**2 / information / cost, -time * (design.transform @ taken), abs(time) * most
+def corrected_for(found: Readout, effect: float) -> CalibrationWarning:
+    """The warning where the points were corrected for a readout time without which the camera would be off, px."""
+    return CalibrationWarning(
+        "rolling-shutter",
+        f"{_words(found)} Without a correction the camera would be off by {effect:.2g} px (rms over the picture): the "
+        "points were moved to where they were when the first row was read.",
+        f"The motion between frames is known approximately only. {STILL}",
+        "doubtful" if severity(effect, 0.0, False, 1.0) != "note" else "note",
     )
 
 
-def _flows(solution: Calibration) -> dict[str, Array]:
-    """The motion of each view that is a frame of a film."""
-    quality = solution.observations.picture_quality
-    return {name: np.array(q["flow"], float) for name, q in quality.items() if q.get("flow")}
+def _words(found: Readout, least: str = "") -> str:
+    order = "" if found.time > 0 else ", the last row first"
+    return (
+        f"the residuals follow the row times the speed of the target: rows are read one after the other{order}, all "
+        f"within {least}{abs(found.time):.2f} +- {found.sigma:.2f} of the time from frame to frame, which displaces "
+        f"points by up to {found.most:.2g} px. It explains {found.share:.0%} of the squared residuals."
+    )
