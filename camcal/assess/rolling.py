@@ -113,6 +113,11 @@ def readout(solution: Calibration) -> Readout | None:
     )
 
 
+def known_motion(data: Observations) -> bool:
+    """Return whether the motion of enough frames is known to find a readout time."""
+    return len(_flows(data)) >= LEAST_FRAMES
+
+
 def corrected(data: Observations, time: float) -> Observations:
     """The observations as rows that are all read at once would show them; views of unknown motion stay as they are.
 

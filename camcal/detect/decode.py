@@ -8,6 +8,7 @@ picture becomes its luma. The mosaic of a raw colour picture is brought to one l
 from __future__ import annotations
 
 import io
+import re
 from importlib import import_module
 
 import cv2
@@ -22,6 +23,9 @@ Array = np.ndarray
 #: board takes about 20 bytes a pixel
 MOST_PIXELS = 200_000_000
 JPEG = b"\xff\xd8"
+LONGEST_META = (
+    1 << 20
+)  #: bytes at the start of a HEIC file in which the properties of its items are looked for
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 
@@ -96,8 +100,19 @@ def _from_heic(data: bytes) -> Array:
     try:
         picture = np.asarray(pillow_heif.open_heif(io.BytesIO(data), convert_hdr_to_8bit=False))
     except Exception as error:  # of a decoder of damaged files: of any kind
-        raise UnreadableError(f"it is a damaged HEIC picture: {str(error)[:80]}") from error
+        reason = str(error)[:80].strip().rstrip(".")
+        raise UnreadableError(
+            f"it is a HEIC picture that pillow-heif cannot decode ({reason}): convert it to JPEG or PNG, or replace "
+            "it if it is damaged"
+        ) from error
+    picture = np.rot90(picture, -_quarter_turns(data))
     return picture if picture.ndim == 2 else picture[..., 2::-1]  # blue first, as OpenCV has it
+
+
+def _quarter_turns(data: bytes) -> int:
+    """By how many quarters a HEIC picture is turned to the left for display (ISO/IEC 23008-12, 6.5.10, box `irot`)."""
+    found = re.search(rb"\0\0\0\x09irot(.)", data[:LONGEST_META], re.DOTALL)
+    return found[1][0] & 3 if found else 0
 
 
 def check_size(data: bytes) -> tuple[int, int] | None:

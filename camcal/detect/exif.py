@@ -1,7 +1,8 @@
-"""Camera data in the EXIF block of a JPEG file: model, focal length, orientation (CIPA DC-008, EXIF 2.32)."""
+"""Camera data in the EXIF block of a JPEG or HEIC file: model, focal length, orientation (CIPA DC-008, EXIF 2.32)."""
 
 from __future__ import annotations
 
+import re
 import struct
 
 from camcal.records import dataclass
@@ -9,6 +10,7 @@ from camcal.records import dataclass
 ORIENTATION, MAKE, MODEL, EXIF_IFD = 0x0112, 0x010F, 0x0110, 0x8769
 FOCAL_LENGTH, DIGITAL_ZOOM = 0x920A, 0xA404
 SIZES = {2: 1, 3: 2, 4: 4, 5: 8}  #: bytes of an ASCII character, a SHORT, a LONG, a RATIONAL
+LONGEST_BLOCK = 1 << 16  #: bytes; of a JPEG segment, in which the same data fit
 MOST_ENTRIES = 512  #: of a directory; a damaged one claims more
 LONGEST_TEXT = 64  #: characters of a maker's or a model's name that are kept
 
@@ -45,7 +47,7 @@ UNKNOWN = Taken()
 
 
 def read_exif(data: bytes) -> Taken:
-    """Read the EXIF data of a JPEG file; an empty `Taken` for any other file or a damaged block."""
+    """Read the EXIF data of a JPEG or HEIC file; an empty `Taken` for any other file or a damaged block."""
     try:
         tiff = _block(data)
         if not tiff:
@@ -70,7 +72,10 @@ def _number(value: object) -> float:
 
 
 def _block(data: bytes) -> bytes:
-    """The TIFF structure in the APP1 segment of a JPEG file."""
+    """The TIFF structure in the APP1 segment of a JPEG file, or in the item of a HEIC file (ISO/IEC 23008-12, A.2)."""
+    if data[4:8] == b"ftyp":
+        found = re.search(rb"Exif\0\0(?=MM\0\*|II\*\0)", data)
+        return data[found.end() : found.end() + LONGEST_BLOCK] if found else b""
     at = 2 if data.startswith(b"\xff\xd8") else len(data)
     while at + 4 <= len(data) and data[at] == 0xFF and 0xE0 <= data[at + 1] <= 0xEF:
         (length,) = struct.unpack(">H", data[at + 2 : at + 4])

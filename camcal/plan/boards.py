@@ -93,7 +93,8 @@ def _after_turn(stage: Stage, progress: Progress, found: half_turns.Turned) -> S
 
 
 def _shutter_tells(progress: Progress) -> bool:
-    return isinstance(_flat_fit(progress), Calibration) and not _several_boards(progress)
+    flat = _flat_fit(progress)
+    return isinstance(flat, Calibration) and rolling.known_motion(flat.observations)
 
 
 def _flat_fit(progress: Progress) -> Estimate | None:

@@ -126,19 +126,24 @@ def test_heic_is_named(tmp_path, monkeypatch):
     assert [s.id for s in skipped] == ["a.HEIC", "b.jpg"] and all("HEIC" in s.reason for s in skipped)
 
 
-def test_a_heic_picture_is_read(tmp_path):
-    """A file of the encoder of libheif; lossy, so that pixels agree to a few grey levels."""
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_a_heic_picture_is_read(tmp_path, orientation):
+    """A file of the encoder of libheif, turned back to what the sensor saw; lossy, so that few grey levels are left."""
     heif = pytest.importorskip("pillow_heif")
     gray = board()
     rgb = np.repeat(gray[..., None], 3, 2)
     made = heif.from_bytes("RGB", rgb.shape[1::-1], rgb.tobytes())
+    block = exif(orientation=orientation)[4:]
     try:
-        made.save(tmp_path / "a.heic", quality=95)
+        made.save(tmp_path / "a.heic", quality=95, exif=block)
     except (OSError, RuntimeError, ValueError) as error:  # libheif may be built without an encoder
         pytest.skip(f"no HEIC encoder: {error}")
-    read = decode_gray((tmp_path / "a.heic").read_bytes())
+    data = (tmp_path / "a.heic").read_bytes()
+    read = decode_gray(data)
     assert read.shape == gray.shape and read.dtype == np.uint8
     assert np.abs(read.astype(int) - gray).mean() < 2
+    taken = read_exif(data)
+    assert (taken.camera, taken.focal, taken.orientation) == ("Google Pixel 9", 4.38, orientation)
     assert len(detect_images([tmp_path], cache=False).views[0]) == 30
 
 
@@ -152,7 +157,7 @@ def test_heic_is_read_where_pillow_heif_is_installed(monkeypatch):
     monkeypatch.setattr(decode, "import_module", lambda name: Installed)
     assert (decode_gray(HEIC) == board()).all()
     monkeypatch.setattr(Installed, "open_heif", lambda *_, **__: 1 / 0)
-    with pytest.raises(UnreadableError, match="damaged HEIC"):
+    with pytest.raises(UnreadableError, match=r"pillow-heif cannot decode .*: convert it to JPEG or PNG"):
         decode_gray(HEIC)
 
 
