@@ -102,14 +102,18 @@ def standardise(design: Design) -> Standardised:
     solution = design.calibration
     parts: list[tuple] = []
     by_point: dict[bytes, int] = {}
+    of_boards: dict[bytes, tuple[Array, Array, Array]] = {}  # views of one board are alike
     for rows in design.rows():
         view = design.views[rows.view]
         z, roots = _whitened(design, rows)
         turn = _board_axes(design, rows.view)
         offset = view.uv - solution.camera.params[2:4]
-        rounded = np.round(view.xyz, 9) + 0.0
-        ids = np.array([by_point.setdefault(r.tobytes(), len(by_point)) for r in rounded])
-        first, second = _pairs(view.xyz)
+        board = view.xyz.tobytes()
+        if board not in of_boards:
+            rounded = np.round(view.xyz, 9) + 0.0
+            ids = np.array([by_point.setdefault(r.tobytes(), len(by_point)) for r in rounded])
+            of_boards[board] = (ids, *_pairs(view.xyz))
+        ids, first, second = of_boards[board]
         cross = roots[first] @ -design.hat(rows, first, second) @ roots[second].transpose(0, 2, 1)
         pairs = np.einsum("ni,ni->n", z[first], z[second]) - np.einsum("nii->n", cross)
         parts.append((z, np.einsum("nij,nj->ni", turn, z), offset, np.full(len(z), rows.view), ids, pairs))
@@ -241,10 +245,15 @@ def holm(found: list[ResidualTest]) -> list[ResidualTest]:
 def bias_ratio(design: Design) -> BiasRatio | None:
     """Equation (1); None if no view can be divided into pieces."""
     square, freedom, pieces, covered, points = 0.0, 0, 0, 0.0, 0
+    of_boards: dict[bytes, list[Array]] = {}
     for rows in design.rows():
         covered += float((rows.residuals**2).sum())
         points += len(rows.residuals)
-        for piece in cut(design.views[rows.view].xyz):
+        xyz = design.views[rows.view].xyz
+        board = xyz.tobytes()
+        if board not in of_boards:
+            of_boards[board] = list(cut(xyz))
+        for piece in of_boards[board]:
             left, spare = _without_pose(rows, piece)
             square, freedom, pieces = square + left, freedom + spare, pieces + 1
     own = redundancy(design.calibration)

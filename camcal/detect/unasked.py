@@ -20,8 +20,10 @@ from camcal.settings.sizes import parse_length
 
 MOST_REASONS = 3  #: that are named where no picture shows the target
 FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
-#: pictures looked at before these: where all show one whole plain board, no markers are looked for beside it in others
-AGREEING = 4
+#: pictures looked at before these, the first and one of the middle: where both show one whole plain board, no markers
+#: are looked for beside it in others. That takes a third of the time of a picture, and a board of markers beside the
+#: first would have to be out of both pictures
+AGREEING = 2
 ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be asked
 
 

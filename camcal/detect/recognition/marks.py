@@ -41,9 +41,9 @@ def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> 
     corners = np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], 2)
     row, column = np.nonzero(np.isfinite(corners).all((2, 3)))
     dark = (row + column) % 2 == 0
-    middle, spread = _middles(gray, corners[row, column])
     if min(dark.sum(), (~dark).sum()) < LEAST_SQUARES:
         return False
+    middle, spread = _middles(gray, corners[row, column])
     contrast = abs(float(np.median(middle[dark]) - np.median(middle[~dark])))
     less, more = sorted((float(np.median(spread[dark])), float(np.median(spread[~dark]))))
     return more > LEAST_SPREAD * max(contrast, 1.0) and more > LEAST_RATIO * less
@@ -56,6 +56,11 @@ def _middles(gray: Array, corners: Array) -> tuple[Array, Array]:
     unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     h = homography.homographies(np.broadcast_to(unit, corners.shape), corners, steps=0)
     places = homography.transfer(h, np.broadcast_to(inside, (len(corners), *inside.shape[1:])))
-    u, v = np.moveaxis(places.astype(np.float32), -1, 0)
-    value = cv2.remap(gray.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    low = np.maximum(
+        np.floor(corners.min((0, 1))).astype(int) - 1, 0
+    )  # of a large picture the part with the board
+    high = np.ceil(corners.max((0, 1))).astype(int) + 2
+    part = gray[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    u, v = np.moveaxis((places - low).astype(np.float32), -1, 0)
+    value = cv2.remap(part, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.median(value, 1), value.std(1)
