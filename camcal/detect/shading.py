@@ -59,21 +59,22 @@ def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
         by_x += [2 * x, y, zero]
         by_y += [zero, x, 2 * y]
     levels = np.stack([offset + contrast, offset - contrast], -1)
-    surface = np.stack([_robust_fit(np.stack(design, -1)[sound], level[sound]) for level in levels.T], -1)
+    surface = _robust_fits(np.stack(design, -1)[sound], levels[sound])
     return np.stack([np.stack(d, -1) @ surface / scale for d in (by_x, by_y)], -1)
 
 
-def _robust_fit(design: Array, values: Array) -> Array:
-    """Least squares with Huber's weights; the scale is the median deviation."""
-    weighted = design
+def _robust_fits(design: Array, values: Array) -> Array:
+    """Least squares (P, L) of the columns of values (N, L) with Huber's weights; the scale is the median deviation."""
+    weights, diagonal = np.ones(values.T.shape), np.arange(design.shape[1])
     for _ in range(ROUNDS):
-        normal = weighted.T @ design
-        normal[np.diag_indices_from(normal)] *= 1 + RIDGE
-        solution = np.linalg.solve(normal, weighted.T @ values)
-        residual = np.abs(values - design @ solution)
-        limit = HUBER * max(median(residual), 1e-9)
-        weighted = design * np.minimum(1, limit / np.maximum(residual, 1e-12))[:, None]
-    return solution
+        weighted = design.T * weights[:, None]
+        normal = weighted @ design
+        normal[:, diagonal, diagonal] *= 1 + RIDGE
+        solution = np.linalg.solve(normal, weighted @ values.T[..., None])[..., 0]
+        residual = np.abs(values.T - solution @ design.T)
+        limit = HUBER * np.maximum([median(r) for r in residual], 1e-9)
+        weights = np.minimum(1, limit[:, None] / np.maximum(residual, 1e-12))
+    return np.asarray(solution.T)
 
 
 def evened(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.detect.ranks import median
 from camcal.detect.targets.base import Detection
 from camcal.geometry import homography
 
@@ -44,8 +45,8 @@ def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> 
     if min(dark.sum(), (~dark).sum()) < LEAST_SQUARES:
         return False
     middle, spread = _middles(gray, corners[row, column])
-    contrast = abs(float(np.median(middle[dark]) - np.median(middle[~dark])))
-    less, more = sorted((float(np.median(spread[dark])), float(np.median(spread[~dark]))))
+    contrast = abs(median(middle[dark]) - median(middle[~dark]))
+    less, more = sorted((median(spread[dark]), median(spread[~dark])))
     return more > LEAST_SPREAD * max(contrast, 1.0) and more > LEAST_RATIO * less
 
 
