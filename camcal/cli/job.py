@@ -148,7 +148,10 @@ def detection_events(
             note("{path}: {searched} of {frames} frames are searched".format(**details))
         elif event == "left":
             names = listed([p.name for p in details["files"]])
-            note(f"not used, as there are pictures in the same folder: {names}; name a film to use it")
+            note(
+                f"not used, as there are pictures in the same folder: {names}; name a film to use it, and unpack an "
+                "archive before"
+            )
         elif event == "no-film":
             note("none of the inputs is a film: --every, --from and --to are ignored")
         elif event == "negative":
@@ -156,6 +159,11 @@ def detection_events(
                 "black and white are exchanged in the pictures. To select that: --target {spec}".format(
                     **details
                 )
+            )
+        elif event == "marked":
+            note(
+                "the pictures show {words}; its inner corners are used as a plain checkerboard, as requested. To use "
+                "its markers: --target {spec}".format(**details)
             )
         elif event == "turned":
             note(

@@ -20,6 +20,8 @@ from camcal.detect.listing import left_in_folders, list_pictures
 from camcal.detect.recognition.decide import Answer, contradiction, words
 from camcal.detect.recognition.families import family_of, read_markers, read_others
 from camcal.detect.recognition.look import Sight
+from camcal.detect.recognition.marks import squares_hold_marks
+from camcal.detect.recognition.measure import measured
 from camcal.detect.search_pictures import OnEvent, Search
 from camcal.detect.several import Searched
 from camcal.detect.targets.base import DEFAULT_SECONDS, Target
@@ -78,6 +80,7 @@ def detect_images(
         `("left", {files})` where folders of pictures contain films or raw pictures, too, which are not used,
         `("no-film", {})` where a part of the films was asked for and there is none,
         `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
+        `("marked", {words, spec})` where the checkerboard that was asked for is a board of markers,
         `("negative", {spec})` where the target that was asked for is found with black and white exchanged,
         `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor saw them),
         `("picture", {id, status, reason, done, count, cached})` for each at the end, and `("cache", {reason})`
@@ -167,6 +170,8 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
         With the spec of the board that they show.
     """
     target = searched[0].target
+    if isinstance(target, Checkerboard):
+        _tell_marked(run, target, searched[0].outcomes)
     if len(searched) > 1 or not isinstance(target, TagBoard):
         return  # several boards in the pictures explain each other's markers
     readable = [o.path for o in searched[0].outcomes if o.status != "unreadable"]
@@ -184,6 +189,19 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
         raise DataError(
             f"the pictures show {words(other)}; {words(target)} was requested.", f"Try: --target {other.spec}"
         )
+
+
+def _tell_marked(run: Search, target: Checkerboard, outcomes: list[Outcome]) -> None:
+    """Report where a checkerboard that was asked for holds markers, by one picture."""
+    found = next((o for o in outcomes if o.detection is not None), None)
+    gray = None if found is None else run.read(found.path)
+    if found is None or found.detection is None or gray is None:
+        return
+    if squares_hold_marks(gray, found.detection, (target.columns, target.rows)):
+        best = best_of(run.examine_all([found.path], None))
+        if best is not None and isinstance(best.target, TagBoard):
+            shown = measured(best.target, [gray]).scaled(target.square, target.unit)
+            run.tell("marked", words=words(shown), spec=shown.spec)
 
 
 def _kept(run: Search, searched: list[Searched], count: int | None) -> list[Searched]:

@@ -266,6 +266,20 @@ def test_a_target_is_found_in_negative_where_its_spec_does_not_say_so(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("shown", "marked"), [("charuco:6x5:40mm:24mm:4X4_50", True), ("checkerboard:5x4:40mm", False)]
+)
+def test_a_checkerboard_that_was_asked_for_and_holds_markers_is_named(tmp_path, shown, marked):
+    (gray,) = rendered(shown, count=1, size=(640, 480))
+    cv2.imwrite(str(tmp_path / "v.png"), gray)
+    events = {}
+    found = detect_images([tmp_path], board="5x4", square="40mm", jobs=1, cache=False,
+                          on_event=lambda name, said: events.update({name: said}))  # fmt: skip
+    assert len(found.views[0]) == 20 and ("marked" in events) is marked
+    if marked:
+        assert events["marked"]["spec"] == shown and "ChArUco board of 6x5" in events["marked"]["words"]
+
+
 def leaving(shown, columns):
     """A picture that a grid leaves to the right by so many columns."""
     target, rng = make(shown), np.random.default_rng(2)
