@@ -1,12 +1,13 @@
 """What a user waits for: whole commands and calls, beside the usual OpenCV script and cv2.calibrateCamera.
 
     python benchmarks/whole.py [--runs 5] [--only pictures calls start] [--pictures 13 30 100 12] [--rows rows.json]
-                               [--update docs/figures.md]
+                               [--folder PICTURES] [--update docs/figures.md]
 
-Pictures are rendered here (of large ones 8, the others are links to these). The script reads the pictures, runs
-findChessboardCorners and cornerSubPix (window 11, as OpenCV's tutorial has it) and calibrateCamera, and prints the
-result; its time, and camcal's, are those of a process from start to end. The two take turns; medians and the median of
-the ratios are printed. "cold" is without the cache of detections. "of it" are the steps of the command by themselves.
+Pictures are rendered here (of large ones 8, the others are links to these; those of 12 megapixels are enlarged from
+3). The script reads the pictures, runs findChessboardCorners and cornerSubPix (window 11, as OpenCV's tutorial has it)
+and calibrateCamera, and prints the result; its time, and camcal's, are those of a process from start to end. The two
+take turns; medians and the median of the ratios are printed. "cold" is without the cache. "of it" are the steps of the
+command by themselves, beside those of the script.
 
 Times are processor time, one process and one thread each, so that they hold on a busy machine, too; on an idle one with
 two processors camcal searches larger sets of pictures in about half of its time. Megabytes are the peak of the process.
@@ -63,7 +64,9 @@ STEPS = (
     IMPORTS
     + """
 import sys, time
+from pathlib import Path
 from camcal.detect.images import detect_images
+from camcal.detect.sources import read_gray
 from camcal.plan.calibrate import calibrate
 from camcal.report.document import document, save
 took = [time.process_time()]
@@ -72,6 +75,7 @@ def step(work, *args, **options):
     made = work(*args, **options)
     took.append(time.process_time() - begin)
     return made
+step(lambda: [read_gray(path) for path in Path(sys.argv[1]).iterdir()])
 found = step(detect_images, [sys.argv[1]], jobs=1, cache=False)
 step(calibrate, found, checks=False, refine_points=False)
 step(calibrate, found, checks=False, refine_points=None)
@@ -81,9 +85,36 @@ step(lambda: save(document(solution), sys.argv[2], force=True))
 print(*took)
 """
 )
+#: the steps of the script
+SCRIPT_STEPS = (
+    """
+import sys, time
+def step(work):
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+took = []
+"""
+    + SCRIPT.replace("criteria =", "took.append(time.process_time())\ncriteria =", 1).split("points, seen")[0]
+    + """
+names = sorted(glob.glob(sys.argv[1] + '/*'))
+gray = []
+took.append(step(lambda: gray.extend(cv2.imread(name, cv2.IMREAD_GRAYSCALE) for name in names)))
+seen = []
+def search():
+    for picture in gray:
+        ok, corners = cv2.findChessboardCorners(picture, (9, 6), None)
+        if ok:
+            seen.append(cv2.cornerSubPix(picture, corners, (11, 11), (-1, -1), criteria))
+took.append(step(search))
+took.append(step(lambda: cv2.calibrateCamera([grid] * len(seen), seen, gray[0].shape[::-1], None, None)))
+print(*took)
+"""
+)
 #: pictures, their size, the limit that issue and docs state for the ratio cold
 PICTURES = ((13, (640, 480), "png", 3.0), (30, (1632, 1224), "jpg", 1.5), (100, (1632, 1224), "jpg", 1.0),
             (12, (4000, 3000), "jpg", 1.0))  # fmt: skip
+LARGE = 2000  #: px; wider pictures are rendered with half their size and enlarged
 RENDERED = 8  #: large pictures that are rendered, which takes minutes; the others are links to them
 CALLS = ((13, 9, 6), (50, 9, 6), (200, 9, 6), (200, 20, 20))
 
@@ -123,22 +154,8 @@ def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
     for count, size, kind, limit in (p for p in PICTURES if p[0] in counts):
         place, out = folder / f"{count}-{size[0]}", folder / "report.yaml"
         width = f"{size[0]}x{size[1]}"
-        rendered = count if size[0] < 1000 else min(count, RENDERED)
-        made = tool(
-            "simulate", "images", "--target", "checkerboard:9x6:25mm", "--views", rendered, "-o", place
-        )
-        scale = {"fx": 533 * size[0] / 640, "fy": 534 * size[0] / 640, "cx": size[0] / 2, "cy": size[1] / 2}
-        values = ",".join(f"{k}={v:.4g}" for k, v in scale.items())
-        blur = 0.8 * max(1.0, size[0] / 1600)
-        subprocess.run(
-            [*made, "--image-size", width, "--set", values, "--type", kind, "--blur", f"{blur:.2g}", "-q"],
-            check=True,
-        )
-        for truth in place.glob("*.yaml"):
-            truth.unlink()
-        shown = sorted(place.iterdir())
-        for i in range(rendered, count):
-            (place / f"more{i:03d}.{kind}").hardlink_to(shown[i % rendered])
+        if not place.exists():
+            rendered(place, count, size, kind)
         script = [sys.executable, "-c", SCRIPT, str(place)]
         run = tool("checkerboard", place, "-o", out, "--force", "-q", "--jobs", 1)
         for name, command, most in (
@@ -157,25 +174,53 @@ def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
         yield what, *(f"{p:.0f} MB" for p in peaks), f"{peaks[0] / peaks[1]:.2f}", f"{most:.1f}"
 
 
+def rendered(place: Path, count: int, size: tuple[int, int], kind: str) -> None:
+    """Render pictures, of large ones some, and very large ones enlarged from half their size."""
+    enlarged = 2 if size[0] > LARGE else 1
+    width, height = (n // enlarged for n in size)
+    some = count if size[0] < 1000 else min(count, RENDERED)
+    made = tool("simulate", "images", "--target", "checkerboard:9x6:25mm", "--views", some, "-o", place)
+    camera = {"fx": 533 * width / 640, "fy": 534 * width / 640, "cx": width / 2, "cy": height / 2}
+    values = ",".join(f"{k}={v:.4g}" for k, v in camera.items())
+    blur = f"{0.8 * max(1.0, width / 1600):.2g}"
+    more = ("--image-size", f"{width}x{height}", "--set", values, "--type", kind, "--blur", blur, "-q")
+    subprocess.run([*made, *more], check=True)
+    for truth in place.glob("*.yaml"):
+        truth.unlink()
+    shown = sorted(place.iterdir())
+    for path in shown if enlarged > 1 else ():
+        gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(path), cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC))
+    for i in range(some, count):
+        (place / f"more{i:03d}.{kind}").hardlink_to(shown[i % some])
+
+
 def steps(runs: int, place: Path, out: Path) -> Iterator[Row]:
-    """What the command on small pictures does, step by step."""
-    command = [sys.executable, "-c", STEPS, str(place), str(out)]
-    said = [subprocess.run(command, capture_output=True, check=True, text=True).stdout for _ in range(runs)]
-    taken = [[float(word) for word in line.split()] for line in said]
-    start, search, bare, second, checks, every, report = (
-        statistics.median(t) for t in zip(*taken, strict=True)
-    )
+    """What the command on small pictures does, step by step, beside the same step of the script where it has one."""
+
+    def medians(code: str) -> list[float]:
+        command = [sys.executable, "-c", code, str(place), str(out)]
+        said = [
+            subprocess.run(command, capture_output=True, check=True, text=True).stdout for _ in range(runs)
+        ]
+        return [
+            statistics.median(t) for t in zip(*([float(w) for w in s.split()] for s in said), strict=True)
+        ]
+
+    start, decoding, search, bare, second, checks, every, report = medians(STEPS)
+    theirs = medians(SCRIPT_STEPS)
     parts = {
-        "interpreter and imports": start,
-        "search of the pictures": search,
-        "closed form and refinement": bare,
-        "second pass over the pictures": second - bare,
-        "checks": checks - bare,
-        "shapes of the board and cross-check": every - checks,
-        "report": report,
+        "interpreter and imports": (start, theirs[0]),
+        "decoding": (decoding, theirs[1]),
+        "search of the pictures": (search - decoding, theirs[2]),
+        "closed form and refinement": (bare, theirs[3]),
+        "second pass over the pictures": (second - bare,),
+        "checks": (checks - bare,),
+        "shapes of the board and cross-check": (every - checks,),
+        "report": (report,),
     }
-    for name, value in parts.items():
-        yield f"of it, {name}", f"{value:.2f} s", "", "", ""
+    for name, (ours, *script) in parts.items():
+        yield f"of it, {name}", f"{ours:.3f} s", "".join(f"{t:.3f} s" for t in script), "", ""
 
 
 def timed(work: Callable[[], object]) -> float:
@@ -267,6 +312,7 @@ def main() -> None:
         "--only", nargs="+", choices=("pictures", "calls", "start"), default=("pictures", "calls", "start")
     )
     parser.add_argument("--pictures", nargs="+", type=int, default=[p[0] for p in PICTURES])
+    parser.add_argument("--folder", type=Path, help="for pictures that other runs use again")
     parser.add_argument("--rows", type=Path)
     parser.add_argument("--update", type=Path)
     options = parser.parse_args()
@@ -274,7 +320,8 @@ def main() -> None:
     known = options.rows is not None and options.rows.exists()
     rows: dict[object, Row] = {r[0]: tuple(r) for r in json.loads(options.rows.read_text())} if known else {}
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder = options.folder or Path(name)
+        folder.mkdir(exist_ok=True)
         os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "compiled")
         parts = {
             "pictures": lambda: pictures(options.runs, folder, options.pictures),
