@@ -37,7 +37,8 @@ from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.model.pose import Array, Poses
 from camcal.plan.solution import Solution
-from camcal.solve.refine import on_board, refine
+from camcal.solve.board_points import on_board
+from camcal.solve.refine import refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 

@@ -12,7 +12,7 @@ A free board has so many parameters that it can do both and leave the camera wor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,10 @@ import numpy as np
 from camcal.assess import figures
 from camcal.assess.holdout import HoldOut
 from camcal.assess.shape_benefit import Change
+from camcal.data.boards import frames, names_of
 from camcal.least_squares.distributions import f_exceeded
 from camcal.records import dataclass
+from camcal.solve.board import PLACED
 from camcal.solve.calibration import Estimate, ShapedBoard
 
 #: a shape is accepted below this p-value: of a thousand flat boards one passes
@@ -55,7 +57,7 @@ def p_value(flat: Estimate, shaped: Estimate) -> float:
     freedom = figures.redundancy(shaped)
     if freedom <= 0 or shaped.fit.cost <= 0:
         return 1.0
-    size = shaped.board.size
+    size = shaped.board.size - shaped.board.placed
     ratio = (flat.fit.cost - shaped.fit.cost) / size / (shaped.fit.cost / freedom)
     return f_exceeded(max(ratio, 0.0), size, freedom)
 
@@ -71,24 +73,53 @@ def described(
         kind, points [[X, Y, Z], ...] in the order of the board's corners, the ideal ones alike, rms_offset,
         max_offset, p_value, aspect and angle of the print, words, and the errors of each kind that was tried.
     """
-    board = calibration.board
+    board, target = calibration.board, calibration.observations.target or {}
+    if board is not None and board.kind == PLACED:
+        board = None
     said: dict[str, Any] = {"kind": "flat" if board is None else board.kind, "p_value": p_value}
-    if board is not None:
-        offset = (board.points - board.ideal) / square
-        size = np.linalg.norm(offset, axis=1)
-        aspect, angle = printed(board)
+    if board is not None and board.label is None:
+        said |= _of_board(board, square)
+    elif board is not None:
+        own = {n: _of_board(b, square) for n, b in separate(board, target).items()}
+        size = np.linalg.norm(board.points - board.ideal, axis=1) / square
         said |= {
-            "aspect": aspect,
-            "angle": angle,
             "rms_offset": float(np.sqrt((size**2).mean())),
             "max_offset": float(size.max()),
-            "words": words(board, square),
-            "points": (board.points / square).tolist(),
-            "ideal": (board.ideal / square).tolist(),
+            "words": "; ".join(f"board {n}: {o['words']}" for n, o in own.items()),
+            "boards": own,
         }
     if trials:
         said["tried"] = [_of_trial(t, square) for t in trials]
     return said
+
+
+def separate(board: ShapedBoard, target: Mapping[str, Any]) -> dict[str, ShapedBoard]:
+    """Several boards one by one, each in its own frame; those that are as designed are left out."""
+    assert board.label is not None and board.numbers is not None
+    found = {}
+    for index, (name, pose) in enumerate(zip(names_of(target), frames(target), strict=True)):
+        own, back = board.label == index, pose.inverse()
+        if (board.points[own] != board.ideal[own]).any():
+            ideal, points = back.apply(board.ideal[own]), back.apply(board.points[own])
+            found[name] = ShapedBoard(board.kind, ideal, points, board.size, numbers=board.numbers[own])
+    return found
+
+
+def _of_board(board: ShapedBoard, square: float) -> dict[str, Any]:
+    """The entry of one board."""
+    offset = (board.points - board.ideal) / square
+    size = np.linalg.norm(offset, axis=1)
+    aspect, angle = printed(board)
+    said = {
+        "aspect": aspect,
+        "angle": angle,
+        "rms_offset": float(np.sqrt((size**2).mean())),
+        "max_offset": float(size.max()),
+        "words": words(board, square),
+        "points": (board.points / square).tolist(),
+        "ideal": (board.ideal / square).tolist(),
+    }
+    return said if board.numbers is None else {**said, "numbers": board.numbers.tolist()}
 
 
 def _of_trial(trial: Trial, square: float) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from camcal.errors import UsageError
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
 from camcal.records import dataclass
-from camcal.solve.board import LEAST_VIEWS, Board, BoardProblem, make_board, settle
+from camcal.solve.board import Board, BoardProblem, make_board, settle
 from camcal.solve.calibration import Calibration
 from camcal.solve.schur import Reduced
+from camcal.solve.several_boards import LEAST_VIEWS, Several
 
 #: Larger problems are left to `--board-shape auto`: there the step would cost more than the calibration.
 MOST_VIEWS, MOST_POINTS = 100, 200
@@ -46,7 +47,8 @@ def promise(solution: Calibration) -> Promise | None:
     if solution.board is not None or not LEAST_VIEWS < len(solution.poses) <= MOST_VIEWS:
         return None
     try:
-        board = make_board(solution.observations.kept().views, "free")
+        kept = solution.observations.kept()
+        board = make_board(kept.views, "free", Several.of(kept))
     except UsageError:
         return None
     freedom, size = figures.redundancy(solution), board.size
@@ -59,7 +61,9 @@ def promise(solution: Calibration) -> Promise | None:
         return None
     ratio = (gain / size) / (rest / (freedom - size))
     ideal = board.points
-    points, _, _ = settle(ideal + board.expand(shape), ideal, solution.poses)
+    points = ideal + board.expand(shape)
+    if board.label is None:
+        points, _, _ = settle(points, ideal, solution.poses)
     before, left = cost / freedom, rest / (freedom - size)
     sigma_hat = figures.sigma_hat(solution)
     return Promise(

@@ -28,9 +28,10 @@ from camcal.errors import CamcalError, UsageError
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
+from camcal.solve.board_points import shaped
 from camcal.solve.calibration import Calibration, Estimate, NormalBlocks
 from camcal.solve.poses import poses_before
-from camcal.solve.refine import How, as_designed, on_board, refit, residuals, subject_of
+from camcal.solve.refine import How, as_designed, refit, residuals, subject_of
 
 #: problems up to this size are held out unasked: a fraction of a second
 CHEAP_POINTS, CHEAP_PARAMETERS = 10_000, 40
@@ -132,7 +133,7 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
 def residuals_of(fit: Estimate, held: Observations, poses: Poses) -> Array:
     """Residuals (N, 2) of views not used in a fit, with their poses refitted, px."""
     if fit.board is not None:
-        held = on_board(held, fit.board.ideal, fit.board.points)
+        held = shaped(held, fit.board)
     return residuals(subject_of(fit), poses_before(fit, held, poses), held)
 
 

@@ -25,7 +25,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
 from camcal.records import dataclass
-from camcal.solve.board import PLACED, common_points
+from camcal.solve.board import common_points
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.rig_cameras import within
@@ -123,7 +123,7 @@ def _candidates(solution: RigCalibration, seed: int) -> list[tuple[Array, Pose, 
     them.
     """
     rng, made = np.random.default_rng(seed), []
-    several = solution.board is not None and solution.board.kind == PLACED
+    several = solution.board is not None and solution.board.placed > 0
     for name in solution.rig.cameras:
         alone = within(solution, name)
         if alone.camera.image_size is None:

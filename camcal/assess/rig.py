@@ -18,7 +18,6 @@ import numpy as np
 from camcal.assess.covariance import Covariance
 from camcal.data.boards import movable, parts, pose_of
 from camcal.geometry import rotations
-from camcal.solve.board import PLACED
 from camcal.solve.calibration import RigCalibration
 
 Array = np.ndarray
@@ -66,7 +65,7 @@ def board_sigmas(solution: RigCalibration, accuracy: Covariance) -> Array:
     The variables turn a board about the mean c of its points (`camcal.solve.board`): δt = τ + ω x (t - c).
     """
     board, data = solution.board, solution.observations
-    if board is None or board.kind != PLACED or data.target is None:
+    if board is None or not board.placed or data.target is None:
         return np.zeros((0, 6))
     found, part, kept = [], parts(data), data.used
     assert part is not None
@@ -90,7 +89,7 @@ def _centre_rows(solution: RigCalibration, name: str) -> Array:
 def _scale_row(solution: RigCalibration) -> Array:
     """(2) as a row (F,)."""
     row, board = np.zeros(solution.free.shape[1]), solution.board
-    if board is not None and board.kind != PLACED:  # the sizes of boards that are placed are given
+    if board is not None and board.label is None:  # the sizes of several boards are given
         ideal = board.ideal - board.ideal.mean(0)
         moved = np.einsum("mi,mib->b", ideal, board.directions().reshape(len(ideal), 3, -1))
         row[len(row) - board.size :] = -moved / np.square(ideal).sum()

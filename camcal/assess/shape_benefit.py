@@ -31,6 +31,7 @@ from camcal.geometry import rotations
 from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, ShapedBoard
+from camcal.solve.several_boards import similarities
 
 #: columns of the grid over the picture
 COLUMNS = 20
@@ -64,20 +65,20 @@ def change(simple: Estimate, shaped: Estimate) -> Change:
     board, inner = shaped.board, simple.board
     assert board is not None
     s = reduce(shaped.normal, eliminate_poses(shaped.normal))
-    f = len(s) - board.size
+    f = len(s) - board.size + board.placed  # the places of several boards count with the camera
     loose = np.eye(3 * len(board.points)) - _seen_by_none(board)
-    d = loose @ board.directions()
+    d = loose @ board.directions()[:, board.placed :]
     q = d.T @ d
 
     def coordinates(offsets: Array) -> Array:
         return np.linalg.solve(q, d.T @ offsets)
 
     theta = coordinates((board.points - board.ideal).reshape(-1))
-    inside = coordinates(inner.directions()) if inner is not None else theta[:, None][:, :0]
+    inside = theta[:, None][:, :0] if inner is None else coordinates(inner.directions()[:, inner.placed :])
     q_left = q - q @ inside @ np.linalg.pinv(inside.T @ q @ inside) @ inside.T @ q
     left = _eliminated(s, f, inside)
     sigma2 = sigma_0(shaped) ** 2
-    gain = theta @ left @ theta - sigma2 * (board.size - inside.shape[1])
+    gain = theta @ left @ theta - sigma2 * (len(theta) - inside.shape[1])
     tau2 = max(float(gain), 0.0) / float(np.trace(np.linalg.solve(q, left)))
     simplest = _without(s, f, inside, theta)
     middle = _shrunk(s, q_left, theta, sigma2 / tau2) if tau2 > 0 else simplest
@@ -120,11 +121,15 @@ def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
 
 
 def _seen_by_none(board: ShapedBoard) -> Array:
-    """The projection (3 M, 3 M) onto offsets that are a motion of the board or a change of its size."""
-    x = board.ideal - board.ideal.mean(0)
-    rows = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), rotations.skew(x), x[:, :, None]], 2)
-    basis = np.linalg.qr(rows.reshape(-1, 7))[0]
-    return np.asarray(basis @ basis.T)
+    """The projection (3 M, 3 M) onto offsets that are a motion of a board or a change of its size."""
+    label = np.zeros(len(board.ideal), int) if board.label is None else board.label
+    found = np.zeros((len(label), 3, len(label), 3))
+    for own in (np.flatnonzero(label == k) for k in np.unique(label)):
+        basis = np.linalg.qr(similarities(board.ideal[own]))[0]
+        found[own[:, None], :, own[None], :] = np.moveaxis(
+            (basis @ basis.T).reshape(len(own), 3, len(own), 3), 1, 2
+        )
+    return found.reshape(3 * len(label), -1)
 
 
 def _projections(solution: Estimate) -> Array:

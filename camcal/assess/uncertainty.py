@@ -207,8 +207,8 @@ def board_follow(solution: Calibration, views: Array) -> Array:
     """
     out = np.zeros((6, solution.free.shape[1]))
     board = solution.board
-    if board is None or board.basis is None:
-        return out
+    if board is None or board.basis is None or board.label is not None:
+        return out  # the shapes of several boards leave each frame where it is
     x = board.points - board.points.mean(0)
     rows = np.concatenate(
         [np.tile(np.eye(3), (len(x), 1, 1)), -rotations.skew(x), x[:, :, None]], axis=2

@@ -91,6 +91,14 @@ def pose_of(found: Mapping[str, Any]) -> Pose:
     return Pose.from_vector(*(np.asarray(found[k], float) for k in ("rotation_vector", "translation")))
 
 
+def frames(target: Mapping[str, Any]) -> tuple[Pose, ...]:
+    """group_from_board of each board; identities where no board is placed."""
+    given = target.get("board_poses")
+    if given is None:
+        return (Pose.identity(),) * len(target.get("first_ids") or ())
+    return tuple(pose_of(p) for p in given)
+
+
 def view_name(view: str, board: str) -> str:
     """The name of the view of one board of a picture."""
     return f"{view} board {board}"

@@ -23,8 +23,9 @@ from camcal.peers import refinement
 from camcal.peers.base import Entry, NotComparableError, Result, Task, entry
 from camcal.peers.calibrate_camera import answer, begin, camera_of, criteria, refusals, rms_of, where
 from camcal.solve.board import common_points, settle
+from camcal.solve.board_points import on_board
 from camcal.solve.calibration import Calibration
-from camcal.solve.refine import How, on_board
+from camcal.solve.refine import How
 
 NAME = "cv2.calibrateCameraRO"
 #: Unknowns (three a point, six a view) up to which cv2 is asked: 2 s for 240, 55 s for 500.
@@ -45,6 +46,8 @@ def against_cv2(solution: Calibration, how: How | None = None, full: bool = True
     form = solution.camera.lens.opencv(solution.camera.params)
     if board is None or board.kind != "free":
         return None
+    if board.label is not None:
+        return entry(refinement.STAGE, NAME, "not_applicable", "it estimates the shape of one board")
     if form is None or form.function != "calibrateCamera":
         return None
     try:

@@ -13,13 +13,17 @@ from camcal.assess.holdout import hold_out
 from camcal.assess.shape_benefit import Change as Benefit
 from camcal.assess.shape_benefit import change as benefit
 from camcal.assess.warning import CalibrationWarning
+from camcal.data.boards import labels, names_of
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError, UsageError
+from camcal.errors import CamcalError
 from camcal.plan.better import Candidate, better
 from camcal.plan.progress import Attempt, Change, Progress, stage_of
 from camcal.solve import robust
+from camcal.solve.board import PLACED
 from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How, refit
+from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, enough
+from camcal.system.text import listed
 
 #: steps to a readout time at most: the first is off by .02 of .8 frames, the second by less than its sigma
 READOUT_STEPS = 4
@@ -32,18 +36,26 @@ def _flat(progress: Progress) -> Estimate:
 
 
 def _several_boards(progress: Progress) -> bool:
-    return len((progress.given.target or {}).get("boards", ())) > 1
+    return labels(progress.given) is not None
 
 
 def as_designed(progress: Progress) -> tuple[CalibrationWarning, ...]:
-    """A note that `auto` tries no shape where there are several boards; empty where it tries some."""
-    if progress.options.board_shape != "auto" or not _several_boards(progress):
+    """A note on those of several boards whose shape the views do not determine; empty where no shape is wanted."""
+    data = progress.estimate.observations.kept()
+    several = Several.of(data)
+    if progress.options.board_shape == "flat" or several is None:
         return ()
+    names = names_of(data.target)
+    lacking = [names[k] for k in np.flatnonzero(~enough(data, several))]
+    if not lacking:
+        return ()
+    one = len(lacking) == 1
     return (
         CalibrationWarning(
             "boards-as-designed",
-            "with several boards no board shape is estimated: each is taken as designed.",
-            "If a board may be bent or printed to another size, calibrate with that board alone.",
+            f"fewer than {LEAST_POINTS} points are seen in {LEAST_VIEWS} views of {'board' if one else 'boards'} "
+            f"{listed(lacking)}, whose shape is not estimated: {'it is' if one else 'they are'} taken as designed.",
+            f"Take {LEAST_VIEWS} or more pictures of {'it' if one else 'each'}.",
             "note",
         ),
     )
@@ -141,13 +153,7 @@ def shape_attempt(kind: str) -> Attempt:
     """The attempt with a kind of shape: accepted if it was requested, otherwise only if it is better."""
 
     def applies(progress: Progress) -> bool:
-        several = _several_boards(progress)
-        if several and progress.options.board_shape == kind:
-            raise UsageError(
-                "several boards were found; the shape of one board alone can be estimated.",
-                "Name the board with --target, or leave out --board-shape.",
-            )
-        return progress.best is not None and progress.options.board_shape in (kind, "auto") and not several
+        return progress.best is not None and progress.options.board_shape in (kind, "auto")
 
     def make(progress: Progress) -> Change | None:
         flat, how = _flat(progress), replace(progress.how, board=kind)
@@ -232,7 +238,7 @@ def with_shape(data: Observations, progress: Progress) -> Observations:
     if not trials and shape is None:
         more = {"shape": {**target["shape"], "turned": turned}} if turned else {}
         return replace(data, target={**target, **more}) if more else data
-    kind = "flat" if fit.board is None else fit.board.kind
+    kind = "flat" if fit.board is None or fit.board.kind == PLACED else fit.board.kind
     p = next((t.p_value for t in (*trials, shape) if t is not None and t.kind == kind), 1.0)
     target["shape"] = board_shape.described(fit, p, trials, float(target.get("square") or 1.0))
     if turned:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from camcal.assess.board_shape import separate
 from camcal.assess.covariance import covariance, eliminate_poses
 from camcal.assess.rig import pose_rows
 from camcal.data.observations import Observations
@@ -18,9 +19,9 @@ from camcal.plan.rig_cameras import pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
 from camcal.records import dataclass
+from camcal.solve.board_points import by_number, on_board
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem
-from camcal.solve.refine import on_board
 from camcal.solve.rig_start import corners_of, placed
 from camcal.solve.turns import symmetries
 from camcal.track.rig_changes import RigFollower, excess
@@ -127,12 +128,26 @@ def _seen(rig: RigSolution, views: RigViews, robust: str) -> tuple[Observations,
     for name in names:
         part = usable(views.parts[name])
         if rig.board is not None:
-            part = on_board(part, rig.board.ideal, rig.board.points)
+            part = _on_boards(part, rig)
         fits[name] = evaluate(rig.rig.cameras[name], part, robust)
     data = joined({n: f.observations for n, f in fits.items()}, views.instants, views.order)
     places = Poses.stack([rig.rig.cam_from_rig[n] for n in names])
     data, poses, _ = placed(pictures_of(fits, views, data), places, data, symmetries(data), corners_of(data))
     return data, poses
+
+
+def _on_boards(part: Observations, rig: RigSolution) -> Observations:
+    """A camera's new observations, each board in its own frame and of the shape that the calibration found."""
+    board, target = rig.board, rig.observations.target or {}
+    assert board is not None
+    if board.label is None:
+        return on_board(part, board.ideal, board.points)
+    if (part.target or {}).get("first_ids") != target.get("first_ids"):
+        return part
+    for own in separate(board, target).values():
+        assert own.numbers is not None
+        part = by_number(part, own.numbers, own.points)
+    return part
 
 
 def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, list[Picture]]:

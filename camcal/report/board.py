@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from camcal.data.observations import Correspondences
 from camcal.errors import DataError
 from camcal.report.yaml import read_document
-from camcal.solve.refine import on_board
+from camcal.solve.board_points import by_number, on_board
 
 #: a point of the board counts as one of the report's within this part of a square
 _SAME = 1e-3
@@ -26,6 +28,8 @@ def on_known_board(correspondences: Correspondences, path: str | os.PathLike) ->
     """
     target = read_document(path).get("target") or {}
     shape = target.get("shape") or {}
+    if "boards" in shape:
+        return _on_known_boards(correspondences, target, path)
     if "points" not in shape:
         raise DataError(
             f"{path} has no board shape; a report with an estimated shape is needed.",
@@ -40,5 +44,30 @@ def on_known_board(correspondences: Correspondences, path: str | os.PathLike) ->
                 f"{path} has the shape of another board: it lacks points of view '{view.id}'.",
                 "Give the report that was made with this board.",
             )
+    return _known(on_board(correspondences, ideal, points), shape, path)
+
+
+def _on_known_boards(
+    correspondences: Correspondences, target: Mapping[str, Any], path: str | os.PathLike
+) -> Correspondences:
+    """The same with several boards, each by its own entry."""
+    own, shape = correspondences.target or {}, target["shape"]
+    if any(own.get(k) != target.get(k) for k in ("boards", "first_ids")):
+        found = ", ".join(map(str, own.get("boards") or ())) or "a single one"
+        raise DataError(
+            f"{path} has the shapes of the boards {', '.join(map(str, target['boards']))}; these data have {found}.",
+            "Give the report that was made with these boards.",
+        )
+    square = float(own.get("square") or 1.0)
+    for entry in shape["boards"].values():
+        correspondences = by_number(
+            correspondences, np.array(entry["numbers"]), square * np.array(entry["points"], float)
+        )
+    return _known(correspondences, shape, path)
+
+
+def _known(
+    correspondences: Correspondences, shape: Mapping[str, Any], path: str | os.PathLike
+) -> Correspondences:
     used = {**dict(correspondences.target or {}), "shape": {**shape, "kind": "known", "from": str(path)}}
-    return replace(on_board(correspondences, ideal, points), target=used)
+    return replace(correspondences, target=used)

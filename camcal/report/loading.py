@@ -12,6 +12,7 @@ import numpy as np
 
 from camcal.assess.known import Promise
 from camcal.assess.warning import CalibrationWarning
+from camcal.data.boards import frames, names_of
 from camcal.data.formats.camcal import camera_of_entry
 from camcal.data.formats.files import read, single
 from camcal.data.observations import Observations, SkippedView
@@ -27,11 +28,13 @@ from camcal.schema import Report, check, structure
 from camcal.schema import report as schema
 from camcal.schema.camera import Camera as Section
 from camcal.schema.kinds import UNSET
-from camcal.schema.views import Shape, Target, View
+from camcal.schema.views import BoardShape, Shape, Target, View
 from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
+from camcal.solve.board_points import by_number, on_board, shaped_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.problem import Problem, Seen
-from camcal.solve.refine import cameras_of, on_board, placed_boards, residuals, rig_poses
+from camcal.solve.refine import cameras_of, placed_boards, residuals, rig_poses
+from camcal.solve.several_boards import Several
 
 Array = np.ndarray
 
@@ -96,7 +99,7 @@ def judged(
     poses : Poses
     data : Observations
     """
-    board = placed_boards(data) or board_of(report.target, data)
+    board = board_of(report.target, data) or placed_boards(data)
     normal = normal_at(subject, frees, poses, data, board)
     return {
         "poses": poses,
@@ -202,11 +205,31 @@ def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:
     if not isinstance(shape, Shape) or shape.kind not in KINDS:
         return None
     square = target.square if target is not None and isinstance(target.square, float) else 1.0
+    if shape.boards is not UNSET:
+        return _boards_of(shape.kind, shape.boards, square, seen)
     points, ideal = (np.array(p, float).reshape(-1, 3) * square for p in (shape.points, shape.ideal))
     # what a shape may do follows from the ideal board, so that it is the same as in the calibration
     flat = on_board(seen.kept(), points, ideal)
     board = make_board(flat.views, shape.kind)
     return ShapedBoard(shape.kind, ideal, points, board.size, board.basis)
+
+
+def _boards_of(kind: str, found: Mapping[str, BoardShape], square: float, seen: Observations) -> ShapedBoard:
+    """The estimated shapes of several boards."""
+    kept, target = seen.kept(), seen.target or {}
+    order = np.argsort(np.concatenate([b.numbers for b in found.values()]))
+    numbers = np.concatenate([b.numbers for b in found.values()])[order]
+    poses = dict(zip(names_of(target), frames(target), strict=True))
+    ideal, points = (
+        np.concatenate([poses[n].apply(square * np.array(p(b), float)) for n, b in found.items()])[order]
+        for p in (lambda b: b.ideal, lambda b: b.points)
+    )
+    flat = by_number(kept, numbers, ideal)
+    board = make_board(flat.views, kind, Several.of(flat))
+    assert board.numbers is not None
+    there = board.points.copy()
+    there[np.searchsorted(board.numbers, numbers)] = points
+    return shaped_board(board, there)
 
 
 def normal_at(
@@ -222,7 +245,7 @@ def normal_at(
         assert board.basis is not None
         common = common_points(kept)
         assert common is not None  # or `board_of` would have said so
-        shape = Board(*common, board.kind, board.basis)
+        shape = Board(*common, board.kind, board.basis, label=board.label, numbers=board.numbers)
         problem = BoardProblem(lenses, kept, frees, shape, weights, seen=instants)
     params = np.concatenate([c.params for c in cameras])
     blocks = problem.linearise(problem.state(params, poses, rig_poses(subject)))

@@ -150,8 +150,8 @@ REMEDIES: dict[str, tuple[str, str]] = {
     ),
     "rounded-coordinates": ("Points clicked or stored in whole pixels.", "Store sub-pixel coordinates."),
     "boards-as-designed": (
-        "Several boards in the pictures.",
-        "None is needed if the boards are flat and have their stated size.",
+        "One of several boards is in few pictures.",
+        "None is needed if that board is flat; otherwise three or more pictures of it.",
     ),
     "cameras-out-of-step": (
         "A camera started later, or lost a frame.",

@@ -59,6 +59,19 @@ class TriedShape(Section):
     ] = UNSET
 
 
+class BoardShape(Section):
+    """The shape of one of several boards, as `target.shape` of a board alone has it, in the frame of that board."""
+
+    aspect: Annotated[Figure, key("ratio of the print's scale in y to that in x")]
+    angle: Annotated[Figure, key("angle at which its sides meet, degrees")]
+    rms_offset: Annotated[Figure, key("root mean square distance of `points` from `ideal`")]
+    max_offset: Annotated[Figure, key("largest distance of `points` from `ideal`")]
+    words: Annotated[str, key("the same in a sentence")]
+    points: Annotated[list[Vector], key("where the points are")]
+    ideal: Annotated[list[Vector], key("where they should be")]
+    numbers: Annotated[list[Count], key("the number of each among the points of all boards")]
+
+
 class Shape(Section, rename={"from_": "from"}):
     """The shape of a board, where it was estimated or given; lengths in squares (or the unit of the points)."""
 
@@ -79,6 +92,10 @@ class Shape(Section, rename={"from_": "from"}):
         ),
     ] = UNSET
     ideal: Annotated[list[Vector] | UnsetType, key("where they should be")] = UNSET
+    boards: Annotated[
+        dict[str, BoardShape] | UnsetType,
+        key("of several boards: the shape of each, by its name; boards that are missing are as designed"),
+    ] = UNSET
     turned: Annotated[
         list[str] | UnsetType,
         key(

@@ -19,15 +19,13 @@ from camcal.data.observations import View
 from camcal.errors import UsageError
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
-from camcal.model.pose import Array, Pose, Poses
+from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen
+from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, places, shapes
 from camcal.solve.state import Blocks, State
-
-#: a point seen in fewer views than this keeps its ideal place: its offset would only absorb noise
-LEAST_VIEWS = 3
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,9 @@ class Board:
     basis : (3 M, B) array, or (B,) int array
         d X / d θ in the order x, y, z of the first point, of the second, ...; integers select coordinates.
     part : (M,) int array or None
-        Of kind `placed`: which part each point is of, -1 of those that stay.
+        Of several boards: the number among those placed of the board that each point is of, -1 of the others.
+    label, numbers : (M,) int arrays or None
+        Of several boards: which of them each point is of, and the point's number.
     """
 
     points: Array
@@ -53,6 +53,13 @@ class Board:
     kind: str
     basis: Array
     part: Array | None = None
+    label: Array | None = None
+    numbers: Array | None = None
+
+    @property
+    def placed(self) -> int:
+        """Number of the parameters that place boards; they are the first."""
+        return 0 if self.part is None else 6 * (int(self.part.max(initial=-1)) + 1)
 
     @property
     def size(self) -> int:
@@ -164,34 +171,8 @@ def _free(points: Array, counts: Array) -> Array:
     return np.flatnonzero(~held.reshape(-1))
 
 
-#: the kind of shape of several boards that are fixed to each other: rigid, each with a pose of its own
+#: the kind of several boards as designed, some of which are fixed to each other: each of these has a pose of its own
 PLACED = "placed"
-
-
-def _placed(points: Array, part: Array) -> Array:
-    """(3 M, 6 K): each of K parts rotated about the mean of its points by a small vector, and shifted; part -1 is
-    fixed.
-    """
-    count = int(part.max(initial=-1)) + 1
-    basis = np.zeros((len(points), 3, 6 * count))
-    for k in range(count):
-        own = np.flatnonzero(part == k)
-        if len(own):
-            basis[own, :, 6 * k : 6 * k + 3] = -rotations.skew(points[own] - points[own].mean(0))
-            basis[own, :, 6 * k + 3 : 6 * k + 6] = np.eye(3)
-    return basis.reshape(-1, 6 * count)
-
-
-def motions_of(shape: Array, points: Array, part: Array) -> list[Pose]:
-    """The displacement of points (M, 3) in parts (M,) by the variables (6 K,) of `_placed`, exactly rigid."""
-    found = []
-    for k, (turn, shift) in enumerate(shape.reshape(-1, 2, 3)):
-        own = points[part == k]
-        centre = own.mean(0) if len(own) else np.zeros(3)
-        rotation = rotations.exp(turn)
-        found.append(Pose(rotation, centre + shift - rotation @ centre))
-    return found
-
 
 #: kind -> function (points (M, 3), views that see each (M,)) -> basis of `Board`
 KINDS: dict[str, Callable[[Array, Array], Array]] = {"bowl": _bowl, "print": _print, "free": _free}
@@ -203,20 +184,20 @@ def check_kind(kind: str) -> None:
         raise UsageError(f"unknown board shape '{kind}'.", "Known: flat, " + ", ".join(KINDS) + ", auto.")
 
 
-def make_board(views: Sequence[View], kind: str, part: Array | None = None) -> Board:
-    """The board of the views with a shape of the given kind.
+def make_board(views: Sequence[View], kind: str, several: Several | None = None) -> Board:
+    """The board of the views with a shape of the given kind, or several boards.
 
     Parameters
     ----------
     views : sequence of View
     kind : str
-    part : (N,) int array, optional
-        Of kind `placed`: which part each row of all views is of, -1 of those that stay.
+    several : Several, optional
+        Which board each row of all views is of.
 
     Raises
     ------
     UsageError
-        Where the views do not share a target, or for an unknown kind.
+        Where the views do not share a target, for an unknown kind, or where no board has points in enough views.
     """
     if kind != PLACED:
         check_kind(kind)
@@ -227,13 +208,24 @@ def make_board(views: Sequence[View], kind: str, part: Array | None = None) -> B
             "Try: --board-shape flat",
         )
     points, ids = common
-    if kind == PLACED:
-        assert part is not None
-        of_point = np.full(len(points), -1)
-        of_point[np.concatenate(ids)] = part
-        return Board(points, ids, kind, _placed(points, of_point), of_point)
-    counts = np.bincount(np.concatenate(ids), minlength=len(points))
-    return Board(points, ids, kind, KINDS[kind](points, counts))
+    index = np.concatenate(ids)
+    counts = np.bincount(index, minlength=len(points))
+    if several is None:
+        return Board(points, ids, kind, KINDS[kind](points, counts))
+    label, numbers = np.empty(len(points), int), np.empty(len(points), int)
+    label[index] = several.label
+    numbers[index] = np.concatenate([v.point_ids for v in views if v.point_ids is not None])
+    part = several.place[label]
+    basis = places(points, part)
+    if kind != PLACED:
+        own = shapes(points, counts, label, several.frames, None if kind == "free" else KINDS[kind])
+        if not own.shape[1]:
+            raise UsageError(
+                f"no board has {LEAST_POINTS} points that are seen in {LEAST_VIEWS} views or more.",
+                "Try: --board-shape flat",
+            )
+        basis = np.c_[basis, own]
+    return Board(points, ids, kind, basis, part, label, numbers)
 
 
 class BoardProblem(Problem):

@@ -103,6 +103,10 @@ class ShapedBoard:
         Number of parameters B of the shape.
     basis : (3 M, B) array, or (B,) int array
         As in `Board`.
+    placed : int
+        Of several boards: how many of the parameters, the first ones, place boards as they are.
+    label, numbers : (M,) int arrays or None
+        Of several boards: which of them each point is of, and the point's number.
     """
 
     kind: str
@@ -110,6 +114,9 @@ class ShapedBoard:
     points: Array
     size: int
     basis: Array | None = None
+    placed: int = 0
+    label: Array | None = None
+    numbers: Array | None = None
 
     def directions(self) -> Array:
         """d X / d θ (3 M, B) as a full matrix."""

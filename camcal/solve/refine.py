@@ -12,20 +12,19 @@ import numpy as np
 from camcal.data.boards import moved, parts
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
-from camcal.geometry.neighbours import Neighbours
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.model.rig import Rig
 from camcal.records import dataclass
 from camcal.solve import optimizers
-from camcal.solve.board import PLACED, BoardProblem, make_board, motions_of, settle
+from camcal.solve.board import PLACED, BoardProblem, make_board, settle
+from camcal.solve.board_points import shaped, shaped_board
 from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard
 from camcal.solve.optimizers.base import OnStep, Options, Result
 from camcal.solve.parameters import apply_fixed, free_matrix
 from camcal.solve.problem import Problem, Seen
+from camcal.solve.several_boards import Several, motions_of
 
-#: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
-_SAME_POINT = 1e-6
 #: rad; boards that turned by less in the last round are where they are: what linearising leaves is its square
 SMALL_TURN = 1e-6
 #: rounds with boards that are placed: the turns of a round are the square of those before, so that three do from .1 rad
@@ -124,16 +123,17 @@ def refine(
     params = np.concatenate([c.params for c in cameras])
     state = problem.state(params, poses, rig_poses(start))
     result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
-    if how.board == PLACED:
+    if isinstance(problem, BoardProblem) and problem.board.placed:
         problem, result, observations = _placed(problem, result, observations, cameras, frees, how)
     final, board, scale = problem.poses(result.state), None, 1.0
-    if isinstance(problem, BoardProblem) and how.board == PLACED:
-        board = placed_boards(observations)
-    elif isinstance(problem, BoardProblem):
-        shape = problem.board
-        points, final, scale = settle(shape.points + shape.expand(result.state.shape), shape.points, final)
-        observations = on_board(observations, shape.points, points)
-        board = ShapedBoard(shape.kind, shape.points, points, shape.size, shape.basis)
+    if isinstance(problem, BoardProblem):
+        shape, theta = problem.board, result.state.shape.copy()
+        theta[: shape.placed] = 0.0  # in the observations already
+        points = shape.points + shape.expand(theta)
+        if shape.label is None:  # the directions of several boards leave each of them in its place
+            points, final, scale = settle(points, shape.points, final)
+        board = shaped_board(shape, points)
+        observations = shaped(observations, board)
     found = _found(start, problem.params(result.state), result.state.rig, scale)
     common: dict[str, Any] = {
         "poses": final,
@@ -161,12 +161,13 @@ def _placed(
 ) -> tuple[Problem, Result, Observations]:
     """The fit with rigid boards, from one whose rotations were linearised: the boards are moved and the fit repeated.
 
-    The turns of a round are of second order in those of the one before.
+    The turns of a round are of second order in those of the one before. Shapes begin anew at each place.
     """
     for _ in range(ROUNDS):
         assert isinstance(problem, BoardProblem) and problem.board.part is not None
         shape = problem.board
-        observations = moved(observations, motions_of(result.state.shape, shape.points, problem.board.part))
+        places = result.state.shape[: shape.placed]
+        observations = moved(observations, motions_of(places, shape.points, problem.board.part))
         poses, params = problem.poses(result.state), result.state.params
         problem = make_problem(cameras, observations, frees, how)
         state = problem.state(params, poses, result.state.rig)
@@ -177,7 +178,8 @@ def _placed(
             iterations=begin.iterations + result.iterations,
             evaluations=begin.evaluations + result.evaluations,
         )
-        if np.abs(result.state.shape.reshape(-1, 6)[:, :3]).max(initial=0.0) < SMALL_TURN:
+        turns = result.state.shape[: shape.placed].reshape(-1, 6)[:, :3]
+        if np.abs(turns).max(initial=0.0) < SMALL_TURN:
             break
     return problem, result, observations
 
@@ -266,7 +268,7 @@ def make_problem(
     lenses, seen = [c.lens for c in cameras], Seen(kept.blocks.camera, kept.blocks.view)
     if how.board == "flat":
         return Problem(lenses, kept.views, frees, weights, how.normalise, seen, how.hold_rig)
-    board = make_board(kept.views, how.board, parts(kept))
+    board = make_board(kept.views, how.board, Several.of(kept))
     return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen, how.hold_rig)
 
 
@@ -278,28 +280,16 @@ def board_kind(observations: Observations) -> str:
 def placed_boards(observations: Observations) -> ShapedBoard | None:
     """The current points of boards that were placed together with the cameras; None if none was."""
     kept = observations.kept()
-    part = parts(kept)
-    if part is None:
+    if parts(kept) is None:
         return None
-    board = make_board(kept.views, PLACED, part)
-    return ShapedBoard(PLACED, board.points, board.points, board.size, board.basis)
-
-
-def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
-    """The observations with the ideal points (M, 3) replaced by the estimated ones (M, 3).
-
-    Points that are none of the ideal ones (no view that was used shows them) stay where they are.
-    """
-    near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
-    distance, index = Neighbours(ideal).query(observations.xyz)
-    moved = np.where(distance[:, None] <= near, points[index], observations.xyz)
-    return replace(observations, xyz=moved)
+    board = make_board(kept.views, PLACED, Several.of(kept))
+    return shaped_board(board, board.points)
 
 
 def as_designed(calibration: Estimate) -> Observations:
     """The observations of a calibration with the original board."""
     board, data = calibration.board, calibration.observations
-    return data if board is None else on_board(data, board.points, board.ideal)
+    return data if board is None else shaped(data, replace(board, ideal=board.points, points=board.ideal))
 
 
 def residuals(camera: Camera | Rig, poses: Poses, observations: Observations) -> Array:

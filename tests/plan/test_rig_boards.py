@@ -1,21 +1,26 @@
 """Rigs before several boards: which stand fast to each other, and cameras that never see the same one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import camcal
+from camcal.assess.board_shape import separate
 from camcal.assess.covariance import covariance
 from camcal.assess.rig import board_sigmas, relative_sigmas
 from camcal.data.boards import pose_of
 from camcal.data.observations import Observations
-from camcal.errors import EstimationError
+from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.rig import Rig
+from camcal.report.board import on_known_board
 from camcal.report.rig import document
 from camcal.report.rig_loading import from_document
 from camcal.report.yaml import read_document, save
+from camcal.solve.several_boards import similarities
 from tests.rigs import SIZE, board, pose
 
 LENS = "brown:radial=1,decentering=0"
@@ -36,7 +41,7 @@ def rig_of(turned=np.pi * 0.9):
     return Rig({"a": one, "b": one}, {"b": pose((0, turned, 0.05), (30, 5, 80))}, "a")
 
 
-def seen(rig, names, instants=14, noise=0.2, seed=0, turn=0.3, moves=()):
+def seen(rig, names, instants=14, noise=0.2, seed=0, turn=0.3, moves=(), shapes=None):
     """What the rig sees of the boards as it is turned and moved among them; boards in `moves` do not stand still."""
     rng = np.random.default_rng(seed)
     columns = {"xyz": [], "uv": [], "view": [], "camera": [], "point": []}
@@ -46,7 +51,8 @@ def seen(rig, names, instants=14, noise=0.2, seed=0, turn=0.3, moves=()):
         placed |= {n: pose(rng.uniform(-0.3, 0.3, 3), rng.uniform(-60, 60, 3)) @ BOARDS[n] for n in moves}
         for index, (name, own) in enumerate(rig.cameras.items()):
             for number, place in enumerate(placed.values()):
-                xyz = (rig.cam_from_rig[name] @ where @ place).apply(POINTS)
+                points = POINTS if shapes is None else shapes[number]
+                xyz = (rig.cam_from_rig[name] @ where @ place).apply(points)
                 uv = np.full((54, 2), np.nan) if xyz[:, 2].min() < 100 else own.project(xyz)
                 with np.errstate(invalid="ignore"):
                     inside = np.flatnonzero(((uv > 0) & (uv < np.array(SIZE) - 1)).all(1))
@@ -146,8 +152,80 @@ def test_turns_about_one_axis_leave_them_unconnected():
         calibrated(data)
 
 
-@pytest.mark.parametrize(("shape", "said"), [("auto", 1), ("flat", 0)])
-def test_a_note_says_that_several_boards_are_taken_as_designed(shape, said):
-    solution = calibrated(seen(rig_of(0.1), ("front", "side"), turn=0.15), checks=True, board_shape=shape)
+#: depths of the bowls, mm
+BENT = {"front": 4.0, "side": -2.0}
+
+
+def bowl(depth):
+    """The board with z raised in the middle of its width."""
+    x = POINTS[:, 0] / np.abs(POINTS[:, 0]).max()
+    return np.c_[POINTS[:, :2], depth * (1 - x**2)]
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """What a rig of two sees of two boards that are bent differently, where they stand fast and where one moves."""
+    return {
+        moves: seen(
+            rig_of(0.1), ("front", "side"), turn=0.15, moves=moves, shapes=[bowl(d) for d in BENT.values()]
+        )
+        for moves in ((), ("side",))
+    }
+
+
+@pytest.mark.parametrize("moves", [(), ("side",)])
+@pytest.mark.parametrize("shape", ["bowl", "print", "free"])
+def test_each_of_several_boards_has_a_shape_of_its_own(bent, moves, shape):
+    flat, solution = (calibrated(bent[moves], board_shape=s) for s in ("flat", shape))
+    assert solution.rms_point < 0.95 * flat.rms_point
+    accuracy = covariance(solution)
+    z = off(solution.rig.cam_from_rig["b"], rig_of(0.1).cam_from_rig["b"]) / relative_sigmas(
+        solution, accuracy, "b"
+    )
+    assert np.abs(z).max() < 4, z
+    board, target = solution.board, solution.observations.target
+    for (name, own), depth in zip(separate(board, target).items(), BENT.values(), strict=True):
+        true = bowl(depth) - POINTS
+        rigid = np.linalg.qr(similarities(POINTS))[
+            0
+        ]  # neither place nor size of a board is part of its shape
+        true = true - (rigid @ (rigid.T @ true.reshape(-1))).reshape(-1, 3)
+        found = own.points - own.ideal
+        np.testing.assert_allclose(rigid.T @ found.reshape(-1), 0, atol=1e-9, err_msg=name)
+        if shape != "free":  # .2 px of noise are .3 mm of height
+            seen_there = np.isin(np.arange(54), own.numbers % 54)
+            np.testing.assert_allclose(found[:, 2], true[seen_there, 2], atol=0.5, err_msg=name)
+
+
+def test_shapes_of_several_boards_read_back(bent, tmp_path):
+    solution = calibrated(bent[()], board_shape="auto", checks=True)
+    shape = solution.observations.target["shape"]
+    assert shape["kind"] == "bowl" and [t["kind"] for t in shape["tried"]] == [
+        "flat",
+        "bowl",
+        "print",
+        "free",
+    ]
+    assert set(shape["boards"]) == {"front", "side"} and "board side: the board bends" in shape["words"]
+    assert not [w for w in solution.warnings if w.code == "boards-as-designed"]
+    path = tmp_path / "rig.yaml"
+    save(document(solution), path)
+    again = from_document(read_document(path))
+    assert again.rms_point == pytest.approx(solution.rms_point, rel=1e-9)
+    known = calibrated(on_known_board(bent[()], path), board_shape="flat")  # the same shapes, held
+    assert known.rms_point == pytest.approx(solution.rms_point, rel=1e-3)
+    with pytest.raises(DataError, match="shapes of the boards front, side; these data have back, front"):
+        on_known_board(replace(bent[()], target={**bent[()].target, "boards": ["back", "front"]}), path)
+    for sigmas in (relative_sigmas, lambda s, a, _: board_sigmas(s, a)):
+        one, other = (sigmas(s, covariance(s), "b") for s in (solution, again))
+        np.testing.assert_allclose(other, one, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("views", "said"), [(2, 1), (3, 0)])
+def test_a_board_in_too_few_views_is_as_designed(bent, views, said):
+    data = bent[("side",)]
+    few = np.isin(data.view, np.unique(data.view[data.point >= 54])[:views]) & (data.camera == 0)
+    solution = calibrated(data.where((data.point < 54) | few), checks=True, board_shape="bowl")
     notes = [w for w in solution.warnings if w.code == "boards-as-designed"]
-    assert len(notes) == said and all(w.severity == "note" for w in notes)
+    assert len(notes) == said and all("side" in w.message for w in notes)
+    assert set(solution.observations.target["shape"]["boards"]) == ({"front"} if said else {"front", "side"})

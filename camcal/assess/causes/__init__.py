@@ -18,10 +18,11 @@ from camcal.data.observations import Observations
 from camcal.errors import CamcalError
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
+from camcal.solve.board_points import shaped
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 from camcal.solve.optimizers.base import Options
-from camcal.solve.refine import How, on_board, refine
+from camcal.solve.refine import How, refine
 from camcal.start.pose import initial_poses
 
 #: larger problems are left alone: the search takes 30 to 60 passes over the data, as much as a calibration
@@ -155,7 +156,7 @@ def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
     data = solution.observations
     rejected = {s.id for s in data.skipped if s.status == "rejected"}
     if solution.board is not None:
-        given = on_board(given, solution.board.ideal, solution.board.points)
+        given = shaped(given, solution.board)
     known = {name: i for i, name in enumerate(data.view_ids)}
     index, poses, used = [], [], []
     for i, view in enumerate(given.views):

@@ -34,6 +34,7 @@ from camcal.solve.board import make_board
 from camcal.solve.calibration import Calibration, NormalBlocks, ShapedBoard
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
+from camcal.solve.several_boards import Several
 from camcal.solve.warp import Warp
 
 #: by how much (1) has to fall: very strong evidence in the table of Kass & Raftery (Bayes factors, 1995). On 30 clean
@@ -312,7 +313,8 @@ class Search:
         UsageError
             Where the views do not share a board.
         """
-        board = make_board(self.base.observations.kept().views, kind)
+        kept = self.base.observations.kept()
+        board = make_board(kept.views, kind, Several.of(kept))
         found = free_board.step(self.base, board)
         return np.inf if found is None else self.promised(found[1], board.size, 0.0)
 

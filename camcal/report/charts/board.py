@@ -15,8 +15,8 @@ Array = np.ndarray
 def shape(solution: Solution) -> Chart | None:
     """Height of each point above the ideal board as a map, and its offsets in the plane as arrows."""
     board = solution.board
-    if not isinstance(board, ShapedBoard):
-        return None
+    if not isinstance(board, ShapedBoard) or board.label is not None:
+        return None  # several boards have no common plane
     target = solution.observations.target or {}
     square = float(target.get("square") or 1.0)
     ideal, offset = board.ideal / square, (board.points - board.ideal) / square

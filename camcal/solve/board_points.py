@@ -1,0 +1,56 @@
+"""The points of boards within observations: as designed, or where an estimate puts them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from camcal.data.observations import Observations
+from camcal.geometry.neighbours import Neighbours
+from camcal.model.pose import Array
+from camcal.solve.board import Board
+from camcal.solve.calibration import ShapedBoard
+
+#: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
+_SAME_POINT = 1e-6
+
+
+def shaped_board(board: Board, points: Array) -> ShapedBoard:
+    """A board whose points are where they were found."""
+    return ShapedBoard(
+        board.kind,
+        board.points,
+        points,
+        board.size,
+        board.basis,
+        board.placed,
+        board.label,
+        board.numbers,
+    )
+
+
+def shaped(observations: Observations, board: ShapedBoard) -> Observations:
+    """The observations with the points of a board, or of several, where they were found."""
+    if board.numbers is None:
+        return on_board(observations, board.ideal, board.points)
+    return by_number(observations, board.numbers, board.points)
+
+
+def by_number(observations: Observations, numbers: Array, points: Array) -> Observations:
+    """The observations with points (M, 3) of given numbers (M,); others stay where they are."""
+    assert observations.point is not None
+    index = np.minimum(np.searchsorted(numbers, observations.point), len(numbers) - 1)
+    known = numbers[index] == observations.point
+    return replace(observations, xyz=np.where(known[:, None], points[index], observations.xyz))
+
+
+def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
+    """The observations with the ideal points (M, 3) replaced by the estimated ones (M, 3).
+
+    Points that are none of the ideal ones (no view that was used shows them) stay where they are.
+    """
+    near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
+    distance, index = Neighbours(ideal).query(observations.xyz)
+    moved = np.where(distance[:, None] <= near, points[index], observations.xyz)
+    return replace(observations, xyz=moved)
