@@ -280,6 +280,50 @@ def test_a_checkerboard_that_was_asked_for_and_holds_markers_is_named(tmp_path, 
         assert events["marked"]["spec"] == shown and "ChArUco board of 6x5" in events["marked"]["words"]
 
 
+def covered(folder, sides, depth=1.0):
+    """Pictures of a checkerboard of which something covers outer corners, on one side each; "" = none."""
+    from tests.detect import drawing
+
+    size = (8, 5)
+    for i, side in enumerate(sides):
+        h = drawing.homography(size, (160, 120), 26, turn=0.1 * i, tilt=0.4, about=float(i))
+        gray = drawing.picture(h, size, (320, 240), seed=i)
+        ends = {"left": (-3, depth - 0.5), "right": (7.5 - depth, 11), "middle": (2.6, 3.7)}.get(side)
+        if ends:
+            rows = (0.7, 2.2) if side == "middle" else (-4, 9)
+            box = np.array([[x, y] for x, y in zip((*ends, *ends[::-1]), np.repeat(rows, 2), strict=True)])
+            cv2.fillPoly(gray, [np.int32(np.rint(drawing.project(h, box)))], 150)
+        cv2.imwrite(str(folder / f"v{i}.png"), gray)
+    return folder
+
+
+def test_corners_inside_a_board_may_be_covered(tmp_path):
+    found = detect_images([covered(tmp_path, ["", "middle", "middle", "middle"])], jobs=1, cache=False)
+    assert (found.target["columns"], found.target["rows"]) == (8, 5)
+    assert len(found.views[0]) == 40 and {len(v) for v in found.views[1:]} <= set(range(32, 40))
+
+
+def test_pictures_with_a_covered_row_are_left_out_with_the_reason(tmp_path):
+    found = detect_images([covered(tmp_path, ["", "left", "", ""])], jobs=1, cache=False)
+    assert (found.target["columns"], found.target["rows"]) == (8, 5) and len(found.views) == 3
+    assert [s.id for s in found.skipped] == ["v1.png"]
+    assert "board of 7x5 corners, not 8x5, or something covers its outer rows" in found.skipped[0].reason
+
+
+def test_different_parts_of_a_board_are_not_taken_for_boards(tmp_path):
+    parts = [("left", 1.0), ("right", 1.0), ("left", 2.0), ("right", 3.0)]
+    for i, (side, depth) in enumerate(parts):
+        (tmp_path / str(i)).mkdir()
+        covered(tmp_path / str(i), [side], depth)
+    folders = sorted(tmp_path.iterdir())
+    with pytest.raises(DataError, match="do not agree on its size: 7x5") as error:
+        detect_images(folders[1:], jobs=1, cache=False)
+    assert "a hand" in error.value.hint and "--board" in error.value.hint
+    with pytest.raises(DataError, match="no 8x5 checkerboard") as error:
+        detect_images(folders, board="8x5", jobs=1, cache=False)
+    assert "2 of the pictures show a checkerboard of 7x5" in error.value.hint
+
+
 def leaving(shown, columns):
     """A picture that a grid leaves to the right by so many columns."""
     target, rng = make(shown), np.random.default_rng(2)
