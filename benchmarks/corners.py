@@ -12,6 +12,9 @@ noise-free picture of that corner are estimated from the pixels of camcal's own 
 known. The ratio is the median of error / bound over the corners,
 divided by what that is for Gaussian errors of just this size.
 
+The row of the bound holds errors drawn with its sigmas for the widest windows that show one corner each, whatever
+their size in px: no fit of single corners has less.
+
 To reach: the second pass a quarter of the median of cv2's best of each picture, and within 1.1 of the bound; 93 to
 97 % of the errors inside the 95 % ellipses of the fits' own covariances.
 """
@@ -29,10 +32,11 @@ from tables import markdown, update
 
 from camcal.data.observations import View
 from camcal.detect import edge_model, saddle
+from camcal.detect.camera_pass import LARGEST as LARGEST_SECOND
 from camcal.detect.camera_pass import refine_in_windows
 from camcal.detect.targets.base import Detection
 from camcal.detect.targets.checkerboard import Checkerboard
-from camcal.detect.windows import cut, straightened
+from camcal.detect.windows import LARGEST, cut, limited, straightened
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
@@ -46,6 +50,10 @@ HEADER = (
     "of the bound",
 )  # fmt: skip
 BEST = "cv2's best of each picture"  #: the method with the least median error, chosen with the truth at hand
+#: errors drawn with the sigmas of the bound: what no fit of single corners goes below
+WIDEST, UNLIMITED = 0.9, 1e3
+FLOOR = f"the bound, windows of {WIDEST} of any size"
+FIRST = 0.0  #: stands for the windows of the first pass, narrower at the rim of the board
 IN_95 = 5.991  #: chi square of two degrees of freedom
 MEDIAN = np.sqrt(2 * np.log(2))  #: of the length of a Gaussian error in the plane, in sigmas
 
@@ -126,8 +134,8 @@ def matched(uv: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return nearest, uv - true[nearest]
 
 
-def bound(scene: Scene, ids: np.ndarray, half: float) -> np.ndarray:
-    """Sigma of each corner by the Cramér-Rao bound, px, for the window of the second fit."""
+def bound(scene: Scene, ids: np.ndarray, half: float | np.ndarray, largest: float) -> np.ndarray:
+    """Sigma of each corner by the Cramér-Rao bound, px; windows of `half` a square and at most `largest` px."""
     uv = scene.uv[ids]
     step = 0.5 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], float)
     board = scene.board_from_pixel(uv[:, None] + step)
@@ -136,7 +144,8 @@ def bound(scene: Scene, ids: np.ndarray, half: float) -> np.ndarray:
     )
     blur = np.hypot(scene.look.blur, np.sqrt(1 / 12))
     share = np.clip(1 - saddle.CLEAR * blur / np.linalg.norm(sides, axis=2).min(1), saddle.LEAST_HALF, half)
-    windows = cut(scene.gray, uv, sides, share, saddle.SEEN * blur + 1)
+    share = limited(share, sides, largest)
+    windows = cut(scene.gray, uv, sides, share, saddle.SEEN * blur + 1, largest)
     windows = straightened(windows, sides, share, scene.board_from_pixel, blur)
     params = np.zeros((len(uv), edge_model.COUNT))
     params[:, edge_model.ANGLE1 : edge_model.ANGLE2 + 1] = saddle.edge_normals(sides)
@@ -179,8 +188,8 @@ def run(count: int, seed: int, size: tuple[int, int]) -> str:
     names = ["SB", "SB accuracy", *(f"cornerSubPix {w}" for w in WINDOWS), BEST, "camcal, first pass"]
     scores = {name: Score() for name in names}
     halves = (0.5, 0.65, 0.8)
-    scores |= {f"camcal, second pass {h}": Score() for h in halves}
-    predicted: dict[float, list[np.ndarray]] = {h: [] for h in halves}
+    scores |= {f"camcal, second pass {h}": Score() for h in halves} | {FLOOR: Score()}
+    predicted: dict[float, list[np.ndarray]] = {h: [] for h in (FIRST, *halves)}
     alone = missed = 0
     for scene in scenes(rng, count, size):
         found = BOARD.find(scene.gray, seconds=30.0)
@@ -192,10 +201,12 @@ def run(count: int, seed: int, size: tuple[int, int]) -> str:
         add_camcal(scene, found, scores, predicted)
     print(f"{count} pictures; found by camcal alone {alone}, by SB alone {missed}")
     best = scores[BEST].median
-    windows = {"camcal, first pass": 0.5} | {f"camcal, second pass {h}": h for h in halves}
+    windows = {"camcal, first pass": FIRST} | {f"camcal, second pass {h}": h for h in halves}
     rows = []
     for name, score in scores.items():
         more = ["", ""]
+        if name == FLOOR:
+            more[0] = f"{score.median / best:.2f}"
         if name in windows:
             relative = np.concatenate(score.errors) / np.concatenate(predicted[windows[name]])
             more = [f"{score.median / best:.2f}", f"{np.median(relative) / MEDIAN:.2f}"]
@@ -232,11 +243,16 @@ def add_camcal(
     scores["camcal, first pass"].add(error, found.info["covariance"])
     view = View("", BOARD.points[nearest], found.uv, found.sigma, nearest)
     blur = found.info["blur_px"]
-    views = refine_in_windows(scene.gray, view, scene.board_from_pixel, 1.0, list(predicted), blur)
-    for half, second in zip(predicted, views, strict=True):
+    wider = saddle.wider_halves(BOARD.columns, BOARD.rows)[nearest]
+    predicted[FIRST].append(bound(scene, nearest, wider, LARGEST))
+    halves = [half for half in predicted if half != FIRST]
+    views = refine_in_windows(scene.gray, view, scene.board_from_pixel, 1.0, halves, blur)
+    for half, second in zip(halves, views, strict=True):
         covariance = np.eye(2) * (second.sigma**2)[:, None, None]
         scores[f"camcal, second pass {half}"].add(second.uv - scene.uv[nearest], covariance)
-        predicted[half].append(bound(scene, nearest, half))
+        predicted[half].append(bound(scene, nearest, half, LARGEST_SECOND))
+    floor = bound(scene, nearest, WIDEST, UNLIMITED)
+    scores[FLOOR].add(np.random.default_rng(len(nearest)).normal(size=(len(nearest), 2)) * floor[:, None])
 
 
 def main() -> None:
