@@ -5,7 +5,7 @@ The displacement of a point is the time at which its row is read times its veloc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from camcal.assess.fold_difference import covered_grid
 from camcal.data.observations import Observations, View
 from camcal.geometry.plane_flow import flow_at
 from camcal.model.pose import Array
+from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
 #: frames whose motion is known; fewer hardly tell the motion from their poses

@@ -160,6 +160,8 @@ def _solution(progress: Progress) -> Solution:
     before = [s for s in before if s.name not in start.CLOSED_FORMS or s is last[s.name]]
     stages = [s for s in (_on_result(stage, fit, progress, changed) for stage in before) if s]
     warnings = progress.start.warnings if progress.start is not None else ()
+    if "shutter" in progress.notes:  # the points were corrected, which is said even without checks
+        warnings = (*warnings, progress.notes["shutter"])
     return of_fit(
         fit,
         stages=(*stages, _refine_stage(fit, [s.name for s in progress.stages if s.camera is fit.camera])),
@@ -236,8 +238,6 @@ def assessed(solution: Solution, progress: Progress) -> Solution:
     known = progress.notes.get("causes")  # looked for on the way, where views seemed not to belong
     found = known[1] if known and known[0] is progress.fit else causes.find(solution, progress.given)
     data, said = foreign.named(solution, progress.given, asked.robust != "none", found)
-    shutter = progress.notes.get("shutter")
-    said = (*said, shutter) if shutter is not None else said
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
     folds = folds_wanted(solution, asked.holdout)
     how = replace(progress.how, board=solution.board.kind if solution.board else "flat")

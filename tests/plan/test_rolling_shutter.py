@@ -56,6 +56,8 @@ def test_a_shutter_is_not_taken_for_a_shape():
     assert abs(time - 0.5) < 4 * sigma + 0.005
     assert solution.camera.values["fx"] == pytest.approx(600, abs=1)  # 607 without the correction
     assert solution.stages[-1].info["attempt"] == "rolling-shutter"
+    bare = camcal.calibrate(film(0.5, 0.0), board_shape="auto", checks=False)
+    assert [w.code for w in bare.warnings] == ["rolling-shutter"]  # never corrected without a word
 
 
 def test_a_shape_is_not_taken_for_a_shutter():
