@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.model.camera import Camera
+from camcal.model.lenses.inverse import InverseLens
 from camcal.model.pose import Array
 from camcal.records import dataclass
 
@@ -91,7 +92,12 @@ def nearest_points(camera: Camera, uv: Array, normals: Array) -> Nearest | None:
 
 
 def line_rays(camera: Camera, uv: Array) -> tuple[Array, Array, Array] | None:
-    """Rays d (N, 3), ∂d/∂(u, v) (N, 3, 2), ∂d/∂params (N, 3, P), by the inverse of the projection's derivatives."""
+    """Rays d (N, 3), ∂d/∂(u, v) (N, 3, 2), ∂d/∂params (N, 3, P): of a lens that is a projection, by the inverse of its
+    derivatives.
+    """
+    if isinstance(camera.lens, InverseLens):
+        *found, valid = camera.lens.rays_with_derivatives(camera.params, uv)
+        return (found[0], found[1], found[2]) if valid.all() else None
     d = camera.unproject(uv)
     if not np.isfinite(d).all():
         return None

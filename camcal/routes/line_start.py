@@ -117,7 +117,9 @@ def _of_model(
                     params[lens.index(name)] = shift
                     rays[:, axis] += shift * rays[:, 2]
         keep = np.isfinite(rays).all(1) & used[lines.line]
-        found = regress(lens, rays[keep], lines.uv[keep], lines.image_size, list(what), params)
+        # a model whose parameters say where its others are takes them from the picture
+        begin = None if lens.shaped_by_data else params
+        found = regress(lens, rays[keep], lines.uv[keep], lines.image_size, list(what), begin)
         # a model that cannot bend so far begins without distortion
         start = Camera(lens, found.params if found.covered.all() else params, lines.image_size)
     return fit(lines.take(used), start, what)

@@ -22,6 +22,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
+from camcal.model.lenses.inverse import InverseLens
 from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.routes.line_geometry import (
@@ -51,6 +52,11 @@ UNDETERMINED = 1e-7
 #: px; a parameter is undetermined where a change by its unit (1 px of the principal point, 1 of a coefficient, one
 #: focal length of a centre) moves the lines by less than this, rms
 DEAD = 1e-6
+#: Weight, beside the distances, of how far a flexible model moves pixels in one round. Such a model holds nearly every
+#: map that keeps lines straight, among which the lines do not choose: without it the fit wanders there for a thousand
+#: steps. Each round starts where the last ended, so that what the lines determine, if only by a ten-thousandth of what
+#: they could, is still settled.
+PROXIMAL = 0.01
 
 
 @dataclass(frozen=True)
@@ -197,6 +203,8 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
         return None
     root = np.sqrt(weight)
     per_unit, distance = root * near.weight, root * near.distance
+    near_start = _proximal(lines, lens, free, state)
+    to_free = np.linalg.pinv(free)
 
     def linearise(s: _State) -> BlockNormal | None:
         now = line_rays(Camera(lens, s.params), near.uv)
@@ -208,13 +216,41 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
         shared = per_unit[:, None] * np.einsum("ni,nip->np", n, by_params) @ free
         tangent = tangents(s.normals)[lines.line]
         own = per_unit[:, None] * np.einsum("nik,ni->nk", tangent, d)
-        return BlockNormal.of_groups(residual, shared, own, lines.line, len(lines))
+        normal = BlockNormal.of_groups(residual, shared, own, lines.line, len(lines))
+        return _with_prior(normal, lens, s.params, free, near_start, to_free @ (s.params - state.params))
 
     def moved(s: _State, step: Array, own: Array) -> _State:
         normals = s.normals + np.einsum("lik,lk->li", tangents(s.normals), own)
         return _State(s.params + free @ step, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
-    return minimise(linearise, moved, state)
+    fitted = minimise(linearise, moved, state)
+    if fitted is None:
+        return None
+    # what is known of the parameters does not come from where the round began
+    return replace(fitted, normal=replace(fitted.normal, shared=fitted.normal.shared - near_start))
+
+
+def _proximal(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
+    """The normal matrix (F, F) of the px by which the free parameters move pixels, for flexible models."""
+    at = line_rays(Camera(lens, state.params), lines.uv) if isinstance(lens, InverseLens) else None
+    if at is None:
+        return np.zeros((free.shape[1], free.shape[1]))
+    moved = PROXIMAL * state.params[0] * (at[2] @ free).reshape(-1, free.shape[1])
+    return np.asarray(moved.T @ moved)
+
+
+def _with_prior(
+    normal: BlockNormal, lens: Lens, params: Array, free: Array, near_start: Array, step: Array
+) -> BlockNormal:
+    """With the model's own regularisation, and that of a step (F,) from the start of the round."""
+    cost = normal.cost + 0.5 * float(step @ near_start @ step)
+    shared, gradient = normal.shared + near_start, normal.gradient + near_start @ step
+    prior = lens.prior(params)
+    if prior is not None:
+        residual, jacobian = prior[0], prior[1] @ free
+        cost += 0.5 * float(residual @ residual)
+        shared, gradient = shared + jacobian.T @ jacobian, gradient + jacobian.T @ residual
+    return replace(normal, cost=cost, shared=shared, gradient=gradient)
 
 
 def _covariance(reduced: Array, free: Array, points: int) -> tuple[Array, Array]:

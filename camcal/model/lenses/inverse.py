@@ -169,6 +169,45 @@ class InverseLens(Lens):
                 np.multiply(normal[j], -length, out=d_xyz[:, j, i])
         return p, q, bool(valid.all()), normals
 
+    def rays_with_derivatives(self, params: Array, uv: Array) -> tuple[Array, Array, Array, Array]:
+        """The rays of pixels, and how they change with pixel and parameters, without a projection.
+
+        Parameters
+        ----------
+        params : (P,) array
+        uv : (N, 2) array, px
+
+        Returns
+        -------
+        ray : (N, 3) array, of unit length
+        by_uv : (N, 3, 2) array, by_params : (N, 3, P) array
+            Normal to the ray.
+        valid : (N,) bool array
+        """
+        fx, fy, cx, cy = params[:4].tolist()
+        skew = float(params[4]) if self.has_skew else 0.0
+        q = (uv[:, 1] - cy) / fy
+        p = (uv[:, 0] - cx - skew * q) / fx
+        k, zero = params[self._own :], np.zeros_like(p)
+        x, a, b = self.ray(k, p, q)
+        valid = self._within(k, p, q) & (_triple(x, a, b) > 0)
+        # p and q by fx, fy, cx, cy and the skew
+        across = [-p / fx, skew * q / (fx * fy), zero - 1 / fx, zero + skew / (fx * fy), -q / fx]
+        down = [zero, -q / fy, zero, zero - 1 / fy, zero]
+        rows = np.empty((3, len(params), len(p)))
+        for i in range(self._own):
+            rows[:, i] = a * across[i] + b * down[i]
+        axes = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(p)))
+        self.ray_rows(k, *(np.broadcast_to(c, (3, len(p))) for c in (p, q)), axes, rows[:, self._own :])
+        by_uv = np.stack([a / fx, (b - a * (skew / fx)) / fy], 1)
+        length = np.sqrt((x * x).sum(0))
+        ray = x / length
+        out = []
+        for block in (by_uv, rows):
+            along = np.einsum("in,ikn->kn", ray, block)
+            out.append(((block - ray[:, None] * along) / length).transpose(2, 0, 1))
+        return ray.T, out[0], out[1], valid
+
     def undistort(self, k: Array, mx: Array, my: Array) -> tuple[Array, Array, Array, Array]:
         """The ray of the pixel, by definition."""
         ray, a, b = self.ray(k, mx, my)

@@ -58,3 +58,26 @@ def test_no_second_pixel_beyond_the_fold():
     uv, valid = lens.project(params, xyz)
     assert valid[np.abs(xyz[:, 0]) < 0.95 * peak].all() and not valid[np.abs(xyz[:, 0]) > peak].any()
     assert (np.abs(uv[valid, 0] - 320) < 500 * fold).all()
+
+
+@pytest.mark.parametrize("name", ["bicubic", "polynomial:5", "spline:6x5", "rational-function"])
+def test_derivatives_of_rays_beside_differences(name):
+    lens = lenses.make(name)
+    params, size = lens.examples()[0]
+    uv = np.random.default_rng(0).uniform(40, np.array(size) - 40.0, (25, 2))
+    ray, by_uv, by_params, valid = lens.rays_with_derivatives(params, uv)
+    assert valid.all()
+    np.testing.assert_allclose(ray, lens.unproject(params, uv)[0], atol=1e-14)
+
+    def difference(change):
+        step, vector = change
+        moved = [
+            lens.unproject(params + s * step * vector[2:], uv + s * step * vector[:2])[0] for s in (1, -1)
+        ]
+        return (moved[0] - moved[1]) / (2 * step)
+
+    axes = np.eye(2 + len(params))
+    for at, exact in ((range(2), by_uv), (range(2, 2 + len(params)), by_params)):
+        found = np.stack([difference((1e-6, axes[i])) for i in at], 2)
+        # differences of rays near 1 with a step of 1e-6 are good to 1e-10, beside curvature of the same order
+        np.testing.assert_allclose(found, exact, atol=1e-8 * max(1.0, float(np.abs(exact).max())))
