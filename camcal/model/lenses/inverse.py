@@ -198,7 +198,9 @@ class InverseLens(Lens):
         for i in range(self._own):
             rows[:, i] = a * across[i] + b * down[i]
         axes = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(p)))
-        self.ray_rows(k, *(np.broadcast_to(c, (3, len(p))) for c in (p, q)), axes, rows[:, self._own :])
+        three = (3, len(p))
+        at = np.broadcast_to(p, three), np.broadcast_to(q, three)
+        self.ray_rows(k, at[0], at[1], axes, rows[:, self._own :])
         by_uv = np.stack([a / fx, (b - a * (skew / fx)) / fy], 1)
         length = np.sqrt((x * x).sum(0))
         ray = x / length
