@@ -25,6 +25,7 @@ import numpy as np
 
 from camcal.assess.design import Design, Rows
 from camcal.assess.figures import ranked, redundancy
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, normal_exceeded, normality
 from camcal.records import dataclass
 
@@ -32,6 +33,7 @@ Array = np.ndarray
 
 #: of equal counts, at least 10 points each; 12 resolve a radial curve with several bends
 RINGS, SECTORS = 12, 12
+OF_A_RING = 10
 #: points up to which all distances are computed, 96 MB of differences; of more points those next in the list count as
 #: neighbours
 ALL_DISTANCES = 2000
@@ -43,6 +45,8 @@ LEAST_VALUES = 20
 LEAST_FREEDOM = 10
 #: points of a piece of the target for the bias ratio: at least so many, at most twice
 PIECE = 6
+#: share of a point's noise that its residual keeps, at least: a point that the fit follows has a residual of rounding
+LEAST_LEFT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -125,8 +129,7 @@ def _whitened(design: Design, rows: Rows) -> tuple[Array, Array]:
     """Residuals over the root of their own covariance, and the inverse roots (N, 2, 2) of I - H."""
     left = np.eye(2) - design.hat(rows)
     values, vectors = np.linalg.eigh((left + left.transpose(0, 2, 1)) / 2)
-    # a point that the fit follows entirely has no residual to speak of
-    roots = (vectors / np.sqrt(np.maximum(values, 1e-3))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    roots = (vectors / np.sqrt(np.maximum(values, LEAST_LEFT))[:, None, :]) @ vectors.transpose(0, 2, 1)
     return np.einsum("nij,nj->ni", roots, rows.residuals) / design.sigma_0, roots
 
 
@@ -156,7 +159,7 @@ def _pairs(xyz: Array) -> tuple[Array, Array]:
 def residual_tests(found: Standardised) -> list[ResidualTest]:
     """All tests with corrected p-values, in a fixed order."""
     radius = np.linalg.norm(found.offset, axis=1)
-    outward = found.offset / np.maximum(radius, 1e-9)[:, None]
+    outward = found.offset / np.maximum(radius, TINY)[:, None]
     across = np.c_[-outward[:, 1], outward[:, 0]]
     radial, tangential = (np.einsum("ni,ni->n", found.z, d) for d in (outward, across))
     length = np.linalg.norm(found.z, axis=1)
@@ -179,7 +182,7 @@ def residual_tests(found: Standardised) -> list[ResidualTest]:
 
 def _rings(radius: Array) -> Array:
     """The index of the ring of each radius; the rings hold equal counts."""
-    rings = max(2, min(RINGS, len(radius) // 10))
+    rings = max(2, min(RINGS, len(radius) // OF_A_RING))
     return np.argsort(np.argsort(radius)) * rings // max(len(radius), 1)
 
 
@@ -198,10 +201,10 @@ def _means(
     sums = np.stack([np.bincount(label, c, k) for c in centred.T], 1)
     between = float((sums**2 / count[:, None]).sum())
     total = float((centred**2).sum())
-    within = max(total - between, 1e-300)
+    within = max(total - between, TINY)
     free, rest = columns * (k - 1), columns * (n - k)
     statistic = between / free / (within / rest)
-    share = 1 - within / rest / max(total / (columns * (n - 1)), 1e-300)
+    share = 1 - within / rest / max(total / (columns * (n - 1)), TINY)
     return ResidualTest(
         name, question, statistic, float(f_exceeded(statistic, free, rest)), max(share, 0.0), unit
     )

@@ -7,9 +7,10 @@ import numpy as np
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.geometry.neighbours import spacing
+from camcal.geometry.numbers import TINY
 from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
-from camcal.model.placement import Spread
+from camcal.model.placement import AWAY, STEP_RANGE, Spread
 from camcal.model.pose import Poses
 from camcal.solve.board import common_points
 from camcal.solve.calibration import Calibration
@@ -26,6 +27,14 @@ SAME_VIEW = 0.03
 UNEVEN = 0.2
 #: steps of the fit of distance and place: each takes off most of what is wrong
 _FITS = 25
+#: part of the way to the middle of the picture by which a target that the lens does not see whole is moved in a step
+_INWARDS = 0.2
+#: points: a grid of 2 x 2
+_LEAST_GRID = 4
+#: places of a grid for each point: points that fill less than a quarter of the places are no grid
+_MOST_PLACES = 4
+#: points of all views together, in points of the fullest one: more, and no view can show them all
+_MOST_PARTS = 4
 
 
 class Candidates:
@@ -84,10 +93,10 @@ class Candidates:
             uv = self.images(poses, self.edge)
             first, last = uv.min(1), uv.max(1)
             seen = np.isfinite(first).all(1)
-            ratio = np.where(seen, ((last - first) / self.size).max(1) / fill, 1.5)
-            distance = distance * np.clip(ratio, 0.7, 1.4)
+            ratio = np.where(seen, ((last - first) / self.size).max(1) / fill, AWAY)
+            distance = distance * np.clip(ratio, *STEP_RANGE)
             lack = np.maximum(low - first, 0) - np.maximum(last - high, 0)
-            to_middle = 0.2 * ((self.size - 1) / 2 - pixels)
+            to_middle = _INWARDS * ((self.size - 1) / 2 - pixels)
             pixels = pixels + np.where(seen[:, None], lack, to_middle)
         return poses
 
@@ -131,13 +140,13 @@ def rotations_onto(rays: Array) -> Array:
     axis = np.cross([0.0, 0.0, 1.0], rays)
     sine = np.linalg.norm(axis, axis=1)
     angle = np.arctan2(sine, rays[:, 2])
-    return rotations.exp(axis * (angle / np.maximum(sine, 1e-300))[:, None])
+    return rotations.exp(axis * (angle / np.maximum(sine, TINY))[:, None])
 
 
 def target_points(solution: Calibration) -> Array:
     """The points (N, 3) of a complete picture of the target: all of them, or those of the fullest view."""
     common = common_points(solution.observations.views)
-    if common is not None and len(common[0]) < 4 * max(len(v) for v in solution.observations.views):
+    if common is not None and len(common[0]) < _MOST_PARTS * max(len(v) for v in solution.observations.views):
         return common[0]
     return max(solution.observations.views, key=len).xyz
 
@@ -159,11 +168,11 @@ def surround(points: Array) -> Array:
 
     A checkerboard's outermost corners are found only where the squares beyond them are in the picture.
     """
-    if len(points) < 4 or np.ptp(points[:, 2]) > UNEVEN * spacing(points):
+    if len(points) < _LEAST_GRID or np.ptp(points[:, 2]) > UNEVEN * spacing(points):
         return np.zeros((0, 3))
     columns, rows = lattice(points)
-    if len(columns) < 2 or len(rows) < 2 or not len(points) <= len(columns) * len(rows) <= 4 * len(points):
-        # points that fill less than a quarter of the places are no grid
+    places = len(columns) * len(rows)
+    if len(columns) < 2 or len(rows) < 2 or not len(points) <= places <= _MOST_PLACES * len(points):
         return np.zeros((0, 3))
     x, y = (np.r_[c[0] - np.diff(c)[0], c, c[-1] + np.diff(c)[-1]] for c in (columns, rows))
     sides = [np.c_[x, np.full(len(x), edge)] for edge in (y[0], y[-1])]

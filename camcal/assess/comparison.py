@@ -35,6 +35,9 @@ from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
+#: px; cameras are at no pixel taken to be known better, so that weights stay finite
+LEAST_SIGMA = 1e-9
+
 
 @dataclass(frozen=True)
 class Side:
@@ -191,7 +194,7 @@ def compare(a: Side, b: Side, bounds: tuple[Array, Array], distance: float = np.
         together = together + side.uncertainty.at_pixels(pixels, distance)
     if known:
         worst = worst_sigma(together)
-        certain = np.where(np.isfinite(worst), 1 / np.maximum(worst, 1e-9) ** 2, 0.0)
+        certain = np.where(np.isfinite(worst), 1 / np.maximum(worst, LEAST_SIGMA) ** 2, 0.0)
         weights = certain if certain.any() else weights
     apart = difference(a.camera, b.camera, pixels, None if np.isinf(distance) else distance, weights)
     return Apart(distance, apart, _in_sigmas(apart.vectors, together) if known else None, supported)

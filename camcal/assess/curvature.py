@@ -34,6 +34,7 @@ import numpy as np
 from camcal.assess.covariance import NULL, Covariance, End, covariance, eliminate_poses, reduce
 from camcal.assess.design import Design
 from camcal.errors import CamcalError
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.lenses import make
 from camcal.model.lenses.containment import contained, embed
@@ -61,6 +62,8 @@ FIRST, STRIDE = 0.5, 2.0
 #: A step that takes the root of the growth to more than so many times what is wanted is halved: from further off the
 #: end of the interval cannot be found in proportion.
 OVERSHOT = 1.5
+#: Part of the first step down to which steps are halved: there the lens's domain, or the valley, ends.
+SHORTEST = 0.25
 #: An interval that is longer than said by this factor is none: what is off by a hundred stated sigmas was not measured.
 FARTHEST = 100.0
 #: A step of the profile ends where what is left to gain is below this part of the wanted growth (a hundredth of it
@@ -107,7 +110,7 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
     matrix, ends = linear.matrix.copy(), []
     for share, reached, found in _curved(solution, linear):
         ends += found
-        own = free**2 @ share / np.maximum((free**2).sum(1), 1e-300)
+        own = free**2 @ share / np.maximum((free**2).sum(1), TINY)
         variances = np.diag(matrix)
         wider = np.maximum(variances, (1 - own) * variances + (reached / REACH) ** 2)
         # below that the linear sigma is kept
@@ -249,8 +252,8 @@ class _Valley:
                 result = optimizers.make("lm")(held, moved, stopping)
                 found = float(np.sqrt(max(result.blocks.cost - begin.cost, 0.0) / self.wanted))
             if outside or found > OVERSHOT:
-                if reach - at < FIRST / 4:
-                    return state, max(grown, 1.0)  # the lens's domain, or the valley, ends here
+                if reach - at < SHORTEST * FIRST:
+                    return state, max(grown, 1.0)
                 reach = (reach + at) / 2
                 continue
             state, at, grown = result.state, reach, found

@@ -33,6 +33,10 @@ _TOLERANCE, _STEPS = 1e-12, 30
 OUTSIDE = 1e3
 #: Columns of the grid over the image.
 COLUMNS = 40
+#: px; a picture one pixel wide has this width between its pixel centres
+LEAST_SIDE = 1e-9
+#: pixels seen by both cameras from which on a rotation between them is determined with one to spare
+LEAST_PIXELS = 3
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Difference:
 
 def image_grid(low: Array, high: Array, columns: int = COLUMNS) -> Array:
     """Pixels (N, 2) of a regular grid from corner `low` to corner `high` (both (2,), included), px."""
-    size = np.maximum(np.subtract(high, low), 1e-9)
+    size = np.maximum(np.subtract(high, low), LEAST_SIDE)
     rows = max(2, round(columns * size[1] / size[0]))
     u, v = np.meshgrid(np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows))
     return np.c_[u.ravel(), v.ravel()]
@@ -132,7 +136,7 @@ def difference(
     vectors = np.full(pixels.shape, np.nan)
     root = np.ones(len(pixels)) if weights is None else np.sqrt(weights / np.nanmax(weights))
     fitted = seen & (root > 0)
-    if fitted.sum() < 3:
+    if fitted.sum() < LEAST_PIXELS:
         return Difference(pixels, vectors, Pose(np.eye(3), np.zeros(3)))
     points = rays * (1.0 if distance is None else distance)
     begin = rotations.fit_rotation(rays_b[fitted], rays[fitted], root[fitted] ** 2)

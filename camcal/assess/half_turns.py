@@ -29,6 +29,7 @@ from camcal.assess.checks.facts import identified
 from camcal.assess.figures import redundancy
 from camcal.data.observations import Observations
 from camcal.geometry.neighbours import Neighbours
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array, Pose, Poses
 from camcal.records import dataclass
@@ -187,7 +188,7 @@ def _logarithm_of_chance(explained: float, numbers: int, left: float, freedom: i
     """ln of the probability that so many numbers explain as much by chance, beside the sum of squares left."""
     if freedom <= 0 or left <= 0:
         return -np.inf if explained > 0 else 0.0
-    return log(max(f_exceeded(explained / numbers / (left / freedom), numbers, freedom), 1e-300))
+    return log(max(f_exceeded(explained / numbers / (left / freedom), numbers, freedom), TINY))
 
 
 def _allowed(views: int) -> float:

@@ -25,6 +25,7 @@ from camcal.assess import figures
 from camcal.assess.design import Design
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError, UsageError
+from camcal.geometry.numbers import TINY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
@@ -164,7 +165,7 @@ def _one_step(design: Design, train: Array) -> _Step | None:
     information, pull = design.information[train].sum(0), design.pull[train].sum(0)
     if not f:
         return None
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), TINY))
     try:
         step = -scale * np.linalg.solve(information * scale * scale[:, None], scale * pull)
     except np.linalg.LinAlgError:

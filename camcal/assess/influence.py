@@ -23,10 +23,15 @@ from camcal.assess.covariance import NULL
 from camcal.assess.design import Design
 from camcal.assess.figures import redundancy
 from camcal.assess.uncertainty import ProjectionUncertainty
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import f_exceeded
 from camcal.records import dataclass
 
 Array = np.ndarray
+
+#: eigenvalue against the largest below which a view has no effect in a direction: the spread is the difference of two
+#: inverses, which leaves rounding there, 1e-16 times their condition
+UNAFFECTED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def influence(design: Design) -> Influence:
     for v, (own, pull) in enumerate(zip(design.information, design.pull, strict=True)):
         rest = (total - own) * scale * scale[:, None]
         values, vectors = np.linalg.eigh(rest)
-        if not count or values[0] <= NULL * max(values[-1], 1e-300):
+        if not count or values[0] <= NULL * max(values[-1], TINY):
             continue
         without = (vectors / values) @ vectors.T * scale * scale[:, None]
         moves[v] = without @ pull
@@ -74,10 +79,9 @@ def influence(design: Design) -> Influence:
 
 def _p_value(move: Array, spread: Array, freedom: int) -> float:
     """The p-value of (2), over the directions that the view affects."""
-    d = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    d = np.sqrt(np.maximum(np.diag(spread), TINY))
     values, vectors = np.linalg.eigh(spread / np.outer(d, d))
-    # `spread` is the difference of two inverses: in directions on which the view has no effect, rounding is left
-    good = values > 1e-8 * values[-1]
+    good = values > UNAFFECTED * values[-1]
     along = vectors[:, good].T @ (move / d)
     statistic = float((along**2 / values[good]).sum()) / max(int(good.sum()), 1)
     return float(f_exceeded(statistic, int(good.sum()), freedom))
@@ -107,7 +111,7 @@ def bootstrap(design: Design, replicates: int = 200, seed: int = 0) -> Array:
     times = rng.multinomial(views, np.full(views, 1 / views), replicates).astype(float)
     total = np.einsum("rv,vij->rij", times, design.information)
     pull = np.einsum("rv,vi->ri", times, design.pull)
-    scale = 1 / np.sqrt(np.maximum(np.diag(design.information.sum(0)), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diag(design.information.sum(0)), TINY))
     scaled = total * scale * scale[:, None]
     values, vectors = np.linalg.eigh(scaled)
     # a draw of few different views may leave the camera undetermined, and is left out

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.assess.checks import coverage, fit, lens, noise, pictures, rejected, spoken, views
+from camcal.assess.checks import KNOWN, checks_of, spoken
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations, View
@@ -33,18 +33,6 @@ FAR, SEVERAL_PX = 5.0, 1.0
 EXPLAINS = 0.5
 #: sizes that pictures are stored in, against those of the calibration
 SCALES = (2.0, 0.5, 1.5, 2 / 3, 4 / 3, 0.75, 3.0, 1 / 3)
-
-CHECKS = (
-    views.mirrored,
-    lens.outside_domain,
-    coverage.outside_image,
-    fit.outliers,
-    rejected.many_rejected,
-    pictures.poor_pictures,
-    fit.large_residuals,
-    fit.systematic,
-    noise.rounded,
-)
 
 
 @dataclass(frozen=True)
@@ -122,7 +110,7 @@ def check_known(
         What the camera's report says; without it a fit is judged by the size of the picture alone.
     """
     facts = Facts(solution)
-    said = spoken(CHECKS, facts)
+    said = spoken(checks_of(KNOWN), facts)
     misfit = [*_worse(facts, promise)]
     if misfit or any(w.code == "large-residuals" for w in said):
         cause = _named(solution, given)

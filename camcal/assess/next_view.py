@@ -28,6 +28,7 @@ from camcal.assess.design import Design
 from camcal.assess.difference import image_grid
 from camcal.assess.uncertainty import projection_uncertainty, twists, worst_sigma
 from camcal.geometry import rotations
+from camcal.geometry.numbers import TINY
 from camcal.model.pose import Pose, Poses
 from camcal.records import dataclass
 from camcal.solve.calibration import Calibration, NormalBlocks
@@ -181,7 +182,7 @@ class NextView:
     def sigmas(self, state: State) -> Array:
         """Worst-direction sigmas (..., G) over the picture, px, for one state or several stacked."""
         by_params, by_frame = self._jacobians
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.design.normal.intrinsics), 1e-300))
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.design.normal.intrinsics), TINY))
         scaled = state.information * scale * scale[:, None] + _RIDGE * np.eye(len(scale))
         covariance = np.linalg.inv(scaled) * scale * scale[:, None]
         follow, own = state.follow / state.views, state.own / state.views**2

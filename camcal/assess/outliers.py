@@ -45,8 +45,11 @@ OTHER_PROPORTION = 0.02
 BY_CHANCE = 1e-6
 #: numbers of a pose, and of a plane of any proportions and angle before a known camera
 _POSE, _PLANE = 6, 8
-#: sine of the angle between rays and the image plane below which x/z means little
-_FLAT_RAY = 0.05
+#: cosine of the angle between a plane and that of x and y up to which they are one, as for boards
+ALONG_Z = 0.999
+#: degrees; the angle between the sides of a board, and how far a measured one may be off: a shear that moves the
+#: points as far as `SAME_PROPORTION` is .17 degrees, and that is nearly doubled
+RIGHT_ANGLE, SAME_ANGLE = 90.0, 0.3
 
 
 _HINTS = {
@@ -150,7 +153,7 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
     found = []
     for i in np.flatnonzero(own > SUSPECT * np.median(own)):
         view, freedom = data.views[i].take(used[i]), 2 * int(counts[i]) - _PLANE
-        if len(data.views) < 3 or freedom <= 0 or not shapes([view]).planar[0]:
+        if len(data.views) < mirror.LEAST_VIEWS or freedom <= 0 or not shapes([view]).planar[0]:
             continue
         measured = proportions(view, solution.camera, every=True)
         if measured is None or abs(measured.ratio - 1) <= SAME_PROPORTION:
@@ -196,14 +199,10 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
         found = proportions(view, camera)
         if found is not None and found.median <= EXPLAINED * usual:
             ratio, angle = found.ratio, found.angle
-            if abs(ratio - 1) > SAME_PROPORTION or abs(angle - 90) > 100 * SAME_PROPORTION:
+            if abs(ratio - 1) > SAME_PROPORTION or abs(angle - RIGHT_ANGLE) > SAME_ANGLE:
                 return "other-board", (
                     f"its points are those of another board, {ratio:.4g} times as long in y against x"
-                    + (
-                        f", its sides at {angle:.1f} degrees"
-                        if abs(angle - 90) > 100 * SAME_PROPORTION
-                        else ""
-                    )
+                    + (f", its sides at {angle:.1f} degrees" if abs(angle - RIGHT_ANGLE) > SAME_ANGLE else "")
                 )
     else:
         _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera, usual)
@@ -257,14 +256,14 @@ def proportions(view: View, camera: Camera, every: bool = False) -> Proportions 
     """
     rays = camera.unproject(view.uv)
     with np.errstate(invalid="ignore"):
-        ahead = rays[:, 2] > _FLAT_RAY
+        ahead = rays[:, 2] > projective.FLAT_RAY
     kept = view.take(ahead)
     if len(kept) < LEAST_PLANAR:
         return None
     ab = rays[ahead, :2] / rays[ahead, 2:]
     origin, axes, _ = projective.fit_plane(kept.xyz)
     # along the axes of the data where the plane is that of x and y, as for boards
-    across = np.eye(3) if abs(axes[2, 2]) > 0.999 else axes
+    across = np.eye(3) if abs(axes[2, 2]) > ALONG_Z else axes
     points = (kept.xyz - origin) @ across[:, :2]
     if every:
         matrix: np.ndarray | None = homography.homographies(points[None], ab[None], np.ones((1, len(ab))))[0]

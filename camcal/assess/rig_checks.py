@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from camcal.assess.checks import coverage, fit, lens, noise, pictures, rejected, spoken
+from camcal.assess.checks import RIG, checks_of, spoken
 from camcal.assess.checks.facts import Facts
 from camcal.assess.covariance import Covariance, covariance
 from camcal.assess.rig import relative_sigmas
@@ -20,21 +20,6 @@ FEW_INSTANTS = 4
 #: a relative rotation known no better than this, degrees, moves the pictures against each other by ten pixels at a
 #: focal length of 1000 px
 LOOSE_DEG = 0.5
-#: the checks of one camera that hold for a camera of a rig: of its lens, its points and its pictures. Those of its
-#: poses and of what its own views determine do not hold where other cameras see the same boards, and cost the most.
-OF_A_CAMERA = (
-    lens.outside_domain,
-    lens.fold_in_image,
-    coverage.poor,
-    coverage.outside_image,
-    fit.outliers,
-    rejected.many_rejected,
-    pictures.poor_pictures,
-    fit.large_residuals,
-    fit.systematic,
-    noise.tails,
-    noise.rounded,
-)
 
 
 def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[CalibrationWarning, ...]:
@@ -50,7 +35,7 @@ def check(solution: RigCalibration, lags: Mapping[str, int]) -> tuple[Calibratio
     found += [*_not_converged(solution), *_undetermined(accuracy), *_few_instants(solution)]
     found += _loose(solution, accuracy)
     for name in solution.rig.cameras:
-        for warning in spoken(OF_A_CAMERA, Facts(within(solution, name))):
+        for warning in spoken(checks_of(RIG), Facts(within(solution, name))):
             found.append(replace(warning, message=f"camera {name}: {warning.message}"))
     return tuple(found)
 

@@ -50,9 +50,10 @@ def solve(xyz: Array, uv: Array, weights: Array | None = None, normalise: bool =
     """
     a, t_xyz, t_uv = system(xyz, uv, weights, normalise)
     # zero rows where there are fewer equations than unknowns, so that all 12 right singular vectors come out
-    padded = np.concatenate([a, np.zeros((len(a), max(12 - a.shape[1], 0), 12))], 1)
+    unknowns = a.shape[2]
+    padded = np.concatenate([a, np.zeros((len(a), max(unknowns - a.shape[1], 0), unknowns))], 1)
     _, singular, vt = np.linalg.svd(padded, full_matrices=False)
-    m = vt[:, 11].reshape(-1, 3, 4)
+    m = vt[:, -1].reshape(-1, 3, 4)
     depth = np.einsum("vk,vk->v", m[:, 2], (t_xyz @ _centroid(xyz)[..., None])[..., 0])
     m = m * np.where(depth < 0, -1.0, 1.0)[:, None, None]
     m = np.linalg.inv(t_uv) @ m @ t_xyz

@@ -17,7 +17,7 @@ def hull(points: Array) -> Array:
     Andrew, Another efficient algorithm for convex hulls in two dimensions, 1979.
     """
     points = points[np.isfinite(points).all(1)]
-    if len(points) < 3:
+    if len(points) < 3:  # a triangle has three corners
         return np.zeros((0, 2))
     points = points[_outer(points)]
     points = points[np.lexsort(points.T[::-1])]  # by x, then y

@@ -8,6 +8,10 @@ from camcal.geometry import rotations
 
 Array = np.ndarray
 
+#: sine of the angle between a ray and the image plane below which x / z means little: there (3 degrees) an error of the
+#: ray's angle counts 400 times
+FLAT_RAY = 0.05
+
 
 def homogeneous(points: Array) -> Array:
     """Append a coordinate 1: (..., d) -> (..., d + 1)."""

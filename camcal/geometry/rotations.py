@@ -35,7 +35,7 @@ def exp(vector: Array) -> Array:
     vector = np.asarray(vector, float)
     t2 = np.einsum("...i,...i->...", vector, vector)
     t = np.sqrt(t2)
-    small = t2 < 1e-8
+    small = t2 < 1e-8  # the next terms, t⁴ / 120 of 1 and t⁴ / 720 of 1/2, are below rounding (1e-16)
     safe = np.where(small, 1.0, t)
     a = np.where(small, 1 - t2 / 6, np.sin(safe) / safe)
     b = np.where(small, 0.5 - t2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
@@ -52,7 +52,7 @@ def left_jacobian(vector: Array) -> Array:
     vector = np.asarray(vector, float)
     t2 = np.einsum("...i,...i->...", vector, vector)
     t = np.sqrt(t2)
-    small = t2 < 1e-4  # the series' next term is t⁴ / 40320, below rounding of the sum
+    small = t2 < 1e-4  # the next terms, t⁶ / 40320 and t⁶ / 362880, are below rounding (1e-16)
     safe = np.where(small, 1.0, t)
     a = np.where(small, 0.5 - t2 / 24 + t2**2 / 720, 2 * (np.sin(safe / 2) / safe) ** 2)
     b = np.where(small, 1 / 6 - t2 / 120 + t2**2 / 5040, (safe - np.sin(safe)) / safe**3)
@@ -70,7 +70,8 @@ def log(rotation: Array) -> Array:
     q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
     n = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(n, q[..., :1])
-    factor = np.where(n < 1e-9, 2.0, angle / np.where(n < 1e-9, 1.0, n))
+    small = n < 1e-9  # angle / n = 2 (1 + n² / 6 ...) there, whose second term is below rounding (1e-16)
+    factor = np.where(small, 2.0, angle / np.where(small, 1.0, n))
     return factor * q[..., 1:]
 
 
@@ -148,6 +149,7 @@ def to_euler(rotation: Array) -> tuple[float, float, float]:
     """
     r = np.asarray(rotation, float)
     cos_beta = np.hypot(r[0, 0], r[1, 0])
+    # 4 eps: what rounding leaves of the two entries of a product of three rotations at beta = ±π/2
     theta = np.arctan2(r[1, 0], r[0, 0]) if cos_beta > 4 * np.finfo(float).eps else 0.0
     c, s = np.cos(theta), np.sin(theta)
     # the second row of Rz(-theta) R = Ry Rx is (0, cos alpha, -sin alpha)

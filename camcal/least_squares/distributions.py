@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from camcal.geometry.numbers import TINY
+
 Array = np.ndarray
 
 #: relative accuracy of (4); log Γ leaves 1e-11 for 1e5 degrees of freedom
 _ACCURACY = 1e-15
 #: terms of (4): of the order of the square root of the larger parameter are needed, 3,000 for 1e7 degrees of freedom
 _TERMS = 100_000
-_TINY = 1e-300  #: stands for 0 in the continued fraction (Lentz's method), where it is a divisor
 
 
 def beta_part(a: float, b: float, x: float, rest: float | None = None) -> float:
@@ -44,7 +45,7 @@ def beta_part(a: float, b: float, x: float, rest: float | None = None) -> float:
         return 1.0 - beta_part(b, a, rest, x)
     far = math.log1p(-x) if x < rest else math.log(rest)
     front = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * far
-    c, d = 1.0, 1.0 / max(1 - (a + b) * x / (a + 1), _TINY)
+    c, d = 1.0, 1.0 / max(1 - (a + b) * x / (a + 1), TINY)
     total = d
     for m in range(1, _TERMS):
         before = total
@@ -60,7 +61,7 @@ def beta_part(a: float, b: float, x: float, rest: float | None = None) -> float:
 
 
 def _away_from_zero(x: float) -> float:
-    return x if abs(x) > _TINY else _TINY
+    return x if abs(x) > TINY else TINY
 
 
 def f_exceeded(x: float, m: float, n: float) -> float:

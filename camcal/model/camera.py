@@ -12,6 +12,8 @@ Array = np.ndarray
 
 #: parameters that a printed camera names, enough for opencv8; a spline has hundreds
 SHOWN = 12
+#: k1, k2, p1, p2: cv2 takes no vector of fewer coefficients
+LEAST_COEFFICIENTS = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,7 +98,7 @@ class Camera:
                 f"the camera has a skew of {self.matrix[0, 1]:.4g} px, which OpenCV's functions ignore.",
                 "Calibrate without --skew.",
             )
-        missing = max(0, 4 - len(form.distortion))  # cv2 takes no fewer than 4
+        missing = max(0, LEAST_COEFFICIENTS - len(form.distortion))
         return self.matrix, np.r_[form.distortion, np.zeros(missing)]
 
     def __repr__(self) -> str:

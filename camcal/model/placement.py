@@ -153,6 +153,6 @@ def _rotation_onto(ray: Array) -> Array:
     """The smallest rotation that takes the z axis to a direction."""
     axis = np.cross([0.0, 0.0, 1.0], ray)
     sine, cosine = np.linalg.norm(axis), ray[2]
-    if sine < 1e-12:
+    if sine < 1e-12:  # a rotation by less moves no point by a millionth of a px
         return np.eye(3)
     return rotations.exp(axis / sine * np.arctan2(sine, cosine))

@@ -22,7 +22,7 @@ from camcal.errors import EstimationError, UsageError
 from camcal.geometry import rotations
 from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
-from camcal.model.lenses.undistort import bisected, border_grid
+from camcal.model.lenses.undistort import GROWTH, bisected, border_grid
 from camcal.model.pose import Pose
 from camcal.records import dataclass
 
@@ -32,6 +32,8 @@ PERSPECTIVE, LATITUDE_LONGITUDE = "perspective", "latitude-longitude"
 #: half-angle, rad, up to which `auto` takes a perspective picture: there a pixel at the rim is 1 / cos² = 4 times as
 #: long as in the middle, and at 70 degrees 9 times
 WIDE = np.deg2rad(60)
+#: of the smallest scale: pictures without black that show a thousandth of the field and less share nothing
+MOST_ENLARGED = 1e3
 #: half-angle, rad, that is shown at most: a plane cannot hold 90 degrees; near the baseline, which both kinds approach
 #: there, rows come together and disparities say nothing of the distance
 WIDEST = {PERSPECTIVE: np.deg2rad(80), LATITUDE_LONGITUDE: np.deg2rad(85)}
@@ -289,8 +291,8 @@ def _covering(
 
     high = low
     while not covered(high):
-        high *= 1.5
-        if high > 1e3 * low:
+        high *= GROWTH
+        if high > MOST_ENLARGED * low:
             raise _nothing_shared()
     return bisected(covered, low, high)
 

@@ -32,6 +32,8 @@ SIGMAS = 0.05
 
 #: Enough for cv2 to stop by itself: 5.0 has 500 iterations as its default, 4.x only 30.
 MOST_ITERATIONS = 500
+#: Points of a view that determine a homography; cv2 takes no view of fewer.
+LEAST_POINTS = 4
 #: ... and to see whether it stays where it begins: from a point that is no optimum the first step lowers the cost by
 #: most of what there is to gain.
 TO_STAY = 5

@@ -20,7 +20,7 @@ from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.peers import refinement
-from camcal.peers.base import Entry, NotComparableError, Result, Task, entry
+from camcal.peers.base import LEAST_POINTS, Entry, NotComparableError, Result, Task, entry
 from camcal.peers.calibrate_camera import answer, begin, camera_of, criteria, refusals, rms_of, where
 from camcal.solve.board import common_points, settle
 from camcal.solve.board_points import on_board
@@ -87,7 +87,7 @@ def complete(data: Observations) -> Observations:
     else:
         shared = np.ones(len(points), bool)
     chosen = [_sorted(view, at, shared) for view, at, keep in zip(data.views, ids, full, strict=True) if keep]
-    if sum(len(v) for v in chosen) < LEAST_SHARE * data.point_count or shared.sum() < 4:
+    if sum(len(v) for v in chosen) < LEAST_SHARE * data.point_count or shared.sum() < LEAST_POINTS:
         raise NotComparableError("cv2 needs all points in every view, and too few views have them")
     return data.with_views(chosen)
 

@@ -15,7 +15,7 @@ from camcal.assess.figures import rms_point
 from camcal.data.observations import View
 from camcal.geometry import homography
 from camcal.model.pose import Array
-from camcal.peers.base import Entry, entry
+from camcal.peers.base import LEAST_POINTS, Entry, entry
 from camcal.start.shape import shapes
 
 NAME = "cv2.findHomography"
@@ -56,7 +56,7 @@ def _transfers(views: Sequence[View]) -> Iterator[tuple[View, Array, Array]]:
     """Residuals (N, 2) of each planar view by camcal's homography and by cv2's."""
     form = shapes(views)
     flat = form.spreads[:, 2] <= FLAT * form.spreads[:, 0]
-    kept = [i for i, view in enumerate(views) if flat[i] and len(view) >= 4]
+    kept = [i for i, view in enumerate(views) if flat[i] and len(view) >= LEAST_POINTS]
     for members in homography.by_count(len(views[i]) for i in kept):
         chosen = [kept[m] for m in members]
         uv = np.array([views[i].uv for i in chosen])

@@ -27,6 +27,8 @@ WEIGHED = ("tsai", "horaud")
 SIGMAS = 3.0  #: their weights move a result by a part of its standard deviation; three are more than that
 #: the others solve the same systems: equal up to rounding, in standard deviations
 ROUNDING = 1e-6
+#: rad, and in the unit of lengths: exact data have standard deviations of 0, and rounding is so much
+LEAST_SIGMA = 1e-9
 
 
 def against_cv2(
@@ -64,8 +66,7 @@ def _entry(
         return entry(stage, against, "not_applicable", f"cv2 refuses: {error.err}")
     turn = float(rotations.angle_between(x.rotation, theirs.rotation))
     shift = float(np.linalg.norm(x.translation - theirs.translation))
-    # standard deviations of exact data are 0, and rounding is 1e-9 of the lengths
-    apart = max(turn / (sigma[0] + 1e-9), shift / (sigma[1] + 1e-9 * unit))
+    apart = max(turn / (sigma[0] + LEAST_SIGMA), shift / (sigma[1] + LEAST_SIGMA * unit))
     status, why = judge(apart, SIGMAS if name in WEIGHED else ROUNDING, "difference in standard deviations")
     found = {
         "rotation_vector": rotations.log(theirs.rotation).tolist(),

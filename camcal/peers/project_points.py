@@ -14,6 +14,8 @@ from camcal.solve.calibration import Calibration
 NAME = "cv2.projectPoints"
 #: Rounding of a projection in float64, for pixels to 1e4 and a distance of many times the points' extent.
 BOUND_PX = 1e-8
+#: condition of M's left half at which it holds: a focal length of 1000 px. A wider spread costs digits in proportion
+ORDINARY = 1e3
 
 
 def of_solution(solution: Calibration) -> Entry | None:
@@ -54,8 +56,7 @@ def of_matrix(stage: str, matrix: Array, view: View) -> Entry:
     theirs = projective.homogeneous(flat) @ k.T
     ours = projective.project(matrix, view.xyz)
     worst = float(np.abs(ours - theirs[:, :2]).max())
-    # a wide spread of the singular values of M costs digits in the decomposition
-    bound = BOUND_PX * max(1.0, float(np.linalg.cond(matrix[:, :3])) * 1e-3)
+    bound = BOUND_PX * max(1.0, float(np.linalg.cond(matrix[:, :3])) / ORDINARY)
     status, why = judge(worst, bound, "projections differ by (px)")
     rms = float(np.sqrt(np.square(theirs[:, :2] - view.uv).sum(1).mean()))
     return entry(

@@ -8,11 +8,9 @@ import numpy as np
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import SAME, Entry, entry, judge, one_thread
+from camcal.peers.base import LEAST_POINTS, SAME, Entry, entry, judge, one_thread
 
 STAGE = "pose"
-#: cv2 works on normalised coordinates x/z; rays flatter than this on the camera's own plane are no input for it
-FLATTEST = 0.05
 #: points count as a plane for IPPE below this part of their extent: it drops the third coordinate
 PLANE = 1e-9
 
@@ -30,9 +28,9 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
     rays = camera.unproject(uv)
     planar, local, frame = _in_own_frame(xyz)
     name = "cv2.solvePnPGeneric" + ("(IPPE)" if planar else "(SQPNP)")
-    if len(xyz) < 4:
+    if len(xyz) < LEAST_POINTS:
         return entry(STAGE, name, "not_applicable", "three points: every solution is exact")
-    if (rays[:, 2] < FLATTEST).any():
+    if (rays[:, 2] < projective.FLAT_RAY).any():
         return entry(
             STAGE, name, "not_applicable", "cv2 accepts only rays less than 90 degrees from the axis"
         )

@@ -25,6 +25,7 @@ from camcal.model.pose import Pose, Poses
 from camcal.model.rig import Rig
 from camcal.peers import calibrate_multiview, register_cameras
 from camcal.peers.base import (
+    LEAST_POINTS,
     LOWER,
     LOWER_PX,
     SAME,
@@ -172,7 +173,7 @@ def _shared(whole: RigCalibration, a: str, b: str) -> tuple[Observations, Array]
     _, first, second = np.intersect1d(keys[rows[0]], keys[rows[1]], return_indices=True)
     views = data.view[rows[0][first]]
     instants, counts = np.unique(views, return_counts=True)
-    instants = instants[counts >= 4]  # fewer points are no view for cv2
+    instants = instants[counts >= LEAST_POINTS]
     good = np.isin(views, instants)
     taken = np.r_[rows[0][first[good]], rows[1][second[good]]]
     view = np.searchsorted(instants, data.view[taken])

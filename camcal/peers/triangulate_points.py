@@ -5,13 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.peers.base import SAME, Entry, entry, judge, one_thread
 
 STAGE, NAME = "triangulate", "cv2.triangulatePoints"
-#: rays flatter on the camera's own plane than this (z of the unit ray) have no normalised coordinates
-FLATTEST = 0.05
 
 Seen = tuple[Camera, Pose, Array]  #: camera, cam_from_world, uv (N, 2)
 
@@ -22,7 +21,7 @@ def against_cv2(first: Seen, second: Seen, xyz: Array) -> Entry:
     Least squares may not fit worse than the linear solution; how far both lie apart is reported.
     """
     rays = [camera.unproject(uv) for camera, _, uv in (first, second)]
-    good = np.logical_and.reduce([r[:, 2] > FLATTEST for r in rays]) & np.isfinite(xyz).all(1)
+    good = np.logical_and.reduce([r[:, 2] > FLAT_RAY for r in rays]) & np.isfinite(xyz).all(1)
     if not good.any():
         return entry(STAGE, NAME, "not_applicable", "no point is seen well in front of two cameras")
     matrices = [np.c_[pose.rotation, pose.translation] for _, pose, _ in (first, second)]

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from camcal.geometry import rotations
+from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.peers.base import Entry, entry, judge, one_thread
@@ -38,7 +39,7 @@ def motion(camera: Camera, first: Array, second: Array, ours: Pose) -> Entry:
     """The rotation between two views of a bundle against cv2's from their matches, with the same camera."""
     name = "cv2.findEssentialMat"
     rays = [camera.unproject(uv) for uv in (first, second)]
-    if any((r[:, 2] < 0.05).any() for r in rays):
+    if any((r[:, 2] < FLAT_RAY).any() for r in rays):
         return entry(
             STAGE, name, "not_applicable", "cv2 accepts only rays less than 90 degrees from the axis"
         )

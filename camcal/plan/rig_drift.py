@@ -29,6 +29,9 @@ from camcal.track.rig_equations import Instant, Picture, instant
 
 Array = np.ndarray
 
+#: px²; the variance of exact points, so that their weights stay finite
+LEAST_VARIANCE = 1e-12
+
 
 @dataclass(frozen=True)
 class Followed:
@@ -175,7 +178,7 @@ def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, l
         normal = blocks.normal()
         gain = eliminate_poses(normal).gain
         count = sum(map(len, views))
-        variance = max(2 * float(solved.costs.sum()) / max(2 * count - 6 * len(views), 1), 1e-12)
+        variance = max(2 * float(solved.costs.sum()) / max(2 * count - 6 * len(views), 1), LEAST_VARIANCE)
         own = problem.poses(solved.state)
         for i, block in enumerate(mine):
             points, information = len(views[i]), normal.poses[i] / variance

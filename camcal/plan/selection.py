@@ -41,6 +41,8 @@ OUT = ("fold-in-image", "points-outside-model", "undetermined-parameters", "weak
 #: a model with fewer parameters is preferred when its hold-out error is at most this much larger, as a part:
 #: over a thousand points chance alone makes about as much
 WORTH = 0.01
+#: a cost up to so many times another is as low but for rounding
+AS_LOW = 1 + 1e-9
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -225,8 +227,7 @@ class _Bench:
         tried: list[Calibration] = [] if solution is None else [solution]
         for inner in (c.solution for c in done if c.solution is not None):
             known = embed(lens, inner.camera.lens, inner.camera.params)
-            # 1 + 1e-9: a cost that is as low but for rounding
-            if known is not None and (not tried or inner.fit.cost < tried[0].fit.cost * (1 + 1e-9)):
+            if known is not None and (not tried or inner.fit.cost < tried[0].fit.cost * AS_LOW):
                 tried.append(refine(*starts.adopted(lens, inner, fix), data, How(fix)))
         if not tried:
             reason = self.failed.get(lens.name, "it could not be fitted")

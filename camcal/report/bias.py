@@ -15,13 +15,14 @@ from camcal.assess.holdout import CHEAP_POINTS
 from camcal.assess.influence import bootstrap, influence, jackknife
 from camcal.plan.solution import Solution
 
+LEAST_REDUNDANCY = 10  #: a sigma from ten spare coordinates is known to sqrt(1 / 20) = 22 %
 REPLICATES = 200  #: a standard deviation from 200 draws is known to 5 %, 1 / sqrt(2 · 200)
 
 
 def section(solution: Solution, accuracy: Covariance) -> dict[str, Any] | None:
     """Tests, bias ratio, bootstrap and the views' influence; None for a large or an undetermined problem."""
     lost = bool(np.isnan(solution.used_residuals).any())
-    if solution.observations.point_count > CHEAP_POINTS or redundancy(solution) < 10 or lost:
+    if solution.observations.point_count > CHEAP_POINTS or redundancy(solution) < LEAST_REDUNDANCY or lost:
         return None
     design = Design(solution)
     ratio = bias_ratio(design)

@@ -19,6 +19,7 @@ from camcal.system.writing import atomic_write
 SCHEMA = "camcal-optimizers/1"
 #: excesses below this are the rounding of a cost and are drawn on the axis
 FLOOR = 1e-16
+LEAST_SECONDS = 1e-4  #: on a logarithmic axis, in place of the 0 of the start
 
 
 def traces(runs: Sequence[Run]) -> str:
@@ -66,7 +67,9 @@ def plot(runs: Sequence[Run], path: Path, force: bool = False) -> None:
         excess = np.maximum(samples[:, 1] / lowest - 1.0, FLOOR) if lowest > 0 else samples[:, 1]
         for axis, column in zip(axes, (2, 3), strict=True):
             style = "-" if run.result.converged else "--"
-            axis.loglog(np.maximum(samples[:, column], 1e-4), excess, style, color=colours(index % 10))
+            axis.loglog(
+                np.maximum(samples[:, column], LEAST_SECONDS), excess, style, color=colours(index % 10)
+            )
         axes[0].lines[-1].set_label(run.name + ("" if run.result.converged else " (not converged)"))
     axes[0].set(xlabel="evaluations", ylabel="cost / lowest - 1")
     axes[1].set(xlabel="seconds")

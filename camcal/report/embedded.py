@@ -28,6 +28,7 @@ COLUMNS = ("view", "id", "X", "Y", "Z", "u", "v", "sigma", "used")
 WEIGHT = "weight"
 ENCODING = "zlib+base64"
 _WRAP = 100
+BYTES = 8  #: of a number of the table
 #: bytes of the table, unpacked: 10 million rows
 LARGEST = 800_000_000
 
@@ -96,18 +97,18 @@ def _table(data: Data) -> dict[str, Array]:
     if missing:
         raise DataError(f"the report's data lack the column '{missing[0]}'.", "The file is damaged.")
     count = len(data.columns) * data.rows
-    if 8 * count > LARGEST:
+    if BYTES * count > LARGEST:
         raise DataError(
-            f"the report's data claim {data.rows} rows; at most {LARGEST // 8 // len(data.columns)} are read.",
+            f"the report's data claim {data.rows} rows; at most {LARGEST // BYTES // len(data.columns)} are read.",
             "The file is damaged.",
         )
     try:
         packed = base64.b64decode(data.text)
         # no more than the rows need: a few bytes could stand for more than fits in memory
-        raw = zlib.decompressobj().decompress(packed, 8 * count + 1)
+        raw = zlib.decompressobj().decompress(packed, BYTES * count + 1)
     except (ValueError, binascii.Error, zlib.error) as error:
         raise DataError(f"the report's data are damaged ({error}).", "Is the file truncated?") from error
-    if len(raw) != 8 * count:
+    if len(raw) != BYTES * count:
         raise DataError(
             f"the report's data are damaged: not {data.rows} rows of {len(data.columns)} columns.",
             "Is the file truncated?",

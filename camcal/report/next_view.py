@@ -33,6 +33,7 @@ FACING_DEGREES = 8.0
 MOST_PICTURES = 100
 #: points along an edge of the drawn target: straight edges are curved in a picture with distortion
 _STEPS = 7
+CENTRAL = 0.08  #: share of the picture's side by which a place may be off the middle and be called that
 _ASIDE = 0.4  #: share of a tilt along an axis from which on it is reported
 _MOST_CELLS = 1000  #: more would be a grey surface
 _TITLE_WIDTH = 62
@@ -135,8 +136,8 @@ def words(solution: Solution, points: Array, pose: Pose) -> str:
 
 
 def _place(u: float, v: float) -> str:
-    across = "" if 0.42 < u < 0.58 else ("left" if u < 0.5 else "right")
-    down = "" if 0.42 < v < 0.58 else ("top" if v < 0.5 else "bottom")
+    across = "" if abs(u - 0.5) < CENTRAL else ("left" if u < 0.5 else "right")
+    down = "" if abs(v - 0.5) < CENTRAL else ("top" if v < 0.5 else "bottom")
     return " ".join(w for w in (down, across) if w) or "middle"
 
 

@@ -24,6 +24,7 @@ Array = np.ndarray
 
 #: so many rows, or columns, are drawn
 LINES = 24
+LINE_PART = 600  #: of the side: lines of one pixel are not seen when a large picture is made to fit a screen
 MAPS, MATRICES = "maps.npz", "rectification.yaml"
 
 
@@ -113,7 +114,7 @@ def _with_rows(pictures: Sequence[Array], axis: int) -> Array:
     made = np.concatenate([_colour(p) for p in pictures], 1 - axis)
     height, width = made.shape[:2]
     side = (height, width)[axis]
-    thickness = max(1, side // 600)
+    thickness = max(1, side // LINE_PART)
     for i, at in enumerate(np.linspace(0, side, LINES + 2)[1:-1].astype(int).tolist()):
         begin, end = ((0, at), (width - 1, at)) if axis == 0 else ((at, 0), (at, height - 1))
         cv2.line(made, begin, end, ((80, 200, 80), (80, 160, 255))[i % 2], thickness)

@@ -19,6 +19,8 @@ Document = Mapping[str, Any]
 
 #: more views than this are shown by their worst
 ALL_VIEWS = 24
+NAMED = 4  #: names in a sentence
+MOST_PLACES = 12  #: decimal places; sigmas of exact data would ask for more than a number has
 WORST_VIEWS = 10  #: rows of the table where views are many
 _STYLE = {
     "pass": "green",
@@ -114,7 +116,7 @@ def with_sigma(value: float, sigma: float | None) -> tuple[str, str]:
     if sigma is None or not math.isfinite(sigma) or sigma <= 0:
         shown = "" if sigma is None or sigma == 0 else "undetermined" if math.isinf(sigma) else "-"
         return f"{value:.6g}", shown
-    places = min(max(1 - math.floor(math.log10(sigma)), 0), 12)
+    places = min(max(1 - math.floor(math.log10(sigma)), 0), MOST_PLACES)
     return f"{value:.{places}f}", f"{sigma:.{places}f}" if places else f"{sigma:.0f}"
 
 
@@ -182,7 +184,7 @@ def board_table(shape: Mapping[str, Any]) -> RenderableType:
         parts.append(Padding(Text(shape["words"]), (0, 0, 0, 2)))
     if shape.get("turned"):
         names = shape["turned"]
-        some = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+        some = ", ".join(names[:NAMED]) + (", ..." if len(names) > NAMED else "")
         said = f"rotated by 180 degrees relative to the others, and renumbered: {len(names)} views ({some})"
         parts.append(Padding(Text(said), (0, 0, 0, 2)))
     if shape.get("tried") and not shape.get("from"):

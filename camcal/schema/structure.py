@@ -12,6 +12,7 @@ from msgspec import Meta, UnsetType
 
 from camcal.errors import DataError
 from camcal.schema.kinds import Section
+from camcal.system.text import quoted
 
 T = TypeVar("T")
 
@@ -169,6 +170,4 @@ def _shown(value: Any) -> str:
         return "null"
     if isinstance(value, (Mapping, list, tuple)):
         return "a group of keys" if isinstance(value, Mapping) else f"a list of {len(value)}"
-    text = str(value).lower() if isinstance(value, bool) else str(value)
-    text = text if len(text) <= 40 else text[:37] + "..."
-    return f"'{text}'" if isinstance(value, str) else text
+    return quoted(value)

@@ -9,6 +9,7 @@ At the top level they hold for every command that has them; under the name of a 
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,13 +19,14 @@ from camcal.errors import DataError, UsageError
 from camcal.records import dataclass
 from camcal.registry import suggestion
 from camcal.settings.commands import OPTIONS, options_of
-from camcal.settings.kinds import shown
 from camcal.settings.option import Option
 from camcal.settings.yaml_strict import KeyPath, parse
 from camcal.system.reading import read_file
+from camcal.system.text import quoted
 
 DEFAULT_FILE = "camcal.yaml"
 LARGEST = 1 << 20  #: bytes; a configuration of every option is below 10 kB
+NEAREST = 3  #: known keys in the hint to an unknown one, where none is close
 #: options of the run that a file cannot hold
 NOT_IN_FILES = ("config",)
 
@@ -73,7 +75,7 @@ def load_config(path: str | os.PathLike, named: bool = True) -> Config:
     if value is None:
         value = {}
     if not isinstance(value, dict):
-        found = "a list" if isinstance(value, list) else shown(value)
+        found = "a list" if isinstance(value, list) else quoted(value)
         raise UsageError(
             f"{name}:1: {found} found; `key: value` lines are needed.",
             "Write the name of an option, a colon and its value.",
@@ -131,7 +133,7 @@ def _group(config: Config, name: str, known: Mapping[str, Option]) -> dict[str, 
     values = config.data[name]
     if not isinstance(values, Mapping):
         raise UsageError(
-            f"{config.where(name)}: {name}: {shown(values)} found; options of the command are needed.",
+            f"{config.where(name)}: {name}: {quoted(values)} found; options of the command are needed.",
             "Write `key: value` lines below it, indented.",
         )
     found: dict[str, Any] = {}
@@ -196,6 +198,11 @@ def _all_of(name: str) -> list[Option]:
 
 
 def _hint(name: str, known: Mapping[str, Option], inside: KeyPath) -> str:
-    """Return a hint with the nearest known key, or with all known keys."""
-    where = f" under {inside[-1]}" if inside else ""
-    return suggestion(name, known) or f"Known{where}: {', '.join(sorted(known))}."
+    """Return a hint with the known key that is meant, or else with the keys nearest in spelling and where all are."""
+    meant = suggestion(name, known)
+    if meant is not None:
+        return meant
+    near = ", ".join(difflib.get_close_matches(name, known, n=NEAREST, cutoff=0.0))
+    if inside:
+        return f"The nearest under {inside[-1]}: {near}. All: camcal {inside[-1]} --help"
+    return f"The nearest: {near}. A key is an option of a command, with _ for -; all: camcal COMMAND --help"

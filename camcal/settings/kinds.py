@@ -15,6 +15,7 @@ from typing import Any
 
 from camcal.errors import UsageError
 from camcal.registry import load, suggestion
+from camcal.system.text import quoted
 
 
 class Kind:
@@ -37,16 +38,9 @@ class Kind:
         return []
 
 
-def shown(value: Any) -> str:
-    """Return a value as error messages quote it."""
-    text = str(value).lower() if isinstance(value, bool) else str(value)
-    text = text if len(text) <= 60 else text[:57] + "..."
-    return f"'{text}'" if isinstance(value, str) else text
-
-
 def refuse(value: Any, needed: str, hint: str | None = None) -> UsageError:
     """Return the error for a value that is not what was `needed`."""
-    return UsageError(f"{shown(value)} is not {needed}.", hint)
+    return UsageError(f"{quoted(value)} is not {needed}.", hint)
 
 
 def real(value: Any) -> float | None:
@@ -218,7 +212,7 @@ class Words(Kind):
         if isinstance(value, str) and value in self.known:
             return value
         hint = suggestion(str(value), self.known) or f"Known: {', '.join(self.known)}."
-        raise UsageError(f"{shown(value)} is not known here.", hint)
+        raise UsageError(f"{quoted(value)} is not known here.", hint)
 
     def words(self) -> list[str]:
         """Return the words."""
@@ -289,7 +283,7 @@ class Assignments(Kind):
         for name, held in self._pairs(value):
             number = None if held is None else real(held)
             if held is not None and (number is None or not math.isfinite(number)):
-                raise UsageError(f"{name}={held}: {shown(held)} is not a number.", f"Try: {self.example}")
+                raise UsageError(f"{name}={held}: {quoted(held)} is not a number.", f"Try: {self.example}")
             if held is None and self.values:
                 raise UsageError(f"'{name}' has no value; a number is needed.", f"Try: {self.example}")
             if name in found and found[name] != number:

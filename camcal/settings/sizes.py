@@ -7,7 +7,8 @@ import re
 from typing import Any, NamedTuple
 
 from camcal.errors import UsageError
-from camcal.settings.kinds import Kind, Real, parts_of, real, refuse, shown
+from camcal.settings.kinds import Kind, Real, parts_of, real, refuse
+from camcal.system.text import quoted
 
 UNITS = ("um", "mm", "cm", "m", "in")
 #: board sizes in cells: two rows are the least that make a plane; a side of 1000 does not fit in a picture
@@ -38,7 +39,7 @@ def parse_grid(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"(\d{1,9})[xX](\d{1,9})", text.strip())
     if not match:
-        raise UsageError(f"{shown(text)} is not the size of a board.", "Write COLUMNSxROWS, as in 9x6.")
+        raise UsageError(f"{quoted(text)} is not the size of a board.", "Write COLUMNSxROWS, as in 9x6.")
     columns, rows = int(match[1]), int(match[2])
     if min(columns, rows) < LEAST_CELLS or max(columns, rows) > MOST_CELLS:
         raise UsageError(
@@ -60,7 +61,7 @@ def parse_length(text: str) -> Length:
     unit = match[2] if match else ""
     if not LEAST_LENGTH <= value <= MOST_LENGTH or (unit and unit not in UNITS):
         raise UsageError(
-            f"{shown(text)} is not a length.",
+            f"{quoted(text)} is not a length.",
             f"Write a positive number below {MOST_LENGTH:g} and {', '.join(UNITS)} or no unit.",
         )
     return Length(value, unit or "unit")
@@ -81,7 +82,7 @@ class ImageSize(Kind):
         found = re.fullmatch(r"\s*(\d{1,7})\s*[xX]\s*(\d{1,7})\s*", str(_with_x(value)))
         if not found:
             raise UsageError(
-                f"{shown(value)} is not an image size; width x height in pixels is needed.", "Try: 640x480"
+                f"{quoted(value)} is not an image size; width x height in pixels is needed.", "Try: 640x480"
             )
         width, height = int(found[1]), int(found[2])
         if min(width, height) < 1:
@@ -121,7 +122,7 @@ class Pixel(Kind):
         numbers = numbers_of(value, 2)
         if numbers is None:
             raise UsageError(
-                f"{shown(value)} is not a pixel; its two coordinates are needed.", "Try: 100,200"
+                f"{quoted(value)} is not a pixel; its two coordinates are needed.", "Try: 100,200"
             )
         return numbers[0], numbers[1]
 
@@ -137,7 +138,7 @@ class Numbers(Kind):
         numbers = numbers_of(value, self.count)
         if numbers is None:
             raise UsageError(
-                f"{shown(value)} is not {self.count} numbers with commas.", f"Try: {self.example}"
+                f"{quoted(value)} is not {self.count} numbers with commas.", f"Try: {self.example}"
             )
         return numbers
 
@@ -167,6 +168,6 @@ class KeptField(Kind):
             return value
         found = re.fullmatch(r"\s*([0-9.]+)\s*(deg)?\s*", str(value))
         degrees = real(found[1]) if found else None
-        if degrees is None or not 0 < degrees < 360:
+        if degrees is None or not 0 < degrees < 360:  # a field of view is part of a full turn
             raise refuse(value, "all, no-black or an angle", "Try: 90deg")
         return Radians(math.radians(degrees))

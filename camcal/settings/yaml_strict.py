@@ -16,6 +16,9 @@ from camcal.errors import UsageError
 
 KeyPath = tuple[str, ...]
 PREFIX = "tag:yaml.org,2002:"
+LONGEST_INTEGER = (
+    100  #: digits; Python refuses to read thousands (sys.int_info), and no setting needs so many
+)
 DEEPEST = 20  #: levels, more than any option has
 
 
@@ -108,7 +111,7 @@ def _value(node: yaml.Node, keys: KeyPath, lines: dict[KeyPath, int], path: str)
     if isinstance(node, yaml.SequenceNode):
         return [_value(item, (*keys, str(i)), lines, path) for i, item in enumerate(node.value)]
     kind, text = node.tag.removeprefix(PREFIX), node.value
-    if kind == "int" and len(text) > 100:  # Python refuses to read thousands of digits
+    if kind == "int" and len(text) > LONGEST_INTEGER:
         _fail(path, node, f"a number of {len(text)} digits; a shorter one is needed")
     if kind == "int":
         return int(text, {"0x": 16, "0o": 8}.get(text[:2], 10))

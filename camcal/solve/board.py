@@ -18,6 +18,7 @@ import numpy as np
 from camcal.data.observations import View
 from camcal.errors import UsageError
 from camcal.geometry import rotations
+from camcal.geometry.numbers import TINY
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
@@ -26,6 +27,9 @@ from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, places, shapes
 from camcal.solve.state import Blocks, State
+
+#: part of the largest coordinate by which two points may differ and be one: the rounding of printed coordinates
+SAME_NUMBER = 1e-9
 
 
 @dataclass(frozen=True)
@@ -110,11 +114,10 @@ def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | No
         labels = np.concatenate([v.point_ids for v in views])
         _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
         points = xyz[first]
-        if np.abs(points[inverse] - xyz).max(initial=0.0) > 1e-9 * np.abs(xyz).max(initial=1.0):
+        if np.abs(points[inverse] - xyz).max(initial=0.0) > SAME_NUMBER * np.abs(xyz).max(initial=1.0):
             return None
     else:
-        # equal up to the rounding of printed coordinates
-        grid = np.round(xyz / (1e-9 * max(np.abs(xyz).max(), 1e-300))).astype(np.int64)
+        grid = np.round(xyz / (SAME_NUMBER * max(np.abs(xyz).max(), TINY))).astype(np.int64)
         rows = np.lexsort(grid.T)  # np.unique takes ten times as long for rows
         new = np.r_[True, (grid[rows[1:]] != grid[rows[:-1]]).any(1)]
         first, inverse = rows[new], np.empty(len(rows), int)
@@ -153,9 +156,10 @@ def _free(points: Array, counts: Array) -> Array:
     a and b are far apart and c is far from their line, so that none of them amplifies the others' noise.
     """
     seen = np.flatnonzero(counts >= LEAST_VIEWS)
-    if len(seen) < 4:
+    if len(seen) < LEAST_POINTS:
         raise UsageError(
-            f"{len(seen)} points of the board are seen in {LEAST_VIEWS} views or more; a free shape needs 4.",
+            f"{len(seen)} points of the board are seen in {LEAST_VIEWS} views or more; a free shape needs "
+            f"{LEAST_POINTS}.",
             "Try: --board-shape bowl",
         )
     p = points[seen]

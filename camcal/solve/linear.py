@@ -55,7 +55,7 @@ class Linear:
             points is not None
             and more is None
             and self.problem.normalise
-            and len(points) > 6 * len(blocks.poses)
+            and len(points) > 6 * len(blocks.poses)  # 3 unknowns a point of a free board, 6 a pose
         ):
             return PointsFirst(blocks, damping, points)
         return Reduced(blocks, damping, self.problem.normalise)

@@ -35,6 +35,15 @@ LEAST_LEFT = 5
 LEAST_KEPT = 1 / 3
 #: residuals below this part of the coordinates are the rounding of the input, not outliers
 _ROUNDING = 1e-7
+#: rounds for the scale of a view without its outliers: each drops points; it ends where it no longer falls
+_ROUNDS = 10
+#: relative; a scale that falls by less has settled
+_SETTLED = 1e-9
+#: The rms is not Gaussian where it gives a sigma more than this times that of the median, and so many times 1/√N more.
+#: The ratio of N Gaussian points scatters by .51/√N (4,000 simulated sets), so that 4/√N is eight deviations. Of 700
+#: points with a Gaussian core, 2 % with five times its noise give 1.21, with ten times 1.83; eight sets of pictures of
+#: boards have 1.05 to 1.49 and one of AprilTags 4.2. What exceeds the bound is estimated robustly as well.
+LOOKS_GAUSSIAN, SCATTER = 1.15, 4.0
 
 
 @dataclass(frozen=True)
@@ -100,12 +109,12 @@ def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, 
 
     `share` is the number of parameters that a point pays for.
     """
-    for _ in range(10):
+    for _ in range(_ROUNDS):
         kept = lengths[lengths <= threshold * min(scale, most)]
         if len(kept) < 2:
             break
         fresh = robust_sigma(kept, int(share * len(kept)))
-        if not fresh < scale * (1 - 1e-9):
+        if not fresh < scale * (1 - _SETTLED):
             break
         scale = fresh
     return scale
@@ -127,14 +136,15 @@ def cut(points: int, parameters: int) -> float:
 
 
 def looks_gaussian(lengths: Array, sigma: float) -> bool:
-    """Return whether the rms and the median of residuals of these lengths (N,) give the same σ within 4 deviations.
+    """Return whether the rms and the median of residuals of these lengths (N,) give the same σ, within the
+    bounds of `LOOKS_GAUSSIAN`.
 
     Contamination that hides its own points by widening the median shows here.
     """
     if not np.isfinite(lengths).all():
         return False
     ratio = np.sqrt(np.square(lengths).mean() / 2) / max(sigma, np.finfo(float).tiny)
-    return bool(ratio < 1.15 + 4 / np.sqrt(len(lengths)))
+    return bool(ratio < LOOKS_GAUSSIAN + SCATTER / np.sqrt(len(lengths)))
 
 
 def is_clean(calibration: Estimate) -> bool:

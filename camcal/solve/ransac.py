@@ -33,6 +33,14 @@ LEAST_GOOD = 0.55
 LEAST_GOOD_KNOWN = 1 / 3
 #: hypotheses solved and scored at a time
 _BATCH = 128
+#: of a batch, the best so many hypotheses are refitted where their score is at most this many times the least so far.
+#: On 150 views of 54 points with 35 % outliers, more (6 within 3 times) lowers the scale found by .7 % and takes twice
+#: as long; fewer (the best alone) raises it by .2 %
+_OPTIMISED, _NEAR = 3, 1.5
+#: refits of a hypothesis at most; it ends before where the score no longer falls
+_REFITS = 4
+#: points that fix a hypothesis, by the number of their coordinates: of a homography, of a projection matrix
+SAMPLE = {2: 4, 3: 6}
 #: a point agrees up to this many σ: 1 % of Gaussian ones do not
 _REACH = 3.03
 #: σ below this, px, only says that the data are exact
@@ -110,8 +118,8 @@ def agreeing(
         picks = np.argsort(rng.random((min(_BATCH, wanted - begin), n)), axis=1)[:, : model.sample]
         matrices, errors = model.hypotheses(picks)
         scores = _scores(errors, sigma)
-        for h in np.argsort(scores)[:3]:
-            if not scores[h] <= 1.5 * least:
+        for h in np.argsort(scores)[:_OPTIMISED]:
+            if not scores[h] <= _NEAR * least:
                 break
             found, score = _optimise(model, matrices[h], errors[h], sigma)
             if score < least:
@@ -132,7 +140,7 @@ def _optimise(model: Model, matrix: Array, error: Array, sigma: float | None) ->
     """
     n, least = len(model), np.inf
     best = Agreement(np.ones(n, bool), float("nan"), None)
-    for _ in range(4):
+    for _ in range(_REFITS):
         score = float(_scores(error[None], sigma)[0])
         if not score < least:
             break
@@ -156,7 +164,7 @@ class Map:
 
     def __init__(self, points: Array, uv: Array, sigma: Array | None = None):
         self.points, self.uv, self.relative = points, uv, _relative(sigma, len(uv))
-        self.sample = 4 if points.shape[1] == 2 else 6
+        self.sample = SAMPLE[points.shape[1]]
 
     def __len__(self) -> int:
         """Number of points."""
@@ -174,7 +182,7 @@ class Map:
 
     def _solve(self, points: Array, uv: Array, relative: Array) -> Array:
         with np.errstate(all="ignore"):
-            if self.sample == 4:
+            if self.points.shape[1] == 2:
                 matrices = homography.homographies(points, uv, relative**-2.0, steps=0)
             else:
                 matrices = dlt.projection_matrices(points, uv, relative**-2.0)

@@ -19,6 +19,8 @@ Array = np.ndarray
 SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
 #: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
 SAME_POINT = 1e-6
+#: points of a board; two or three always look the same after some turn
+LEAST_POINTS = 4
 
 
 def symmetries(data: Observations) -> tuple[Pose, ...]:
@@ -40,7 +42,7 @@ def turns_of(points: Array) -> tuple[Pose, ...]:
     nothing = (Pose.identity(),)
     low, high = points.min(0), points.max(0)
     extent = float((high - low).max())
-    if len(points) < 4 or high[2] - low[2] > SAME_POINT * extent:
+    if len(points) < LEAST_POINTS or high[2] - low[2] > SAME_POINT * extent:
         return nothing
     middle, tree = (low + high) / 2, Neighbours(points)
     found = list(nothing)

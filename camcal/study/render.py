@@ -22,6 +22,8 @@ from camcal.records import dataclass
 Array = np.ndarray
 Surface = Callable[[Array], Array]
 
+LEAST_NODES = 6  #: across a small picture; a cubic spline needs four
+UNMIXED = 1e-9  #: a part of a pixel that is nothing but rounding, or all but that
 NODE_STEP = 4  #: px between the rays that the lens is asked for; a spline gives the others to about 1e-5 px
 
 
@@ -164,7 +166,7 @@ def pixel_rays(camera: Camera, width: int, height: int, margin: int) -> Array:
 
 
 def _nodes(values: Array) -> Array:
-    count = max(int(np.ceil((values[-1] - values[0]) / NODE_STEP)) + 1, 6)
+    count = max(int(np.ceil((values[-1] - values[0]) / NODE_STEP)) + 1, LEAST_NODES)
     return np.linspace(values[0], values[-1], count)
 
 
@@ -224,7 +226,7 @@ class _Scene:
 
 
 def _mixed(part: Array) -> Array:
-    return (part > 1e-9) & (part < 1 - 1e-9)
+    return (part > UNMIXED) & (part < 1 - UNMIXED)
 
 
 def _footprint(xy: Array) -> Array:

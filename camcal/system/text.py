@@ -16,6 +16,9 @@ _UNSAFE = re.compile(f"[{UNSAFE}]")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 LONGEST_WORD = 300  #: characters of one word of a message; longer than a path that somebody would type
+LONGEST_VALUE = (
+    60  #: characters of a value quoted in a message; half a line, so that the rest of the sentence fits
+)
 LONGEST_MESSAGE = 2000  #: characters; a screen of text
 
 
@@ -52,6 +55,13 @@ def listed(parts: Sequence[str], most: int = 5) -> str:
     """The first few items of a list, and the number of the others."""
     more = len(parts) - most
     return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def quoted(value: object) -> str:
+    """A value as messages quote it: text in quotation marks, `true` and `false` as in YAML, cut where it is long."""
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
+    return f"'{text}'" if isinstance(value, str) else text
 
 
 def message(text: str) -> str:

@@ -73,10 +73,14 @@ def _check_scatter(found: robust.FrameFit, frame: Frame, known: float | None) ->
             + ("." if frame.sigma is None else ", or learn a factor of it: --learn-noise"),
         )
     own = 1.0 if frame.sigma is None else float(np.median(frame.sigma))
-    extent = float(np.sqrt(frame.uv.var(0).sum()))
-    if found.scatter * own > BLIND * extent:
+    _refuse_disorder(found.scatter * own, frame.uv)
+
+
+def _refuse_disorder(scatter: float, uv: Array) -> None:
+    """Reject points whose nearest camera leaves as much of their images (N, 2) as points matched at random do, px."""
+    if scatter > BLIND * float(np.sqrt(uv.var(0).sum())):
         raise EstimationError(
-            f"the points of the first frames fit no camera: the nearest leaves {found.scatter * own:.3g} px.",
+            f"the points of the first frames fit no camera: the nearest leaves {scatter:.3g} px.",
             "Check the assignment of image points to world points.",
         )
 
@@ -110,7 +114,8 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     Raises
     ------
     EstimationError
-        Where the points lie on a plane or otherwise do not determine M.
+        Where the points lie on a plane or otherwise do not determine M, or where only a mirrored camera comes near
+        them and that fits no better than points matched at random.
     DataError
         Where the world's frame is left-handed.
     """
@@ -125,8 +130,10 @@ def projection_matrix(xyz: Array, uv: Array) -> Array:
     candidates = np.concatenate([matrices, _sampled(xyz, uv)])
     distance = _distances(candidates, xyz, uv)
     rank = robust.majority(len(xyz), 11) - 1
-    best = candidates[np.partition(distance, rank, axis=1)[:, rank].argmin()]
+    nearest = np.partition(distance, rank, axis=1)[:, rank]
+    best = candidates[nearest.argmin()]
     if np.linalg.det(best[:, :3]) < 0:
+        _refuse_disorder(float(nearest.min()), uv)  # a matrix of points in disorder has either sign
         raise DataError(
             "the world's frame is left-handed: no camera sees the points as they are given.",
             "Swap two of the coordinates X, Y, Z (or u and v), or change the sign of one.",

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from camcal import calibrate_rig
-from camcal.assess.checks import CHECKS, facts
+from camcal.assess.checks import ALSO, CHECKS, KNOWN, RIG, checks_of, facts, fit, noise, views
 from camcal.assess.covariance import covariance
 from camcal.assess.rig import baseline_sigma, relative_sigmas
-from camcal.assess.rig_checks import OF_A_CAMERA, check
+from camcal.assess.rig_checks import check
 from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.model.rig import Rig
@@ -89,5 +89,8 @@ def test_checks_of_a_rig_take_no_profiles_of_its_cameras(monkeypatch):
     assert [m.partition(":")[0] for m in said] == ["camera a", "camera b", "camera c"]
 
 
-def test_checks_of_a_camera_in_a_rig_are_some_of_those_of_one():
-    assert [c for c in CHECKS if c in OF_A_CAMERA] == list(OF_A_CAMERA)
+@pytest.mark.parametrize(("use", "other"), [(RIG, views.mirrored), (KNOWN, noise.tails)])
+def test_checks_that_apply_elsewhere_are_some_of_those_of_one_camera(use, other):
+    assert set(ALSO) < set(CHECKS) and len(set(CHECKS)) == len(CHECKS)
+    assert other in ALSO and other not in checks_of(use)
+    assert fit.outliers in checks_of(use) and views.few_views not in checks_of(use)

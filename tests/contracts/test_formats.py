@@ -168,6 +168,6 @@ def test_the_unified_model_is_mei_and_eucm(alpha):
 
 
 def test_refusals_say_what_is_known():
-    with pytest.raises(CamcalError) as error:
+    with pytest.raises(CamcalError, match="unknown format 'openvc'") as error:
         files.named_format("openvc")
     assert "opencv" in error.value.hint

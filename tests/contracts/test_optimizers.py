@@ -166,6 +166,6 @@ def test_a_start_that_does_not_project(spec):
 
 def test_an_unknown_variant(spec):
     name = spec.partition(":")[0]
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match=f"optimizer '{name}' has no variant 'nonsense'") as caught:
         make(f"{name}:nonsense")
     assert f"{name}:" in caught.value.hint

@@ -110,7 +110,8 @@ def test_found_at_any_size(spec):
     "rest", ["", ":banana", ":0x3:20mm", ":9x7:-3mm", ":9x7:20mm:9mm:1mm:2mm:3mm", ":a=b"]
 )
 def test_wrong_specs_are_usage_errors(kind, rest):
-    with pytest.raises(UsageError) as error:
+    said = "takes|is given by|is not the size of a board|is not a length|cannot be used|has no argument"
+    with pytest.raises(UsageError, match=said) as error:
         make(kind + rest)
     assert error.value.hint
 

@@ -323,7 +323,7 @@ def test_pixels_before_points_without_a_header(tmp_path):
 
 
 def test_several_cameras_are_for_the_rig(tmp_path):
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match="unknown column 'camera'") as caught:
         read_points(written(tmp_path, "camera,frame,X,Y,Z,u,v\nc1,1,0,0,0,1,2\n"))
     assert "camcal rig" in caught.value.hint
 

@@ -72,10 +72,9 @@ def test_nothing_is_left_behind_where_writing_fails(tmp_path, monkeypatch, error
         raise error
 
     monkeypatch.setattr(writing.os, "fsync", fail)
-    with pytest.raises((DataError, KeyboardInterrupt)) as caught:
+    said = "no space left on device.$" if isinstance(error, OSError) else "^$"
+    with pytest.raises((DataError, KeyboardInterrupt), match=said):
         atomic_write(tmp_path / "f", "new", force=True)
-    if isinstance(error, OSError):
-        assert caught.value.message.endswith("no space left on device.")
     assert names_in(tmp_path) == ["f"]
     assert (tmp_path / "f").read_text() == "mine"
 

@@ -1,5 +1,7 @@
 """Rigs: frames, relative poses, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -51,7 +53,7 @@ def test_one_camera_is_a_rig():
 
 
 def test_it_is_frozen():
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="does not support item assignment"):
         RIG.cameras["other"] = LEFT
 
 
@@ -86,9 +88,8 @@ TWO = Pose.from_vector(np.zeros((2, 3)), np.zeros((2, 3)))
     ],
 )
 def test_refused(poses, reference, said):
-    with pytest.raises(UsageError) as error:
+    with pytest.raises(UsageError, match=re.escape(said)):
         Rig({"left": LEFT, "right": RIGHT}, poses, reference)
-    assert said in error.value.message
 
 
 def test_rounding_of_a_rotation_is_no_fault():

@@ -259,7 +259,7 @@ def test_it_is_repeatable_and_the_threads_are_given_back():
     solution = solved(views=6)
     a, b = crosscheck(solution), crosscheck(solution)
     assert a == b and cv2.getNumThreads() == before
-    with pytest.raises(ZeroDivisionError), one_thread():
+    with pytest.raises(ZeroDivisionError, match="division by zero"), one_thread():
         assert cv2.getNumThreads() == 1
         1 / 0  # noqa: B018
     assert cv2.getNumThreads() == before

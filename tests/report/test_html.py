@@ -17,6 +17,7 @@ from camcal.data.observations import SkippedView
 from camcal.errors import UsageError
 from camcal.plan.calibrate import calibrate
 from camcal.plan.solution import of_fit
+from camcal.report.charts.base import round_down
 from camcal.report.document import document
 from camcal.report.html import page as pages
 from camcal.report.html import scene
@@ -339,7 +340,7 @@ def test_the_scene_has_axes_and_a_bar_of_a_round_length(text):
     ("most", "length"), [(1.0, 1.0), (1.99, 1.0), (2.0, 2.0), (4.9, 2.0), (0.051, 0.05), (730.0, 500.0)]
 )
 def test_round_lengths(most, length):
-    assert scene.round_length(most) == pytest.approx(length)
+    assert round_down(most) == pytest.approx(length)
 
 
 @needs_chromium

@@ -1,5 +1,6 @@
 """The schema: reading, what is refused, and what is documented."""
 
+import re
 import subprocess
 import sys
 
@@ -54,10 +55,8 @@ def test_keys_of_a_newer_camcal_are_ignored():
 )  # fmt: skip
 def test_errors_name_the_path(change, message):
     found = {"left": {**CAMERA, **change}, "right": CAMERA}
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match=f"^'rig.yaml' is damaged: .*{re.escape(message)}"):
         structure(dict[str, Camera], found, "rig.yaml", "cameras")
-    assert caught.value.message.startswith("'rig.yaml' is damaged: ")
-    assert message in caught.value.message
 
 
 def test_a_rig():

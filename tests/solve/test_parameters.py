@@ -1,5 +1,7 @@
 """From `--fix` to the matrix of the free parameters."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -79,7 +81,6 @@ def test_all_fixed():
     "fix, said", [({"fx": 0.0}, "fx = 0"), ({"fy": -3.0}, "fy = -3"), ({"k1": np.nan}, "k1 = nan")]
 )
 def test_values_outside_the_range_are_refused(fix, said):
-    with pytest.raises(UsageError) as error:
+    with pytest.raises(UsageError, match=f"{re.escape(said)}.*range"):
         apply_fixed(LENS, START, fix)
-    assert said in error.value.message and "range" in error.value.message
     assert apply_fixed(LENS, START, {"fx": 1e-6})[0] == 1e-6  # the bound itself

@@ -133,7 +133,7 @@ def test_other_optimizers_by_name(optimizer):
 def test_unknown_optimizers(optimizer):
     camera = solved.camera_of()
     data, poses = data_of(camera)
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match="optimizer") as caught:
         refine(start_of(camera), poses, data, How(optimizer=optimizer))
     assert caught.value.hint
 

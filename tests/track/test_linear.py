@@ -41,7 +41,7 @@ def test_joseph_is_the_covariance_of_any_gain(best):
 
 
 def test_singular_systems_are_refused():
-    with pytest.raises(np.linalg.LinAlgError):
+    with pytest.raises(np.linalg.LinAlgError, match="singular triangular matrix"):
         linear.solve_upper(np.diag([1.0, 0.0]), np.ones(2))
-    with pytest.raises(np.linalg.LinAlgError):
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         linear.cholesky(-np.eye(2))

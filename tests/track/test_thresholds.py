@@ -76,7 +76,7 @@ def test_ten_frames_are_waited_for():
     estimator = make("kalman")
     for frame in frames[:9]:
         assert estimator.update(with_points(frame, slice(0, 5))).status == "waiting"
-    with pytest.raises(EstimationError):
+    with pytest.raises(EstimationError, match="5 different points in the first frames; 6 are needed"):
         estimator.update(with_points(frames[9], slice(0, 5)))
 
 

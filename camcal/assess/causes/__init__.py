@@ -16,6 +16,7 @@ from camcal.assess.causes.effect import effect_px
 from camcal.assess.causes.search import EVIDENCE, Search, Trial
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError
+from camcal.geometry.projective import FLAT_RAY
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 from camcal.solve.board_points import shaped
@@ -39,8 +40,8 @@ BY_CHANCE = 1e-4
 MOST_LEFT = 3.0
 #: a number for each view says something about all of them from so many views on
 LEAST_FOR_EACH = 6
-#: sine of the angle between a ray and the image plane below which x/z means little
-_FLAT_RAY = 0.05
+#: of two views, neither can be said to differ from the others
+LEAST_VIEWS = 3
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def find(solution: Calibration, given: Observations | None = None) -> Found:
     base = _with_rejected(solution, given) if given is not None else solution
     nothing = Found(base, None, False, 0.0, 0.0, float("nan"), float("nan"))
     points, views = base.observations.point_count, len(base.poses)
-    if points > MOST_POINTS or views > MOST_VIEWS or views < 3 or not base.free.any():
+    if points > MOST_POINTS or views > MOST_VIEWS or views < LEAST_VIEWS or not base.free.any():
         return nothing
     try:
         search = Search(base)
@@ -167,7 +168,7 @@ def _with_rejected(solution: Calibration, given: Observations) -> Calibration:
         elif view.id in rejected and len(view):
             rays = solution.camera.unproject(view.uv)
             with np.errstate(invalid="ignore"):
-                if not (rays[:, 2] > _FLAT_RAY).all():
+                if not (rays[:, 2] > FLAT_RAY).all():
                     continue
             try:
                 pose = initial_poses([view.xyz], [rays[:, :2] / rays[:, 2:]])[0]

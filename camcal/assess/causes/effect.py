@@ -22,6 +22,8 @@ _TURN = 1e-6
 _STILL = 1e-9
 #: of a standard deviation: a step that stays linear
 _SMALL = 1e-2
+#: pixels that determine a rotation: two equations each for three unknowns, and one to spare
+_LEAST_PIXELS = 3
 
 
 def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
@@ -37,7 +39,7 @@ def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
     rays = base.camera.unproject(pixels)
     good = np.isfinite(rays).all(1)
     pixels, rays = pixels[good], rays[good]
-    if len(pixels) < 3:  # as in `_left`
+    if len(pixels) < _LEAST_PIXELS:
         return 0.0, 0.0
     none = np.zeros_like(trial.theta)
     every = none if trial.kind == "rolling" else trial.theta
@@ -81,7 +83,7 @@ def _left(camera: Camera, warp: Warp, theta: Array, rays: Array, pixels: Array) 
         off = seen(turn)
         slopes = np.stack([(seen(rotations.exp(_TURN * e) @ turn) - off) / _TURN for e in np.eye(3)], -1)
         good = np.isfinite(off).all(1) & np.isfinite(slopes).all((1, 2))
-        if good.sum() < 3:  # two equations each, three unknowns, one pixel to spare
+        if good.sum() < _LEAST_PIXELS:
             break
         step = np.linalg.lstsq(slopes[good].reshape(-1, 3), -off[good].reshape(-1), rcond=None)[0]
         turn = rotations.exp(step) @ turn

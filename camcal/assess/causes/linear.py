@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from camcal.geometry.numbers import TINY
 from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
@@ -70,7 +71,7 @@ class Linear:
             return None
         pose, rest = np.arange(f, f + 6), np.r_[0:f, f + 6 : f + 6 + k + 1]
         across = found[:, pose[:, None], rest]
-        scale = np.sqrt(np.maximum(np.einsum("vii->vi", found[:, pose[:, None], pose]), 1e-300))
+        scale = np.sqrt(np.maximum(np.einsum("vii->vi", found[:, pose[:, None], pose]), TINY))
         inner = found[:, pose[:, None], pose] / scale[:, :, None] / scale[:, None, :]
         solved = np.linalg.pinv(inner, rcond=1e-12, hermitian=True) @ (across / scale[:, :, None])
         reduced = found[:, rest[:, None], rest] - (across / scale[:, :, None]).transpose(0, 2, 1) @ solved
@@ -152,7 +153,7 @@ def _scaled(matrices: Array, like: Array | None = None) -> tuple[Array, Array, A
     The diagonal is that of `like`, where given.
     """
     diagonal = np.einsum("...ii->...i", matrices if like is None else like)
-    scale = np.sqrt(np.maximum(diagonal, 1e-300))
+    scale = np.sqrt(np.maximum(diagonal, TINY))
     values, vectors = np.linalg.eigh(matrices / (scale[..., :, None] * scale[..., None, :]))
     return np.where(values > _NULL, values, 0.0), vectors, scale
 

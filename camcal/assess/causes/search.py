@@ -25,6 +25,7 @@ from camcal.assess.causes.linear import Linear, all_fields, problem_of
 from camcal.assess.covariance import eliminate_poses, invert_determined, reduce
 from camcal.data.shape import sides
 from camcal.errors import CamcalError
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
@@ -46,6 +47,8 @@ LEAST_PART = 2
 _GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
 #: groups of more views than this are not improved view by view: that takes count² products
 MOST_SWAPPED = 40
+#: outlying views are at most one in so many; more are parts of the set, which are tried by themselves
+MOST_OUTLYING = 5
 #: part of the cost that a step is believed to leave at least: exact data have nothing but rounding
 LEAST_LEFT = 1e-6
 #: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
@@ -106,7 +109,7 @@ class Search:
     def bic(self, cost: float, numbers: int, choices: float) -> float:
         """(1) with the logarithm of the number of choices."""
         n = self.freedom
-        return n * log(max(cost, 1e-300) / n) + numbers * log(n) + 2 * choices
+        return n * log(max(cost, TINY) / n) + numbers * log(n) + 2 * choices
 
     def by_chance(self, trial: Trial) -> float:
         """How likely any of the choices would gain as much where there is nothing, by the F test of its numbers.
@@ -267,7 +270,7 @@ class Search:
         chosen: list[int] = []
         columns, eye = self.columns[OF_ONE], np.eye(self.count)
         best, wanted = np.inf, 0
-        for _ in range(max(1, self.count // 5)):
+        for _ in range(max(1, self.count // MOST_OUTLYING)):
             rest = [i for i in range(self.count) if i not in chosen]
             gains = self.linear.gains_of_views(columns, np.array([[*chosen, i] for i in rest]))
             chosen.append(rest[int(np.argmax(gains))])
@@ -374,7 +377,7 @@ def two_groups(values: Array, information: Array) -> Array | None:
     small.
     """
     order = np.argsort(values)
-    x, w = values[order], np.maximum(information[order], 1e-300)
+    x, w = values[order], np.maximum(information[order], TINY)
     best, place = np.inf, 0
     for k in range(LEAST_PART, len(x) - LEAST_PART + 1):
         scatter = sum(

@@ -9,6 +9,7 @@ import numpy as np
 from camcal.assess.causes import Found
 from camcal.assess.causes.search import Trial
 from camcal.assess.warning import CalibrationWarning, Severity
+from camcal.geometry.numbers import TINY
 from camcal.model.pose import Array
 from camcal.solve.warp import FIELDS
 
@@ -32,6 +33,7 @@ OTHER_CAMERAS = 0.7
 ALIKE = 0.1
 #: Scales this near to one another (in the logarithm) are those of a zoom or of a focus: resizing takes more.
 RESIZED = 0.02
+NAMED = 4  #: views in a sentence
 _AT = {name: i for i, name in enumerate(FIELDS)}
 _APART = "Calibrate the two groups of views separately, as two cameras."
 
@@ -80,7 +82,7 @@ def _numbers(count: int) -> str:
 
 def _names(found: Found, mask: Array) -> str:
     ids = [found.base.observations.view_ids[int(i)] for i in np.flatnonzero(mask)]
-    return f"{len(ids)} views ({', '.join(ids[:4])}{', ...' if len(ids) > 4 else ''})"
+    return f"{len(ids)} views ({', '.join(ids[:NAMED])}{', ...' if len(ids) > NAMED else ''})"
 
 
 def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
@@ -135,7 +137,7 @@ def _is_resized(scale: float, shift: Array, trial: Trial) -> bool:
     if trial.kind == "resized":
         return True
     wanted = (scale - 1) * (trial.camera.params[2:4] + 0.5)
-    if trial.kind != "camera" or abs(np.log(max(scale, 1e-9))) < RESIZED:
+    if trial.kind != "camera" or abs(np.log(max(scale, TINY))) < RESIZED:
         return False
     # the fields' centre is not quite the principal point
     centred = shift + (scale - 1) * (trial.camera.params[2:4] - trial.warp.centre)

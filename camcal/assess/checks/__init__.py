@@ -1,7 +1,8 @@
 """Conditions that reduce the value of a calibration, each a warning with a code, what was found and a hint.
 
-A check is a function `Facts -> iterable of CalibrationWarning` and a line in `CHECKS`. Every threshold stands
-beside its reason; tests hold it against degenerate data (it must speak) and good data (it must not).
+A check is a function `Facts -> iterable of CalibrationWarning` and a line in `CHECKS`; `ALSO` says which of them apply
+to cameras that were not calibrated by their own views. Every threshold stands beside its reason; tests apply it to
+degenerate data (which must give the warning) and to good data (which must not).
 """
 
 from __future__ import annotations
@@ -68,6 +69,25 @@ CHECKS = (
     folds.views_disagree,
 )
 
+#: uses of a camera whose own views do not determine it: other cameras see the same boards, or it is known
+RIG, KNOWN = "a camera of a rig", "a known camera on new data"
+#: the checks that apply there, too: those of the lens, the points and the pictures. Those of the views and of what they
+#: determine do not; they also take most of the time
+ALSO = {
+    views.mirrored: (KNOWN,),
+    lens.outside_domain: (RIG, KNOWN),
+    lens.fold_in_image: (RIG,),
+    coverage.poor: (RIG,),
+    coverage.outside_image: (RIG, KNOWN),
+    fit.outliers: (RIG, KNOWN),
+    rejected.many_rejected: (RIG, KNOWN),
+    pictures.poor_pictures: (RIG, KNOWN),
+    fit.large_residuals: (RIG, KNOWN),
+    fit.systematic: (RIG, KNOWN),
+    noise.tails: (RIG,),
+    noise.rounded: (RIG, KNOWN),
+}
+
 
 def check(
     solution: Calibration,
@@ -97,8 +117,13 @@ def check(
     return (*known, *(w for w in spoken(CHECKS, facts) if w.code not in codes))
 
 
+def checks_of(use: str) -> tuple[Callable[[Facts], Iterable[CalibrationWarning]], ...]:
+    """The checks that apply to one of the uses of `ALSO`, in the order of `CHECKS`."""
+    return tuple(c for c in CHECKS if use in ALSO.get(c, ()))
+
+
 def spoken(
     checks: Iterable[Callable[[F], Iterable[CalibrationWarning]]], facts: F
 ) -> list[CalibrationWarning]:
-    """What some checks say of some facts, in their order."""
+    """The warnings of some checks about some facts, in the order of the checks."""
     return [w for one in checks for w in one(facts)]

@@ -13,8 +13,10 @@ from camcal.assess.fold_difference import covered_grid
 from camcal.assess.uncertainty import projection_uncertainty
 from camcal.assess.warning import CalibrationWarning
 from camcal.errors import CamcalError
+from camcal.geometry.numbers import TINY
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
+from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
 
@@ -30,6 +32,10 @@ MANY_PX, CLICKED = 5.0, 0.001
 #: Systematic: share of the radial residuals' variance that their mean by radius explains, and the F statistic
 #: of that (20 rings). Gaussian noise gives F = 1 and never 8; real boards that fit give a share below .05.
 EXPLAINED, F_LEAST, RINGS = 0.1, 8.0, 20
+#: points of a ring: their mean is then known to a third of the noise
+OF_A_RING = 10
+#: rings in which a bend can be told from a slope
+LEAST_RINGS = 3
 #: Coordinates per unknown below which residuals say little about errors.
 REDUNDANT = 1.5
 
@@ -76,8 +82,7 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
     squares = squares[np.isfinite(squares)]
     if not len(squares) or squares.sum() == 0:
         return
-    # |r| of two Gaussian coordinates has the median 1.1774 sigma
-    gross = squares > (GROSS / 1.1774) ** 2 * np.median(squares)
+    gross = squares > (GROSS / RAYLEIGH_MEDIAN) ** 2 * np.median(squares)
     share = squares[gross].sum() / squares.sum()
     if share > GROSS_SHARE:
         yield CalibrationWarning(
@@ -172,8 +177,8 @@ def radial_structure(facts: Facts) -> tuple[float, float]:
     residuals = facts.solution.used_residuals
     good = (radius > 0) & np.isfinite(residuals).all(1)
     along = np.einsum("ij,ij->i", residuals[good], d[good]) / radius[good]
-    rings = min(RINGS, len(along) // 10)
-    if rings < 3:
+    rings = min(RINGS, len(along) // OF_A_RING)
+    if rings < LEAST_RINGS:
         return 0.0, 0.0
     return _explained(along, np.array_split(np.argsort(radius[good]), rings))
 
@@ -191,6 +196,6 @@ def _explained(values: Array, groups: list[Array]) -> tuple[float, float]:
     n, k = len(values), len(groups)
     total = float(np.square(values - values.mean()).sum())
     between = sum(len(g) * (values[g].mean() - values.mean()) ** 2 for g in groups)
-    within = max(total - between, 1e-300)
-    share = 1 - within / max(total, 1e-300) * (n - 1) / (n - k)
+    within = max(total - between, TINY)
+    share = 1 - within / max(total, TINY) * (n - 1) / (n - k)
     return share, float(between / (k - 1) / (within / (n - k)))

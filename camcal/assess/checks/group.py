@@ -21,6 +21,7 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.design import Design, Rows
 from camcal.assess.warning import CalibrationWarning
 from camcal.geometry.neighbours import Neighbours
+from camcal.geometry.numbers import TINY
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
 from camcal.records import dataclass
@@ -33,6 +34,8 @@ MOST_POINTS = 200
 SIZES, MOST_PART = range(3, 9), 1 / 3
 #: of all groups together one shifts so far by chance with this probability
 BY_CHANCE = 1e-3
+#: ratio of eigenvalues that is zero but for rounding: the fit follows the group wherever it goes
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def _of_shift(rows: Rows, left: Array, members: Array) -> tuple[float, Array]:
     b = roots @ rows.residuals[members]
     inner = np.einsum("i,icjd,j->cd", roots, left[members][:, :, members], roots)
     values, vectors = np.linalg.eigh(inner)
-    if not values[0] > 1e-9 * max(values[1], 1e-300):  # zero but for rounding
+    if not values[0] > ROUNDING * max(values[1], TINY):
         return 0.0, np.zeros(2)  # the fit follows the group wherever it goes
     shift = vectors @ ((vectors.T @ b) / values)
     return float(b @ shift), -shift

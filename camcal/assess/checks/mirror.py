@@ -29,6 +29,8 @@ LIKELIER = 14.0
 SQUARES = 1.8
 #: Only views whose rms exceeds that of the median view by this are looked at: a mirrored one has 1.3 and more.
 SUSPECT = 1.15
+#: Of two views, neither can be said to be the mirrored one.
+LEAST_VIEWS = 3
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -54,7 +56,12 @@ def mirrored_views(facts: Facts) -> Array:
     None either where the model does not follow the lens: its errors then depend on where a view lies.
     """
     none = np.zeros(0, int)
-    if not facts.planar or facts.image_size is None or len(facts.views) < 3 or any(fit.systematic(facts)):
+    if (
+        not facts.planar
+        or facts.image_size is None
+        or len(facts.views) < LEAST_VIEWS
+        or any(fit.systematic(facts))
+    ):
         return none
     squares = np.square(per_view(facts.solution))
     chosen = np.flatnonzero(squares > SUSPECT**2 * np.median(squares))

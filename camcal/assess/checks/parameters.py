@@ -15,6 +15,7 @@ WEAK = 0.02
 #: Correlation between parameters of different groups from which on neither means much by itself. Within a
 #: group (fx with fy, k1 with k2) it is always high and harmless.
 STRONG = 0.95
+NAMED = 4  #: pairs in a message, which then still is one line
 _HINT = "Add tilted views across the whole picture, fix parameters (--fix), or choose a smaller model."
 
 
@@ -57,10 +58,10 @@ def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
     group = {p.name: p.group for p in facts.camera.lens.parameters}
     pairs = [p for p in facts.covariance.strong_correlations(STRONG) if group[p[0]] != group[p[1]]]
     if pairs:
-        named = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in pairs[:4])
+        named = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in pairs[:NAMED])
         yield CalibrationWarning(
             "correlated-parameters",
-            f"determined only in combination: {named}{', ...' if len(pairs) > 4 else ''}.",
+            f"determined only in combination: {named}{', ...' if len(pairs) > NAMED else ''}.",
             "Compare projections rather than these values; views rotated by 90 degrees separate them.",
             "note",
         )

@@ -57,7 +57,7 @@ class Brown(PlaneLens):
 
     def opencv(self, params: Array) -> OpenCVForm | None:
         """OpenCV's coefficients: up to three radial ones, p1 and p2, and the prism where there is one."""
-        if self.radial > 3 or self.decentering > 1 or self.free_centre:
+        if self.radial > 3 or self.decentering > 1 or self.free_centre:  # cv2 has k1 to k3, p1 and p2
             return None
         value = dict(zip(self.names, params.tolist(), strict=True))
         order = ("k1", "k2", "p1", "p2", "k3", "", "", "", "s1", "", "s2", "")

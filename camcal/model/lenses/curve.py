@@ -40,6 +40,10 @@ LAST_STEP = 1e-9
 QUICK = 4
 #: bracketed steps: bisection alone gets from 1 to the rounding in 53
 BRACKETED = 60
+#: part of the range by which a bracketed step still counts as a step: half the rounding of a number of its size
+STILL = 1e-16
+#: slope of a cubic at its ends, in chords, up to which it grows (Fritsch & Carlson 1980)
+STEEPEST = 3
 #: results that `cached` keeps of each method: a few cameras at once, of a dozen kB each
 KEPT = 64
 
@@ -181,7 +185,7 @@ class Inverse:
             low, high = np.where(f < 0, t, low), np.where(f > 0, t, high)
             step = t - f / slope
             step = np.where((step > low) & (step < high), step, 0.5 * (low + high))
-            if not (np.abs(step - t) > 1e-16 * self.top).any():
+            if not (np.abs(step - t) > STILL * self.top).any():
                 break
             t = step
         return t, np.abs(self.function(t)[0] - target) <= SOLVED * np.maximum(1.0, target)
@@ -190,10 +194,11 @@ class Inverse:
 def _cubics(t: Array, slope: Array) -> Array:
     """Coefficients (4, N - 1), ascending, of the cubics through values and slopes over cells of length 1.
 
-    Slopes are held to three times the chord, so that the cubics grow (F. Fritsch & R. Carlson 1980).
+    Slopes are limited to three times the chord, so that the cubics grow (F. Fritsch & R. Carlson, SIAM J. Numer.
+    Anal. 17, 1980).
     """
     chord = np.diff(t)
-    left, right = (np.clip(np.nan_to_num(s), 0.0, 3 * chord) for s in (slope[:-1], slope[1:]))
+    left, right = (np.clip(np.nan_to_num(s), 0.0, STEEPEST * chord) for s in (slope[:-1], slope[1:]))
     return np.stack([t[:-1], left, 3 * chord - 2 * left - right, left + right - 2 * chord])
 
 

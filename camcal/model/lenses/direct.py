@@ -20,6 +20,11 @@ WIDEST = np.deg2rad(84)
 ROUNDS = 12
 #: relative: an origin that moves no more has settled, to some hundred roundings
 SETTLED = 1e-13
+#: part of the picture's size: a distortion centre that moves no more has settled, to a millionth of a px
+CENTRE_SETTLED = 1e-9
+#: of a unit vector's x: rays above it are crossed with the y axis; one component at least is below .58, so that the
+#: cross product is never short
+NEAR_AXIS = 0.6
 
 
 def monomials(p: Array, q: Array, powers: Sequence[tuple[int, int]]) -> Array:
@@ -100,7 +105,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
     -------
     K (3, 3), A; None with too few rays, or where A turns the picture over.
     """
-    if len(rays) < 9:
+    if len(rays) < 9:  # two equations each for 18 entries
         return None
     f, centre = rough_pinhole(rays, uv)
     matrix = np.array([[f, 0, centre[0]], [0, f, centre[1]], [0, 0, 1.0]])
@@ -126,8 +131,7 @@ def rational_function(rays: Array, uv: Array) -> tuple[Array, Array] | None:
 
 def _across(rays: Array) -> Array:
     """Return two unit vectors (2, N, 3) normal to each ray and to each other."""
-    # the x axis for rays that are far from it: of a unit vector's components one at least is below 0.58
-    helper = np.where(np.abs(rays[:, [0]]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    helper = np.where(np.abs(rays[:, [0]]) < NEAR_AXIS, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(rays, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(rays, first)
@@ -160,7 +164,7 @@ def radial_depth(rays: Array, uv: Array, exponents: Sequence[int]) -> tuple[floa
         found = np.linalg.lstsq(lines * weight[:, None], known * weight, rcond=1e-14)[0]
         if not np.isfinite(found).all() or found[0] <= 0:
             return None
-        settled = np.abs(found[-2:] - centre).max() < 1e-9 * scale  # a millionth of a px
+        settled = np.abs(found[-2:] - centre).max() < CENTRE_SETTLED * scale
         f, centre = float(found[0]), found[-2:]
         if settled:
             break

@@ -15,6 +15,7 @@ from abc import abstractmethod
 
 import numpy as np
 
+from camcal.geometry.numbers import TINY
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.curve import cached
 
@@ -109,7 +110,7 @@ class InverseLens(Lens):
             dp, dq, ahead = _newton_step(self.ray(k, p, q), target)
             size = np.abs(dp) + np.abs(dq)
             if size.max(initial=0.0) > LONG:
-                short = np.minimum(1.0, 0.5 * (SPAN + np.hypot(p, q)) / np.maximum(size, 1e-300))
+                short = np.minimum(1.0, 0.5 * (SPAN + np.hypot(p, q)) / np.maximum(size, TINY))
                 dp, dq = short * dp, short * dq
             p += dp
             q += dq

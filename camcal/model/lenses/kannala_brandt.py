@@ -23,6 +23,7 @@ from camcal.model.lenses.radial import ALMOST_PI, RadialLens
 
 Array = np.ndarray
 
+CV2_TERMS = 4  #: k1 to k4 of cv2.fisheye
 MOST = 12  #: terms; θ²⁵ at the rim of the widest lens is 1e12
 #: tan θ as a series, eq. 1 closest to a pinhole camera
 _TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
@@ -86,11 +87,11 @@ class KannalaBrandt(RadialLens):
 
     def opencv(self, params: Array) -> OpenCVForm | None:
         """cv2.fisheye up to four terms, whose alpha is skew / fx."""
-        if self.count > 4:
+        if self.count > CV2_TERMS:
             return None
-        k = np.zeros(4)
+        k = np.zeros(CV2_TERMS)
         k[: self.count] = params[self._own :]
-        flags = tuple(f"FIX_K{i}" for i in range(self.count + 1, 5))
+        flags = tuple(f"FIX_K{i}" for i in range(self.count + 1, CV2_TERMS + 1))
         return OpenCVForm("fisheye.calibrate", k, flags, self.names[self._own :])
 
     def examples(self) -> list[tuple[Array, tuple[int, int]]]:

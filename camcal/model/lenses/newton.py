@@ -24,6 +24,8 @@ SLOW = 20
 SOLVED = 1e-11
 #: rad: radii beyond tan of this angle, 1000 focal lengths, are begun from there
 WIDEST = np.pi / 2 - 1e-3
+#: of a limit, where the slope is 0 or infinite: the table of the inverse ends so far before it
+INSIDE = 1 - 1e-9
 
 
 def solve(function: Map, x: Array, y: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -105,7 +107,7 @@ class RadialStart:
             f, slope = series(s)
             return r * f, (f + 2 * s * slope) * (1 + s)
 
-        self._inverse = Inverse(in_t, min(float(np.arctan(limit)) * (1 - 1e-9), WIDEST))
+        self._inverse = Inverse(in_t, min(float(np.arctan(limit)) * INSIDE, WIDEST))
 
     def __call__(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return new arrays a, b of distorted x, y."""

@@ -23,6 +23,8 @@ Array = np.ndarray
 TINY = 1e-200
 #: the largest half-angle; straight behind there is no image direction
 ALMOST_PI = np.pi - 1e-8
+#: rad: the largest atan R of the table of an inverse; its tangent, 1e9, is far beyond every picture and still finite
+WIDEST = np.pi / 2 - 1e-9
 
 
 class RadialLens(Lens):
@@ -136,7 +138,7 @@ class InverseRadialLens(RadialLens):
             radius *= slope
             return theta, radius
 
-        return Inverse(in_t, min(np.arctan(self.reach(k)), np.pi / 2 - 1e-9))
+        return Inverse(in_t, min(np.arctan(self.reach(k)), WIDEST))
 
     def curve_derivatives(self, k: Array, r: Array, z: Array, d_k: Array) -> tuple[Array, Array, Array]:
         """The derivatives by the implicit function theorem on θ(R; k) = atan2(r, z)."""

@@ -37,6 +37,8 @@ from camcal.model.lenses.start import rough_pinhole
 
 Array = np.ndarray
 
+#: weight at least for the direct fit, which has no points in some cells and would be singular without
+LEAST_SMOOTH = 1e-3
 SMOOTH = 0.01  #: weight of a third difference of 1 px: one of 100 px counts like a residual of 1 px
 #: the rectangle is larger than the image by this part on each side, so that points at the rim feel complete cells
 MARGIN = 0.05
@@ -137,7 +139,7 @@ class Spline(InverseLens):
         np.put_along_axis(basis, columns.T, values.T, 1)
         w = 2 * rays[:, :2] / (np.linalg.norm(rays, axis=1) + rays[:, 2])[:, None]
         base = np.stack(_stereographic(p, q)[:2], 1)
-        smooth = max(self.smooth, 1e-3) * _third_differences(self.columns, self.rows)
+        smooth = max(self.smooth, LEAST_SMOOTH) * _third_differences(self.columns, self.rows)
         lines = np.concatenate([basis, smooth])
         known = np.concatenate([w - base, np.zeros((len(smooth), 2))])
         params[self._own + 4 :] = np.linalg.lstsq(lines, known, rcond=None)[0].T.ravel()

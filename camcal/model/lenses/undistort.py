@@ -27,6 +27,14 @@ WIDEST = {"perspective": np.deg2rad(80), "equidistant": np.deg2rad(179)}
 #: points along each side of a picture, and across it, that stand for all: between two on a side of 4000 px a border
 #: bends by hundredths of a px
 SIDE, INSIDE = 101, 31
+#: of the widest half-angle: where the search for the smallest focal length begins, just inside the limit
+BELOW_WIDEST = 0.999
+#: factor of a step of that search; the bisection that follows needs few steps more than after a smaller one
+GROWTH = 1.5
+#: in picture sizes: a picture that is not filled at this focal length, whose angle is a millionth of a rad, never is
+LONGEST_FOCAL = 1e6
+#: relative: a focal length found to this moves a pixel at the border of 4000 px by .02 px
+BISECTED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -149,18 +157,18 @@ def _no_black(camera: Camera, size: tuple[int, int], projection: str) -> Camera:
     def covered(f: float) -> bool:
         return bool(_sources(camera, _camera(projection, f, size), grid)[1].all())
 
-    low = _given_field(2 * WIDEST[projection] * 0.999, size, projection).params[0]
+    low = _given_field(2 * WIDEST[projection] * BELOW_WIDEST, size, projection).params[0]
     high = low
     while not covered(high):
-        high *= 1.5
-        if high > 1e6 * max(size):
+        high *= GROWTH
+        if high > LONGEST_FOCAL * max(size):
             raise EstimationError("the middle of the picture has no ray.", "Check the camera's file.")
     return _camera(projection, bisected(covered, low, high), size)
 
 
 def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The smallest value, to a thousandth of a percent, at which `holds` is true; it must be true at `high`."""
-    while high > low * (1 + 1e-5):
+    """The smallest value, to `BISECTED`, at which `holds` is true; it must be true at `high`."""
+    while high > low * (1 + BISECTED):
         middle = np.sqrt(low * high)
         low, high = (low, middle) if holds(middle) else (middle, high)
     return high

@@ -12,6 +12,14 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
+#: ratios of the ends of a logarithmic scale: below the first, ticks at equal distances are as good; above the second, 1
+#: and 3 of each decade are marks enough
+LEAST_RATIO, TWO_DECADES = 5, 100
+#: relative: a number that is 1, 2 or 5 times a power of ten but for rounding counts as one
+ROUNDED = 1e-3
+#: steps between ticks by which an end of an axis may miss one
+ON_TICK = 1e-9
+
 #: What a layer means; each drawing has its own colours for these. `ink` is the text's, `accent` the data's,
 #: `second` another series, `bad` what asks for attention, `faint` what is there for orientation,
 #: `hull` an outline over a map, whose colours are the same in the dark.
@@ -110,10 +118,10 @@ class Cells:
     def marks(self) -> list[float]:
         """Round numbers for the colour scale."""
         low, high = self.limits
-        if not self.logarithmic or low <= 0 or high < 5 * low:
+        if not self.logarithmic or low <= 0 or high < LEAST_RATIO * low:
             return ticks(low, high, wanted=5)
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-        steps = (1, 3) if high > 100 * low else (1, 2, 5)
+        steps = (1, 3) if high > TWO_DECADES * low else (1, 2, 5)
         return [m * 10.0**p for p in powers for m in steps if low <= m * 10.0**p <= high]
 
 
@@ -153,6 +161,12 @@ class Chart:
         return next((b for b in self.layers if isinstance(b, Bars) and b.names), None)
 
 
+def round_down(value: float) -> float:
+    """The largest of 1, 2, 5, 10, ... that is no larger."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(m * power for m in (1, 2, 5) if m * power <= value * (1 + ROUNDED)))
+
+
 def ticks(low: float, high: float, wanted: int = 6) -> list[float]:
     """Round numbers from `low` to `high`, about `wanted` of them (1, 2 or 5 times a power of ten apart)."""
     span = high - low
@@ -160,9 +174,9 @@ def ticks(low: float, high: float, wanted: int = 6) -> list[float]:
         return [low]
     raw = span / max(wanted, 1)
     power = 10.0 ** np.floor(np.log10(raw))
-    step = next((m for m in (1, 2, 5, 10) if m * power >= raw * 0.999), 10) * power
-    first = np.ceil(low / step - 1e-9)
-    count = int(np.floor(high / step + 1e-9) - first) + 1
+    step = next((m for m in (1, 2, 5, 10) if m * power >= raw * (1 - ROUNDED)), 10) * power
+    first = np.ceil(low / step - ON_TICK)
+    count = int(np.floor(high / step + ON_TICK) - first) + 1
     return [float(round((first + i) * step, 12)) for i in range(max(count, 0))]
 
 

@@ -11,6 +11,9 @@ from camcal.solve.calibration import ShapedBoard
 
 Array = np.ndarray
 
+#: squares; the width of a board of one column, so that the chart has a width
+LEAST_SIZE = 1e-9
+
 
 def shape(solution: Solution) -> Chart | None:
     """Height of each point above the ideal board as a map, and its offsets in the plane as arrows."""
@@ -20,7 +23,7 @@ def shape(solution: Solution) -> Chart | None:
     target = solution.observations.target or {}
     square = float(target.get("square") or 1.0)
     ideal, offset = board.ideal / square, (board.points - board.ideal) / square
-    size = max(float(np.ptp(ideal[:, 0])), 1e-9)
+    size = max(float(np.ptp(ideal[:, 0])), LEAST_SIZE)
     pad = 0.08 * size
     scale = enlargement(np.linalg.norm(offset[:, :2], axis=1), size)
     x = float(ideal[:, 0].min()) - pad, float(ideal[:, 0].max()) + pad

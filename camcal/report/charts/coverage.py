@@ -16,13 +16,16 @@ Array = np.ndarray
 MOST_POINTS = 6000  #: dots drawn at most, which bounds the size of the page
 #: circles of the tilt chart, degrees
 CIRCLES = (15, 30, 45)
+LEAST_REACH = 50.0  #: degrees; the outermost circle is always on the chart
+EVERYTHING = 100.0  #: %
+LEAST_HULL = 3  #: points that enclose an area
 
 
 def image(solution: Solution) -> Chart | None:
     """All image points and their convex hull."""
     facts = Facts(solution)
     uv = facts.image_points
-    if len(uv) < 3:
+    if len(uv) < LEAST_HULL:
         return None
     x, y = picture_limits(facts)
     lost = np.concatenate([solution.observations.uv[~solution.used]])
@@ -67,7 +70,7 @@ def tilts(solution: Solution) -> Chart | None:
     normals = board_normals(facts)
     angle = np.degrees(np.arccos(np.clip(normals[:, 2], -1, 1)))
     around = np.arctan2(normals[:, 1], normals[:, 0])
-    reach = max(50.0, 1.1 * float(angle.max()))
+    reach = max(LEAST_REACH, 1.1 * float(angle.max()))
     turn = np.linspace(0, 2 * np.pi, 73)
     circles = [Line(c * np.c_[np.cos(turn), np.sin(turn)], tone="faint") for c in CIRCLES]
     dots = angle[:, None] * np.c_[np.cos(around), np.sin(around)]
@@ -94,7 +97,7 @@ def distances(solution: Solution) -> Chart | None:
     area = (x[1] - x[0]) * (y[1] - y[0])
     far, share, titles = [], [], []
     for view, pose in zip(solution.observations.kept().views, solution.poses, strict=True):
-        if len(view) < 3:
+        if len(view) < LEAST_HULL:
             continue
         far.append(float(np.linalg.norm(pose.apply(view.xyz.mean(0)))))
         share.append(100 * hull_area(view.uv) / area)
@@ -109,6 +112,6 @@ def distances(solution: Solution) -> Chart | None:
         f"distance from the camera, {unit}",
         "share of the picture, %",
         (0.0, 1.08 * max(far)),
-        (0.0, min(100.0, 1.15 * max(share))),
+        (0.0, min(EVERYTHING, 1.15 * max(share))),
         (Points(np.c_[far, share], radius=4, titles=titles),),
     )

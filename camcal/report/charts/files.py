@@ -27,6 +27,7 @@ TONES = {
     "hull": "#f0453a",
 }
 DPI = 130
+MOST_NAMES = 30  #: names below bars that can be read at this size
 
 
 def write_charts(
@@ -94,7 +95,7 @@ def _drawn(chart: Chart, format: str) -> bytes:
         axes.invert_yaxis()
     bars = chart.named_bars
     if bars is not None:
-        few = len(bars.names) <= 30
+        few = len(bars.names) <= MOST_NAMES
         axes.set_xticks(np.arange(len(bars.names)) if few else [])
         axes.set_xticklabels([printable(n) for n in bars.names] if few else [], rotation=60, ha="right")
     if any(getattr(layer, "label", "") for layer in chart.layers):

@@ -17,6 +17,9 @@ Array = np.ndarray
 
 #: beyond this angle from the axis, degrees, "where a pinhole would see it" says nothing any more
 PINHOLE_DEGREES = 75.0
+#: fx, fy, cx, cy and skew: a lens of no more parameters is a pinhole camera, unless one of them bends
+PINHOLE_SIZE = 5
+LEAST_LENGTH = 1e-9  #: px; shorter displacements are rounding, and there is nothing to enlarge
 
 
 def curve(solution: Solution) -> Chart | None:
@@ -63,7 +66,7 @@ def field(solution: Solution) -> Chart | None:
     """The position of each pixel's ray in a picture without distortion."""
     facts = Facts(solution)
     camera = facts.camera
-    if not facts.groups("distortion") and camera.lens.size <= 5:
+    if not facts.groups("distortion") and camera.lens.size <= PINHOLE_SIZE:
         return None
     x, y = picture_limits(facts)
     pixels = image_grid(*facts.low_high, columns=18)
@@ -77,7 +80,9 @@ def field(solution: Solution) -> Chart | None:
         return None
     longest = float(np.linalg.norm(shift, axis=1).max())
     scale = (
-        min(enlargement(np.linalg.norm(shift, axis=1), 1.5 * (x[1] - x[0])), 1.0) if longest > 1e-9 else 1.0
+        min(enlargement(np.linalg.norm(shift, axis=1), 1.5 * (x[1] - x[0])), 1.0)
+        if longest > LEAST_LENGTH
+        else 1.0
     )
     drawn = f"drawn at {scale:g} of its length" if scale < 1 else "at its true length"
     return Chart(

@@ -7,7 +7,7 @@ import numpy as np
 from camcal.assess import figures
 from camcal.assess.checks.facts import Facts
 from camcal.plan.solution import Solution
-from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points
+from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points, round_down
 
 Array = np.ndarray
 
@@ -15,6 +15,10 @@ Array = np.ndarray
 MOST = 2500
 #: arrows are drawn so much larger that the longest usual one takes this part of the picture's width
 ARROW = 0.04
+LEAST_OF_CELL = 4  #: points of a cell whose mean is drawn: it is then known to half the noise
+LEAST_POINTS = 10  #: for a histogram, and of a ring
+LEAST_RINGS = 3  #: that show a bend
+LEAST_LENGTH = 1e-12  #: px; residuals of exact data are not enlarged beyond what this gives
 RINGS = 20  #: of equal counts: from 500 points on, the mean of each is known to a fifth of the noise
 
 
@@ -32,9 +36,7 @@ def picture_limits(facts: Facts) -> tuple[tuple[float, float], tuple[float, floa
 def enlargement(lengths: Array, width: float) -> float:
     """The factor, of 1, 2, 5, 10, ..., by which arrows of these lengths, px, are enlarged."""
     usual = float(np.percentile(lengths, 95)) if len(lengths) else 1.0
-    raw = ARROW * width / max(usual, 1e-12)
-    power = 10.0 ** np.floor(np.log10(raw))
-    return float(max(m * power for m in (1, 2, 5) if m * power <= raw * 1.001))
+    return round_down(ARROW * width / max(usual, LEAST_LENGTH))
 
 
 def quiver(solution: Solution) -> Chart | None:
@@ -69,13 +71,13 @@ def quiver(solution: Solution) -> Chart | None:
 def cell_means(
     uv: Array, r: Array, x: tuple[float, float], y: tuple[float, float], columns: int = 12
 ) -> tuple[Array, Array]:
-    """Mean positions (C, 2) and mean residuals (C, 2) of the cells with at least 4 points."""
+    """Mean positions (C, 2) and mean residuals (C, 2) of the cells with at least `LEAST_OF_CELL` points."""
     side = (x[1] - x[0]) / columns
     index = np.floor((uv - [x[0], y[0]]) / side).astype(int)
     _, cell = np.unique(index, axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     count = np.bincount(cell)
-    enough = count >= 4
+    enough = count >= LEAST_OF_CELL
     sums = [np.bincount(cell, column) for column in (*uv.T, *r.T)]
     means = np.array(sums)[:, enough] / count[enough]
     return means[:2].T, means[2:].T
@@ -84,7 +86,7 @@ def cell_means(
 def histogram(solution: Solution) -> Chart | None:
     """The coordinates of the residuals beside the Gaussian of their estimated sigma."""
     r, sigma, unit = standardised(solution)
-    if len(r) < 10 or not np.isfinite(sigma) or sigma <= 0:
+    if len(r) < LEAST_POINTS or not np.isfinite(sigma) or sigma <= 0:
         return None
     reach = 4.5 * sigma
     edges = np.linspace(-reach, reach, 46)
@@ -150,10 +152,10 @@ def by_radius(solution: Solution) -> Chart | None:
     good = np.isfinite(r).all(1) & (radius > 0)
     radius, along = radius[good], np.einsum("ij,ij->i", r[good], d[good]) / radius[good]
     sigma = float(np.std(along)) if len(along) else 0.0
-    if len(along) < 10 * 3 or sigma == 0:
+    if len(along) < LEAST_POINTS * LEAST_RINGS or sigma == 0:
         return None
     order = np.argsort(radius)
-    rings = np.array_split(order, min(RINGS, len(order) // 10))
+    rings = np.array_split(order, min(RINGS, len(order) // LEAST_POINTS))
     middle = np.array([radius[g].mean() for g in rings])
     mean = np.array([along[g].mean() for g in rings])
     error = np.array([along[g].std() / np.sqrt(len(g)) for g in rings])

@@ -22,6 +22,15 @@ BAR_OF_COLOURS = 84  #: room for the scale beside a map
 LEGEND_LINE = 24
 LETTER = 8.0  #: width of a letter beside an axis
 LONGEST_NAME = 12
+TALLEST = 620.0  #: of a picture on its end, which would fill more than a screen at full width
+TICK_WIDTH, TICK_HEIGHT, LEAST_TICKS = 80, 45, 3  #: room for a tick with its number; two show no scale
+LEAST_HEAD, HEAD, HEAD_PART = (
+    4,
+    4.0,
+    0.4,
+)  #: a head of at most this size, or part of the arrow; none on shorter ones
+BAR_GAP, LEAST_BAR = 0.6, 0.8  #: between bars, and the width of one that can still be seen
+MANY_NAMES = 6  #: names below bars from which on a page on a narrow screen drops every other one
 
 
 @dataclass(frozen=True)
@@ -56,8 +65,8 @@ def svg(chart: Chart, name: str) -> str:
     height = float(HEIGHT - TOP - BOTTOM)
     if chart.picture:
         height = width * (chart.y[1] - chart.y[0]) / (chart.x[1] - chart.x[0])
-        if height > 620:  # a picture on its end
-            width, height = width * 620 / height, 620.0
+        if height > TALLEST:
+            width, height = width * TALLEST / height, TALLEST
     frame = _Frame(chart, LEFT, TOP + (LEGEND_LINE if legend else 0), width, height)
     total = frame.top + height + BOTTOM
     body = [_grid(frame), f'<g clip-path="url(#{name}-clip)">']
@@ -81,8 +90,8 @@ def svg(chart: Chart, name: str) -> str:
 def _ticks(frame: _Frame) -> tuple[list[float], list[float]]:
     chart = frame.chart
     return (
-        ticks(*chart.x, wanted=max(3, int(frame.width // 80))),
-        ticks(*chart.y, wanted=max(3, int(frame.height // 45))),
+        ticks(*chart.x, wanted=max(LEAST_TICKS, int(frame.width // TICK_WIDTH))),
+        ticks(*chart.y, wanted=max(LEAST_TICKS, int(frame.height // TICK_HEIGHT))),
     )
 
 
@@ -125,7 +134,7 @@ def _axes(frame: _Frame) -> str:
         names = [_shortened(n, LONGEST_NAME) for n in bars.names]
         step = math.ceil((max(map(len, names)) + 1) * LETTER * len(names) / frame.width)
         parts += [
-            f'<text class="tick{" odd" if i // step % 2 and len(slots) > 6 else ""}" text-anchor="middle" '
+            f'<text class="tick{" odd" if i // step % 2 and len(slots) > MANY_NAMES else ""}" text-anchor="middle" '
             f'x="{x:.1f}" y="{bottom + 20:.1f}">{escape(n)}</text>'
             for i, (n, x) in enumerate(zip(names, slots, strict=True))
             if i % step == 0
@@ -212,9 +221,9 @@ def _arrows(layer: Arrows, frame: _Frame) -> str:
             continue
         length = np.hypot(c - a, d - b)
         path.append(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}")
-        if length > 4:  # a head on shorter ones is only a blot
+        if length > LEAST_HEAD:
             ex, ey = (c - a) / length, (d - b) / length
-            s = min(4.0, 0.4 * length)
+            s = min(HEAD, HEAD_PART * length)
             path.append(
                 f"M{c - s * (ex + 0.5 * ey):.1f} {d - s * (ey - 0.5 * ex):.1f}L{c:.1f} {d:.1f}"
                 f"L{c - s * (ex - 0.5 * ey):.1f} {d - s * (ey + 0.5 * ex):.1f}"
@@ -233,7 +242,7 @@ def _bars(layer: Bars, frame: _Frame) -> str:
         top = float(frame.y(np.array(height)))
         title = f"<title>{escape(layer.names[i])}: {height:.4g}</title>" if layer.names else ""
         linked = f' data-view="{escape(layer.names[i])}"' if layer.names else ""
-        width = max(right[i] - left[i] - 0.6, 0.8)
+        width = max(right[i] - left[i] - BAR_GAP, LEAST_BAR)
         parts.append(
             f'<rect class="fill {tone}" x="{left[i]:.1f}" y="{top:.1f}" width="{width:.1f}" '
             f'height="{max(zero - top, 0):.1f}"{linked}>{title}</rect>'

@@ -14,6 +14,8 @@ from camcal.system.text import listed
 
 #: fewer pictures than this seldom cover picture, tilts and distances
 ENOUGH = 10
+#: part of the pictures with a fault from which on more is to be gained by mending it than by further pictures
+MANY = 1 / 3
 
 
 def examine(found: Correspondences) -> list[Finding]:
@@ -23,7 +25,7 @@ def examine(found: Correspondences) -> list[Finding]:
 
 def _quality(found: Correspondences) -> Iterator[Finding]:
     for kind, message, share in faults(found):
-        yield Finding(f"pictures-{kind}", "better" if share > 1 / 3 else "note", message, REMEDIES[kind])
+        yield Finding(f"pictures-{kind}", "better" if share > MANY else "note", message, REMEDIES[kind])
 
 
 def _count(found: Correspondences) -> Iterator[Finding]:

@@ -28,19 +28,21 @@ WORSE_VIEW = 1.8
 BIASED = 0.3
 #: share of the variance that a test of the residuals explains, from which on its remedy is worth trying
 LARGE_EFFECT = 0.1
-FEWEST_VIEWS = 4  #: that have to be left for a judgement of the others
+#: probability with which noise alone gives such a result: one calibration in a thousand gets a needless finding
+BY_CHANCE = 1e-3
+FEWEST_VIEWS = 4  #: that have to be left, with which the others are compared
 #: a remedy that brings sigma_hat within this of the corners' noise leaves nothing to explain
 EXPLAINS = 1.1
 
-#: what to do where a test of the residuals finds much
-_TODO = {
+#: what to do where a test of the residuals finds a large effect
+_REMEDY = {
     "radius": "Try models with more radial terms: camcal select.",
     "angle": "Try models with decentering or thin-prism terms: camcal select.",
-    "board-position": "Let camcal find the board's shape: --board-shape auto.",
-    "view": "Look at the noisiest pictures: blur, exposure.",
+    "board-position": "Estimate the board's shape: --board-shape auto.",
+    "view": "Check the noisiest pictures for blur and exposure.",
     "noise-by-radius": "Give sigmas with the points, or sharpen the borders of the picture (a smaller aperture).",
-    "neighbours": "Try --board-shape auto, and models: camcal select.",
-    "gaussian": "Outliers cause such tails: --robust huber.",
+    "neighbours": "Try --board-shape auto, and other models: camcal select.",
+    "gaussian": "Outliers cause such tails; try --robust huber.",
 }
 
 Document = Mapping[str, Any]
@@ -66,7 +68,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
     return Finding(
         "next-pictures",
         "better",
-        "some parts of the picture are known far less well than more pictures would tell."
+        "some parts of the picture are known far less well than others; more pictures would improve them."
         if now > 2 * answer["now"]["median_px"]
         else "more pictures would improve the camera.",
         f"Take {MORE} more pictures. The first: the target at the {answer['suggestions'][0]['words']}. "
@@ -135,14 +137,14 @@ def _calls_for_a_model(report: Document) -> bool:
 def large_effects(report: Document) -> list[Mapping[str, Any]]:
     """The residual tests with a relevant effect, the largest first."""
     tests = (report.get("bias") or {}).get("tests") or []
-    found = [t for t in tests if t["p_corrected"] < 1e-3 and t["effect"] > LARGE_EFFECT]
+    found = [t for t in tests if t["p_corrected"] < BY_CHANCE and t["effect"] > LARGE_EFFECT]
     return sorted(found, key=lambda t: -t["effect"])
 
 
 def bias(report: Document) -> Finding | None:
     """Residuals of which a large part is not noise."""
     ratio = (report.get("bias") or {}).get("ratio")
-    if not ratio or not ratio["ratio"] >= BIASED or ratio["p_value"] > 1e-3:
+    if not ratio or not ratio["ratio"] >= BIASED or ratio["p_value"] > BY_CHANCE:
         return None
     share, sigma = ratio["ratio"], report["fit"]["sigma_hat"]
     large = large_effects(report)
@@ -151,7 +153,7 @@ def bias(report: Document) -> Finding | None:
         "not-only-noise",
         "better",
         f"{share:.0%} of the residuals' mean square is caused by the lens or the board, not by corner noise.{names}",
-        _TODO[large[0]["name"]] if large else "Try --board-shape auto, and models: camcal select.",
+        _REMEDY[large[0]["name"]] if large else "Try --board-shape auto, and other models: camcal select.",
         Gain("sigma_hat, px", sigma, _detector_sigma(report), "if lens and board were exact", True),
     )
 

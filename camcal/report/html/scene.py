@@ -18,6 +18,7 @@ from camcal.model.pose import Pose
 from camcal.plan.rig_cameras import solution_within
 from camcal.plan.solution import RigSolution, Solution
 from camcal.records import dataclass
+from camcal.report.charts.base import round_down
 from camcal.solve.calibration import Estimate
 
 Array = np.ndarray
@@ -117,16 +118,10 @@ def axes_and_scale(made: list[Shape], unit: str) -> tuple[list[Shape], str]:
     ]
     every = np.concatenate([s.points for s in made if s.kind == "board"] or [s.points for s in made])
     low, high = every.min(0), every.max(0)
-    length = round_length(BAR * float((high - low).max()))
+    length = round_down(BAR * float((high - low).max()))
     said = f"{length:g} {unit}{'s' * (unit == 'square' and length != 1)}".strip()
     start = np.array([(low[0] + high[0] - length) / 2, high[1], (low[2] + high[2]) / 2])
     return [*axes, Shape(np.array([start, start + [length, 0, 0]]), "axis", said, said)], said
-
-
-def round_length(most: float) -> float:
-    """The largest of 1, 2, 5, 10, ... that is no longer."""
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(max(m * power for m in (1, 2, 5) if m * power <= most * (1 + 1e-9)))
 
 
 def pivot_and_scale(made: list[Shape]) -> tuple[Array, float]:

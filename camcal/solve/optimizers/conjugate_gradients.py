@@ -19,6 +19,10 @@ Array = np.ndarray
 
 CURVATURE = 0.1  #: c2 of the line search; descent is certain below 1/2 (Al-Baali 1985)
 _ORTHOGONAL = 0.2  #: of Powell's restart test (Powell 1977)
+_LEAST_STEPS = (
+    10  #: between restarts where there are fewer unknowns: each restart is a step of steepest descent
+)
+_LONGEST = 1e8  #: the first length of a search is within this factor of 1, also where a slope is 0
 
 #: β from the gradients before and after a step
 Beta = Callable[[Array, Array], float]
@@ -34,7 +38,7 @@ def conjugate_gradients(
         nonlocal since
         old, new = line.before.gradient, line.after.gradient
         since += 1
-        if since >= max(len(new), 10) or abs(old @ new) >= _ORTHOGONAL * (new @ new):
+        if since >= max(len(new), _LEAST_STEPS) or abs(old @ new) >= _ORTHOGONAL * (new @ new):
             since = 0
             return None
         return -new + beta(old, new) * line.direction
@@ -47,4 +51,4 @@ def _first_length(line: Line | None, place: Place, direction: Array) -> float:
     if line is None:
         return gradient_length(place)
     last, now = line.before.gradient @ line.step, place.gradient @ direction
-    return float(np.clip(last / now, 1e-8, 1e8))
+    return float(np.clip(last / now, 1 / _LONGEST, _LONGEST))

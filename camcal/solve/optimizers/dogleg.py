@@ -19,6 +19,18 @@ Array = np.ndarray
 
 #: a limit of work: a run that reaches it ends as not converged
 _MOST_ITERATIONS = 500
+#: ratio of the decrease to the predicted one below which the region shrinks, and above which it grows (Nocedal &
+#: Wright, algorithm 4.1)
+_POOR, _GOOD = 0.25, 0.75
+#: the new radius, in lengths of the step (Nocedal & Wright; K. Madsen, H. Nielsen & O. Tingleff, Methods for
+#: Non-Linear Least Squares Problems, 2004, algorithm 3.21)
+_SMALLER, _LARGER = 0.25, 3
+#: ratio above which a step is accepted: some decrease, as in the first Wolfe condition
+_ACCEPTED = 1e-4
+#: of the decrease that ends a run: a region in which no more is to be gained has shrunk to nothing
+_SHRUNK = 1e-3
+#: of the decrease of the full Gauss-Newton step: where that is rounding too, a rejected step has ended the run
+_OF_NEWTON = 0.01
 
 
 def minimise(
@@ -36,20 +48,20 @@ def minimise(
         if model.newton is not None and model.newton_predicted <= run.enough:
             return run.ended(True, "predicted decrease")
         scaled, predicted = model.step(radius)
-        if predicted <= 1e-3 * run.enough:
+        if predicted <= _SHRUNK * run.enough:
             converged = remaining(run.blocks) <= run.enough
             return run.ended(bool(converged), "the trust region has shrunk to zero")
         trial, blocks = run.linearise(tangent.unflat(model.scale * scaled, *tangent.sizes(run.blocks)))
         gain = -1.0 if blocks is None else (run.blocks.cost - blocks.cost) / predicted
         length = float(np.linalg.norm(scaled))
-        if gain < 0.25:
-            radius = 0.25 * length
-        elif gain > 0.75:
-            radius = max(radius, 3 * length)
-        if blocks is not None and gain > 1e-4:
+        if gain < _POOR:
+            radius = _SMALLER * length
+        elif gain > _GOOD:
+            radius = max(radius, _LARGER * length)
+        if blocks is not None and gain > _ACCEPTED:
             run.accept(trial, blocks)
             model = _Model(run, model.scale)
-        elif max(predicted, 0.01 * model.newton_predicted) <= NOISE * run.blocks.cost:
+        elif max(predicted, _OF_NEWTON * model.newton_predicted) <= NOISE * run.blocks.cost:
             return run.ended(True, "rounding")
     return run.ended(False, "iterations")
 

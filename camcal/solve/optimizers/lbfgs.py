@@ -17,6 +17,8 @@ Array = np.ndarray
 
 MEMORY = 20  #: pairs of steps and changes of the gradient
 CURVATURE = 0.9  #: c2 of the line search
+#: cosine between a step and the change of the gradient that is rounding only: some fifty units in the last place
+ROUNDING = 1e-14
 
 
 def minimise(
@@ -29,7 +31,7 @@ def minimise(
         change = line.after.gradient - line.before.gradient
         along = float(line.step @ change)
         # the second Wolfe condition makes this positive but for rounding
-        if along > 1e-14 * np.linalg.norm(line.step) * np.linalg.norm(change):
+        if along > ROUNDING * np.linalg.norm(line.step) * np.linalg.norm(change):
             pairs.append((line.step, change, along))
         return -_product(pairs, line.after.gradient)
 

@@ -20,6 +20,10 @@ from camcal.solve.optimizers.variables import Place, Variables
 Array = np.ndarray
 
 SUFFICIENT = 1e-4  #: c1
+_SHORTEST = 1e-12  #: part of its ends to which a bracket is narrowed; the cost changes by the square of that
+_MOST_GROWTH = (
+    10.0  #: factor by which a length is extrapolated (Nocedal & Wright, section 3.5, demand such a limit)
+)
 _TRIALS = 30  #: a bracket that is halved 30 times is 1e-9 of its length
 
 
@@ -89,12 +93,14 @@ class _Search:
                 break
             if trial.slope >= 0:
                 return self.zoom(trial, previous)
-            previous, trial = trial, self.try_(min(10.0, _growth(previous, trial)) * trial.length)
+            previous, trial = trial, self.try_(min(_MOST_GROWTH, _growth(previous, trial)) * trial.length)
         return self.taken(trial)
 
     def zoom(self, low: _Trial, high: _Trial) -> tuple[Place, float] | None:
         """Algorithm 3.6: `low` has the lower cost, and a minimum lies between."""
-        while self.trials < _TRIALS and abs(high.length - low.length) > 1e-12 * max(low.length, high.length):
+        while self.trials < _TRIALS and abs(high.length - low.length) > _SHORTEST * max(
+            low.length, high.length
+        ):
             trial = self.try_(_inside(low, high))
             if not self.decreases(trial) or trial.cost >= low.cost + self.noise:
                 high = trial

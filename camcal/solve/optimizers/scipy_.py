@@ -22,6 +22,11 @@ Array = np.ndarray
 VARIANTS = ("trf", "dogbox")
 #: entries of the Jacobian up to which it is dense: 160 MB
 _DENSE = 20_000_000
+#: tolerance of the cost that is handed on, at most; and for x, so that only the cost ends a run: two roundings
+_COARSEST, _ROUNDING = 1e-3, 4e-16
+#: what a converged run may leave, in tolerances, and as a part of the cost: scipy stops by the decrease of its last
+#: step, after which more may be left than after the step that the other methods predict
+_LEFT, _LEAST_LEFT = 1e3, 1e-11
 _MOST_EVALUATIONS = 1000  #: a limit of work, five times that of the least-squares loop
 
 
@@ -80,7 +85,7 @@ def minimise(
     first = begin(problem, state)
     recorder = Recorder(first.cost, 1, on_step, options)
     function = _Function(problem, state, recorder)
-    accuracy = float(np.clip(options.tolerance, 4e-16, 1e-3))
+    accuracy = float(np.clip(options.tolerance, _ROUNDING, _COARSEST))
 
     def jacobian(x: Array) -> Any:
         j = function.jacobian(x)
@@ -97,7 +102,7 @@ def minimise(
             method=options.variant or VARIANTS[0],  # type: ignore[arg-type]
             x_scale="jac",
             ftol=accuracy,
-            xtol=4e-16,
+            xtol=_ROUNDING,
             gtol=None,
             tr_solver="lsmr" if function.sparse else "exact",
             max_nfev=options.max_iterations or _MOST_EVALUATIONS,
@@ -108,7 +113,7 @@ def minimise(
     state = function.state(x)
     blocks = begin(problem, state)
     function.note(x, blocks.cost)
-    limit = max(1e3 * options.tolerance, 1e-11) * blocks.cost + problem.rounding
+    limit = max(_LEFT * options.tolerance, _LEAST_LEFT) * blocks.cost + problem.rounding
     converged = bool(remaining(blocks) <= limit)
     if reason is None:
         reason = "predicted decrease" if converged else "the cost or the variables hardly change"
