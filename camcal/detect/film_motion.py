@@ -19,7 +19,8 @@ from camcal.geometry.plane_flow import fit_flow
 
 Array = np.ndarray
 
-MOST_FRAMES = 40  #: whose motion is measured: one parameter is to be found, and each may cost a search more
+#: for whose motion further frames are searched; that of frames whose neighbours were searched anyway costs nothing
+MOST_FRAMES = 40
 
 
 def with_motion(
@@ -37,12 +38,13 @@ def with_motion(
         All frames that were searched, also those that were not kept.
     """
     kept = [i for i, o in enumerate(outcomes) if o.detection is not None and _number(o.path) is not None]
-    chosen = kept[:: max(1, -(-len(kept) // MOST_FRAMES))]
     known = {o.path: o for o in searched}
-    missing = [beside(outcomes[i].path, 1) for i in chosen if not _neighbours(outcomes[i], known)]
+    alone = [i for i in kept if not _neighbours(outcomes[i], known)]
+    chosen = alone[:: max(1, -(-len(alone) // MOST_FRAMES))]
+    missing = [beside(outcomes[i].path, 1) for i in chosen]
     known |= {o.path: o for o in search(missing)} if missing else {}
     result = list(outcomes)
-    for i in chosen:
+    for i in kept:
         flow = _flow(outcomes[i], _neighbours(outcomes[i], known))
         if flow is not None:
             result[i] = replace(outcomes[i], quality=outcomes[i].quality | {"flow": flow})
