@@ -52,7 +52,7 @@ def decode_gray(data: bytes) -> Array:
         raise UnreadableError(cut)
     picture = decoded(np.frombuffer(data, np.uint8), FLAGS)
     if picture is None or picture.size == 0:
-        heic = _from_heic(data) if _is_heic(data) else None
+        heic = read_heic(data)
         if heic is None:
             raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
         picture = heic
@@ -78,19 +78,21 @@ def decoded(data: Array, flags: int) -> Array | None:
         raise UnreadableError("there is not enough memory to decode it") from error
 
 
-def _is_heic(data: bytes) -> bool:
-    """Return whether the file is an HEIF picture, as phones write them (ISO/IEC 23008-12, brands)."""
-    return data[4:8] == b"ftyp" and data[8:12] in HEIC_BRANDS
+def read_heic(data: bytes) -> Array | None:
+    """Decode a HEIC picture (ISO/IEC 23008-12, brands), as phones write them, with pillow-heif.
 
-
-def _from_heic(data: bytes) -> Array:
-    """Decode a HEIC picture with pillow-heif.
+    Returns
+    -------
+    (height, width) or (height, width, 3) array
+        As the sensor saw it, blue first; None for a file of another format.
 
     Raises
     ------
     UnreadableError
         Where that is not installed, or cannot decode it.
     """
+    if data[4:8] != b"ftyp" or data[8:12] not in HEIC_BRANDS:
+        return None
     try:
         pillow_heif = import_module("pillow_heif")
     except ImportError:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from camcal.data.writing import atomic_write
-from camcal.detect.decode import UnreadableError, check_size, decode_gray, decoded
+from camcal.detect.decode import UnreadableError, check_size, decode_gray, decoded, read_heic
 from camcal.detect.frames import colour_frames, is_film, read_frame
 from camcal.detect.pages import read_page
 from camcal.detect.sources import read_bytes, split
@@ -58,6 +58,8 @@ def _read(path: Path, size: tuple[int, int] | None) -> Array:
     if number is not None:
         return read_page(data, number, _FLAGS)
     picture = decoded(np.frombuffer(data, np.uint8), _FLAGS)
+    if picture is None:
+        picture = read_heic(data)
     if picture is None:
         decode_gray(data)  # raises, with the reason
         raise UnreadableError("it is not a picture of a known format")

@@ -142,6 +142,8 @@ def test_a_heic_picture_is_read(tmp_path, orientation):
     read = decode_gray(data)
     assert read.shape == gray.shape and read.dtype == np.uint8
     assert np.abs(read.astype(int) - gray).mean() < 2
+    ((_, colour),) = read_pictures([tmp_path / "a.heic"], gray.shape[::-1])
+    assert colour.shape == (*gray.shape, 3) and np.abs(colour.mean(2) - read).mean() < 2
     taken = read_exif(data)
     assert (taken.camera, taken.focal, taken.orientation) == ("Google Pixel 9", 4.38, orientation)
     assert len(detect_images([tmp_path], cache=False).views[0]) == 30
