@@ -24,6 +24,7 @@ import numpy as np
 from camcal.assess.figures import ranked
 from camcal.batch.rows import Row, Rows
 from camcal.batch.work import DONE
+from camcal.least_squares.scales import MAD
 from camcal.records import dataclass
 from camcal.system.text import cell
 
@@ -48,7 +49,6 @@ FALSE_ALARMS = 0.05
 SHEWHART = 3.0  #: standard deviations; the limits of Shewhart's control charts (1931), the least that is used
 MAD_EFFICIENCY = 0.37  #: 1 / (2 x 1.36): of the MAD against the standard deviation
 MEDIAN_VARIANCE = 1.57  #: π / 2: of the median against the mean
-MAD = 1.4826  #: of a normal distribution: standard deviation over median absolute deviation
 #: the scatter is not taken to be less than this part of the quantity itself, so that equal values are no outliers
 ROUNDING = 1e-9
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from camcal.detect.frames import is_film
+from camcal.detect.frames import FASTEST, is_film
 from camcal.errors import DataError
 from camcal.system.writing import atomic_write
 
@@ -80,7 +80,7 @@ class Grabber(threading.Thread):
             )
         self.live = source.is_char_device()
         rate = self.capture.get(cv2.CAP_PROP_FPS)
-        self.stride = max(1, round(STEP * rate)) if 0 < rate < 1e4 else 1
+        self.stride = max(1, round(STEP * rate)) if 0 < rate < FASTEST else 1
         self.folder, self.done = folder, False
         folder.mkdir(exist_ok=True)
 

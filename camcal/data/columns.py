@@ -8,6 +8,7 @@ from camcal.errors import DataError
 from camcal.records import dataclass
 from camcal.registry import suggestion
 
+LONGEST = 40  #: characters of a field that messages show
 #: Names of each column, compared without case, blanks, and signs such as `_`, `-` and `[px]`.
 ALIASES = {
     "view": "view file image frame name picture img filename imagename viewname viewid imageid frameid",
@@ -70,7 +71,7 @@ POINTS_2D = Form(("u", "v"), ("view", "id", "u", "v", "sigma"), {2: ("u", "v")},
 def shown(text: str) -> str:
     """A field as messages show it: one short line of printable characters."""
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text.strip())
-    return text if len(text) <= 40 else text[:37] + "..."
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
 
 def plain(name: str) -> str:

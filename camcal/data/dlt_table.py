@@ -20,7 +20,9 @@ from camcal.system.reading import read_text
 
 Array = np.ndarray
 
-ROWS = 11
+ROWS = 11  #: coefficients of the direct linear transformation with m34 = 1
+#: |m34| against the largest entry, below which it counts as 0: dividing would leave fewer than 7 digits
+NO_DEPTH = 1e-9
 
 
 def looks_like_dlt(text: str) -> bool:
@@ -72,7 +74,7 @@ def dlt_text(matrices: Sequence[Array]) -> str:
     columns = []
     for index, m in enumerate(matrices):
         m34 = m[2, 3]
-        if abs(m34) <= 1e-9 * np.abs(m[2]).max():  # dividing would leave fewer than 7 digits
+        if abs(m34) <= NO_DEPTH * np.abs(m[2]).max():
             raise DataError(
                 f"camera {index + 1}: the world's origin lies in the plane of its centre; the eleven coefficients "
                 "need m34 = 1.",

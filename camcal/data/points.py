@@ -11,7 +11,8 @@ import numpy as np
 
 from camcal.data.archive import read_archive
 from camcal.data.columns import POINTS
-from camcal.data.formats.files import damage, split_name
+from camcal.data.formats.checks import damage
+from camcal.data.formats.files import split_name
 from camcal.data.formats.source import Source
 from camcal.data.observations import Correspondences, View
 from camcal.data.pairs import read_pair

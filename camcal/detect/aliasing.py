@@ -11,8 +11,8 @@ from camcal.detect.windows import Windows
 
 Array = np.ndarray
 
-#: share of a window's pixels with grey values between black and white; a pixel's own area makes that of an edge
-#: 1 px wide, of the 4 px to 5 px of the band of a first fit. With less the picture has no anti-aliasing
+#: share of a window's pixels with grey values between black and white. The area of a pixel alone makes an edge
+#: 1 px wide, of the 4 to 5 px of the band of a first fit; with less the picture has no anti-aliasing
 BETWEEN = 0.05
 SAMPLING = 0.29  #: px; 1/sqrt(12), of an edge that lies anywhere between two rows of pixels
 
@@ -31,7 +31,7 @@ def is_aliased(gray: Array, windows: Windows) -> bool:
 def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
     """Grey values at which a picture is clipped: pixels there are at least as dark or as bright.
 
-    Without anti-aliasing black and white are what they seem to be, and the limits lie beyond.
+    Without anti-aliasing the measured black and white are right, and the limits are beyond them.
     """
     high = white_level(gray)
     return (-1.0, high + 1.0) if is_aliased(gray, windows) else (0.0, high)

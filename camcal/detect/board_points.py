@@ -22,7 +22,10 @@ LOCAL_POINTS = (
     12  #: known points whose homography gives another's place: a block of 3x4, three times what it needs
 )
 LEAST_GAP = (
-    1e-3  #: of a homography's equations (its second singular value); below it the points stand in a row
+    1e-3  #: of a homography's equations (its second singular value); below it the points are collinear
+)
+LEAST_ROOM = (
+    1.5  #: px; a point nearer to its prediction is no other corner: the innermost ring of a candidate is 3 px
 )
 STRAY = 0.5  #: of the space around a point; a fitted point that is farther off is another corner
 SUPPORT = 4  #: markers whose corners give a point's place: those around it
@@ -76,9 +79,7 @@ class Known:
         rows = np.flatnonzero(self.good)
         if len(rows) <= LOCAL_POINTS:
             return
-        uv, jacobian, certain = from_points(points[rows], points[rows], self.uv[rows], leave_out=True)
-        limit = np.maximum(STRAY * room * np.linalg.norm(jacobian, axis=1).min(1), 1.5)
-        stray = certain & (np.linalg.norm(uv - self.uv[rows], axis=1) > limit)
+        stray = strays(points[rows], self.uv[rows], STRAY * room)
         self.good[rows[stray]] = False
         self.reasons |= {int(i): "not where its neighbours predict" for i in rows[stray]}
 
@@ -104,6 +105,23 @@ def board_from_pixel(points: Array, uv: Array) -> Callable[[Array], Array]:
         return homography.transfer(h, pixels)
 
     return apply
+
+
+def strays(points: Array, uv: Array, room: float) -> Array:
+    """A mask (N,) of the points that are not where their neighbours predict them.
+
+    Parameters
+    ----------
+    points : (N, 2) array
+        On the board.
+    uv : (N, 2) array
+        Their images, px.
+    room : float
+        How far a point may be off, in the unit of the board; in the picture no less than `LEAST_ROOM`.
+    """
+    predicted, jacobian, certain = from_points(points, points, uv, leave_out=True)
+    limit = np.maximum(room * np.linalg.norm(jacobian, axis=1).min(1), LEAST_ROOM)
+    return np.asarray(certain & (np.linalg.norm(predicted - uv, axis=1) > limit))
 
 
 def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) -> tuple[Array, Array, Array]:

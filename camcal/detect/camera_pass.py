@@ -18,6 +18,7 @@ from camcal.detect.corners import Corners
 
 Array = np.ndarray
 
+NO_AREA = 1e-12  #: squares a px²; a pixel of a board of 1e6 x 1e6 squares: below lies rounding alone
 STEP = 0.5  #: px; of the differences that give the board's directions in the picture
 #: half-widths of the windows that are tried, of a square. Where board and print are perfect the widest has the least
 #: noise; on sheets of paper the middle ones are best, and at .9 the next edge would be inside for a blur of 2 px
@@ -88,6 +89,6 @@ def _sides(uv: Array, board_from_pixel: Callable[[Array], Array], cell: float) -
     board = board_from_pixel(uv[:, None] + cross)
     derivative = np.stack([board[:, 0] - board[:, 1], board[:, 2] - board[:, 3]], -1) / (2 * STEP * cell)
     area = derivative[:, 0, 0] * derivative[:, 1, 1] - derivative[:, 0, 1] * derivative[:, 1, 0]
-    known = np.isfinite(area) & (np.abs(area) > 1e-12)
+    known = np.isfinite(area) & (np.abs(area) > NO_AREA)
     derivative = np.where(known[:, None, None], derivative, np.eye(2))
     return np.linalg.inv(derivative).transpose(0, 2, 1), known

@@ -18,10 +18,14 @@ Array = np.ndarray
 
 BLUR = 1.2  #: px; of the picture before its second derivatives
 NEIGHBOURHOOD = 5  #: px; one candidate in each such square
-MOST = 2500  #: candidates that are looked at more closely, the strongest first: a board of 45x45 and as many others
+MOST = 2500  #: candidates that are examined, the strongest first: a board of 45x45 and as many others
 SINGLE = 3.5  #: px; candidates so close together are one corner, as rings of 3 px need squares of 4 px
 LEAST_CONTRAST = 0.9  #: grey levels of 255 by which a sector differs from the mean; rounding alone gives 0.2
 RINGS = (3.0, 4.5, 7.0)  #: px; radii of the rings, the innermost must always fit between two corners
+MARGIN = int(RINGS[0]) + 1  #: px to the border: the innermost ring and a px for interpolation
+#: px along each axis from the pixel of a maximum to the maximum itself; at .5 px corners of squares of 4 px are lost,
+#: from .7 to 8 px none
+MOST_STEP = 1.5
 SPACING = 1.5  #: px; largest distance of samples on a ring, not much more than the blur
 OPPOSITE = 0.3  #: least correlation of opposite halves of a ring
 LEAST_SECTOR = 0.2  #: rad; a square so narrow is seen at 80 degrees
@@ -89,7 +93,7 @@ def _saddles(smooth: Array) -> Array:
     height, width = smooth.shape
     index = np.flatnonzero(strength >= np.maximum(peak, np.float32(least)))
     rows, cols = np.divmod(index, width)
-    inside = (np.minimum(rows, cols) >= 4) & (rows < height - 4) & (cols < width - 4)
+    inside = (np.minimum(rows, cols) >= MARGIN) & (rows < height - MARGIN) & (cols < width - MARGIN)
     rows, cols = rows[inside], cols[inside]
     value = strength[rows, cols]
     if len(rows) > MOST:
@@ -99,7 +103,7 @@ def _saddles(smooth: Array) -> Array:
     gy = 0.5 * (smooth[rows + 1, cols] - smooth[rows - 1, cols])
     a, b, c = xx[rows, cols], xy[rows, cols], yy[rows, cols]
     step = np.stack([(c * gx - b * gy) / value, (a * gy - b * gx) / value], -1)  # -H^-1 g with det H = -value
-    return np.stack([cols, rows], -1) + np.clip(step, -1.5, 1.5)
+    return np.stack([cols, rows], -1) + np.clip(step, -MOST_STEP, MOST_STEP)
 
 
 def _sectors(smooth: Array, xy: Array, radius: float) -> tuple[Array, Array, Array]:

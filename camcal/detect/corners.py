@@ -16,14 +16,16 @@ LEAST_INSIDE = 0.75  #: share of the window that must lie in the picture: one of
 #: grey levels of 255, half the difference of black and white; at less, rounding to whole levels decides
 LEAST_CONTRAST = 1.0
 MOST_BLUR = 0.3  #: of a square; from there on a window of half a square shows no level part of either colour
-#: of the window; a fit that moves farther has gone to another corner. Small windows may move by START_ERROR
+#: of the window; a fit that moves farther has reached another corner. Small windows may move by START_ERROR
 MOST_SHIFT = 0.5
 START_ERROR = 1.5  #: px; by which a corner may be off before it is fitted
 MOST_TURN = 0.35  #: rad (20 degrees); between a fitted edge and the board's direction
 #: residual as a share of the contrast: noise of 10 grey levels on a contrast of 60 gives 0.17. In a picture in which
 #: most corners have more, `RARE` times the median of the picture
 MOST_MISFIT, RARE = 0.22, 3.0
-MOST_SIGMA = 0.35  #: px; a corner with more says less than the uniform distribution over a pixel
+MOST_SIGMA = (
+    0.35  #: px; with a larger one, a corner is known no better than by the uniform distribution over a pixel
+)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Sub-pixel discs by fitting the grey values around each outline, all discs of a picture in one batch.
 
-The blurred edge counts, not a threshold on it, so that a slope of the shading hardly moves the centre; and unlike a
-centroid nothing depends on where a window ends.
+The blurred edge counts, not a threshold on it, so that a slope of the shading moves the centre only slightly; unlike a
+centroid, it does not depend on where a window ends.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ Array = np.ndarray
 
 ITERATIONS = 20  #: usual fits take 4 to 8
 SETTLED = 0.1  #: standard deviations of its parameters within which a fit stops; see `fit.SETTLED`
-BAND = 3.0  #: blurs to each side of the outline that take part: 0.1 % of the edge is left
+BAND = 3.0  #: blurs to each side of the outline that are used: 0.1 % of the edge is left
 START_ERROR = 1.0  #: px; by which the band is wider, as the outlines may be off by as much
 MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is taken: the centre is known to .005 px
 DARK, BRIGHT = 15, 85  #: per cent of a band's pixels; beyond them lie the levels that a fit starts from
 LEAST_BLUR, MOST_BLUR = 0.2, 10.0  #: px; less than a pixel's own area, and more than any band holds
-LEAST_INSIDE = 0.9  #: share of the band that must lie in the picture; a centre leans on both of its sides
+LEAST_INSIDE = 0.9  #: share of the band that must lie in the picture; both sides determine a centre
 LEAST_CONTRAST = 2.0  #: grey levels of 255; as for corners: rounding to whole levels leaves 15 % of it
 #: residual as a share of the contrast: noise of 10 grey levels on a step of 40. In a picture in which most discs have
 #: more, `RARE` times the median of the picture
@@ -150,7 +150,7 @@ def _start(band: Band, discs: Discs, blur: float) -> Array:
 def _minimise(band: Band, params: Array) -> Array:
     """The least-squares parameters of each disc."""
     options = Options(negligible(SETTLED, band.counts.sum(1), COUNT), ITERATIONS)
-    with np.errstate(over="ignore", invalid="ignore"):  # steps that lead anywhere are not taken
+    with np.errstate(over="ignore", invalid="ignore"):  # steps to infinite values are rejected
         return np.asarray(minimise(_DiscFits(band), params, options).state)
 
 

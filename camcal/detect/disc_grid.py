@@ -14,10 +14,10 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-FULL = 0.8  #: share of a board's discs that must be seen; more hidden ones leave its size to chance
-MOST_PIECES = 4  #: grids of a picture that are looked at, the largest first
+FULL = 0.8  #: share of a board's discs that must be seen; with more hidden ones its size is uncertain
+MOST_PIECES = 4  #: grids of a picture that are examined, the largest first
 LEAST_SIDE = 3  #: discs to each side of a board of unknown size
-LEAST_DISCS = 6  #: two rows of three: fewer do not tell a lattice from discs by chance
+LEAST_DISCS = 6  #: two rows of three: fewer may be a lattice by chance
 #: share of the next row that must lie outside the picture for the board to go on there, for all that is seen: half,
 #: as a tilted border leaves some of a row inside
 OUTSIDE = 0.5
@@ -53,7 +53,7 @@ class Grid:
         flat[self.ids] = self.discs.centre
         uv: Array = flat.reshape(self.rows, self.columns, 2)
         apart = 2 if self.staggered else 1  # rows that repeat
-        near = float(np.median(self.discs.radius))  # a disc that the border cuts is not seen
+        near = float(np.median(self.discs.radius))  # a disc cut off by the border is not detected
         last = np.array(shape[1::-1]) - 1 - near
         for lines, step in ((uv, apart), (uv.swapaxes(0, 1), 1)):
             for edge, inner in ((lines[0], lines[step]), (lines[-1], lines[-1 - step])):

@@ -60,7 +60,7 @@ def matrix_of(params: Array) -> Array:
 
 def residuals(band: Band, params: Array) -> tuple[Array, Array]:
     """Residuals (K, P), model - value, and their derivatives (K, 10, P)."""
-    from scipy.special import erf  # slow to import, and most targets have no discs
+    from scipy.special import erf  # imported here: it is slow, and most targets have no discs
 
     p = params[:, :, None]
     x, y = band.x - p[:, CX], band.y - p[:, CY]

@@ -7,6 +7,8 @@ tilted.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 
@@ -16,19 +18,23 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-LEAST_AREA = 20.0  #: px of the reduced picture; of a smaller disc the steps of the pixels hide the shape
+LEAST_AREA = 20.0  #: px of the reduced picture; the pixel steps of a smaller disc are as large as its shape
 LEAST_OUTLINE = 12  #: px; the outline of such a disc
 MOST_SLENDER = 6.0  #: ratio of the axes: a tilt of 80 degrees
 AREA_TOLERANCE = (
     0.13  #: how far the area of an outline may be from that of its ellipse; a square's is .14 larger
 )
 ROUND = (
-    0.045  #: how far an outline may swing around its ellipse, of the radius; that of a square swings by 0.1
+    0.045  #: how far an outline may deviate from its ellipse, of the radius; that of a square deviates by 0.1
 )
-PIXEL = 0.3  #: px; by which the steps of the pixels make any outline swing: 1 / sqrt(12)
+PIXEL = 0.3  #: px; by which the pixel steps make any outline deviate: 1 / sqrt(12)
 THRESHOLD = 8  #: grey levels of 255 by which a disc is darker than what is around it
 WINDOWS = (24, 8, 3)  #: the longer side of the picture, divided by the side of the surroundings looked at
-AROUND = 1.35  #: of the radius; where a disc's surroundings are looked at: half way to a touching neighbour
+#: px; the side of these surroundings is no less: twice the width of the smallest disc; 4 to 24 find the same
+LEAST_WINDOW = 10
+#: px; of the picture before its outlines are taken, against single pixels of noise; .3 to 2.4 find the same boards
+BLUR = 0.8
+AROUND = 1.35  #: of the radius; where a disc's surroundings are sampled: half way to a touching neighbour
 MOST_DISCS = 3000  #: the largest are kept, which bounds the time on textures; boards have a few hundred
 CONCENTRIC = 0.3  #: of the smaller radius; two outlines with centres as close as that are one disc
 SPREAD = 1.8  #: ratio of the radii of neighbours: a wide angle halves a radius over several discs
@@ -70,18 +76,19 @@ class Discs:
         return Discs((self.centre + 0.5) * factor - 0.5, self.shape * factor)
 
 
+def dark_outlines(smooth: Array) -> Iterator[Array]:
+    """Outlines (K, 1, 2) of what is darker than its surroundings in a uint8 picture, for each size of these."""
+    for part in WINDOWS:
+        size = 2 * (max(max(smooth.shape) // part, LEAST_WINDOW) // 2) + 1
+        mean, inverse = cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV
+        dark = cv2.adaptiveThreshold(smooth, 255, mean, inverse, size, THRESHOLD)
+        yield from cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+
+
 def find_discs(gray: Array) -> Discs:
     """Dark ellipses of a grey uint8 picture, from contours under adaptive thresholds of three sizes."""
-    side = max(gray.shape)
-    smooth = cv2.GaussianBlur(gray, (0, 0), 0.8)
-    found: list[tuple[Array, Array]] = []
-    for part in WINDOWS:
-        size = 2 * (max(side // part, 10) // 2) + 1
-        dark = cv2.adaptiveThreshold(
-            smooth, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, size, THRESHOLD
-        )
-        outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        found += [e for e in map(ellipse_of, outlines) if e is not None]
+    smooth = cv2.GaussianBlur(gray, (0, 0), BLUR)
+    found = [e for e in map(ellipse_of, dark_outlines(smooth)) if e is not None]
     if not found:
         return Discs(np.zeros((0, 2)), np.zeros((0, 2, 2)))
     discs = Discs(np.array([c for c, _ in found]), np.array([s for _, s in found]))
@@ -124,7 +131,7 @@ def _dark_inside(gray: Array, discs: Discs) -> Array:
     value = value.astype(float)
     return (
         np.sort(value[:, 1:], 1)[:, 1] > value[:, 0] + THRESHOLD
-    )  # one of the eight may fall on something else
+    )  # one of the eight may lie on another object
 
 
 def distinct(discs: Discs) -> Discs:

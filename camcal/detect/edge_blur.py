@@ -13,7 +13,7 @@ Array = np.ndarray
 SAMPLES = 33  #: across an edge; the place of an edge between them is random, and means of many edges unbiased
 ACROSS = 0.45  #: of a square, to each side of an edge: the next edges are half a square farther
 LINEAR = 1 / 6  #: px²; the variance of linear interpolation, t (1 - t) on average
-MOST_EDGES = 400  #: of one kind that are looked at; a board has some hundred
+MOST_EDGES = 400  #: of one kind that are examined; a board has some hundred
 ENDS = 5  #: samples at each end that show the colours of the squares
 LEAST_STEP = 0.1  #: of the median step from black to white; a fainter edge is covered
 

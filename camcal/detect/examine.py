@@ -95,7 +95,9 @@ def examine(task: Task) -> Outcome:
         if isinstance(error, cv2.error) and error.code != cv2.Error.StsNoMem:
             raise
         return Outcome(task.path, "unreadable", "there is not enough memory for it", sha256)
-    if place is None or outcome.code == "time":  # a slow moment must not be remembered
+    if (
+        place is None or outcome.code == "time"
+    ):  # a time-out depends on the load of the machine and is not kept
         return outcome
     return _into_cache(place, outcome)
 

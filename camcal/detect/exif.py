@@ -11,6 +11,8 @@ ORIENTATION, MAKE, MODEL, EXIF_IFD = 0x0112, 0x010F, 0x0110, 0x8769
 FOCAL_LENGTH, DIGITAL_ZOOM = 0x920A, 0xA404
 SIZES = {2: 1, 3: 2, 4: 4, 5: 8}  #: bytes of an ASCII character, a SHORT, a LONG, a RATIONAL
 LONGEST_BLOCK = 1 << 16  #: bytes; of a JPEG segment, in which the same data fit
+ORIENTATIONS = 8  #: values of the orientation, from 1 on: quarter turns, mirrored or not
+LARGEST = 1e6  #: of the numbers that are read (mm, factors); a larger one is damage
 MOST_ENTRIES = 512  #: of a directory; a damaged one claims more
 LONGEST_TEXT = 64  #: characters of a maker's or a model's name that are kept
 
@@ -63,12 +65,15 @@ def read_exif(data: bytes) -> Taken:
     numbers = (_number(nested.get(FOCAL_LENGTH)), _number(nested.get(DIGITAL_ZOOM)))
     turned = int(_number(main.get(ORIENTATION)))
     return Taken(
-        camera, round(numbers[0], 3), max(1.0, round(numbers[1], 3)), turned if 1 <= turned <= 8 else 1
+        camera,
+        round(numbers[0], 3),
+        max(1.0, round(numbers[1], 3)),
+        turned if 1 <= turned <= ORIENTATIONS else 1,
     )
 
 
 def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) and 0 <= value < 1e6 else 0.0
+    return float(value) if isinstance(value, (int, float)) and 0 <= value < LARGEST else 0.0
 
 
 def _block(data: bytes) -> bytes:

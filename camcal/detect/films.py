@@ -22,18 +22,19 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 MOST_SEARCHED = 240  #: frames of a film that are searched; a search takes about as long as decoding 50 frames
-JUDGED = 8  #: frames of a stretch whose sharpness is measured; the others are only passed over
-WIDTH = 320  #: px; frames are judged reduced to about this width, where noise and compression do not count
-#: px a frame; motion by which a frame counts as half as sharp as it looks: a shutter is open for about half of it
+JUDGED = 8  #: frames of a stretch whose sharpness is measured; the others are skipped
+WIDTH = 320  #: px; sharpness is measured at about this width, where noise and compression have no effect
+#: px a frame; motion by which a frame counts as half as sharp as measured: a shutter is open for about half of it
 HALF_AS_SHARP = 2.0
 #: how the reasons begin of frames that are good and not needed
 REPEATED, SURPLUS = "it shows the target where ", "it adds less than "
-MOVED = 0.005  #: of the picture's diagonal; a target that moved by less in every point shows nothing new
-#: times the sharper quarter's blur; from there on the corners lose half of their accuracy
-BLURRED = 1.5
+MOVED = 0.005  #: of the picture's diagonal; a target that moved by less in every point gives no new view
+#: times the sharper quarter's blur (that percentile of the frames); from there on the corners lose half of their
+#: accuracy
+BLURRED, SHARPER = 1.5, 25
 LEAST_BLUR = 1.0  #: px (sigma); narrower edges are sharper than a pixel, and no frame is left out for them
-#: of the motion from one frame to the next, px; what a rolling shutter and the open shutter shift points by that no
-#: pose takes up, where rows are read in about half of a frame's time and a board covers half of them
+#: of the motion from one frame to the next, px; the shift of points by a rolling shutter and by the exposure time
+#: that no pose explains, where rows are read in about half of a frame's time and a board covers half of them
 UNEXPLAINED = 0.05
 
 
@@ -185,7 +186,7 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
     """
     reasons: dict[int, str] = {}
     blur = np.array([s.found.info.get("blur_px", np.nan) for s in shown])
-    sharp = np.nanpercentile(blur, 25) if np.isfinite(blur).any() else np.inf
+    sharp = np.nanpercentile(blur, SHARPER) if np.isfinite(blur).any() else np.inf
     for i in np.flatnonzero(blur > max(BLURRED * sharp, LEAST_BLUR)):
         reasons[int(i)] = f"blurred: its edges are {blur[i]:.1f} px wide (sigma), those of others {sharp:.1f}"
     kept = [i for i in range(len(shown)) if i not in reasons]

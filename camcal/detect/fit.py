@@ -20,9 +20,9 @@ SETTLED = 0.1
 #: blurs; a Gauss-Newton step of that length, of the corner or of the blur, ends within half its square of the minimum:
 #: .001 of the blur, a tenth of the sigma of a corner without visible noise
 SHORT = 0.05
-LONG = 0.5  #: blurs; beyond such a step the derivatives at its start say nothing of the edges
+LONG = 0.5  #: blurs; beyond such a step the derivatives at its start no longer describe the edges
 SLIGHT = 1e-8  #: damping of those steps, which keeps equations of windows without an edge solvable
-STILL = 0.01  #: px; a corner with less to move when the iterations run out counts as converged all the same
+STILL = 0.01  #: px; a corner with less to move after the last iteration counts as converged
 ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
 #: px⁴, of the half-contrast over the blur⁴: what a square pixel leaves of an edge under Gaussian blur. Its fourth
 #: cumulant is 1/120 px⁴, which changes the edge 2 Φ - 1 by (1/120) / 24 times 2 He3 φ / s⁴; He3 φ is .36 (rms)
@@ -83,7 +83,7 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     problem = _Corners(windows, limits)
     pixels = windows.counts.sum(1)
     options = Options(negligible(settled, pixels, model.COUNT), ITERATIONS)
-    with np.errstate(over="ignore", invalid="ignore"):  # steps that lead anywhere are not taken
+    with np.errstate(over="ignore", invalid="ignore"):  # steps to infinite values are rejected
         params, normal, stats = minimise(problem, start, options)
     converged = stats.converged
     if not converged.all():
@@ -171,7 +171,7 @@ class _Corners(Small):
 
     def __init__(self, windows: Windows, limits: tuple[float, float]):
         self.windows, self.limits, self.count = windows, limits, len(windows.q)
-        # what the model's approximation of erf is worth: its derivatives do not see a change of this size
+        # the error of the model's approximation of erf: changes of this size are not in its derivatives
         self.rounding = 0.5 * windows.counts.sum(1) * (model.ERF_ERROR * limits[1]) ** 2
         self.left = np.arange(self.count), windows
 
@@ -244,7 +244,7 @@ def _normal_equations(
             low, high = limits
             counts = counts & ~((observed >= high) & (residual > 0)) & ~((observed <= low) & (residual < 0))
             jacobian *= counts[:, None]
-        else:  # pixels that do not count are far from the edges, where the other derivatives are 0
+        else:  # pixels without weight are far from the edges, where the other derivatives are 0
             jacobian[:, model.OFFSET] *= counts
             jacobian[:, model.CONTRAST] *= counts
         residual *= counts

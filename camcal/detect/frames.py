@@ -20,6 +20,8 @@ FILMS = (
 )  # fmt: skip
 _NUMBERED = re.compile(r"%0?\d*d")
 SKIPPED = 30  #: frames; a nearer one is reached by reading on, which costs less than reopening the film
+#: frames a second; larger rates are what cv2 returns where a film or a camera has none (a time base, such as 90,000)
+FASTEST = 10_000
 MOST_FRAMES = 1_000_000_000  #: counts above it, or below 0, are what cv2 returns where the film has none
 
 
@@ -43,7 +45,7 @@ class Film:
         self.path, self.next, self._capture = path, 0, _opened(path)
         count, rate = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
         self.count = int(count) if 0 < count < MOST_FRAMES else 0
-        self.rate = float(rate) if 0 < rate < 1e5 else 0.0
+        self.rate = float(rate) if 0 < rate < FASTEST else 0.0
 
     def skip(self) -> bool:
         """Skip one frame; return False at the end."""
@@ -105,7 +107,7 @@ def _opened(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-_last: list[Film] = []  # the film that was read last stays open: frames are mostly asked for in order
+_last: list[Film] = []  # the film that was read last is kept open: frames are mostly requested in order
 
 
 def read_frame(path: Path, number: int, from_start: bool = False, colour: bool = False) -> Array:

@@ -37,7 +37,7 @@ class Marks:
     rays : (N, 4, 2) array
         Unit vectors, clockwise in the picture.
     size : (N,) array
-        A positive quantity that hardly changes from neighbour to neighbour: contrast, radius.
+        A positive quantity that changes little from neighbour to neighbour: contrast, radius.
     spread : float
         By what factor it may change.
     alternating : bool

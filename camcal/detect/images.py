@@ -75,16 +75,7 @@ def detect_images(
     seconds : float
         Time that one picture may take.
     on_event : callable, optional
-        Called with `("pictures", {count})`, `("searched", {done, count})` as pictures are searched,
-        `("film", {path, done, count})` as a film is read and `("frames", {path, frames, searched})` after it,
-        `("left", {files})` where folders of pictures contain films or raw pictures, too, which are not used,
-        `("no-film", {})` where a part of the films was asked for and there is none,
-        `("target", {spec, words, pictures, of, noun, whole, others})` where it was recognised,
-        `("marked", {words, spec})` where the checkerboard that was asked for is a board of markers,
-        `("negative", {spec})` where the target that was asked for is found with black and white exchanged,
-        `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor saw them),
-        `("picture", {id, status, reason, done, count, cached})` for each at the end, and `("cache", {reason})`
-        where the cache cannot be written.
+        Called as the work goes on; see `camcal.detect.search_pictures.OnEvent`.
     cache : bool
         Whether results are kept and reused.
     keep_frames : int, optional

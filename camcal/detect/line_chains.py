@@ -15,13 +15,13 @@ Array = np.ndarray
 STEP, REACH = 1.2, 1.0
 #: the next point's direction is within 25 degrees: the noise of a direction at the threshold is about 10
 NEXT = np.cos(np.radians(25))
-#: px; chains shorter than this have no direction to be continued by
+#: px; shorter chains have no reliable direction
 SHORTEST = 12
-#: px of a chain's end that say how it goes on, and the most px that it may leave out there; of all chains ...
+#: px at a chain's end that give its direction, and the longest gap to its continuation, px; of all chains ...
 SHORT = (24.0, 24.0)
 #: ... and then of those that are long enough
 LONG = (80.0, 80.0)
-#: how far from where a chain leads its continuation may begin, as a part of the distance, besides 1 px
+#: how far from the extrapolated end its continuation may begin, as a part of the distance, plus 1 px
 ASIDE = 0.05
 #: ... and how much it may turn
 STRAIGHT_ON = np.cos(np.radians(6))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.detect.pyramid import MASK, MASK_NORM
+from camcal.least_squares.scales import NORMAL_MEDIAN
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -20,7 +22,7 @@ EDGE_SIGMA, RIDGE_SIGMA = 1.0, 2.0
 #: pixels, two of three such maxima of pure noise are left, too few to form a chain.
 NOISES = 5.0
 #: ... and above this part of what nine of ten such points reach: texture and shading between the lines are weaker
-WEAKEST = 0.25
+WEAKEST, STRONG = 0.25, 0.9
 #: curvature along a thin line over that across it, above which it crosses another
 CROSSING = 0.3
 #: noise of a picture without any (rounding to 8 bits), grey levels
@@ -84,7 +86,7 @@ def ridges(gray: Array, dark: bool, sigma: float = RIDGE_SIGMA) -> LinePoints:
     slope = gx[rows, cols] * nx + gy[rows, cols] * ny
     shift = -slope / value[rows, cols]
     near = (np.abs(shift * nx) <= 0.5) & (np.abs(shift * ny) <= 0.5)
-    # where lines cross, both curvatures are large, and the point belongs to neither
+    # where lines cross, both curvatures are large, and the point is on neither
     other = np.abs(2 * middle - value)[rows, cols]
     near &= other <= CROSSING * np.abs(value[rows, cols])
     uv = np.stack([cols[near] + (shift * nx)[near], rows[near] + (shift * ny)[near]], 1)
@@ -95,7 +97,7 @@ def _strong(uv: Array, along: Array, response: Array) -> LinePoints:
     """The points whose response is not weak compared with the others."""
     if not len(uv):
         return LinePoints(uv, along)
-    kept = response >= WEAKEST * np.quantile(response, 0.9)
+    kept = response >= WEAKEST * np.quantile(response, STRONG)
     return LinePoints(uv[kept], along[kept])
 
 
@@ -104,10 +106,8 @@ def noise(gray: Array) -> float:
 
     Immerkaer's mask (Fast noise variance estimation, 1996) takes planes and edges off; the median leaves out texture.
     """
-    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    response = cv2.filter2D(gray.astype(np.float32), -1, mask)[1:-1, 1:-1]
-    # the mask's norm is 6; the median of |x| is 0.6745 standard deviations
-    return max(float(np.median(np.abs(response))) / (6 * 0.6745), ROUNDING)
+    response = cv2.filter2D(gray.astype(np.float32), -1, MASK)[1:-1, 1:-1]
+    return max(float(np.median(np.abs(response))) / (NORMAL_MEDIAN * MASK_NORM), ROUNDING)
 
 
 def _derivatives(picture: Array) -> tuple[Array, Array]:

@@ -7,10 +7,11 @@ from scipy.spatial import cKDTree
 
 from camcal.detect.line_chains import chains, joined
 from camcal.detect.line_points import RIDGE_SIGMA, LinePoints, edges, ridges
+from camcal.least_squares.scales import MAD
 
 Array = np.ndarray
 
-#: a candidate is at least this part of the picture's diagonal long: shorter ones hardly bend
+#: a candidate is at least this part of the picture's diagonal long: shorter ones bend too little to be measured
 LEAST_LENGTH = 0.1
 #: Two candidates are one line where one smooth curve follows both as closely as each its own (this many times, and
 #: px), and the gap between them is at most this part of the shorter one.
@@ -21,7 +22,7 @@ BENT = 0.86
 BORDER = 4 * RIDGE_SIGMA
 #: order of the polynomial along a line that its points follow, whatever the lens
 SMOOTH = 5
-#: px; a line's points stray less from that: beyond it, it is no single edge
+#: px; scatter of a line's points about that polynomial: with more it is no single edge
 ROUGHEST = 1.0
 #: px; points of a line are averaged over runs of this length, which takes off most of their noise and moves them by
 #: 0.003 px where a line is bent to a radius of 1000 px (Tang et al., High-precision camera distortion measurements
@@ -29,8 +30,13 @@ ROUGHEST = 1.0
 RUN = 8.0
 #: points of a run at least: half of those that an edge has there
 LEAST_IN_RUN = 4
-#: robust standard deviations beyond which a point belongs to something else
+#: robust standard deviations beyond which a point is not on the line
 FAR = 4.0
+ROUNDS = 3  #: of fitting a line and leaving out what is far from it; 1 to 3 find the same lines of a building
+ROUNDING = 1e-6  #: px; exact points are off by rounding alone, 1e-12 of 1e4 px and of a polynomial's powers
+#: share of both lines' lengths, and of their points, that a joint line keeps: two that lie beside one another
+#: are together no longer than the longer one. At .95 one more pair of a building's ten lines is joined, at .8 four
+WHOLE = 0.98
 
 
 def find_lines(gray: Array) -> list[Array]:
@@ -62,13 +68,13 @@ def _smooth(uv: Array) -> tuple[Array, float] | None:
     uv, along, across = uv[order], along[order], across[order]
     scaled = along / np.abs(along).max()
     good, sigma = np.ones(len(uv), bool), np.inf
-    for _ in range(3):
+    for _ in range(ROUNDS):
         if good.sum() < 2 * SMOOTH:
             return None
         curve = np.polynomial.chebyshev.chebfit(scaled[good], across[good], SMOOTH)
         off = np.abs(across - np.polynomial.chebyshev.chebval(scaled, curve))
-        sigma = 1.4826 * float(np.median(off[good]))
-        good = off <= max(FAR * sigma, 1e-6)  # px; exact points are off by rounding alone
+        sigma = MAD * float(np.median(off[good]))
+        good = off <= max(FAR * sigma, ROUNDING)
     return (uv[good], sigma) if sigma <= ROUGHEST else None
 
 
@@ -98,8 +104,8 @@ def _joint(
     both = _smooth(np.concatenate([a, b])) if _lead_on(a, b) else None
     close = AS_CLOSE * max(sigma_a, sigma_b) + CLOSE
     # all of both, end to end: beside one another they would be longer apart than together
-    longer = both is not None and _extent(both[0]) >= 0.98 * (_extent(a) + _extent(b))
-    if both is None or not longer or both[1] > close or len(both[0]) < 0.98 * (len(a) + len(b)):
+    longer = both is not None and _extent(both[0]) >= WHOLE * (_extent(a) + _extent(b))
+    if both is None or not longer or both[1] > close or len(both[0]) < WHOLE * (len(a) + len(b)):
         return None
     return both, second
 

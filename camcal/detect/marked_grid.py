@@ -17,10 +17,10 @@ from camcal.geometry import homography
 Array = np.ndarray
 
 PER_CELL = 3  #: samples of a marker's cell along each side: a cell of 3 px is measured whole
-#: mean correlation of the best place; that of a marker of 16 cells with chance is 0 +- .25, of 4 of them .13
+#: mean correlation of the best place; by chance that of a marker of 16 cells is 0 +- .25, that of 4 markers 0 +- .13
 LEAST_MATCH = 0.45
 AHEAD = 0.15  #: by how much it must exceed every other: one such deviation
-LEAST_MARKERS = 2  #: that the grid holds; one marker looks like another in the noise
+LEAST_MARKERS = 2  #: that the grid holds; in noise, one marker looks like another
 
 
 def place_on_board(

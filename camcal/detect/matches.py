@@ -25,9 +25,11 @@ WINDOW = 15
 EVEN = 8.0
 #: grey values; contrast below that of the noise of 8-bit pictures is not raised further
 CONTRAST = 4.0
-#: px; a point that has to move further, ten times SIFT's scatter, was another one
+#: grey levels of 8 bits that one standard deviation of the surroundings becomes: 2.7 of them fit into each side of 128
+DEVIATION = 48.0
+#: px; a point that moves farther, ten times SIFT's scatter, is another one
 FARTHEST = 2.0
-#: px; a point tracked there and back comes to the same place, but for surroundings seen in different perspective
+#: px; how far a point may be from its start after it was tracked there and back; perspective changes its surroundings
 RETURN = 0.2
 #: below this part of points that can be placed so, pictures are turned or scaled against each other: SIFT's stay
 PLACED = 0.5
@@ -119,7 +121,7 @@ def _even(picture: Array) -> Array:
     values = picture.astype(np.float32)
     off = values - cv2.GaussianBlur(values, (0, 0), EVEN)
     spread = np.sqrt(cv2.GaussianBlur(off * off, (0, 0), EVEN)) + CONTRAST
-    return np.clip(off / spread * 48 + 128, 0, 255).astype(np.uint8)
+    return np.clip(off / spread * DEVIATION + 128, 0, 255).astype(np.uint8)
 
 
 def _nearest(a: Array, b: Array) -> dict[int, int]:

@@ -10,7 +10,7 @@ BLOCK = 16  #: px; side of the blocks in which the four phases of the mosaic are
 #: least difference of the phases' levels. In pictures that are no mosaic the medians over all blocks differ by less
 #: than 0.01; red or blue against green differ by 0.1 to 0.6 in daylight and under lamps
 LEAST_DIFFERENCE = 0.06
-DARK = 0.05  #: of full scale; darker blocks say nothing of the levels
+DARK = 0.05  #: of full scale; darker blocks do not show the levels
 LEAST_BLOCKS = 64  #: blocks of 2x2 pixels that the levels are the medians of, at least
 
 

@@ -13,8 +13,11 @@ Array = np.ndarray
 LEAST_PIXELS = 16  #: to each side
 LONG_SIDE = 640  #: px; what the picture is reduced to
 DARK, BRIGHT = 30.0, 240.0  #: grey levels of 255 below or above which nearly the whole picture lies
-#: least share of the picture's contrast by which 1 pixel in 200 differs from its surroundings of 2 px
-SHARP = 0.03
+#: percentiles of the grey values that count as the darkest and the brightest: a reflection, or the dark frame of a
+#: lens, covers less than 1 or 2 % of a picture that shows anything else
+RANGE = (2, 99)
+#: least share of the picture's contrast by which 1 pixel in 200 (that percentile) differs from its surroundings of 2 px
+SHARP, FINEST = 0.03, 99.5
 
 
 def why_nothing(gray: Array) -> Miss:
@@ -24,12 +27,14 @@ def why_nothing(gray: Array) -> Miss:
             "too-small", f"the picture has {gray.shape[1]}x{gray.shape[0]} pixels: too small for a board"
         )
     small = as_float(reduced(gray, float(max(1, max(gray.shape) // LONG_SIDE))), grey_range(gray))
-    low, high = np.percentile(small, (2, 99))
+    low, high = np.percentile(small, RANGE)
     if high < DARK:
-        return Miss("too-dark", f"the picture is too dark: 99% of it is below {high:.0f} of 255")
+        return Miss("too-dark", f"the picture is too dark: {RANGE[1]}% of it is below {high:.0f} of 255")
     if low > BRIGHT:
-        return Miss("too-bright", f"the picture is too bright: 98% of it is above {low:.0f} of 255")
+        return Miss(
+            "too-bright", f"the picture is too bright: {100 - RANGE[0]}% of it is above {low:.0f} of 255"
+        )
     fine = small - cv2.GaussianBlur(small, (0, 0), 2)
-    if np.percentile(np.abs(fine), 99.5) < SHARP * (high - low):
+    if np.percentile(np.abs(fine), FINEST) < SHARP * (high - low):
         return Miss("too-blurred", "the picture is too blurred: it shows no sharp edge")
     return Miss("none", "no checkerboard was found")

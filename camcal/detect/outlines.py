@@ -13,7 +13,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from camcal.detect.discs import CONCENTRIC, THRESHOLD, WINDOWS, Discs, distinct
+from camcal.detect.discs import BLUR, CONCENTRIC, THRESHOLD, Discs, dark_outlines, distinct
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -29,9 +29,12 @@ LONGEST, SHORTEST = 4.0, 2.0  #: px to each side that a profile reaches
 REACH = 0.45  #: of the room to the next edge that a profile uses
 ROUNDS = 3  #: of measuring the edges from the corners found last
 LEAST_PROFILES = 3  #: of a side; fewer do not show how well a line fits
-STRAIGHT = 0.5  #: px; an edge whose places scatter by more is none, or is bent
+STRAIGHT = 0.5  #: px; an edge whose places scatter by more is bent, or is not an edge
+#: a profile's outer fifths show the levels of both sides; with quarters to eighths the corners scatter by .011 to
+#: .012 px, or .048 to .053 where the blur is 1.5 px, with halves by .074
+PLATEAUS = 5
 PLAIN = 0.1  #: of the contrast; largest standard deviation inside a printed square
-FLOOR = 0.02  #: px; least scatter of a place: interpolation and 8 bits leave that without noise
+FLOOR = 0.02  #: px; least scatter of a place: that of interpolation and 8 bits without noise
 
 
 @dataclass(frozen=True)
@@ -65,15 +68,8 @@ class Squares:
 
 def find_squares(gray: Array) -> Array:
     """Dark quadrilaterals (K, 4, 2) of a grey uint8 picture, clockwise, px, each once."""
-    side = max(gray.shape)
-    smooth = cv2.GaussianBlur(gray, (0, 0), 0.8)
-    found = []
-    for part in WINDOWS:
-        size = 2 * (max(side // part, 10) // 2) + 1
-        mean, inverse = cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV
-        dark = cv2.adaptiveThreshold(smooth, 255, mean, inverse, size, THRESHOLD)
-        outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        found += [q for q in map(_quadrilateral, outlines) if q is not None]
+    smooth = cv2.GaussianBlur(gray, (0, 0), BLUR)
+    found = [q for q in map(_quadrilateral, dark_outlines(smooth)) if q is not None]
     if not found:
         return np.zeros((0, 4, 2))
     quads = np.array(found)
@@ -264,7 +260,7 @@ def _crossings(value: Array, offset: Array) -> tuple[Array, Array]:
     rise, place : (P,) arrays
         The difference of the ends, and the offset; NaN where the middle is not reached.
     """
-    ends = max(1, len(offset) // 5)
+    ends = max(1, len(offset) // PLATEAUS)
     dark, bright = value[:, :ends].mean(1), value[:, -ends:].mean(1)
     level = 0.5 * (dark + bright)
     above = value >= level[:, None]

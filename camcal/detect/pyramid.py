@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.least_squares.scales import NORMAL_MEDIAN
+
 Array = np.ndarray
 
 FIRST_PIXELS = 1.5e6  #: size to which a picture is reduced for the first search
@@ -16,11 +18,15 @@ OUTLIERS = 0.1
 #: markers) are made for pictures that use most of the scale
 WEAK = 64.0
 WEAK_BLUR = (
-    0.8  #: px; of a picture before it is stretched: it takes two thirds of the noise, and hardly an edge
+    0.8  #: px; of a picture before it is stretched: it removes two thirds of the noise and keeps the edges
 )
 #: ratio of the range of the blurred picture to the noise from which on there is more than noise to stretch: of noise
 #: alone the range is 2.2 times its standard deviation
 SOMETHING = 4.0
+#: Immerkaer's mask (Fast noise variance estimation, 1996), which takes off planes and edges; its norm is the factor by
+#: which it enlarges independent noise
+MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+MASK_NORM = float(np.linalg.norm(MASK))
 
 
 def grey_range(gray: Array) -> tuple[float, float]:
@@ -71,10 +77,9 @@ def noise(gray: Array) -> float:
 
     The median is taken in place of the mean, so that edges do not count.
     """
-    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)  # of independent noise: 6 sigma
     stride = max(1, int(np.sqrt(gray.size / SAMPLES)))
-    left = np.abs(cv2.filter2D(gray, cv2.CV_32F, mask)[::stride, ::stride])
-    return float(np.median(left)) / (0.6745 * 6)
+    left = np.abs(cv2.filter2D(gray, cv2.CV_32F, MASK)[::stride, ::stride])
+    return float(np.median(left)) / (NORMAL_MEDIAN * MASK_NORM)
 
 
 def reductions(shape: tuple[int, ...], enlarge: bool = False) -> list[float]:

@@ -27,12 +27,12 @@ Array = np.ndarray
 HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
 WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known. Outer squares may be cut narrower
 INNER_HALF = 0.65  #: of a square; the same for corners that are not at the rim of the board
-SEEN = 2.0  #: blurs; pixels farther from both edges say little of where these are: erf is 1 there to 5 %
+SEEN = 2.0  #: blurs; pixels farther from both edges contribute little to their places: erf is 1 there to 5 %
 FIRST_LARGEST = 7  #: px; half the side of the largest window of a first fit
 FIRST_SEEN = 3.0  #: blurs; the same where the picture is blurred
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
-MOST_START = 0.2  #: of a square; a larger blur at the start hides that there are two edges
+MOST_START = 0.2  #: of a square; with a larger blur at the start the two edges are not separated
 #: pixels of a window from which its start is found: 1/16 of the noise is left in each of its seven numbers
 ENOUGH = 256
 ROUGH = 2.0  #: standard deviations within which a first fit stops: the second begins there

@@ -20,7 +20,18 @@ from camcal.detect.targets.base import Target
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError
 
-#: called with (what happens, details) as the work goes on
+#: Called with what happens and its details as the work goes on:
+#:
+#: - `("pictures", {count})`, and `("searched", {done, count})` as they are searched;
+#: - `("film", {path, done, count})` as a film is read, `("frames", {path, frames, searched})` after it;
+#: - `("left", {files})` where folders of pictures contain films or raw pictures, which are not used;
+#: - `("no-film", {})` where a part of the films was asked for and there is none;
+#: - `("target", {spec, words, pictures, of, noun, whole, others})` where the target was recognised;
+#: - `("marked", {words, spec})` where the requested checkerboard is a board of markers;
+#: - `("negative", {spec})` where the requested target is found with black and white exchanged;
+#: - `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor recorded them);
+#: - `("picture", {id, status, reason, done, count, cached})` for each at the end;
+#: - `("cache", {reason})` where the cache cannot be written.
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.least_squares.scales import MAD, TUKEY
+
 Array = np.ndarray
 
 #: px; of the Gaussian under the derivatives
@@ -24,8 +26,6 @@ TRIM = 2.0
 LEAST = 8
 ROUNDS = 2  #: the second samples at right angles to the line that the first has found
 WEIGHTINGS = 6  #: of the fit of a line
-#: robust standard deviations to where a maximum has no weight (Tukey's biweight, 95 % efficient)
-TUKEY = 4.685
 #: px; the standard deviation of maxima is no less: samples every 0.25 px and 8 bits
 FINEST = 0.02
 
@@ -75,6 +75,6 @@ def _line(place: Array, off: Array, strength: Array) -> tuple[float, float]:
         scaled = columns * weight[:, None]
         found = np.linalg.lstsq(scaled.T @ columns, scaled.T @ off, rcond=None)[0]
         rest = off - columns @ found
-        sigma = 1.4826 * float(np.median(np.abs(rest))) + FINEST
+        sigma = MAD * float(np.median(np.abs(rest))) + FINEST
         weight = strength * np.maximum(1 - (rest / (TUKEY * sigma)) ** 2, 0) ** 2
     return float(found[0]), float(found[1])

@@ -25,8 +25,14 @@ SIGNIFICANT = 5.0  #: sigmas by which a slope of the shading must move a corner 
 LEAST_CORNERS = (
     12  #: for a quadratic surface, two a coefficient; fewer carry a plane, fewer than half of it nothing
 )
-RIDGE = 1e-9  #: of the diagonal; keeps the equations solvable where the corners stand in a row
+RIDGE = 1e-9  #: of the diagonal; keeps the equations solvable where the corners are collinear
 ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
+#: of a corner's own range from black to white, which is a divisor: shading reduces it no further; .01 to .8 find the
+#: same corners
+LEAST_RANGE = 0.2
+INSIDE = (
+    1e-3  #: grey levels; how far a value is kept from the limits, at which the picture would count as cut off
+)
 HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
 
 
@@ -94,10 +100,10 @@ def evened(
     white, black = (np.einsum("kc,kcp->kp", slope[:, i], position) for i in (0, 1))
     dark = (offset - contrast)[:, None]
     range_ = 2 * contrast[:, None]
-    share = (windows.value - dark - black) / np.maximum(range_ + white - black, 0.2 * range_)
+    share = (windows.value - dark - black) / np.maximum(range_ + white - black, LEAST_RANGE * range_)
     low, high = limits
     cut_off = (windows.value <= low) | (windows.value >= high)
-    value = np.clip(dark + share * range_, low + 1e-3, high - 1e-3)
+    value = np.clip(dark + share * range_, low + INSIDE, high - INSIDE)
     value = np.where(cut_off, windows.value, value).astype(np.float32)
     return Windows(windows.origin, windows.q, value, windows.counts, windows.inside)
 

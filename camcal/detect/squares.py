@@ -20,6 +20,9 @@ REACH = 0.25
 ROUNDS = 6  #: of completing a grid: so many rows may be missing at one side
 CLEAR = 0.4  #: share of the contrast of the corners beside it that an edge, or another corner, must have
 UNLIKE = 0.25  #: share of the median difference by which neighbouring squares must differ
+#: px; no less than this beside it, where the blur of the edge ends; .3 to 3 px find the same corners of boards with
+#: squares of 4 to 12 px
+BESIDE_PX = 1.5
 BESIDE = 0.17  #: of an edge's length; where its two sides are looked at, between the edge and the next one
 MOST_AT_ONCE = 30_000  #: places that are looked up; cv2.remap counts rows in 16 bits
 
@@ -91,7 +94,7 @@ def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Ar
     start, step = marks.xy[i], marks.xy[j] - marks.xy[i]
     length = np.linalg.norm(step, axis=1, keepdims=True)
     normal = np.c_[-step[:, 1], step[:, 0]] / length  # clockwise of the step, y points down
-    side = np.maximum(1.5, BESIDE * length) * normal
+    side = np.maximum(BESIDE_PX, BESIDE * length) * normal
     along = start[:, None] + np.linspace(0.2, 0.8, 5)[None, :, None] * step[:, None]
     bright, dark = _sample(gray, np.stack([along + side[:, None], along - side[:, None]]))
     difference = (bright - dark) * np.where(ray % 2 == 0, 1, -1)[:, None]

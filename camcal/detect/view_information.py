@@ -17,8 +17,9 @@ from camcal.geometry import homography, rotations
 Array = np.ndarray
 
 FOCAL = 1.0  #: of the longer side; the field of view of an ordinary lens is 45 to 65 degrees
-#: relative standard deviation of each parameter before any view: stands for knowing nothing
+#: relative standard deviation of each parameter before any view: nothing is known
 PRIOR = 1.0
+LEAST_POINTS = 6  #: of a view; of fewer, the pose (six numbers) takes up more than half of the coordinates
 
 
 def information(points: Array, uv: Array, sigma: float, size: tuple[int, int]) -> Array:
@@ -43,7 +44,7 @@ def information(points: Array, uv: Array, sigma: float, size: tuple[int, int]) -
     focal, centre = FOCAL * max(size), (np.array(size) - 1) / 2
     h, gap, _ = homography.solve(points[None], ((uv - centre) / focal)[None], steps=1)
     scale = 0.5 * (np.linalg.norm(h[0, :, 0]) + np.linalg.norm(h[0, :, 1]))
-    if len(points) < 6 or not np.isfinite(h).all() or scale == 0 or gap[0] <= 0:
+    if len(points) < LEAST_POINTS or not np.isfinite(h).all() or scale == 0 or gap[0] <= 0:
         return np.zeros((5, 5))
     columns = h[0] / (scale if h[0, 2, 2] > 0 else -scale)
     rotation = rotations.nearest(np.c_[columns[:, :2], np.cross(columns[:, 0], columns[:, 1])])

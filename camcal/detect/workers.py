@@ -19,11 +19,11 @@ if TYPE_CHECKING:  # what starts processes is imported with the first of them
 T = TypeVar("T")
 R = TypeVar("R")
 
-ALONE = 0.4  #: s; work of one process before others are thought of
+ALONE = 0.4  #: s; work of one process before others are started
 WORTH_IT = 1.5  #: s; starting processes costs about a third of that
 AHEAD = 3  #: items to a process that wait or are worked on; each may hold a picture
-MANY = 10**6  #: stands for a number of items that is not known
-ENDED = 5.0  #: s; a process that was told to end is waited for no longer
+MANY = 10**6  #: a number of items that is not known
+ENDED = 5.0  #: s; how long a process is waited for that was asked to end
 
 
 def map_unordered(
@@ -131,7 +131,7 @@ def _end_children(before: set[Any]) -> None:
     """End the processes that were started since, and wait until they have exited.
 
     The pool's own thread waits for the same processes: whichever of the two sees the end first, the other may
-    for a moment hold a process for alive that is not, so that `join` alone does not tell.
+    for a moment hold a process for alive that is not, so that `join` alone is not enough.
     """
     import multiprocessing
 

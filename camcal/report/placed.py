@@ -12,6 +12,7 @@ import numpy as np
 from camcal.data.dlt_table import looks_like_dlt, read_dlt
 from camcal.data.formats import files
 from camcal.data.formats.camcal import camera_of_entry as camera_of
+from camcal.data.formats.checks import damage
 from camcal.data.formats.source import Source
 from camcal.errors import DataError
 from camcal.geometry import rotations
@@ -33,7 +34,7 @@ def load_placed(path: str | os.PathLike) -> tuple[PlacedCamera, ...]:
         Where the file holds no camera with a pose.
     """
     source = Path(path)
-    with files.damage(Source(source, b""), "cameras with poses"):
+    with damage(Source(source, b""), "cameras with poses"):
         return _load(source)
 
 

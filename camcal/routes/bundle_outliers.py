@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.least_squares.distributions import f_bound
+from camcal.least_squares.scales import NORMAL_MEDIAN
 from camcal.model.pose import Array
 from camcal.routes.bundle import Bundle, Tracks, adjust, freedom
 from camcal.routes.outliers import LEVEL
 from camcal.routes.reconstruct import usable, with_points
+from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.parameters import free_matrix
 
 #: px; images nearer than this to their points are never left out
 LEAST_FAR = 0.5
 ROUNDS = 6  #: of adjusting and leaving out images, at most
-#: the median of |r| of two coordinates of noise, in standard deviations: sqrt(2 ln 2) (Rayleigh)
-RAYLEIGH_MEDIAN = 1.177
 
 
 def adjusted(bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None]) -> tuple[Bundle, Array, int]:
@@ -71,7 +71,7 @@ def _first_sigma(bundle: Bundle, tracks: Tracks) -> float:
     """
     off, seen = np.linalg.norm(bundle.residuals(tracks), axis=1), _seen(bundle, tracks)
     median = np.where(
-        seen <= 2, 0.6745 * np.sqrt(0.5), RAYLEIGH_MEDIAN * np.sqrt(1 - 1.5 / np.maximum(seen, 2))
+        seen <= 2, NORMAL_MEDIAN * np.sqrt(0.5), RAYLEIGH_MEDIAN * np.sqrt(1 - 1.5 / np.maximum(seen, 2))
     )
     return float(np.nanmedian(off / median))
 

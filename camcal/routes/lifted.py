@@ -35,14 +35,16 @@ PAIRS = 6
 #: a distortion is adopted where it takes off this part of the median distance (Sampson): noise alone takes off as much
 #: with one parameter in fifty matches
 GAIN = 0.05
-#: of F for 8 further parameters, at which their sum of squares is no chance: 99.9 %
-F_WORTH = 3.3
-#: rounds of weights, as F is weighted to Sampson distances
-WEIGHTINGS = 3
+#: parameters that the full model has beyond the single one of the division model, and the F of so many at which
+#: what they take off the sum of squares is no chance: the 99.9 % quantile for 200 and more degrees of freedom
+MORE, F_WORTH = 8, 3.3
 #: of a fit of the rays: differences in units of half diagonals; it ends where the sum of squares falls by less
 ITERATIONS, STEP, SETTLED = 20, 1e-5, 1e-5
-#: px; matches nearer than this agree
-LEAST_FAR = 0.5
+#: Levenberg and Marquardt's damping: to start with, at least (full steps to 9 digits), and where the fit gives up
+#: (steps of a millionth)
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e6
+#: of the median gradient, by which distances are divided: near an epipole it is 0, and would be all that counts
+LEAST_GRADIENT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,8 @@ def of_matches(matches: list[tuple[Array, Array]], size: tuple[int, int], seed: 
     single = _least_squares(division(best), division(1.0)[None, :, :3], agreed)
     full = _least_squares(single, np.eye(9).reshape(9, 3, 3), agreed)
     squares = [float(np.square(_off(rays, agreed)).sum()) for rays in (single, full)]
-    freedom = sum(len(a) - 7 for a, _ in agreed) - 9
-    # F test of the eight numbers that the full model has more
-    if freedom > 0 and (squares[0] - squares[1]) / 8 > F_WORTH * squares[1] / freedom:
+    freedom = sum(len(a) - epipolar.FREEDOM for a, _ in agreed) - (1 + MORE)
+    if freedom > 0 and (squares[0] - squares[1]) / MORE > F_WORTH * squares[1] / freedom:
         single, kind = full, "rational"
     else:
         kind = "division"
@@ -106,7 +107,7 @@ def _robust(rays: Array, first: Array, second: Array, scale: float, seed: int) -
     if ahead.sum() < 2 * epipolar.LEAST:
         return np.inf, np.zeros(len(first), bool)
     a, b = (d[ahead] / d[ahead, 2:] for d in (d1, d2))
-    f, good = epipolar.agreeing(a, b, LEAST_FAR / scale, seed)
+    f, good = epipolar.agreeing(a, b, epipolar.LEAST_FAR / scale, seed)
     off = np.abs(distances(rays.T @ f @ rays, first[ahead], second[ahead]))
     agree = np.zeros(len(first), bool)
     agree[np.flatnonzero(ahead)[good]] = True
@@ -132,9 +133,9 @@ def _off(rays: Array, matches: list[tuple[Array, Array]]) -> Array:
     for first, second in matches:
         d1, d2 = (lifted(q) @ rays.T for q in (first, second))
         f = epipolar.linear(d1, d2)
-        for _ in range(WEIGHTINGS):
+        for _ in range(epipolar.WEIGHTINGS):
             size = _gradient(rays.T @ f @ rays, first, second)
-            f = epipolar.linear(d1, d2, 1 / np.maximum(size, 1e-3 * float(np.median(size))))
+            f = epipolar.linear(d1, d2, 1 / np.maximum(size, LEAST_GRADIENT * float(np.median(size))))
         parts.append(distances(rays.T @ f @ rays, first, second))
     return np.concatenate(parts)
 
@@ -142,12 +143,12 @@ def _off(rays: Array, matches: list[tuple[Array, Array]]) -> Array:
 def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]) -> Array:
     """A (3, 6) with the least distances over steps of its quadratic part along (K, 3, 3); differences, LM."""
     steps = np.concatenate([along, np.zeros_like(along)], 2)
-    now, damping = _off(rays, matches), 1e-3
+    now, damping = _off(rays, matches), DAMPING
     for _ in range(ITERATIONS):
         columns = [(_off(rays + STEP * s, matches) - now) / STEP for s in steps]
         j = np.stack(columns, 1)
         normal = j.T @ j
-        while damping < 1e6:  # beyond, a step is less than a millionth of the full one
+        while damping < MOST_DAMPING:
             move = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-12), -j.T @ now)
             trial = rays + np.einsum("k,kij->ij", move, steps)
             off = _off(trial, matches)
@@ -157,7 +158,7 @@ def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]
         else:
             return rays
         gain = 1 - (off @ off) / (now @ now)
-        rays, now, damping = trial, off, max(damping / 10, 1e-9)
+        rays, now, damping = trial, off, max(damping / 10, LEAST_DAMPING)
         if gain < SETTLED:
             break
     return rays

@@ -16,6 +16,10 @@ from camcal.model.lenses.inverse import InverseLens
 from camcal.model.pose import Array
 from camcal.records import dataclass
 
+#: cosine of the angle to x (53 degrees) above which a vector is crossed with y in place of x: either axis is then at
+#: least 37 degrees from the vector
+NEAR_X = 0.6
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -120,8 +124,7 @@ def slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
 
 def tangents(vectors: Array) -> Array:
     """Two unit vectors (N, 3, 2) normal to each vector (N, 3) and to each other."""
-    # an axis that is at least 37 degrees (cos = 0.8) from the vector: x, or y where x is nearer than 53 degrees
-    helper = np.where(np.abs(vectors[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    helper = np.where(np.abs(vectors[:, :1]) < NEAR_X, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(vectors, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(vectors, first)], 2)

@@ -18,14 +18,14 @@ from camcal.model.lenses.base import Lens
 from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines, distances
-from camcal.routes.lines import LineFit, fit, held, nominal
+from camcal.routes.lines import LEAST_POINTS, LineFit, fit, held, nominal
 
 BRIDGE = "division:2"
 #: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Between
 #: neighbours the straightness changes so little that the fit finds its way from the best.
 SHAPES = (-4.0, -2.0, -1.0, -0.5, -0.25, -0.12, 0.0, 0.12, 0.25)
 #: A candidate is one straight line where its rms is below this many times the median of all. A term that the model
-#: lacks bends some lines three or four times as much as others, and these are the lines that tell of it; curves
+#: lacks bends some lines three or four times as much as others, and these are the lines that determine it; curves
 #: of the scene bend by tens.
 FAR = 5.0
 #: px; lines this straight are not distinguished: detected points have no less noise
@@ -46,7 +46,7 @@ def estimate(
         As `fit`; where fewer than two candidates agree.
     """
     assert lines.image_size is not None
-    short = np.bincount(lines.line, minlength=len(lines)) < 4
+    short = np.bincount(lines.line, minlength=len(lines)) < LEAST_POINTS
     used = ~short
     bridge = _shaped(lines, used, fix, robust)
     if robust:

@@ -20,6 +20,7 @@ import numpy as np
 
 from camcal.errors import DataError, EstimationError
 from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
+from camcal.least_squares.scales import NORMAL_MEDIAN
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.lenses.inverse import InverseLens
@@ -39,8 +40,8 @@ from camcal.solve.parameters import apply_fixed, free_matrix
 LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
 LEAST_LINES = 2  #: a single line is straight under infinitely many distortions
 #: distances beyond this many σ lose weight: 95 % efficiency on Gaussian noise (Huber, Robust estimation of a
-#: location parameter, 1964); the median of |r| of a normal distribution of σ = 1
-HUBER, NORMAL_MEDIAN = 1.345, 0.6744898
+#: location parameter, 1964)
+HUBER = 1.345
 #: the root mean square exceeds the σ from the median by chance by less than this over sqrt(N): 4 standard
 #: deviations of the ratio, 1.17 / sqrt(N) for a median against a root mean square
 HEAVIER = 4.7
@@ -57,6 +58,15 @@ DEAD = 1e-6
 #: steps. Each round starts where the last ended, so that what the lines determine, if only by a ten-thousandth of what
 #: they could, is still settled.
 PROXIMAL = 0.01
+#: a parameter is undetermined where an undetermined direction moves it by more than this part of what it moves the
+#: parameter that it moves most: rounding leaves something in every one
+NOTICEABLE = 1e-3
+ROUNDING = 1e-12  #: of a parameter: a change that is rounding ends the rounds, too, as exact lines have σ = 0
+#: correlations of residuals are followed to a lag of this part of their number, and as long as this many pairs have
+#: the lag: of 30, a correlation is known to 1 / sqrt(30) = 0.18
+LAGS, LEAST_PAIRS = 10, 30
+#: standard deviations, 1 / sqrt(pairs) (Bartlett 1946), above which a correlation is no chance: 2.5 %
+SIGNIFICANT = 2.0
 
 
 @dataclass(frozen=True)
@@ -163,7 +173,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
         sigma = np.sqrt(np.abs(np.diagonal(_covariance(fitted.normal.reduced(), free, len(lines.uv))[0])))
         moved = np.abs(state.params - before)
         scale = np.sqrt(2 * fitted.normal.cost / len(lines.uv)) * sigma
-        if (moved <= SETTLED * scale + 1e-12 * np.abs(before)).all():
+        if (moved <= SETTLED * scale + ROUNDING * np.abs(before)).all():
             break
     assert fitted is not None
     return _finished(lines, start, free, weight, fitted, total)
@@ -287,11 +297,9 @@ def _finished(
     score, inside = weight * off, float((weight == 1).mean())
     covariance = covariance * (weight.mean() / inside**2 * (score @ score) / freedom) * factor
     names = camera.lens.names
-    # a parameter is undetermined where an undetermined direction moves it noticeably: rounding
-    # leaves something in every one
     share = np.abs(lost).max(1, initial=0) if lost.size else np.zeros(len(names))
     loose = (
-        tuple(n for n, s in zip(names, share, strict=True) if s > 1e-3 * max(share.max(), 1e-300))
+        tuple(n for n, s in zip(names, share, strict=True) if s > NOTICEABLE * max(share.max(), 1e-300))
         if lost.size
         else ()
     )
@@ -317,17 +325,17 @@ def _finished(
 def inflation(residuals: Array, group: Array) -> float:
     """The ratio of a mean's variance to that of independent residuals: 1 + 2 Σ correlation(lag).
 
-    The sum ends at the first lag without a significant correlation; residuals of a group stand in order.
+    The sum ends at the first lag without a significant correlation; residuals of a group are in order.
     """
     total, count = 1.0, len(residuals)
     power = float(residuals @ residuals) / max(count, 1)
-    for lag in range(1, max(count // 10, 2)):
+    for lag in range(1, max(count // LAGS, 2)):
         same = group[lag:] == group[:-lag]
         pairs = int(same.sum())
-        if pairs < 30 or power == 0:  # a correlation of 30 pairs is known to 1 / sqrt(30) = 0.18
+        if pairs < LEAST_PAIRS or power == 0:
             break
         correlation = float((residuals[lag:] * residuals[:-lag])[same].mean()) / power
-        if correlation < 2 / np.sqrt(pairs):
+        if correlation < SIGNIFICANT / np.sqrt(pairs):
             break
         total += 2 * correlation
     return total

@@ -1,6 +1,6 @@
 """Evaluation of a pair of cameras on arbitrary pictures: the vertical disparities of matches.
 
-Vertical disparity needs no board, so no error of a board can hide in it. Which matches are right is decided without
+Vertical disparity needs no board, so errors of a board do not affect it. Which matches are right is decided without
 the relative pose under test: a fundamental matrix is fitted to the matches themselves (after the lens distortion is
 removed), and those are kept that agree with it. It is free to take any rotation, translation, focal length and
 principal point, so a calibration that is wrong in those keeps its matches and shows its error in full. The limit of
@@ -16,13 +16,14 @@ import numpy as np
 from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.geometry.neighbours import Neighbours
+from camcal.least_squares.scales import MAD, TUKEY
 from camcal.model.pose import Array
 from camcal.model.rectification import PERSPECTIVE, Rectification
 from camcal.records import dataclass
 from camcal.routes.epipolar import LEAST, agreeing, fundamental
 
 #: px; matches nearer than this to their own epipolar line always count: five times the scatter of the points of
-#: `camcal.detect.matches`; of wrong matches, which are anywhere in the picture, hardly one in a hundred is so near
+#: `camcal.detect.matches`; of wrong matches, which are anywhere in the picture, fewer than one in a hundred is so near
 NEAR = 1.0
 #: points whose mean is taken for what is not noise; with 50 matches they reach over a fifth of the picture
 NEIGHBOURS = 8
@@ -96,21 +97,21 @@ class Turn:
 def turn_of(pair: Rectification, first: Array, second: Array) -> Turn:
     """The rotation of the second camera that minimises the vertical disparities of matches (N, 2).
 
-    Gauss-Newton steps on the vertical disparities v, by differences of the turn, with the weights of Tukey (Beaton &
-    Tukey 1974) at 4.685 robust standard deviations. Its sigmas are those of the matches alone, not of the calibration.
+    Gauss-Newton steps on the vertical disparities v, by differences of the turn, with the weights of Tukey
+    (`scales.TUKEY`). Its sigmas are those of the matches alone, not of the calibration.
     """
     total, weight = np.zeros(3), np.ones(len(first))
     for _ in range(TURN_STEPS):
         v, j = _vertical_and_slopes(pair, first, second, total)
-        scale = max(1.4826 * float(np.median(np.abs(v))), np.finfo(float).tiny)
-        weight = np.clip(1 - np.square(v / (4.685 * scale)), 0, None) ** 2
+        scale = max(MAD * float(np.median(np.abs(v))), np.finfo(float).tiny)
+        weight = np.clip(1 - np.square(v / (TUKEY * scale)), 0, None) ** 2
         normal = j.T @ (weight[:, None] * j)
         total = rotations.log(
             rotations.exp(-np.linalg.solve(normal, j.T @ (weight * v))) @ rotations.exp(total)
         )
     v, j = _vertical_and_slopes(pair, first, second, total)
     spread = np.linalg.inv(j.T @ (weight[:, None] * j)) * float(
-        (weight * v**2).sum() / max(weight.sum() - 3, 1)
+        (weight * v**2).sum() / max(weight.sum() - len(total), 1)
     )
     back = pair.turns[1].T
     sigma = np.sqrt(np.maximum(np.diag(back @ spread @ back.T), 0.0))

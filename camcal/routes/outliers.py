@@ -6,6 +6,7 @@ import numpy as np
 
 from camcal.data.observations import View
 from camcal.least_squares.distributions import f_bound
+from camcal.least_squares.scales import of_small_sample
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.routes.pose_fit import refine_pose
@@ -20,6 +21,7 @@ SAMPLES = 130
 SCORED = 400
 #: a right point is refused in one view of a hundred
 LEVEL = 0.01
+ROUNDING = 1e-18  #: px²; the noise is no less: the rounding of coordinates of 1e4 px
 ROUNDS = 10  #: of testing and refitting, at most
 
 
@@ -46,9 +48,8 @@ def consensus(camera: Camera, view: View, rays: Array, seed: int = 0) -> Array:
     squares = _squares(camera, cam, view.uv[scored], sigma[scored])
     median = np.median(squares, axis=1)
     best = found[median.argmin()]
-    # the median of χ² with two degrees of freedom is 2 ln 2; small samples fit their median too well
-    # (Rousseeuw & Leroy, Robust regression and outlier detection, 1987, p. 202)
-    variance = float(median.min()) / (2 * np.log(2)) * (1 + 5 / max(count - 3, 1)) ** 2
+    # the median of χ² with two degrees of freedom is 2 ln 2; a sample has three points
+    variance = float(median.min()) / (2 * np.log(2)) * of_small_sample(count, 3) ** 2
     return _settled(camera, view, sigma, Pose(best[:, :3], best[:, 3]), variance)
 
 
@@ -67,9 +68,7 @@ def _settled(camera: Camera, view: View, sigma: Array, pose: Pose, variance: flo
         if fit is None:
             return np.ones(count, bool)
         pose, freedom = fit.state, 2.0 * chosen.sum() - 6
-        variance = max(
-            2 * fit.normal.cost / freedom, 1e-18
-        )  # px²: the rounding of coordinates of 1e4 px is not noise
+        variance = max(2 * fit.normal.cost / freedom, ROUNDING)
     return chosen if chosen.any() else np.ones(count, bool)
 
 

@@ -31,6 +31,10 @@ PAIRS = 12
 ROUGH = 0.02
 #: views between two adjustments of all
 EVERY = 4
+#: points of a view: three determine its pose, up to four solutions; the fourth decides
+LEAST_SEEN = 4
+#: medians of the residuals (1.7 σ each way), and px: residuals of exact images are rounding
+LOOSE, LEAST_SCALE = 2.0, 1e-3
 
 
 @dataclass(frozen=True)
@@ -175,8 +179,12 @@ def usable(bundle: Bundle, tracks: Tracks, bound: float | Array) -> Array:
     count = np.bincount(tracks.point[good], minlength=len(bundle.points))
     good &= count[tracks.point] >= 2
     seen = np.bincount(tracks.view[good], minlength=len(bundle.rotations))
-    # three points determine the pose of a view, up to four solutions; the fourth decides
-    return np.flatnonzero(good & (seen[tracks.view] >= 4))
+    return np.flatnonzero(good & (seen[tracks.view] >= LEAST_SEEN))
+
+
+def loose_scale(off: Array) -> float:
+    """The length of a residual, px, from which on it loses weight in a first adjustment: `LOOSE` of their medians."""
+    return max(LOOSE * float(np.median(off)), LEAST_SCALE)
 
 
 def settled(bundle: Bundle, tracks: Tracks, free: Array, iterations: int = 15) -> Bundle:
@@ -187,7 +195,7 @@ def settled(bundle: Bundle, tracks: Tracks, free: Array, iterations: int = 15) -
         return bundle
     part = tracks.take(rows)
     off = np.linalg.norm(bundle.residuals(part), axis=1)
-    scale = max(2 * float(np.median(off)), 1e-3)
+    scale = loose_scale(off)
     fitted = adjust(bundle, part, free, iterations, scale)
     return bundle if fitted is None else with_points(fitted.state, tracks)
 

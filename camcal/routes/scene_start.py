@@ -21,8 +21,10 @@ SOFT = 1.0
 FOCAL = (0.18, 6.0)
 #: frames that are followed further
 KEPT = 5
-#: rad; frames nearer to one another than this, focal lengths within a tenth, are one
-SAME = 0.05
+#: rad, and a part of the focal length: frames nearer to one another than this are one
+SAME, SAME_FOCAL = 0.05, 0.1
+SAMPLE = 4  #: lines of a sample: two meet in each of two vanishing points
+BLOCK = 200  #: samples whose votes are counted at a time: with 250 lines, 5 MB an array
 
 
 def frames(
@@ -48,7 +50,7 @@ def frames(
     if not len(f):
         return []
     scores = np.concatenate(
-        [_votes(own, width, f[i : i + 200], rotation[i : i + 200]) for i in range(0, len(f), 200)]
+        [_votes(own, width, f[i : i + BLOCK], rotation[i : i + BLOCK]) for i in range(0, len(f), BLOCK)]
     )
     found: list[tuple[float, Array]] = []
     for i in np.argsort(-scores, kind="stable"):
@@ -67,12 +69,12 @@ def misses(ends: Array, centre: Array, f: float, rotation: Array) -> Array:
 def _sampled(own: Array, rng: np.random.Generator, focal: float | None) -> tuple[Array, Array]:
     """Focal lengths (H,) in widths and rotations (H, 3, 3) of the samples with a solution."""
     count = len(own)
-    if count < 4:
+    if count < SAMPLE:
         return np.zeros(0), np.zeros((0, 3, 3))
     lines = np.cross(_homogeneous(own[:, 0]), _homogeneous(own[:, 1]))
     lines /= np.linalg.norm(lines, axis=1, keepdims=True)
     length = np.linalg.norm(own[:, 1] - own[:, 0], axis=1)
-    chosen = rng.choice(count, (SAMPLES, 4), p=length / length.sum())
+    chosen = rng.choice(count, (SAMPLES, SAMPLE), p=length / length.sum())
     first, second = (np.cross(lines[chosen[:, i]], lines[chosen[:, i + 1]]) for i in (0, 2))
     size = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
     with np.errstate(all="ignore"):
@@ -115,7 +117,7 @@ def _homogeneous(uv: Array) -> Array:
 
 def _same(f: float, rotation: Array, g: float, other: Array) -> bool:
     """Return whether two frames have the same three axes, in any order and sense."""
-    if abs(f / g - 1) > 0.1:
+    if abs(f / g - 1) > SAME_FOCAL:
         return False
     along = np.abs(rotation.T @ other)
     return bool((along.max(0) > np.cos(SAME)).all())

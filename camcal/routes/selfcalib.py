@@ -41,7 +41,7 @@ UNCERTAIN = 0.1
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
 LEAST_VIEWS = 2  #: one view has no parallax
-#: matches of a pair that tell of the distortion: with fewer its one parameter more takes off as much by chance
+#: matches of a pair that determine the distortion: with fewer its one parameter more takes off as much by chance
 LEAST_BENT = 40
 #: times the distance of matches from epipolar lines that they have from where a homography sends them: for noise alone
 #: it is 2.5 (two coordinates of it in two pictures against one)

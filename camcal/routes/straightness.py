@@ -36,7 +36,7 @@ def before(lines: Lines) -> Straightness:
 def after(camera: Camera, lines: Lines) -> Straightness:
     """The straightness of the undistorted points, at the scale of the picture on the optical axis.
 
-    Where a ray is at 90 degrees or beyond, distances in the picture as it was taken stand for it.
+    Where a ray is at 90 degrees or beyond, distances in the picture as it was taken are used instead.
     """
     flat = undistorted(camera, lines.uv)
     if np.isfinite(flat).all():

@@ -21,6 +21,8 @@ PARALLEL = 1e-12
 ROUNDING = 1e-9
 #: A point's residuals are noise unless χ² at this level says otherwise: one good point of a thousand is looked into.
 LEVEL = 0.999
+#: degrees of freedom of a point that is tested: without one of its images, two numbers, it still has one
+LEAST_FREEDOM = 3
 
 
 @dataclass(frozen=True)
@@ -219,9 +221,8 @@ def _without_outliers(
     """`used` without the images whose removal improves their points."""
     costs, freedom = _costs(images, used, found, count)
     scale = _scale(costs, freedom)
-    # three degrees of freedom: without one of its images, two numbers, a point still has one to be tested by
     with np.errstate(invalid="ignore"):
-        suspects = (costs > scale * chi2_quantile(LEVEL, np.maximum(freedom, 1))) & (freedom >= 3)
+        suspects = (costs > scale * chi2_quantile(LEVEL, np.maximum(freedom, 1))) & (freedom >= LEAST_FREEDOM)
     if not suspects.any():
         return used
     best, choice = np.full(count, np.inf), np.full(count, -1)

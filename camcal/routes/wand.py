@@ -22,16 +22,20 @@ from camcal.least_squares.blocks import Fitted
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.records import dataclass
-from camcal.routes.bundle_outliers import LEAST_FAR, RAYLEIGH_MEDIAN, ROUNDS, reach
+from camcal.routes.bundle_outliers import LEAST_FAR, ROUNDS, reach
+from camcal.routes.reconstruct import loose_scale
 from camcal.routes.selfcalib import CENTRE, UNCERTAIN
 from camcal.routes.wand_fit import Sightings, Wand, adjust
 from camcal.routes.wand_start import LEAST_BARS, chained, focal_part, links, placed, with_bars, with_focal
+from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.parameters import apply_fixed, free_matrix
 
 #: part of the picture's width; images farther than this from their bar do not take part in the first adjustment
 ROUGH = 0.05
 #: part of the variance of the noise that is left in the residuals of two cameras: 3 of the 8 coordinates of a bar
 KEPT = 3 / 8
+#: images for each camera: twelve coordinates, twice as many as its pose has numbers
+LEAST_IMAGES = 6
 
 Held = Mapping[str, float | None]
 
@@ -231,9 +235,9 @@ def _settled(wand: Wand, seen: Sightings, held: Sequence[Held]) -> Wand:
         off = np.linalg.norm(wand.residuals(seen), axis=1)
         bound = ROUGH * max(max(c.image_size or (1, 1)) for c in wand.cameras)
         rows = _usable(seen, off, bound)
-        if len(rows) < 6 * len(wand.cameras):
+        if len(rows) < LEAST_IMAGES * len(wand.cameras):
             break
-        scale = max(2 * float(np.median(off[rows])), 1e-3)
+        scale = loose_scale(off[rows])
         fitted = adjust(wand, seen.take(rows), frees, scale, 20)
         if fitted is None:
             break

@@ -1,7 +1,7 @@
 """The start of a wand calibration: relative poses of pairs of cameras, scaled by the bar, chained over the rig.
 
 An unknown focal length is the one with which the bar is most nearly of one length in all instants: it is found
-where the optical axes meet, too, where fundamental matrices say nothing of it (`selfcalib`).
+where the optical axes meet, too, where fundamental matrices do not determine it (`selfcalib`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from camcal.errors import EstimationError
 from camcal.geometry import projective
+from camcal.least_squares.scales import MAD
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.records import dataclass
@@ -31,6 +32,8 @@ WIDE = np.radians(30)
 LEAST_ANGLE = np.radians(1.0)
 #: bars seen whole by both cameras that say how long the bar is
 LEAST_BARS = 5
+#: part of the bar's length; spreads that are smaller are not distinguished: no markers are measured so well
+FINEST = 1e-4
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def placed(link: Link, cameras: Sequence[Camera], seen: Sightings) -> Placed | N
     if len(lengths) < LEAST_BARS:
         return None
     middle = float(np.median(lengths))
-    spread = 1.4826 * float(np.median(np.abs(np.log(lengths / middle))))
+    spread = MAD * float(np.median(np.abs(np.log(lengths / middle))))
     # the directions of both rays in one frame
     weight = float(np.isfinite(xyz).all(1).sum()) * min(float(np.nanmedian(angle)), WIDE)
     return Placed(link, Pose(motion.rotation, motion.translation / middle), spread, weight)
@@ -140,7 +143,7 @@ def focal_part(
         made = [placed(link, trial, seen) for link in found]
         spreads = [m.spread for m in made if m is not None]
         if spreads:
-            best = min(best, (float(np.mean(np.log(np.array(spreads) + 1e-4))), float(part)))
+            best = min(best, (float(np.mean(np.log(np.array(spreads) + FINEST))), float(part)))
     return best[1]
 
 

@@ -27,6 +27,8 @@ SAME = 1e-3
 EIGENVECTORS = 6
 #: a minimum with more than this part of the points behind the camera is no pose
 BEHIND = 0.5
+#: of Levenberg and Marquardt's steps, in mean squares of the normal matrix: full steps to 9 digits, to none at all
+DAMPING = (1e-9, 1e9)
 
 
 def candidates(xyz: Array, rays: Array, weights: Array | None = None) -> Poses:
@@ -115,7 +117,7 @@ def _minima(omega: Array, r: Array) -> Array:
         lower = _cost(omega, trial)
         better = lower < cost
         r, cost = np.where(better[:, None, None], trial, r), np.where(better, lower, cost)
-        damping = np.where(better, damping / 10, damping * 10).clip(1e-9, 1e9)
+        damping = np.where(better, damping / 10, damping * 10).clip(*DAMPING)
     return r
 
 

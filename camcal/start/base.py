@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from camcal.data.dlt_table import NO_DEPTH
 from camcal.data.observations import Correspondences
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
@@ -61,8 +62,8 @@ class Estimator(Protocol):
 def scaled(matrix: Array) -> Array:
     """A projection matrix (3, 4) with m34 = 1 if possible, otherwise of unit norm.
 
-    m34 counts as zero below 1e-9 of the matrix's largest entry: dividing would leave fewer than 7 digits.
+    m34 counts as zero below `NO_DEPTH` of the matrix's largest entry.
     """
-    if abs(matrix[2, 3]) > 1e-9 * np.abs(matrix).max():
+    if abs(matrix[2, 3]) > NO_DEPTH * np.abs(matrix).max():
         return matrix / matrix[2, 3]
     return matrix / np.linalg.norm(matrix)

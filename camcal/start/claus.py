@@ -48,6 +48,10 @@ WEIGHTINGS = 4
 #: noise and no distortion 10 leaves five of ten runs of eight views without a camera and 100 none; 1000 takes 3 %
 #: off the focal length of two views through a division of -0.4, 100 takes 0.6 %
 PRIOR = 100.0
+#: of the median scale of the map from image to plane: where it is smaller, the map folds, and the points are left out
+FOLD = 1e-3
+#: condition of Q, beyond which less than ten of the 16 digits of the rays are left
+MOST_CONDITION = 1e6
 #: of the equations, relative: below this noise the prior would be lost in rounding
 LEAST_NOISE = 1e-7
 
@@ -132,8 +136,7 @@ def _map(view: _View) -> Array:
         du, dv = ((d @ b[:2].T - at * (d @ b[2])[:, None]) / onto[:, 2:] for d in (by_u, by_v))
         area = np.abs(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
         size = np.abs(onto[:, 2]) * np.sqrt(area)
-        # points where the map folds are left out
-        usable = np.isfinite(size) & (size > 1e-3 * np.median(size))
+        usable = np.isfinite(size) & (size > FOLD * np.median(size))
         roots = np.where(usable, view.roots / np.where(usable, size, 1.0), 0.0)
     return b
 
@@ -154,8 +157,7 @@ def derivatives(q: Array) -> tuple[Array, Array]:
 
 def pinhole_at_centre(rows: Array) -> Array:
     """A (3, 6) of the homography that makes pixels near the centre those of a pinhole camera: [Q, I]."""
-    # beyond 1e6 less than ten of the 16 digits of the rays are left
-    if not np.linalg.cond(rows[:, 3:]) < 1e6:
+    if not np.linalg.cond(rows[:, 3:]) < MOST_CONDITION:
         raise EstimationError(
             "the lifted homographies leave the rays near the image's centre undetermined.",
             "Give views that cover more of the picture.",

@@ -23,6 +23,7 @@ from scipy.linalg import eig
 from camcal.data.observations import Observations, View
 from camcal.errors import EstimationError
 from camcal.geometry import projective
+from camcal.geometry.roots import are_real
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.start import assumptions, dlt, shape, zhang
@@ -92,8 +93,7 @@ def _candidate(views: Sequence[Equations]) -> float:
     for view in some:
         d1, d2 = view.flat
         values = eig(d1.T @ d1, -(d1.T @ d2), right=False)
-        # a double root splits by the square root of rounding, 1e-8, into a complex pair
-        real = np.isfinite(values) & (np.abs(values.imag) < 1e-6 * (1 + np.abs(values.real)))
+        real = are_real(values)
         found += [float(v) for v in values[real].real if abs(v) <= STRONGEST]
     errors = [np.median([_error(v, value)[0] for v in some]) for value in found]
     return found[int(np.argmin(errors))]

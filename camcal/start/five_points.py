@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.geometry.roots import are_real
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -104,8 +105,7 @@ def _solutions(view: Equations, samples: Array) -> tuple[Array, Array]:
     inverse, vectors = np.linalg.eig(np.linalg.solve(left + ridge, right))  # 1 / λ
     with np.errstate(divide="ignore", invalid="ignore"):
         values = 1 / inverse
-    # a double root splits by the square root of rounding, 1e-8, into a complex pair
-    real = np.isfinite(values) & (np.abs(values.imag) < 1e-6 * (1 + np.abs(values.real)))
+    real = are_real(values)
     good = real & (np.abs(values) <= STRONGEST)
     return values[good].real, np.swapaxes(vectors, 1, 2)[good].real
 

@@ -25,6 +25,10 @@ ASTRAY = 0.5
 MENDED = 0.2
 #: views that are looked at; all of a table are numbered alike
 LOOKED_AT = 5
+#: points of a grid that can be numbered in two ways with rows and columns: 2 x 3
+LEAST_GRID = 6
+#: decimals, of the board's extent, in which coordinates of one row agree: tables are written with six or more
+DIGITS = 6
 
 
 def check_numbering(data: Observations) -> None:
@@ -52,10 +56,10 @@ def check_numbering(data: Observations) -> None:
 
 def _grid(view: View) -> tuple[int, int] | None:
     """Columns and rows of a view that holds all points of a grid in the plane z = 0, row by row; otherwise None."""
-    if len(view) < 6 or np.ptp(view.xyz[:, 2]) > 0:
+    if len(view) < LEAST_GRID or np.ptp(view.xyz[:, 2]) > 0:
         return None
     size = float(np.abs(view.xyz).max())
-    x, y = (np.unique(np.round(view.xyz[:, i] / size, 6)) for i in (0, 1))
+    x, y = (np.unique(np.round(view.xyz[:, i] / size, DIGITS)) for i in (0, 1))
     return (len(x), len(y)) if len(x) * len(y) == len(view) and min(len(x), len(y)) > 1 else None
 
 

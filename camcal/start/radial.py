@@ -42,6 +42,8 @@ CENTRE_SPREAD = 0.05
 UNCERTAIN = 0.05
 #: product of the lengths of a point and of its ray below which an angle between the two means nothing
 LEAST_LENGTHS = 1e-12
+#: of solving for f and the depths in turn: a limit of work, and those after the first that renew the weights
+ROUNDS, LEAST_ROUNDS = 20, 3
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,7 @@ def depths(
     free = np.array([v.points.shape[1] == 2 for v in views])
     coefficients, t3 = np.zeros(len(exponents)), np.zeros(len(views))
     uncertainty = np.inf
-    for turn in range(20):
+    for turn in range(ROUNDS):
         systems = [
             _system(v, p, offset, exponents, coefficients if turn else None, s * t)
             for v, p, s, t in zip(views, partial, signs, t3, strict=True)
@@ -283,7 +285,7 @@ def depths(
         signs = np.where(changed, agree, signs)
         t3 = np.array([d @ coefficients - s * e for s, (*_, d, e) in zip(signs, systems, strict=True)])
         uncertainty = _uncertainty(systems, signs, coefficients, normal)
-        if turn >= 3 and not changed.any():
+        if turn >= LEAST_ROUNDS and not changed.any():
             break
     if coefficients[0] < 0 and free.all():
         coefficients, t3, signs = -coefficients, -t3, -signs

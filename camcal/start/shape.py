@@ -17,6 +17,8 @@ __all__ = ["Shapes", "batches", "shapes"]
 COLLINEAR = 1e-4
 #: More than this part of a view's points behind the camera and the estimate is no picture of them.
 BEHIND = 0.1
+#: extent out of the plane against the largest, below which it is the rounding of a table's six digits, and not stated
+FLAT = 1e-6
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
@@ -138,7 +140,7 @@ def _choice(form: Shapes, points: int) -> tuple[list[str], str]:
     if form.planar.all():
         bowed = ratio.max()
         flat = (
-            "on a plane" if bowed < 1e-6 else f"nearly on a plane (out of it by {bowed:.2g} of their extent)"
+            "on a plane" if bowed < FLAT else f"nearly on a plane (out of it by {bowed:.2g} of their extent)"
         )
         return ["zhang"], f"{count} view{'s' * (count > 1)} of points {flat}"
     spatial = int((~form.planar).sum())

@@ -33,6 +33,8 @@ AMBIGUOUS = 10.0
 PARALLEL = 3.0
 #: Noise of the image points where there are no more equations than unknowns to tell it, px.
 UNKNOWN_NOISE = 0.1
+#: of the largest coordinate: what rounding leaves of exact data, as measured, with margin
+ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
@@ -152,8 +154,7 @@ def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: boo
         _require_in_front([views[i].id for i in index], h[index], local)
         peak = max(peak, np.abs(uv).max())
         covariances[index] = equations.covariances(h[index])
-    # what rounding leaves of exact data: 1e-10 of the coordinates, as measured with margin
-    covariances *= max(_variance(correspondences, cost.sum()), (1e-10 * peak) ** 2)
+    covariances *= max(_variance(correspondences, cost.sum()), (ROUNDING * peak) ** 2)
     return Planes(h, covariances, float(gap.min()), _perspective(h, covariances))
 
 

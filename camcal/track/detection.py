@@ -32,6 +32,8 @@ REFERENCE = 0.5
 EXPONENTIAL = 1e-10
 #: beyond this the probability underflows; any limit lies far below
 LARGEST = 37.0
+#: the least threshold (mean time to an alarm of one frame), and how exactly thresholds are solved for
+LOWEST, SOLVED = 1e-3, 1e-6
 
 
 def normal_deviate(nis: float, dof: int, noise_dof: float) -> float:
@@ -85,8 +87,8 @@ def cusum_threshold(false_alarm: float) -> float:
     high = 1.0  # far above the answer the equations are singular to working precision, so it is approached
     while excess(high) < 0:
         high += 1.0
-    low = max(high - 1.0, 1e-3)
-    return float(brentq(excess, low, high, xtol=1e-6)) if excess(low) < 0 else low
+    low = max(high - 1.0, LOWEST)
+    return float(brentq(excess, low, high, xtol=SOLVED)) if excess(low) < 0 else low
 
 
 class ChangeTest(Kept):

@@ -40,6 +40,11 @@ PENALTY = float(np.log(100.0))
 #: with or without the focal length, and from a single frame the two look nearly alike
 ODDS = {"principal point": 4.0, "zoom": 4.0}
 
+#: of the criterion: explanations that differ by rounding alone are equal, and the first one is taken
+EQUAL = 1e-9
+#: rad; a direction this near to a coordinate axis is called by it: between two axes lie 45 degrees
+ALONG = np.deg2rad(15)
+
 
 @stored
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ def explain(alarm: Alarm) -> Change:
         amount, _, rank, _ = np.linalg.lstsq(design, target, rcond=None)
         cost = float(((target - design @ amount) ** 2).sum()) + rank * PENALTY
         cost += ODDS.get(kind, 0.0)
-        if best is None or cost < best[0] - 1e-9:
+        if best is None or cost < best[0] - EQUAL:
             spread = used @ np.linalg.pinv(design)
             best = cost, kind, used @ amount, np.sqrt((spread**2).sum(1))
     assert best is not None
@@ -171,6 +176,6 @@ def axis(vector: Array) -> str:
     """The direction of a vector: `y`, `-x`, or three numbers if no axis is within 15 degrees."""
     unit = vector / max(float(np.linalg.norm(vector)), 1e-300)
     main = int(np.abs(unit).argmax())
-    if abs(unit[main]) > np.cos(np.deg2rad(15)):
+    if abs(unit[main]) > np.cos(ALONG):
         return ("-" if unit[main] < 0 else "") + "xyz"[main]
     return "({:.2f}, {:.2f}, {:.2f})".format(*unit)

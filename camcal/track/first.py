@@ -90,6 +90,9 @@ def _refuse_disorder(scatter: float, uv: Array) -> None:
 FLAT = 1e-4
 #: last but one singular value of the DLT against the largest, below which M is not determined
 UNDETERMINED = 1e-7
+SAMPLE = 6  #: points of a sample: twelve equations for the eleven numbers of M
+#: points from which samples are drawn: of fewer, nearly all samples hold a single outlier
+LEAST_SAMPLED = 8
 #: samples of six points: 99.9 % of drawing one without an outlier among 40 % of them
 SAMPLES = 150
 
@@ -148,10 +151,10 @@ def is_flat(xyz: Array) -> bool:
 
 
 def _sampled(xyz: Array, uv: Array) -> Array:
-    if len(xyz) < 8:
+    if len(xyz) < LEAST_SAMPLED:
         return np.zeros((0, 3, 4))
     rng = np.random.default_rng(0)
-    rows = rng.random((SAMPLES, len(xyz))).argpartition(6, axis=1)[:, :6]
+    rows = rng.random((SAMPLES, len(xyz))).argpartition(SAMPLE, axis=1)[:, :SAMPLE]
     return dlt.projection_matrices(xyz[rows], uv[rows])
 
 

@@ -22,10 +22,15 @@ from camcal.geometry import projective
 from camcal.track import decompose, first
 from camcal.track.decompose import Cameras
 from camcal.track.frames import Frame
-from camcal.track.model import Model
+from camcal.track.model import MOVED, Model
 from camcal.track.motion import scaled
 
 Array = np.ndarray
+
+#: depths of the centroid of the points; nearer ones are at the camera or behind it
+NEAREST = 1e-9
+#: of the entries of M, which are about 1: a turn of 0.05 degrees or so, below which the covariance stays as it is
+WALKED = 1e-3
 
 
 class MatrixModel(Model):
@@ -91,7 +96,7 @@ class MatrixModel(Model):
         matrix = np.empty(12)
         matrix[:11], matrix[11] = x, 1.0
         image = matrix.reshape(3, 4) @ points
-        valid = image[2] > 1e-9  # depths are in units of the centroid's
+        valid = image[2] > NEAREST
         inverse = 1.0 / np.where(valid, image[2], 1.0)
         uv = image[:2] * inverse
         design = np.zeros((12, 2, n))
@@ -133,7 +138,7 @@ class MatrixModel(Model):
 
     def moved(self, origin: Array, x: Array) -> bool:
         """Return whether the estimate moved by a hundredth of the entries' size, which is 1."""
-        return bool(np.abs(x - origin).max() > 0.01)
+        return bool(np.abs(x - origin).max() > MOVED)
 
     def carry(self, x: Array, walked: Array) -> Array | None:
         """See `Model.carry`: after a rotation of the camera, an error of the principal point is a different error
@@ -142,7 +147,7 @@ class MatrixModel(Model):
         What the frames have said is linear in M itself, so that the covariance follows the motion of the
         camera only, not the corrections of its estimate.
         """
-        if np.abs(walked).max() < 1e-3:  # a turn of 0.05 degrees or so
+        if np.abs(walked).max() < WALKED:
             return None
         old, new = self._tangent_at(x - walked)[0], self._tangent_at(x)[0]
         return np.linalg.solve(old.T, new.T).T

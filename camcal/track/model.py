@@ -14,6 +14,10 @@ from camcal.track.keep import Kept
 
 Array = np.ndarray
 
+#: of the scale of a quantity (entries of M, focal length, distance): an estimate that is farther from the place of its
+#: equations has moved
+MOVED = 0.01
+
 
 class Model(Kept, ABC):
     """Cameras with p local coordinates.

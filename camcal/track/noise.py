@@ -11,6 +11,7 @@ from camcal.track.keep import Kept
 
 #: degrees of freedom after which old frames are forgotten: 1 % of standard deviation
 MEMORY = 5000.0
+LARGEST = 700.0  #: exponent; beyond 709 the exponential is no float64
 #: px; data without noise are not weighted higher than this
 FLOOR = 1e-6
 
@@ -26,7 +27,7 @@ def gate(probability: float, dof: float) -> float:
     if math.isinf(dof):
         return -2.0 * math.log(probability)
     power = -2.0 / dof * math.log(probability)
-    return dof * math.expm1(power) if power < 700 else math.inf
+    return dof * math.expm1(power) if power < LARGEST else math.inf
 
 
 class Noise(Kept):

@@ -24,11 +24,16 @@ from camcal.track import decompose, first
 from camcal.track.decompose import Cameras
 from camcal.track.frames import Frame
 from camcal.track.keep import stored
-from camcal.track.model import Model
+from camcal.track.model import MOVED, Model
 from camcal.track.motion import scaled
 
 Array = np.ndarray
 
+#: cosine of a ray to the axis: poses are found on a plane of normalised coordinates, where rays farther out (89.4
+#: degrees) would outweigh all others
+SHALLOW = 0.01
+#: rad²; below it two terms of the series are exact: the third is t⁴ / 120, 1e-18
+SERIES = 1e-8
 #: what is believed of the lens before the first frame, where no camera is given: standard deviations in units
 #: of the focal length (aspect: of 1). Only distortion is a statement; the rest keeps numbers finite.
 UNKNOWN = {"focal": 3.0, "principal": 3.0, "skew": 0.3, "distortion": 0.3}
@@ -142,8 +147,8 @@ class PhysicalModel(Model):
         """
         change = x.translation - origin.translation
         return bool(
-            abs(x.params[0] - origin.params[0]) > 0.01 * abs(x.params[0])
-            or change @ change > 1e-4 * (origin.translation @ origin.translation)
+            abs(x.params[0] - origin.params[0]) > MOVED * abs(x.params[0])
+            or change @ change > MOVED**2 * (origin.translation @ origin.translation)
         )
 
     def _from_physical(self, columns: Array) -> Array:
@@ -174,7 +179,7 @@ class PhysicalModel(Model):
         """The pose with which most points agree; with fewer than six points, the pose of all."""
         assert self.params is not None
         ray, valid = self.lens.unproject(self.params, frame.uv)
-        valid &= ray[:, 2] > 0.01  # the poses are found on a plane of normalised coordinates
+        valid &= ray[:, 2] > SHALLOW
         if valid.sum() < 4:
             raise EstimationError(
                 f"{int(valid.sum())} points have a ray; 4 are needed to start.",
@@ -240,8 +245,8 @@ def _exp(v: Array) -> Array:
     x, y, z = v.tolist()
     t2 = x * x + y * y + z * z
     t = math.sqrt(t2)
-    a = math.sin(t) / t if t2 > 1e-8 else 1 - t2 / 6
-    b = 2 * (math.sin(t / 2) / t) ** 2 if t2 > 1e-8 else 0.5 - t2 / 24
+    a = math.sin(t) / t if t2 > SERIES else 1 - t2 / 6
+    b = 2 * (math.sin(t / 2) / t) ** 2 if t2 > SERIES else 0.5 - t2 / 24
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + a * k + b * (k @ k)
 
@@ -253,5 +258,5 @@ def _log(turn: Array) -> Array:
     sine = math.sqrt(x * x + y * y + z * z)
     if sine > 0.5 or float(turn.trace()) < 1.0:
         return rotations.log(turn)
-    factor = math.asin(sine) / sine if sine > 1e-5 else 1 + sine * sine / 6
+    factor = math.asin(sine) / sine if sine**2 > SERIES else 1 + sine * sine / 6
     return factor * np.array([x, y, z])

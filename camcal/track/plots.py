@@ -23,6 +23,7 @@ Array = np.ndarray
 
 #: rows that are drawn at most; of a longer table every second, fourth, ... row, alarms always
 MOST = 4000
+ENDS = 1  #: per cent of the values at each end that may lie outside of a panel
 #: Okabe and Ito's colours, which remain distinct for colour-blind readers
 BLUE, ORANGE, RED = "#0072B2", "#E69F00", "#D55E00"
 
@@ -162,8 +163,8 @@ def _limit(axis: Any, columns: dict[str, Array], names: list[str]) -> None:
         middle = np.nanmedian(columns[name])
         value, spread = columns[name] - middle, columns[f"sigma_{name}"]
         usual = 3 * np.nanmedian(spread)
-        low.append(np.nanpercentile(value, 1) - usual)
-        high.append(np.nanpercentile(value, 99) + usual)
+        low.append(np.nanpercentile(value, ENDS) - usual)
+        high.append(np.nanpercentile(value, 100 - ENDS) + usual)
     if np.isfinite([*low, *high]).all() and max(high) > min(low):
         axis.set_ylim(min(low), max(high))
 

@@ -34,6 +34,7 @@ SETTLING = 8
 #: two instants in a row that are both off tell the same change with this probability at least, else the first is an
 #: outlier: a board found wrongly
 SAME = 1e-3
+POSE = 6  #: degrees of freedom at least: those of the change that is tested
 
 
 @dataclass(frozen=True)
@@ -313,7 +314,7 @@ def excess(instants: Sequence[Instant], known: Sequence[Instant], calibration: A
     if own:
         found.append(sum(own) / sum(ranks))
     steps = sum(inverse(i.normal)[1] for i in instants[1:])
-    return max(found), float(max(steps / 2 + sum(ranks), 6))
+    return max(found), float(max(steps / 2 + sum(ranks), POSE))
 
 
 def in_words(test: Test) -> str:

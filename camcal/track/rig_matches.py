@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camcal.geometry import rotations as so3
+from camcal.least_squares.scales import MAD, TUKEY
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.records import dataclass
@@ -32,10 +33,6 @@ Array = np.ndarray
 STEPS = 12
 #: of the scatter of a match; steps that move no residual by more are the end
 SETTLED = 1e-3
-#: standard deviations in a median of absolute values of Gaussian noise
-MAD = 1.4826
-#: Tukey's biweight: 95 % efficiency for Gaussian noise (Beaton & Tukey 1974)
-TUKEY = 4.685
 
 
 @dataclass(frozen=True)

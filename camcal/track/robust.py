@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from camcal.errors import EstimationError
+from camcal.least_squares.scales import TUKEY
 from camcal.records import dataclass
 from camcal.track import linear
 from camcal.track.frames import Frame
@@ -16,9 +17,11 @@ from camcal.track.noise import FLOOR
 
 Array = np.ndarray
 
-#: Tukey's biweight at 95 % efficiency (Holland & Welsch 1977)
-TUKEY = 4.685
 STEPS = 40  #: of reweighting, at most
+SETTLED = 1e-4  #: standard deviations; a smaller step ends the reweighting
+UNDETERMINED = (
+    1e-10  #: ratio of the pivots of R; below it six of 16 digits, those of the image points, are not left
+)
 
 
 @dataclass
@@ -78,7 +81,7 @@ def fit(
         a, z = _equations(design, weights / (scale * own), model, start, x, prior)
         delta = _solve(a, z)
         x = model.retract(x, delta)
-        if np.abs(a @ delta).max() < 1e-4:  # of a standard deviation
+        if np.abs(a @ delta).max() < SETTLED:
             break
     else:
         raise EstimationError(
@@ -164,6 +167,6 @@ def _equations(
 
 def _solve(a: Array, z: Array) -> Array:
     pivots = np.abs(np.diag(a))
-    if not pivots.min() > 1e-10 * pivots.max():
+    if not pivots.min() > UNDETERMINED * pivots.max():
         raise EstimationError("the points of a frame do not determine the camera.", "More points are needed.")
     return linear.solve_upper(a, z)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from camcal.data.dlt_table import NO_DEPTH
 from camcal.geometry import rotations
 from camcal.track import decompose
 from camcal.track.decompose import Cameras
@@ -45,8 +46,6 @@ COLUMNS = {
     "sigma_...": "standard deviation of each of m11 ... m34, fx ... tz, k1 ...",
 }
 
-#: |m34| against the largest entry, below which M is scaled to unit norm instead; as in the closed forms
-NO_DEPTH = 1e-9
 
 #: estimates of the covariance in this order: the physical coordinates of camcal.track.decompose
 COVARIANCE = ("fx", "fy", "skew", "cx", "cy", "dx", "dy", "dz", "tx", "ty", "tz")
@@ -140,6 +139,8 @@ class Table:
         return "".join(lines)
 
 
+#: rad; below it the first term of the series is exact: the next one is angle² / 60 of it, 2e-10
+SERIES = 1e-4
 _AS_TEXT = frozenset(("frame", "changed", "nis_dof", "points", "used", "status"))
 
 
@@ -176,7 +177,7 @@ def inverse_left_jacobian(vector: Array) -> Array:
     Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2 (2012), eq. 10.86.
     """
     angle = np.linalg.norm(vector, axis=-1)
-    small = angle < 1e-4
+    small = angle < SERIES
     safe = np.where(small, 1.0, angle)
     c = np.where(small, 1 / 12, (1 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
     cross = rotations.skew(vector)

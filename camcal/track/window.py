@@ -18,6 +18,10 @@ from camcal.track.reading import Reading, Verdict, innovation_factor, whitened_r
 
 Array = np.ndarray
 
+SETTLED = (
+    1e-2  #: standard deviations of one frame; a smaller step, anywhere in the window, ends the iterations
+)
+
 
 @stored
 @dataclass(slots=True)
@@ -73,7 +77,7 @@ class Window(IteratedKalman):
         granted = 0.0
         for _ in range(self.iterations):
             granted, largest = self._adjust()
-            if largest < 1e-2:  # of a standard deviation of one frame, anywhere in the window
+            if largest < SETTLED:
                 break
         if len(self.entries) > self.options.window:
             oldest = self.entries.pop(0)

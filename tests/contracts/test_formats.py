@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camcal.data.formats import FORMATS, SUFFIXES, SUMMARIES, files
+from camcal.data.formats import FORMATS, SUFFIXES, SUMMARIES, files, gaps
 from camcal.data.formats.base import CameraFile, NamedCamera
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import canonical, descriptions, room
@@ -80,7 +80,7 @@ def test_every_lens_is_exact_or_refused_by_name(form):
                     assert "--to-model" in refusal.hint
                 else:
                     held += 1
-                    assert files.gap(cameras, again).max_px <= EXACT
+                    assert gaps.gap(cameras, again).max_px <= EXACT
                     if form.size:
                         size = cameras.cameras[0].camera.image_size
                         assert again.cameras[0].camera.image_size == size
@@ -103,7 +103,7 @@ def test_a_skew_is_exact_or_refused_by_name(form):
             except UsageError as refusal:
                 assert "skew" in refusal.message or "cannot hold" in refusal.message
             else:
-                assert files.gap(CameraFile((camera,)), again).max_px <= EXACT
+                assert gaps.gap(CameraFile((camera,)), again).max_px <= EXACT
 
 
 @each_writer
@@ -113,7 +113,7 @@ def test_it_holds_what_it_says(form):
         place = room(text)
         cameras = cameras_of(lenses.make(place.spec, place.skew), form)
         cameras = square(cameras) if place.square else cameras
-        assert files.gap(cameras, through(form, cameras, form.endings[0])).max_px <= EXACT
+        assert gaps.gap(cameras, through(form, cameras, form.endings[0])).max_px <= EXACT
 
 
 @each_writer
@@ -132,7 +132,7 @@ def test_a_rig_keeps_names_and_poses(form):
     again = through(form, rig, form.endings[0])
     assert len(again.cameras) == 2
     if form.poses:
-        apart = files.gap(rig, again)
+        apart = gaps.gap(rig, again)
         assert max(apart.rotation, apart.shift, apart.max_px) <= EXACT
 
 
@@ -164,7 +164,7 @@ def test_the_unified_model_is_mei_and_eucm(alpha):
         other = camera_of(
             spec, (terms.fx, terms.fy, terms.cx, terms.cy, terms.skew), camera.image_size, terms.values
         )
-        assert files.difference(camera, other) < EXACT
+        assert gaps.difference(camera, other) < EXACT
 
 
 def test_refusals_say_what_is_known():

@@ -185,10 +185,14 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
+#: px to a side; no image of a camera is larger
+WIDEST = 10**6
+
+
 def image_size(width: Any, height: Any) -> tuple[int, int]:
     """(width, height) from numbers or their text; ValueError if they are not whole numbers of px."""
     found = float(width), float(height)
-    if not all(n == round(n) and 0 < n < 1e6 for n in found):
+    if not all(n == round(n) and 0 < n < WIDEST for n in found):
         raise ValueError(f"an image of {width} x {height} px")
     return int(found[0]), int(found[1])
 

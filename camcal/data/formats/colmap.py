@@ -30,6 +30,8 @@ from camcal.geometry import rotations
 from camcal.model.pose import Pose
 
 HALF = 0.5
+#: cameras of a binary file: the first eight bytes of any other file are a larger number or 0
+MOST_CAMERAS = 10**6
 #: model -> (id, number of parameters, whether it has one focal length)
 KNOWN = {
     "SIMPLE_PINHOLE": (0, 3, True),
@@ -75,7 +77,7 @@ def _sniff(source: Source) -> bool:
     if source.kind != "binary" or len(source.data) < 56:
         return False
     count, _, model = struct.unpack_from("<Qii", source.data)
-    return 0 < count < 10**6 and model in BY_ID
+    return 0 < count < MOST_CAMERAS and model in BY_ID
 
 
 def _lines(text: str) -> list[str]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from camcal.data.formats import FORMATS, format_of
-from camcal.data.formats.base import CameraFile, ForeignCamera, Format, NamedCamera, Written, one_line
+from camcal.data.formats.base import CameraFile, ForeignCamera, Format, Written
+from camcal.data.formats.checks import checked, damage, distinct
+from camcal.data.formats.gaps import Gap, gap
 from camcal.data.formats.source import Source
 from camcal.errors import CamcalError, DataError, UsageError
 from camcal.model.camera import Camera
-from camcal.model.pose import Pose
 from camcal.model.rectification import PERSPECTIVE, rectify
-from camcal.records import dataclass
 from camcal.registry import load, look_up
 from camcal.system.text import listed
 
@@ -27,12 +25,6 @@ Array = np.ndarray
 
 #: px; two cameras that a file should hold exactly may differ by the rounding of its numbers: 1e-12 of 1e4 px
 EXACT = 1e-6
-#: how far a matrix of a file may be from a rotation: files with four digits are read
-ROTATION = 1e-3
-#: columns and rows of the pixels over which two cameras are compared, the outermost ones on the border
-GRID = (41, 31)
-#: px; the largest image that any camera takes is far below
-WIDEST = 10**6
 
 
 def formats() -> Iterator[Format]:
@@ -125,82 +117,8 @@ def parsed(form: Format, source: Source) -> CameraFile:
         found = form.read(source)
         if not found.cameras:
             raise DataError("no camera in it.", "Is it the right file?")
-        named = _distinct(found.cameras)
-        return replace(found, cameras=tuple(_checked(c) for c in named))
-
-
-@contextmanager
-def damage(source: Source, title: str) -> Iterator[None]:
-    """Convert any error of a reader into one that names the file; missing entries mean that it is damaged."""
-    try:
-        yield
-    except CamcalError as error:
-        where = "" if str(source.path) in error.message else f"{source.path}: "
-        raise type(error)(one_line(where + error.message), error.hint) from None
-    except (KeyError, StopIteration) as error:
-        what = repr(error.args[0]) if error.args else "an entry"
-        raise DataError(f"{source.path}: {what} is missing ({title}).", "Is the file complete?") from None
-    except (
-        ValueError,
-        TypeError,
-        struct.error,
-        IndexError,
-        AttributeError,
-        ArithmeticError,
-        RecursionError,
-        MemoryError,
-    ) as error:
-        text = one_line(str(error)).rstrip(".") or type(error).__name__
-        raise DataError(
-            f"{source.path}: not readable as {title}: {text[:200]}.", "Is the file damaged?"
-        ) from None
-
-
-def _distinct(cameras: tuple[NamedCamera, ...]) -> list[NamedCamera]:
-    """The cameras with unique names: the second `left` becomes `left-2`."""
-    seen: dict[str, int] = {}
-    found = []
-    for camera in cameras:
-        name = one_line(str(camera.name)).strip() or "camera"
-        seen[name] = seen.get(name, 0) + 1
-        found.append(replace(camera, name=name if seen[name] == 1 else f"{name}-{seen[name]}"))
-    return found
-
-
-def _checked(named: NamedCamera) -> NamedCamera:
-    """A camera after checking its values: finite, focal lengths above 0, within the bounds of its lens."""
-    camera, pose = named.camera, named.pose
-    size = camera.image_size
-    if size is not None and not all(0 < n < WIDEST for n in size):
-        raise DataError(f"camera '{named.name}': an image of {size[0]}x{size[1]} px.", "Is the file damaged?")
-    if isinstance(camera, Camera):
-        if not np.isfinite(camera.params).all():
-            raise DataError(f"camera '{named.name}': a parameter is not finite.", "Is the file damaged?")
-        for parameter, value in zip(camera.lens.parameters, camera.params.tolist(), strict=True):
-            least = np.nextafter(0, 1) if parameter.group == "focal" else parameter.lower
-            if not least <= value <= parameter.upper:
-                raise DataError(
-                    f"camera '{named.name}': {parameter.name} = {value:g} is outside of what the model "
-                    f"'{camera.lens.name}' allows.",
-                    "Is the file damaged?",
-                )
-    return named if pose is None else replace(named, pose=rigid(pose, named.name))
-
-
-def rigid(pose: Pose, name: str) -> Pose:
-    """A pose with an exactly orthonormal rotation; DataError if the matrix is not a rotation."""
-    r, t = np.asarray(pose.rotation, float).reshape(3, 3), np.asarray(pose.translation, float).reshape(3)
-    if not (np.isfinite(r).all() and np.isfinite(t).all()):
-        raise DataError(f"camera '{name}': a pose that is not finite.", "Is the file damaged?")
-    away = float(np.abs(r @ r.T - np.eye(3)).max())
-    if away > ROTATION or np.linalg.det(r) < 0:
-        raise DataError(
-            f"camera '{name}': its rotation matrix is no rotation.", "Is it transposed or mirrored?"
-        )
-    if away > 1e-15:
-        u, _, vt = np.linalg.svd(r)
-        r = u @ vt
-    return Pose(r, t)
+        named = distinct(found.cameras)
+        return replace(found, cameras=tuple(checked(c) for c in named))
 
 
 def select(found: CameraFile, name: str, source: str) -> CameraFile:
@@ -244,53 +162,6 @@ def exact(camera: Any) -> Camera:
             "Refit it, with the error printed: camcal convert FILE OUT --to-model NAME.",
         )
     return camera
-
-
-@dataclass(frozen=True)
-class Gap:
-    """The distance between cameras: the largest over the image, px, and between the poses.
-
-    `shift` is relative to the largest distance between cameras.
-    """
-
-    max_px: float
-    rotation: float = 0.0
-    shift: float = 0.0
-
-
-def difference(a: Any, b: Any) -> float:
-    """The largest distance, px, between two cameras' projections of the rays of the first one's pixels; inf if
-    there are none.
-    """
-    width, height = a.image_size or (2 * a.params[2] + 1, 2 * a.params[3] + 1)
-    u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
-    pixels = np.c_[u.ravel(), v.ravel()]
-    rays, seen = a.lens.unproject(a.params, pixels)
-    if not seen.any():
-        return float("inf")
-    again, valid = b.lens.project(b.params, rays[seen])
-    return float(np.abs(again - pixels[seen]).max()) if valid.all() else float("inf")
-
-
-def gap(a: CameraFile, b: CameraFile) -> Gap:
-    """The largest differences between the cameras of two files, in their order."""
-    px = max(difference(x.camera, y.camera) for x, y in zip(a.cameras, b.cameras, strict=True))
-    if not (a.has_poses and b.has_poses) or len(a.cameras) < 2:
-        return Gap(px)
-    ours, theirs = relative(a.cameras), relative(b.cameras)
-    size = max(float(np.linalg.norm(p.translation)) for p in ours) or 1.0
-    turn = max(float(np.abs(p.rotation - q.rotation).max()) for p, q in zip(ours, theirs, strict=True))
-    shift = max(
-        float(np.linalg.norm(p.translation - q.translation)) for p, q in zip(ours, theirs, strict=True)
-    )
-    return Gap(px, turn, shift / size)
-
-
-def relative(cameras: tuple[NamedCamera, ...]) -> list[Pose]:
-    """The pose of each camera from the frame of the first one."""
-    poses = [c.pose for c in cameras if c.pose is not None]
-    first = poses[0].inverse()
-    return [pose @ first for pose in poses]
 
 
 def target_format(path: str | os.PathLike, name: str | None) -> Format:

@@ -14,6 +14,12 @@ SOLVED = 1e-12
 STEPS = 50  #: of Newton's method at most, which converges quadratically or not at all
 #: the step of the numeric derivatives, in focal lengths: its error is quadratic, that of rounding 1e-10
 STEP = 1e-6
+#: determinant of the derivative from which on it counts as positive: its differences are rounded to 1e-10
+NO_AREA = 1e-12
+#: focal lengths; a step is shortened to it: longer ones jump over a fold, which lenses have at .5 and beyond
+LONGEST = 0.3
+#: focal lengths; a pixel is inverted where no more is left: SOLVED with the rounding of strong distortion
+FOUND = 1e-9
 Plane = Callable[[Array], Array]
 
 
@@ -28,18 +34,18 @@ def inverse(forward: Plane, target: Array) -> tuple[Array, Array]:
         columns = [(forward(w + h) - forward(w - h)) / (2 * STEP) for h in np.eye(2) * STEP]
         j = np.stack(columns, -1)
         det = j[:, 0, 0] * j[:, 1, 1] - j[:, 0, 1] * j[:, 1, 0]
-        safe = np.where(det > 1e-12, det, np.nan)  # past a fold the derivative changes its sign
+        safe = np.where(det > NO_AREA, det, np.nan)  # past a fold the derivative changes its sign
         step = np.c_[
             (j[:, 1, 1] * left[:, 0] - j[:, 0, 1] * left[:, 1]) / safe,
             (j[:, 0, 0] * left[:, 1] - j[:, 1, 0] * left[:, 0]) / safe,
         ]
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))  # no jump over a fold
+        step *= np.minimum(1.0, LONGEST / np.maximum(length, 1e-300))  # no jump over a fold
         w = w - step
         left = forward(w) - target
         if not (np.linalg.norm(left, axis=1) > SOLVED).any():
             break
-    return w, np.asarray(np.linalg.norm(left, axis=1) < 1e-9)
+    return w, np.asarray(np.linalg.norm(left, axis=1) < FOUND)
 
 
 def on_plane(w: Array) -> Array:

@@ -44,6 +44,8 @@ MOST = 500  #: distortions of one file; a zoom lens has a dozen
 STEPS = 30  #: of Newton's method for the radius without distortion; five do for real lenses
 #: px; nominal longer side of a camera that the file gives no size of
 LONGER = 6000
+#: half short sides; a radius is inverted where no more is left, 1e-6 px of 1000 px
+FOUND = 1e-9
 
 
 def _sniff(source: Source) -> bool:
@@ -108,7 +110,7 @@ def _rays(uv: Array, matrix: Any, half: float, abc: list[float]) -> tuple[Array,
     for _ in range(STEPS):
         value = r * (d + r * (c + r * (b + r * a))) - bent
         r = r - value / (d + r * (2 * c + r * (3 * b + r * 4 * a)))
-    good = np.isfinite(r) & (r >= 0) & (np.abs(r * (d + r * (c + r * (b + r * a))) - bent) < 1e-9)
+    good = np.isfinite(r) & (r >= 0) & (np.abs(r * (d + r * (c + r * (b + r * a))) - bent) < FOUND)
     plane = off * np.where(bent > 0, r / np.maximum(bent, 1e-300), 1.0)[:, None] / (matrix[0] / half)
     rays = np.c_[plane, np.ones(len(plane))]
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

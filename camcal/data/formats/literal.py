@@ -6,6 +6,8 @@ import ast
 import warnings
 from typing import Any
 
+LONGEST = 120  #: characters of Python's own message that are shown
+
 
 def literal(text: str) -> Any:
     """The value of a Python literal; ValueError if the text is not one."""
@@ -14,4 +16,4 @@ def literal(text: str) -> Any:
             warnings.simplefilter("ignore")
             return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError) as error:
-        raise ValueError(f"no Python literal: {str(error).partition(chr(10))[0][:120]}") from None
+        raise ValueError(f"no Python literal: {str(error).partition(chr(10))[0][:LONGEST]}") from None

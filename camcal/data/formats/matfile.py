@@ -15,6 +15,7 @@ from camcal.data.formats import mat5
 from camcal.errors import DataError
 
 V7 = "In MATLAB: save('camera.mat', '-v7', ...)"
+DEEPEST = 3  #: structs inside each other: a pair, its cameras, their parts
 AS_STRUCT = "In MATLAB: s = toStruct(params); save('camera.mat', '-v7', 's')"
 
 
@@ -52,7 +53,7 @@ def _hdf5_value(node: Any, depth: int = 0) -> Any:
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if hasattr(node, "keys"):
-        if kind not in ("struct", "") or depth > 3:
+        if kind not in ("struct", "") or depth > DEEPEST:
             return None
         return SimpleNamespace(**{name: _hdf5_value(node[name], depth + 1) for name in node})
     values = node[()]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from camcal.data.formats.base import Array, CameraFile, Format, NamedCamera, floats, image_size, matrix_values
-from camcal.data.formats.matfile import AS_STRUCT
+from camcal.data.formats.matfile import AS_STRUCT, DEEPEST
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import Terms, camera_of, choose, polynomial
 from camcal.errors import DataError, UsageError
@@ -30,7 +30,7 @@ def _find(value: Any, depth: int = 0) -> Any:
     """The first struct that is a camera or a pair, including nested structs."""
     if _is_camera(value) or hasattr(value, "CameraParameters1"):
         return value
-    for child in vars(value).values() if hasattr(value, "__dict__") and depth < 4 else ():
+    for child in vars(value).values() if hasattr(value, "__dict__") and depth <= DEEPEST else ():
         found = _find(child, depth + 1)
         if found is not None:
             return found

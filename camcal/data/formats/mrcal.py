@@ -38,6 +38,8 @@ LENSES = {
 }
 #: models of one formula that are refitted
 OTHERS = ("LATLON", "LONLAT", "CAHVOR")
+#: knots to a side: those that a cubic reaches, and a hundred times what mrcal's own models have
+LEAST_KNOTS, MOST_KNOTS = 4, 1000
 MODELS = ("pinhole", "opencv4", "opencv5", "opencv8", "opencv12")
 SPLINED = re.compile(r"SPLINED_STEREOGRAPHIC_order=([23])_Nx=(\d+)_Ny=(\d+)_fov_x_deg=(\d+(?:\.\d+)?)")
 
@@ -123,7 +125,7 @@ def _other(name: str, matrix: Any, rest: Array, size: tuple[int, int]) -> Any:
 def _splined(name: str, found: re.Match[str], matrix: Any, knots: Array, size: tuple[int, int]) -> Any:
     """mrcal, lens models: stereographic projection plus a B-spline surface over it."""
     order, nx, ny, fov = int(found[1]), int(found[2]), int(found[3]), float(found[4])
-    if not 4 <= nx <= 1000 or not 4 <= ny <= 1000 or not 0 < fov < 360:
+    if not all(LEAST_KNOTS <= n <= MOST_KNOTS for n in (nx, ny)) or not 0 < fov < 360:
         raise ValueError(f"the configuration of LENSMODEL_{name}")
     surface = floats(knots, 2 * nx * ny, f"the control points of LENSMODEL_{name}").reshape(ny, nx, 2)
     # the knots reach half an interval (order 2) or one (order 3) beyond the field of view on either side

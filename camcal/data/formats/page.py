@@ -8,6 +8,8 @@ import numpy as np
 
 from camcal.data.formats import SUFFIXES, SUMMARIES, files
 from camcal.data.formats.base import CameraFile, Format, NamedCamera
+from camcal.data.formats.files import EXACT
+from camcal.data.formats.gaps import gap
 from camcal.data.formats.source import Source
 from camcal.data.formats.terms import room
 from camcal.errors import CamcalError
@@ -73,6 +75,8 @@ TARGETS = (
     "mei",
     "division:1",
 )
+#: px; what is stated as a round trip's error is no less: the rounding of 1e3 px
+LEAST = 1e-13
 MARK = "<!-- refits -->"
 #: what the benchmarks of these names printed; an installed package has no docs, and no page to make
 FIGURES = Path(__file__).resolve().parents[3] / "docs" / "figures"
@@ -182,7 +186,7 @@ def _error(form: Format) -> float:
                 values[1] = values[0]
             worst = max(worst, _round_trip(form, Camera(lens, values, size)))
     # rounding differs between machines: only the order of magnitude is shown
-    return 10.0 ** np.ceil(np.log10(max(worst, 1e-13)))
+    return 10.0 ** np.ceil(np.log10(max(worst, LEAST)))
 
 
 def _round_trip(form: Format, camera: Camera) -> float:
@@ -194,7 +198,7 @@ def _round_trip(form: Format, camera: Camera) -> float:
         return 0.0
     data = written.content.encode() if isinstance(written.content, str) else written.content
     source = Source(Path(f"camera{form.endings[0]}"), data)
-    return files.gap(cameras, files.parsed(form, source)).max_px
+    return gap(cameras, files.parsed(form, source)).max_px
 
 
 def _section(form: Format) -> str:
@@ -233,7 +237,7 @@ def refit_table() -> str:
 
 def _refit(camera: Camera, target: str) -> str:
     worst = convert(camera, lenses.make(target)).max_px
-    if worst < 1e-6:
+    if worst < EXACT:
         return "exact"
     return f"{worst:.2g}" if np.isfinite(worst) else "-"
 

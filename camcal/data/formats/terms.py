@@ -66,6 +66,7 @@ class Terms:
         return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
+NAMED = 6  #: models that a message names
 #: terms whose absence is another value than 0
 NEUTRAL = {("eucm", "beta"): 1.0}
 
@@ -181,7 +182,7 @@ def _no_room(lens: Lens, lacks: list[str] | None, models: Sequence[str], title: 
         message = f"{title} cannot hold {what}: the camera is {lens.name}."
     else:
         message = f"{title} cannot hold {', '.join(lacks)} of this camera ({lens.name})."
-    shown = specs if len(specs) <= 6 else [*specs[:6], "..."]
+    shown = specs if len(specs) <= NAMED else [*specs[:NAMED], "..."]
     return UsageError(message, f"Refit it, with the error printed: --to-model NAME ({', '.join(shown)}).")
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from camcal.data.observations import Correspondences, View
 from camcal.errors import UsageError
 
+DIGITS = 9  #: decimals to which coordinates are one: the rounding of a board's poses and units, not its shape
+
 
 def archive(correspondences: Correspondences) -> bytes:
     """The bytes of an archive with xyz, uv and view; sigma and id if all views have them; image_size."""
@@ -38,7 +40,7 @@ def vnl(correspondences: Correspondences) -> str:
         Where the points are no rectangular grid, or a name holds a blank.
     """
     views = correspondences.views
-    places = np.unique(np.concatenate([v.xyz for v in views]).round(9)[:, [2, 1, 0]], axis=0)[:, ::-1]
+    places = np.unique(np.concatenate([v.xyz for v in views]).round(DIGITS)[:, [2, 1, 0]], axis=0)[:, ::-1]
     x, y = np.unique(places[:, 0]), np.unique(places[:, 1])
     if np.ptp(places[:, 2]) or len(x) * len(y) != len(places):
         raise UsageError(
@@ -53,7 +55,7 @@ def vnl(correspondences: Correspondences) -> str:
 def _lines(view: View, x: np.ndarray, y: np.ndarray) -> list[str]:
     if any(c.isspace() for c in view.id):
         raise UsageError(f"a .vnl cannot hold the name '{view.id}': it has a blank.", "Rename the picture.")
-    rounded = view.xyz.round(9)
+    rounded = view.xyz.round(DIGITS)
     at = np.searchsorted(y, rounded[:, 1]) * len(x) + np.searchsorted(x, rounded[:, 0])
     seen = dict(zip(at.tolist(), view.uv.tolist(), strict=True))
     return [

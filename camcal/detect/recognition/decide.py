@@ -133,7 +133,7 @@ def board_size(sights: Sequence[Sight]) -> tuple[tuple[int, int], bool, int] | N
 def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Array]) -> Target | None:
     """The board that the markers show, if it differs from the requested one.
 
-    Only boards of markers are judged; a board of which a part is seen is no other board. The lengths of the
+    Only boards of markers are compared; a board that is partly visible is not another board. The lengths of the
     answer are in the unit of `target`.
 
     Parameters
@@ -149,7 +149,7 @@ def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Ar
     if not found:
         return None
     own = family_of(target.dictionary, target.border)
-    # of boards of several dictionaries the one that was asked for is judged
+    # where boards of several dictionaries are visible, the requested one is compared
     own_first = sorted(
         found, key=lambda f: (family_of(f.board.dictionary, f.board.border) != own, -len(f.pictures))
     )

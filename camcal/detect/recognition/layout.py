@@ -1,6 +1,6 @@
 """The layout of a board of markers, from the positions and ids of its markers.
 
-Each marker spans a small frame of its own, in which its neighbours stand at whole multiples of one step:
+Each marker spans a small frame of its own, in which its neighbours are at whole multiples of one step:
 along the diagonals on a ChArUco board, along the rows in a grid of tags. So every marker gets a column and
 a row, and the ids, which count up row by row, say how long a row is.
 """
@@ -16,6 +16,7 @@ import numpy as np
 
 from camcal.detect.recognition.families import Family, Marker, smallest
 from camcal.detect.targets.aprilgrid import AprilGrid
+from camcal.detect.targets.base import MOST_GAP
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import marker_count
 from camcal.detect.targets.tag_board import TagBoard, consistent
@@ -27,10 +28,23 @@ Array = np.ndarray
 
 UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5  #: a marker's corners in its own frame
 NEAREST = 8  #: markers around one among which its neighbours are looked for
+LEAST_SQUARES = 3  #: columns and rows of a ChArUco board: with two, all corners are on a line
+#: sides of a marker in squares, and gaps between tags in sides (of Kalibr's at most LARGEST_OF_KALIBR), that a layout
+#: begins with; what is farther out comes of spoilt outlines, and `measure` finds the value from there
+MARKER, GAP, LARGEST_OF_KALIBR = (0.1, 0.95), (0.05, MOST_GAP), 0.9
+#: ratio of the smaller to the larger component of a step to a neighbour in the marker's own frame: 1 along a diagonal,
+#: 0 along a row or column; .1 to .95 and .05 to .9 give the same boards in 19 sets of pictures
+DIAGONAL, STRAIGHT = 0.7, 0.25
+FARTHEST = 1 + MOST_GAP  #: sides of a marker to its nearest neighbour, as far apart as a board may have them
+#: times the shortest distance of neighbours (that percentile of them: the shortest of all can be misread), below which
+#: a distance is a single step: the next one is twice as long. Markers are lost at 1.2 and at 0 %, none at 1.6 to 3 and
+#: at 2 to 50 %
+SINGLE, SHORTEST = 1.4, 10
 EVEN = 0.3  #: of a step; how far a neighbour may be from a whole multiple
-LONGEST_ROW = 40  #: squares or tags in a row that are thought of; the largest dictionary holds 1000 markers
+FEWEST_STEPS = 3  #: distances of neighbours in all pictures; of fewer, the median is that of a single one
+LONGEST_ROW = 40  #: longest row of squares or tags that is tried; the largest dictionary holds 1000 markers
 LEAST_AGREEING = 0.8  #: share of the markers that a layout must explain; the rest are misread
-LEAST_PLACED = 3  #: markers that neighbours link; fewer say nothing of a layout
+LEAST_PLACED = 3  #: markers that neighbours link; fewer do not determine a layout
 LEAST_EXPLAINED = 6  #: markers that a layout must explain over all pictures: four can be chance
 
 Place = tuple[int, int]  #: column and row
@@ -121,7 +135,7 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set
         return None
     cells = [
         partial(_charuco_cell, columns=columns, start=start, first=origin)
-        for columns in range(3, LONGEST_ROW)
+        for columns in range(LEAST_SQUARES, LONGEST_ROW)
         for start in (1, 0)  # the first square is black, or holds a marker
         for origin in _origins(ids, foreign)
     ]
@@ -133,9 +147,9 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set
         legacy and rows % 2
     )  # the first square of an odd number of rows is always black: a row is not seen
     needed = origin + columns * rows // 2
-    if not _enough(count, len(ids)) or rows < 3 or needed > marker_count(family[0]):
+    if not _enough(count, len(ids)) or rows < LEAST_SQUARES or needed > marker_count(family[0]):
         return None
-    marker = float(np.clip(1 / step, 0.1, 0.95))
+    marker = float(np.clip(1 / step, *MARKER))
     name = smallest(family[0], needed)
     return Found(Charuco(columns, rows, 1.0, marker, name, "unit", legacy, origin), _pictures(patches), count)
 
@@ -144,7 +158,7 @@ def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign
     """The grid of separate markers, with a side of 1, that explains the positions of markers.
 
     Kalibr's ids go up from the lower left, cv2's down from the upper left. The spacing is only rough: small squares
-    at the tags' corners spoil the outlines of these.
+    at the tags' corners make their outlines inaccurate.
     """
     name, border = family
     ids = _ids(patches)
@@ -161,10 +175,10 @@ def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign
     rows = cell(_last(patches, cell))[1] + 1
     if not _enough(count, len(ids)) or rows < 2 or origin + columns * rows > marker_count(name):
         return None
-    spacing = float(np.clip(step - 1, 0.05, 0.9))
+    spacing = float(np.clip(step - 1, *GAP))
     board: TagBoard
     if cell.func is _kalibr_cell:
-        board = AprilGrid(columns, rows, 1.0, spacing, "unit", name, border, origin)
+        board = AprilGrid(columns, rows, 1.0, min(spacing, LARGEST_OF_KALIBR), "unit", name, border, origin)
     else:
         board = TagGrid(
             columns, rows, 1.0, spacing, smallest(name, origin + columns * rows), "unit", border, origin
@@ -261,7 +275,7 @@ def _patches(views: Sequence[Sequence[Marker]], diagonal: bool) -> tuple[list[Pa
     """The linked markers of each picture, and the step in marker sides."""
     frames = [_frames(view) for view in views]
     steps = np.concatenate([_steps(offset, diagonal) for _, offset in frames] or [np.zeros(0)])
-    if len(steps) < 3:
+    if len(steps) < FEWEST_STEPS:
         return [], 0.0
     step = float(np.median(steps))
     patches = [
@@ -287,20 +301,20 @@ def _steps(offset: Array, diagonal: bool) -> Array:
     a = np.abs(offset).reshape(-1, 2)
     large, small = a.max(1), a.min(1)
     if diagonal:
-        good = (small > 0.7 * large) & (large < 3.5)
+        good = (small > DIAGONAL * large) & (large < FARTHEST)
         return _nearest(a[good].mean(1))
-    return _nearest(large[(small < 0.25 * large) & (large < 3.0)])
+    return _nearest(large[(small < STRAIGHT * large) & (large < FARTHEST)])
 
 
 def _nearest(lengths: Array) -> Array:
     """The lengths of single steps: those close to the shortest."""
-    return lengths[lengths < 1.4 * np.percentile(lengths, 10)] if len(lengths) else lengths
+    return lengths[lengths < SINGLE * np.percentile(lengths, SHORTEST)] if len(lengths) else lengths
 
 
 def _walk(near: Array, offset: Array, diagonal: bool) -> Iterator[dict[int, Place]]:
     """The positions of each set of markers that neighbours link by whole steps, the most reliable link first.
 
-    A short step is surer than a long one: the frame of a small marker does not reach far.
+    A short step is more reliable than a long one: the frame of a small marker is inaccurate at a distance.
     """
     whole = np.rint(offset).astype(int)
     miss, length = np.abs(offset - whole).max(-1), np.abs(whole).max(-1)

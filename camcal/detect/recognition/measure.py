@@ -15,7 +15,7 @@ import numpy as np
 
 from camcal.detect.marked_grid import sample_squares
 from camcal.detect.targets.aprilgrid import AprilGrid
-from camcal.detect.targets.base import Detection, Target
+from camcal.detect.targets.base import MOST_GAP, Detection, Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import black_cells
 from camcal.detect.targets.squares import SquareGrid
@@ -29,7 +29,15 @@ Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid | TagGrid)
 MOST_PICTURES = 3  #: that are measured; the figures agree to a per cent from one picture on
 AROUND = 0.2  #: share by which a marker's size by its outline may be wrong
 #: of the gap as a share of the side: what can be printed, and read
-BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, 4.0), "aruco-grid": (0.05, 4.0)}
+BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, MOST_GAP), "aruco-grid": (0.05, MOST_GAP)}
+#: side of a marker in squares: what is printed leaves some white around it
+MARKER = (0.1, 0.98)
+#: multiples that people choose for the side of a marker (in squares) and for a gap (in sides), and how near a measured
+#: value is taken for one: six and eight of ten values are
+MARKER_STEP, MARKER_NEAR = 0.05, 0.015
+GAP_STEP, GAP_NEAR = 0.01, 0.004
+SOLVED = 1e-3  #: how near the minimum is searched for: a marker in squares; a gap to a tenth of it, as it is stated
+ROUNDS = 2  #: of measuring the gap: the second one has corners that the first guess did not lead to
 GROSS = (
     10.0  #: times the median misfit from which on a block of tags holds a wrong corner, and does not decide
 )
@@ -49,15 +57,15 @@ def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
     seen = [(gray, uv) for gray in pictures if (uv := _grid(board, gray)) is not None]
     if seen:
         ratio = board.marker
-        bounds = (max(0.1, (1 - AROUND) * ratio), min(0.98, (1 + AROUND) * ratio))
+        bounds = (max(MARKER[0], (1 - AROUND) * ratio), min(MARKER[1], (1 + AROUND) * ratio))
         cost = partial(_decorrelation, seen=seen, codes=_codes(board), squares=_squares(board))
         from scipy import optimize  # for boards with markers alone: it takes long to import
 
         ratio = float(
-            optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x
+            optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": SOLVED}).x
         )
         board = board_with_marker(board, ratio)
-    return board_with_marker(board, rounded(board.marker, 0.05, 0.015))
+    return board_with_marker(board, rounded(board.marker, MARKER_STEP, MARKER_NEAR))
 
 
 def board_with_marker(board: Charuco, marker: float) -> Charuco:
@@ -105,7 +113,7 @@ def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
     """The grid with the spacing for which blocks of four tags fit a plane's image best."""
     from scipy import optimize  # as above
 
-    for _ in range(2):  # the second time with corners that the first guess did not lead to
+    for _ in range(ROUNDS):
         found = [d for d in map(grid.find, pictures) if isinstance(d, Detection)]
         blocks = [_blocks(grid, d) for d in found]
         ids = np.concatenate([b for b, _ in blocks] or [np.zeros((0, 16), int)])
@@ -114,10 +122,10 @@ def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
         uv = np.concatenate([u for _, u in blocks])
         misfit = partial(_misfit, grid=grid, ids=ids, uv=uv)
         best = optimize.minimize_scalar(
-            misfit, bounds=BOUNDS[grid.kind], method="bounded", options={"xatol": 1e-4}
+            misfit, bounds=BOUNDS[grid.kind], method="bounded", options={"xatol": 0.1 * SOLVED}
         )
         grid = grid_with_spacing(grid, float(best.x))
-    return grid_with_spacing(grid, rounded(grid.spacing, 0.01, 0.004))
+    return grid_with_spacing(grid, rounded(grid.spacing, GAP_STEP, GAP_NEAR))
 
 
 def _misfit(spacing: float, grid: Spaced, ids: Array, uv: Array) -> float:

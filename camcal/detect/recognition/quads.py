@@ -16,7 +16,7 @@ from camcal.geometry import homography
 
 Array = np.ndarray
 
-RIM = 10  #: samples along a side by which a rim is judged; no marker has more cells
+RIM = 10  #: samples along a side at which a rim is tested; no marker has more cells
 DARK_RIM = 0.15  #: share of the samples of the rim that may be bright
 LEAST_INSIDE, MOST_INSIDE = 0.1, 0.9  #: share of the samples inside that are bright in a marker
 LEAST_CONTRAST = 30.0  #: grey levels of 255 within a quadrilateral

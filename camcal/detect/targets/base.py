@@ -31,6 +31,10 @@ Array = np.ndarray
 
 #: of this thread: a busy machine is to find the same boards as an idle one
 clock = time.thread_time
+LEAST_POINTS = 4  #: of a detection: the eight coordinates that determine the homography of a plane
+#: times as long as a picture of half its sides may take: its pixels are four times as many, and a quarter to spare
+LARGER = 5.0
+MOST_GAP = 5.0  #: sides of a tag or square between two of them; beyond, most of the board is empty paper
 
 
 @dataclass(frozen=True)
@@ -198,6 +202,20 @@ class Target(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.__dict__.items())})"
+
+
+def time_for_next(spent: float, left: float) -> bool:
+    """Return whether a picture of twice the sides can be searched in the time left, s, after one that took `spent`."""
+    return LARGER * spent <= left
+
+
+def checked_gap(gap: float, example: str) -> float:
+    """The gap between two tags or squares, in sides; UsageError unless it is above 0 and at most `MOST_GAP`."""
+    if not 0 < gap <= MOST_GAP:
+        raise UsageError(
+            f"a gap of {gap:g} sides is out of range.", f"Give it as a fraction of the side: {example}"
+        )
+    return float(gap)
 
 
 def check_arguments(

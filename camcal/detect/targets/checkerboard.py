@@ -12,6 +12,7 @@ from camcal.detect.search import Found, search
 from camcal.detect.squares import oriented
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
+    LEAST_POINTS,
     Detection,
     Miss,
     Pattern,
@@ -23,8 +24,8 @@ from camcal.settings.sizes import parse_grid, parse_length
 Array = np.ndarray
 
 LEAST_UNASKED = 12  #: corners; a smaller grid is accepted only where its size was asked for
-SURE = 0.75  #: share of its corners that must stand the fit
-LEAST_GOOD = 0.5  #: share of the corners that must stand the fit
+SURE = 0.75  #: share of its corners that must pass the tests of the fit
+LEAST_GOOD = 0.5  #: share of the corners that must pass the tests of the fit
 #: of a step; grids in 300 pages of small text have 0.10 to 0.18. Boards of all real sets have at most 0.06; boards of
 #: 5x4 corners close to a lens of 170 degrees have up to 0.16, so that this alone does not decide
 UNEVEN = 0.08
@@ -118,7 +119,7 @@ def detection(gray: Array, found: Found, columns: int, rows: int) -> Detection |
     ids, corners, reasons = sharp_corners(gray, lattice, found.factor, found.picture)
     everywhere = range(columns * rows)
     rejected = {i: reasons.get(i, "not seen") for i in everywhere if i not in set(ids.tolist())}
-    if len(ids) < max(4, LEAST_GOOD * columns * rows):
+    if len(ids) < max(LEAST_POINTS, LEAST_GOOD * columns * rows):
         return _unusable(rejected)
     steps = lattice.steps().reshape(-1, 2, 2)[ids]
     scale = 255 / grey_span(gray)

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from camcal.detect.board_points import LOCAL_POINTS, from_points
+from camcal.detect.board_points import LOCAL_POINTS, from_points, strays
 from camcal.detect.disc_fit import fit_discs
 from camcal.detect.disc_grid import Grid, find_board
 from camcal.detect.discs import Discs, find_discs
@@ -24,11 +24,13 @@ from camcal.detect.fit import ROUNDING
 from camcal.detect.pyramid import grey_span, noise, reduced, reductions, to_8_bits
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
+    LEAST_POINTS,
     Detection,
     Miss,
     Pattern,
     Target,
     clock,
+    time_for_next,
 )
 from camcal.errors import UsageError
 from camcal.model.camera import Camera
@@ -95,7 +97,7 @@ class Circles(Target):
         good, total = fitted.good & ~self._strays(found.ids, fitted.discs.centre), self.columns * self.rows
         order = np.argsort(found.ids)
         order = order[good[order]]
-        if len(order) < max(4, ENOUGH * total):
+        if len(order) < max(LEAST_POINTS, ENOUGH * total):
             why = max(set(fitted.reasons), key=fitted.reasons.count)
             return Miss(
                 "none", f"a grid was found, but only {len(order)} of its {total} discs can be used: {why}"
@@ -122,9 +124,7 @@ class Circles(Target):
         points = self.points[ids, :2]
         if len(ids) <= LOCAL_POINTS or not np.isfinite(centre).all():
             return ~np.isfinite(centre).all(1)
-        uv, jacobian, certain = from_points(points, points, centre, leave_out=True)
-        room = STRAY * self.square * np.linalg.norm(jacobian, axis=1).min(1)
-        return certain & (np.linalg.norm(uv - centre, axis=1) > np.maximum(room, 1.5))
+        return strays(points, centre, STRAY * self.square)
 
     def apparent_shift(
         self, camera: Camera, cam_from_board: Pose, point_ids: Array, radius: float | None = None
@@ -247,8 +247,7 @@ def search(
         if found is not None:
             return found, others
         others += seen
-        # the next picture has four times as many pixels; five times, a quarter to spare
-        if 5 * (clock() - start) > seconds - (clock() - began):
+        if not time_for_next(clock() - start, seconds - (clock() - began)):
             break
     return None, others
 
@@ -256,7 +255,7 @@ def search(
 def find_any(gray: Array, seconds: float) -> Grid | None:
     """A grid of printed discs, if a picture shows one.
 
-    Windows of a house, a mesh, the small squares between the tags of an AprilTag grid stand in rows as well: here
+    Windows of a house, a mesh, the small squares between the tags of an AprilTag grid are in rows as well: here
     there is nothing around the discs, they are as long as they are wide in the grid, and are fitted as discs.
     """
     grid, _ = search(gray, seconds, None, None)

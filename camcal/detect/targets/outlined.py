@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.detect.board_points import LOCAL_POINTS, from_points
+from camcal.detect.board_points import LOCAL_POINTS, strays
 from camcal.detect.outlines import Squares, refine_squares
 from camcal.detect.pyramid import grey_span
 from camcal.detect.targets.base import Detection
@@ -99,9 +99,7 @@ def in_place(points: Array, side: float, squares: Array, fitted: Squares) -> Arr
     if len(known) <= LOCAL_POINTS:
         return keep
     seen = fitted.corners[rows].reshape(-1, 2)
-    uv, jacobian, certain = from_points(known, known, seen, leave_out=True)
-    room = np.maximum(STRAY * side * np.linalg.norm(jacobian, axis=1).min(1), 1.0)
-    stray = certain & (np.linalg.norm(uv - seen, axis=1) > room)
+    stray = strays(known, seen, STRAY * side)
     keep[rows[stray.reshape(-1, 4).any(1)]] = False
     return keep
 

@@ -18,16 +18,18 @@ from camcal.detect.pyramid import reduced, reductions, to_8_bits
 from camcal.detect.targets import outlined
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
+    LEAST_POINTS,
     Detection,
     Miss,
     Pattern,
     Target,
     check_arguments,
+    checked_gap,
     clock,
     ratio,
+    time_for_next,
 )
 from camcal.detect.targets.dictionaries import rectangle
-from camcal.errors import UsageError
 from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
@@ -50,11 +52,7 @@ class SquareGrid(Target):
         self, columns: int, rows: int, square: float = 1.0, spacing: float = 1.0, unit: str = "square"
     ):
         super().__init__(columns, rows, square, unit)
-        self.spacing = float(spacing)
-        if not 0 < self.spacing <= 5:
-            raise UsageError(
-                f"a gap of {spacing:g} sides is out of range.", "Give it as a fraction of the side: 0.78"
-            )
+        self.spacing = checked_gap(spacing, "0.78")
 
     @property
     def pitch(self) -> float:
@@ -90,7 +88,7 @@ class SquareGrid(Target):
         fitted = fitted.take_corners(CLOCKWISE)
         keep = outlined.in_place(self.points, self.square, grid.ids, fitted)
         total = self.columns * self.rows
-        if keep.sum() < max(4, ENOUGH * total):
+        if keep.sum() < max(LEAST_POINTS, ENOUGH * total):
             return Miss("none", f"a grid was found, but only {keep.sum()} of its {total} squares can be used")
         return outlined.detection(gray, total, grid.ids, fitted, keep, sides)
 
@@ -180,14 +178,13 @@ def search(
     for factor in reductions(picture.shape):
         start = clock()
         quads = (find_squares(reduced(picture, factor)) + 0.5) * factor - 0.5
-        if len(quads) >= 4:
+        if len(quads) >= LEAST_POINTS:
             discs = as_discs(quads)
             grid, seen = find_board(discs, False, size, factor)
             if grid is not None:
                 rows = [int(np.abs(discs.centre - c).sum(1).argmin()) for c in grid.discs.centre]
                 return (grid, quads[rows]), others
             others += seen
-        # the next picture has four times as many pixels; five times, a quarter to spare
-        if 5 * (clock() - start) > seconds - (clock() - began):
+        if not time_for_next(clock() - start, seconds - (clock() - began)):
             break
     return None, others

@@ -16,7 +16,15 @@ from camcal.detect import saddle
 from camcal.detect.board_points import LEAST_GAP, Known, board_from_pixel, locate
 from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
-from camcal.detect.targets.base import DEFAULT_SECONDS, Detection, Miss, Target, clock
+from camcal.detect.targets.base import (
+    DEFAULT_SECONDS,
+    LEAST_POINTS,
+    Detection,
+    Miss,
+    Target,
+    clock,
+    time_for_next,
+)
 from camcal.geometry import homography
 from camcal.geometry.neighbours import Neighbours
 from camcal.geometry.picture import in_picture
@@ -29,7 +37,6 @@ BAND = 3.0  #: blurs to each side of an edge that a fit looks at
 START_BLUR = 1.5  #: px; the starts come from markers whose corners are off by a px or two
 ROUNDS = 8  #: of fitting the neighbours of what is known
 ENOUGH = 0.5  #: share of the points for which no finer picture is searched
-LEAST_POINTS = 4  #: fewer say nothing of a pose
 AGREE = 0.3  #: how far a marker may be from where its neighbour expects it, of their distance
 REACH = 1.2  #: pitches from a corner to the nearest marker that was read
 
@@ -86,7 +93,7 @@ class TagBoard(Target):
             spent = clock() - began
             left = seconds - (clock() - start)
             enough = isinstance(best, Detection) and len(best) >= ENOUGH * len(self.points)
-            if enough or 4 * spent > left:  # the next picture is four times as large
+            if enough or not time_for_next(spent, left):
                 break
         return best
 
@@ -125,7 +132,7 @@ class TagBoard(Target):
         jacobian : (N, 2, 2) array
             d uv / d point.
         info : mapping
-            To stand in the detection's info, too.
+            Further entries of the detection's info.
         """
         points = self.points[:, :2]
         known = Known.of(len(points))

@@ -17,6 +17,7 @@ from camcal.detect.targets.base import (
     Miss,
     Pattern,
     check_arguments,
+    checked_gap,
     not_usual,
     ratio,
     whole_number,
@@ -60,13 +61,9 @@ class TagGrid(TagBoard):
         start: int = 0,
     ):
         super().__init__(columns, rows, square, unit)
-        self.spacing, self.dictionary = float(spacing), dictionary
+        self.spacing, self.dictionary = checked_gap(spacing, "0.25"), dictionary
         self.border, self.start = int(border), int(start)
         held = marker_count(dictionary)
-        if not 0 < self.spacing <= 5:
-            raise UsageError(
-                f"a gap of {spacing:g} sides is out of range.", "Give it as a fraction of the side: 0.25"
-            )
         if self.start < 0 or self.start + columns * rows > held:
             raise UsageError(
                 f"markers {start} to {start + columns * rows - 1} are needed; {dictionary} holds {held}.",

@@ -13,10 +13,11 @@ from camcal.routes.hand_eye.views import Views, from_rotations
 #: in five is without them, and all of SAMPLES have one with the probability 2e-15.
 SAMPLE = 4
 SAMPLES = 150
-#: Fewer poses than this are tested one by one only: the median of fewer says little.
+#: Fewer poses than this are tested one by one only: the median of fewer is unreliable.
 LEAST = 8
 #: Robust standard deviations from which on a pose is set aside for a start; it comes back where it fits after all.
 FAR = 6.0
+ROUNDING = 1e-12  #: rad, and units of the robot's lengths: a residual of exact poses is not compared with 0
 
 
 def agreeing(views: Views, setup: str, seed: int = 0) -> Array:
@@ -37,4 +38,4 @@ def agreeing(views: Views, setup: str, seed: int = 0) -> Array:
     best = sizes[:, np.argmin(np.where(np.isfinite(scores), scores, np.inf))]
     # the length of three numbers of standard deviation 1 has the median 1.54
     unit = np.median(best, axis=1, keepdims=True) / np.sqrt(stats.chi2.median(3))
-    return np.asarray((best <= FAR * np.maximum(unit, 1e-12)).all(0))
+    return np.asarray((best <= FAR * np.maximum(unit, ROUNDING)).all(0))

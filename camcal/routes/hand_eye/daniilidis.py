@@ -6,6 +6,7 @@ import numpy as np
 
 from camcal.errors import EstimationError
 from camcal.geometry import rotations as so3
+from camcal.geometry.roots import are_real
 from camcal.model.pose import Array, Pose, Poses
 from camcal.routes.hand_eye.views import Views
 
@@ -55,8 +56,7 @@ def _unit(v: Array, w: Array) -> tuple[Array, Array]:
     """λ1 v + λ2 w with |q| = 1 and q · q' = 0: a quadratic in λ1 / λ2, eq. (33) to (35)."""
     u1, v1, u2, v2 = v[:4], v[4:], w[:4], w[4:]
     roots = np.roots([u1 @ v1, u1 @ v2 + u2 @ v1, u2 @ v2])
-    # rounding, 1e-16, splits a double root into a complex pair that is 1e-8 apart
-    real = roots[np.abs(roots.imag) < 1e-6 * (1 + np.abs(roots))].real
+    real = roots[are_real(roots)].real
     if not len(real):
         raise EstimationError("the dual quaternions of the motions have no common solution.", "Add poses.")
     lengths = [s * s * (u1 @ u1) + 2 * s * (u1 @ u2) + u2 @ u2 for s in real]

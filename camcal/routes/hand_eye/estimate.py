@@ -11,11 +11,12 @@ from camcal.errors import EstimationError
 from camcal.model.pose import Array, Pose, Poses
 from camcal.records import dataclass
 from camcal.routes.hand_eye import closed_forms, equation, variance
-from camcal.routes.hand_eye.agreement import agreeing
+from camcal.routes.hand_eye.agreement import ROUNDING, agreeing
 from camcal.routes.hand_eye.closed_forms import Method
 from camcal.routes.hand_eye.joint import Joint, Measured, Noise, Robot, Unknowns, solve
 from camcal.routes.hand_eye.motions import Motions, measure, require_enough, require_two_axes
 from camcal.routes.hand_eye.pictures import Alone, Pictures, alone
+from camcal.routes.hand_eye.variance import NUMBERS
 from camcal.routes.hand_eye.views import views_of
 from camcal.solve.problem import Problem
 
@@ -24,7 +25,8 @@ SETTLED = 1e-3
 MOST_ROUNDS = 30  #: a limit of work
 #: A pose is an outlier below this probability, of any one of V: one false alarm in a thousand calibrations.
 OUTLIER = 1e-3
-#: Outliers are looked for among at least this many poses: of fewer, a wrong one hides in the noise that it makes.
+#: Outliers are looked for among at least this many poses: of fewer, a wrong one raises the noise estimate so far that
+#: it passes.
 LEAST_TO_TEST = 7
 LEVEL = 0.95  #: probability of the intervals `interval_*`
 
@@ -182,7 +184,9 @@ def _tested(found: Estimate, pictures: Pictures, seen: Alone, robot: Robot, used
     joint = Joint(found.setup, seen.problem, robot, found.noise, timed, shifts)
     linear = joint.linear(Unknowns(seen.state, found.x, found.z, found.offset or 0.0, found.camera))
     misfit = variance.misfit_of_new(linear, found.noise, found.shared)[aside]
-    fits = aside[stats.f.sf(misfit / 6, 6, max(6 * len(used) - shared, 1)) * count >= OUTLIER]
+    fits = aside[
+        stats.f.sf(misfit / NUMBERS, NUMBERS, max(NUMBERS * len(used) - shared, 1)) * count >= OUTLIER
+    ]
     return np.sort(np.concatenate([used, fits]))
 
 
@@ -249,7 +253,7 @@ def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) ->
     assert best.x is not None and best.z is not None
     # a coordinate's share of the root mean square length; rounding where the data are exact
     rough = np.maximum(
-        [best.rotation_rms, best.translation_rms], [1e-12, 1e-12 * closed_forms.length_unit(views)]
+        [best.rotation_rms, best.translation_rms], [ROUNDING, ROUNDING * closed_forms.length_unit(views)]
     )
     noise = Noise(seen.sigma, *(rough / np.sqrt(3)).tolist())
     return Start(

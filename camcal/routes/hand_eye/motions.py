@@ -13,9 +13,11 @@ from camcal.routes.hand_eye.views import Views
 
 #: Two motions are needed, of three poses (Tsai & Lenz 1989, sec. II).
 LEAST_VIEWS = 3
-#: Turns about a second axis count from this many times the noise of the camera's rotations on. They stand on both sides
-#: of A X = X B, so that noise of a part 1/k of them biases what they determine by 1/k²: a tenth at 3.
+#: Turns about a second axis count from this many times the noise of the camera's rotations on. They appear on both
+#: sides of A X = X B, so that noise of a part 1/k of them biases what they determine by 1/k²: a tenth at 3.
 ABOVE_NOISE = 3.0
+#: rad; an axis this near to one of the coordinate axes is called by its letter; its direction is printed beside it
+ALONG = np.radians(5)
 
 
 @dataclass(frozen=True)
@@ -94,4 +96,4 @@ def _axis(axis: Array) -> str:
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     letter = "xyz"[int(np.abs(axis).argmax())]
     words = "(" + " ".join(f"{a:.2f}" for a in axis.round(2) + 0.0) + ")"
-    return f"axis {letter} {words}" if np.abs(axis).max() > np.cos(np.radians(5)) else f"axis {words}"
+    return f"axis {letter} {words}" if np.abs(axis).max() > np.cos(ALONG) else f"axis {words}"

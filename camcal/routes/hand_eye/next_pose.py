@@ -26,6 +26,9 @@ TURNS = tuple(
 )
 #: views from which turns are tried, spread over all
 BASES = 8
+#: rad; angle of the line of sight to the board's plane: at sin(15 degrees) = 0.26 the squares are foreshortened to a
+#: quarter
+FLATTEST = np.radians(15)
 
 
 @dataclass(frozen=True)
@@ -78,8 +81,7 @@ def _candidates(found: Estimate) -> tuple[Poses, View]:
     # the front of the board
     side = np.einsum("ki,ki->k", rotation[:, :, 2], centre) / np.linalg.norm(centre, axis=1)
     before = np.einsum("vi,vi->v", bases.rotation[:, :, 2], bases.rotation @ middle + bases.translation)
-    # sin(15 degrees) = 0.26: closer to its plane the squares are foreshortened to less than a quarter
-    inside &= side * np.repeat(np.sign(before), len(turns)) > np.sin(np.radians(15))
+    inside &= side * np.repeat(np.sign(before), len(turns)) > np.sin(FLATTEST)
     return poses[np.flatnonzero(inside)], view
 
 

@@ -16,6 +16,8 @@ from camcal.solve.problem import Problem, Seen, State
 
 #: eigenvalues of correlations relative to the largest that count as 0: rounding
 RANK = 1e-12
+#: px²; a sum of squares is no less, (1e-12 px)², as the noise of exact pictures would be 0, and is a divisor
+EXACT = 1e-24
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,6 @@ def alone(pictures: Pictures) -> Alone:
     """Fit the pose of each instant."""
     problem = pictures.problem()
     found = solve_poses(problem, pictures.begin(problem))
-    sigma = float(np.sqrt(max(2 * found.costs.sum(), 1e-24) / max(pictures.freedom, 1)))
+    sigma = float(np.sqrt(max(2 * found.costs.sum(), EXACT) / max(pictures.freedom, 1)))
     normal = problem.pose_normals(found.state, np.arange(problem.instants))[:, :6, :6]
     return Alone(problem, found.state, sigma, sigma**2 * np.linalg.inv(normal)[:, :3, :3])

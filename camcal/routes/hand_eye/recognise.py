@@ -1,8 +1,8 @@
 """Recognition of the set-up and of the robot's rotation convention, from the residuals of a closed form.
 
 With the right ones G Z = X C holds in all views up to the noise (Shah's closed form for X and Z); with others the
-residual is of the size of the motions. Rotations alone do not tell all readings apart: a quaternion of another order is
-the inverse of a rotation between two constant ones (an improper rotation of its four numbers), which is the
+residual is of the size of the motions. Rotations alone do not distinguish all readings: a quaternion of another order
+is the inverse of a rotation between two constant ones (an improper rotation of its four numbers), which is the
 other set-up.
 """
 
@@ -26,6 +26,8 @@ from camcal.routes.hand_eye.views import Views, views_of
 ODDS = 1000.0
 #: rad, and part of a length; smaller residuals are the rounding of numbers written with six digits
 ROUNDING = 1e-6
+#: decimals of the logarithms of residuals that are compared: readings that differ by rounding alone are equal
+DIGITS = 9
 #: rad, 10 degrees. Robots repeat to hundredths of a degree and are accurate to one; poses that belong to other views
 #: leave several tens.
 NO_ROBOT = np.radians(10.0)
@@ -89,13 +91,13 @@ def log_odds(better: Reading, other: Reading, views: int) -> float:
 
 def likeliest(found: Sequence[Reading]) -> Reading:
     """The reading with the smallest residuals, the first of equal ones."""
-    return min(found, key=lambda r: np.log([r.misfit + ROUNDING, r.shift + ROUNDING]).sum().round(9))
+    return min(found, key=lambda r: np.log([r.misfit + ROUNDING, r.shift + ROUNDING]).sum().round(DIGITS))
 
 
 def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views: int) -> Reading:
     """The reading to use.
 
-    What was said (`setup`, a form that is `certain`) is kept; what was not is the likeliest, where it is at least
+    What was given (`setup`, a form that is `certain`) is kept; the rest is the likeliest, where it is at least
     `ODDS` times as likely as what the names of the columns say.
 
     Raises

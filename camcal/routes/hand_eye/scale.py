@@ -11,8 +11,11 @@ from camcal.routes.hand_eye.views import Views
 
 #: millimetres in the units that a length may have
 MILLIMETRES = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+UNKNOWNS = 4  #: the translation and the ratio of the lengths
 #: Units of length differ by 2.54 (cm and in) or more; boards are printed true to a few percent.
 SAME_UNIT = 1.5
+#: how far the ratio of lengths may be from that of two units, to be explained by them: a tenth, for the same reason
+NEAR_UNIT = 0.1
 #: Standard deviations from which on the board's and the robot's lengths differ: once in two million by chance.
 DIFFERENT = 5.0
 
@@ -32,8 +35,8 @@ def scale(views: Views) -> tuple[float, float]:
     left = left / np.where(unit > 0, unit, 1.0)
     right = -a.translation.ravel()
     solved, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-6)
-    freedom = 3 * (len(views) - 1) - 4
-    if rank < 4 or freedom < 1:
+    freedom = 3 * (len(views) - 1) - UNKNOWNS
+    if rank < UNKNOWNS or freedom < 1:
         return float("nan"), float("nan")
     # M pairs of V - 1 independent motions: matrix and squares grow alike, the degrees of freedom do not
     rest = np.square(left @ solved - right).sum() / freedom
@@ -69,6 +72,5 @@ def require_same_unit(factor: float, unit: str | None) -> None:
 
 
 def _is(factor: float, millimetres: float, unit: str | None) -> bool:
-    """Return whether poses in a given unit would explain the ratio to within a tenth."""
-    # a tenth: units differ by a factor of 2.5 (in, cm) and more
-    return unit in MILLIMETRES and abs(abs(factor) * millimetres / MILLIMETRES[unit] - 1) < 0.1
+    """Return whether poses in a given unit would explain the ratio."""
+    return unit in MILLIMETRES and abs(abs(factor) * millimetres / MILLIMETRES[unit] - 1) < NEAR_UNIT

@@ -23,6 +23,10 @@ from camcal.routes.hand_eye.joint import Linear, Noise, prior
 
 #: Steps of the scoring; from any start within a factor of 1000 the variances are found to 1e-9 in about ten.
 MOST_STEPS = 60
+#: of the logarithms of the variances: a change below it ends the steps (no digit that is printed), a variance is above
+#: its floor by more than rounding, a step is halved so often: to 1e-9 of it
+SETTLED, ROUNDING, HALVINGS = 1e-9, 1e-12, 30
+NUMBERS = 6  #: of the residual of a pose: rotation and translation
 #: A variance is not searched for below this part of what the image's noise makes of the same residuals: it changes
 #: no weight by more than that.
 FLOOR = 1e-4
@@ -80,9 +84,9 @@ def estimate(linear: Linear, start: Noise, freedom: float) -> Components:
         f = here.information[np.ix_(active, active)]
         step[active] = np.clip(np.linalg.solve(f, here.score[active]), -FURTHEST, FURTHEST)
         logs, here, moved = model.uphill(logs, here, step, floors)
-        if moved < 1e-9:  # of the logarithms of the variances: no digit that is printed
+        if moved < SETTLED:
             break
-    return _components(model, here, logs, logs > floors + 1e-12)  # above the floor by more than rounding
+    return _components(model, here, logs, logs > floors + ROUNDING)
 
 
 def _components(model: _Model, here: _Point, logs: Array, inside: Array) -> Components:
@@ -222,7 +226,7 @@ class _Model:
 
     def uphill(self, logs: Array, here: _Point, step: Array, floors: Array) -> tuple[Array, _Point, float]:
         """Take a step, halved until the likelihood does not fall; return the step length too."""
-        for _ in range(30):
+        for _ in range(HALVINGS):
             trial = np.maximum(logs + step, floors)
             there = self.at(trial)
             if there.likelihood >= here.likelihood:
@@ -243,11 +247,13 @@ def outlying(misfit: Array, shared: int) -> Array:
     The others' scatter is the measure: F = (d / 6) / ((n − d) / (n − 6)) with n = 6 V − F degrees of freedom (an
     externally studentised residual; Cook & Weisberg 1982, sec. 2.2).
     """
-    n = 6.0 * len(misfit) - shared
-    if n <= 6:
+    n = float(NUMBERS) * len(misfit) - shared
+    if n <= NUMBERS:
         return np.ones(len(misfit))
     rest = np.maximum(n - misfit, np.finfo(float).tiny)
-    return np.asarray(stats.f.sf(misfit / 6 / (rest / (n - 6)), 6, n - 6))
+    with np.errstate(over="ignore"):  # of a view that has the whole scatter: its probability is 0
+        ratio = misfit / NUMBERS / (rest / (n - NUMBERS))
+    return np.asarray(stats.f.sf(ratio, NUMBERS, n - NUMBERS))
 
 
 def weights(linear: Linear, noise: Noise, freedom: float) -> Array:

@@ -25,13 +25,14 @@ PAGES = {  # short and long side, mm
     "tabloid": (279.4, 431.8),
 }
 OWN = "own"  #: name of a page that is as large as the target needs
-AUTO = "auto"  #: stands for the first of `COMMON` on which the target fits
+AUTO = "auto"  #: the first of `COMMON` on which the target fits
 COMMON = ("a4", "letter", "a3", "tabloid", "a2", "a1", "a0")
 #: mm at the edge of the paper that printers leave white: most leave 3 to 5, some 6.4 (a quarter of an inch) at one side
 UNPRINTED = 6.5
 #: of the quiet margin that the rulers leave white: its outer part is there for outlines near the edge of the paper,
 #: and no corner is fitted so far from it
 CLEAR = 0.6
+ROUNDING = 1e-6  #: mm; by which a sheet may be larger than its page: the rounding of sums of lengths
 GAP = 5.0  #: mm from the target to a ruler at least
 TICK = 10.0  #: mm between the ticks of a ruler
 TICK_LENGTH = 2.0  #: mm; fits into the margin beside the target
@@ -104,21 +105,7 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
     UsageError
         Where the target has no unit of length, is a negative, or does not fit on the page.
     """
-    if target.unit not in MILLIMETRES:
-        raise UsageError(
-            f"{target.kind} of {target.columns}x{target.rows} has no length and cannot be printed to scale.",
-            f"Give the length with its unit ({', '.join(MILLIMETRES)}), as in checkerboard:9x6:25mm.",
-        )
-    if target.negative:
-        raise UsageError(
-            "a board with black and white exchanged is not printed.",
-            "Leave `negative` out; exchange black and white at the printer if the board has to be black.",
-        )
-    scale, pattern = MILLIMETRES[target.unit], target.pattern()
-    circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
-    polygons = [np.asarray(p, float) * scale for p in pattern.polygons]
-    quiet = scale * np.array(pattern.extent)
-    quiet = _clear_of_rulers(quiet, _black(polygons, circles))
+    polygons, circles, quiet = _shapes(target)
     width, height, right, above = _needed(quiet, _black(polygons, circles))
     name, (page_width, page_height) = _page(page, width, height)
     # in the middle, as far as the rulers on the left and below stay printable
@@ -148,6 +135,24 @@ def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
         (float(shift[0]), float(shift[1])),
         _instructions(target, lengths),
     )
+
+
+def _shapes(target: Target) -> tuple[list[Array], Array, Array]:
+    """The polygons (K, 2), circles (C, 3: x, y, radius) and quiet margin (x0, y0, x1, y1) of a target to print, mm."""
+    if target.unit not in MILLIMETRES:
+        raise UsageError(
+            f"{target.kind} of {target.columns}x{target.rows} has no length and cannot be printed to scale.",
+            f"Give the length with its unit ({', '.join(MILLIMETRES)}), as in checkerboard:9x6:25mm.",
+        )
+    if target.negative:
+        raise UsageError(
+            "a board with black and white exchanged is not printed.",
+            "Leave `negative` out; exchange black and white at the printer if the board has to be black.",
+        )
+    scale, pattern = MILLIMETRES[target.unit], target.pattern()
+    circles = np.asarray(pattern.circles, float).reshape(-1, 3) * scale
+    polygons = [np.asarray(p, float) * scale for p in pattern.polygons]
+    return polygons, circles, _clear_of_rulers(scale * np.array(pattern.extent), _black(polygons, circles))
 
 
 def _black(polygons: list[Array], circles: Array) -> Array:
@@ -193,7 +198,7 @@ def _page(page: str, width: float, height: float) -> tuple[str, tuple[float, flo
 
 
 def _fits(needed: tuple[float, float], size: tuple[float, float]) -> bool:
-    return needed[0] <= size[0] + 1e-6 and needed[1] <= size[1] + 1e-6
+    return needed[0] <= size[0] + ROUNDING and needed[1] <= size[1] + ROUNDING
 
 
 def _ruler_length(room: float) -> float:
