@@ -22,6 +22,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.plan.boards import as_designed, with_shape
 from camcal.plan.camera import run_closed_form, starts_from_nothing
+from camcal.plan.held import held_at_start
 from camcal.plan.known_camera import fully_known, placed
 from camcal.plan.lens import solved_with_found
 from camcal.plan.options import Options
@@ -245,5 +246,7 @@ def assessed(solution: Solution, progress: Progress) -> Solution:
     if held is not None:
         solution = replace(solution, holdout=described(held, difference_of_folds(solution, held)))
     warnings = (*check(solution, solution.warnings, solution.holdout, found), *as_designed(progress))
+    if asked.start_camera is None:
+        warnings = (*warnings, *held_at_start(asked.fix, solution.camera))
     solution = replace(solution, warnings=warnings)
     return replace(solution, stages=with_conditioning(solution.stages, solution, asked.normalise))

@@ -21,11 +21,12 @@ from camcal.errors import EstimationError
 from camcal.model.rig import Rig
 from camcal.plan.better import Candidate
 from camcal.plan.boards import SHAPES, as_designed, with_shape
+from camcal.plan.held import held_at_start
 from camcal.plan.options import Options
 from camcal.plan.outlying import LOSS, LOSS_ROUNDS
 from camcal.plan.progress import Attempt, Change, Progress, advance, follow
 from camcal.plan.rig_boards import Layout, arranged
-from camcal.plan.rig_cameras import Alone, alone, check_options, pictures_of
+from camcal.plan.rig_cameras import Alone, alone, check_options, fixed_of, pictures_of
 from camcal.plan.solution import RigSolution
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.rig import RigOptions
@@ -233,4 +234,12 @@ def _assessed(solution: RigSolution, progress: Progress, asked: RigOptions) -> R
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, None))
-    return replace(solution, warnings=(*check(solution, progress.notes["lags"]), *as_designed(progress)))
+    held = [
+        warning
+        for name, camera in solution.rig.cameras.items()
+        if name not in asked.cameras
+        for warning in held_at_start(fixed_of(name, camera.lens.name, asked), camera, name)
+    ]
+    return replace(
+        solution, warnings=(*check(solution, progress.notes["lags"]), *as_designed(progress), *held)
+    )

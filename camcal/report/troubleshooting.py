@@ -149,6 +149,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Unrounded points.",
     ),
     "rounded-coordinates": ("Points clicked or stored in whole pixels.", "Store sub-pixel coordinates."),
+    "held-at-start": (
+        "`--fix fx` without a value.",
+        "`--fix fx=VALUE`, or a camera whose value is held: `--start-camera FILE`, of a rig `--cameras NAME=FILE`.",
+    ),
     "boards-as-designed": (
         "One of several boards is in few pictures.",
         "None is needed if that board is flat; otherwise three or more pictures of it.",
