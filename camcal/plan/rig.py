@@ -234,12 +234,12 @@ def _assessed(solution: RigSolution, progress: Progress, asked: RigOptions) -> R
     held = hold_out(solution, how, folds) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, None))
-    held = [
+    fixed = [
         warning
         for name, camera in solution.rig.cameras.items()
         if name not in asked.cameras
         for warning in held_at_start(fixed_of(name, camera.lens.name, asked), camera, name)
     ]
     return replace(
-        solution, warnings=(*check(solution, progress.notes["lags"]), *as_designed(progress), *held)
+        solution, warnings=(*check(solution, progress.notes["lags"]), *as_designed(progress), *fixed)
     )
