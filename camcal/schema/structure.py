@@ -16,6 +16,7 @@ from camcal.system.text import quoted
 
 T = TypeVar("T")
 
+_CONTAINERS = (dict, list, tuple, Mapping)
 #: what stands for a type in a message
 _NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
@@ -127,20 +128,20 @@ def _fields(kind: type[msgspec.Struct]) -> tuple[msgspec.structs.FieldInfo, ...]
 
 def unknown_key(kind: Any, value: Any, path: str = "") -> str | None:
     """Return the path to the first key of a plain document that the schema does not have, or None."""
-    if not isinstance(value, (dict, list, tuple, Mapping)):
+    if not isinstance(value, _CONTAINERS):
         return None
-    if isinstance(value, (list, tuple)) and not any(
-        isinstance(v, (dict, list, tuple, Mapping)) for v in value
-    ):
-        return None  # numbers and words, the most of a report
     kind, _ = _bare(kind, value)
     section = isinstance(kind, type) and issubclass(kind, Section)
     if section and isinstance(value, Mapping) and not kind.open:
+        known = kind.__struct_encode_fields__
         for name in value:
-            if name not in hints_of(kind):
+            if name not in known:
                 return _join(path, name)
+    inside = value.values() if isinstance(value, Mapping) else value
+    if not any(isinstance(part, _CONTAINERS) for part in inside):
+        return None  # numbers and words, the most of a report: their types need not be evaluated
     for name, inner, part in _parts(kind, value):
-        if isinstance(part, (dict, list, tuple, Mapping)):
+        if isinstance(part, _CONTAINERS):
             found = unknown_key(inner, part, _join(path, name))
             if found is not None:
                 return found
