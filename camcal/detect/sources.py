@@ -29,10 +29,10 @@ Array = np.ndarray
 ARCHIVES = (".zip",)
 #: raw pictures of cameras: cv2 would read the small preview in some of them
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw")
-#: bytes of decoded pictures that are kept from the search to the second pass, 200 of .3 megapixels or 32 of 2:
+#: bytes of decoded pictures that are kept from the search to the second pass, 150 of .3 megapixels or 24 of 2:
 #: decoding takes a tenth of the time of such a set, and the memory of a command is to stay 1.5 times that of a
-#: script + 60 MB; the program itself takes 35 MB more than the script
-KEPT = 64 << 20
+#: script + 60 MB; the search itself takes 40 MB more than the script
+KEPT = 48 << 20
 MOST_BYTES = 2 << 30  #: of a picture's file: more than 200 million pixels of three 16-bit colours
 
 
