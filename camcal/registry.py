@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -16,7 +17,8 @@ from camcal.errors import UsageError
 def load(path: str) -> Any:
     """Import `"package.module:attribute"` and return the attribute."""
     module, _, attribute = path.partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    # asked for in every calibration: a look-up in place of the import machinery
+    return getattr(sys.modules.get(module) or importlib.import_module(module), attribute)
 
 
 #: what a name is called elsewhere (OpenCV, ROS, Kalibr, MATLAB, COLMAP) -> the name here, or what to choose from

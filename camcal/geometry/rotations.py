@@ -10,6 +10,8 @@ import numpy as np
 
 Array = np.ndarray
 
+_IDENTITY = np.eye(3)
+
 
 def skew(v: Array) -> Array:
     """Matrices (..., 3, 3) with skew(v) @ w = v x w, for vectors (..., 3)."""
@@ -22,7 +24,7 @@ def skew(v: Array) -> Array:
 
 
 def exp(vector: Array) -> Array:
-    """Rotation matrices of rotation vectors (Rodrigues' formula); the series near zero keeps all digits.
+    """Rotation matrices of rotation vectors (Rodrigues' formula); the sine's own series keeps all digits near zero.
 
     Parameters
     ----------
@@ -33,14 +35,13 @@ def exp(vector: Array) -> Array:
     (..., 3, 3) array
     """
     vector = np.asarray(vector, float)
-    t2 = np.einsum("...i,...i->...", vector, vector)
-    t = np.sqrt(t2)
-    small = t2 < 1e-8  # the next terms, t⁴ / 120 of 1 and t⁴ / 720 of 1/2, are below rounding (1e-16)
-    safe = np.where(small, 1.0, t)
-    a = np.where(small, 1 - t2 / 6, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - t2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
+    # below that length sin t / t is 1 and its square does not underflow
+    t = np.maximum(np.sqrt(np.einsum("...i,...i->...", vector, vector)), 1e-100)[..., None, None]
     k = skew(vector)
-    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    found = (np.sin(t) / t) * k
+    found += 2 * (np.sin(0.5 * t) / t) ** 2 * (k @ k)
+    found += _IDENTITY
+    return found
 
 
 def left_jacobian(vector: Array) -> Array:

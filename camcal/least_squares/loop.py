@@ -8,7 +8,9 @@ calibration is a batch of one, which solves (1) in its own way. D makes the step
 (Marquardt 1963; Moré, The Levenberg-Marquardt algorithm: implementation and theory, 1978).
 
 A member has converged where the decrease of the cost that the linear model still predicts, ½ gᵀ (JᵀJ)⁻¹ g, is a
-negligible part of the cost: a test without units, in the residuals as well as in the parameters.
+negligible part of the cost: a test without units, in the residuals as well as in the parameters. Where the predictions
+fall so quickly that the next one will be negligible, and this one is lost in the rounding of the cost, the step is taken
+and not evaluated (`_Run.last`): the evaluation could not judge it, and would be the last.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from camcal.least_squares.batch import copied, merged, put, rows_of
-from camcal.least_squares.damping import LARGEST, Damping
+from camcal.least_squares.damping import LARGEST, SMALLEST, Damping
 from camcal.least_squares.problem import (
     CONVERGED,
     EDGE,
@@ -66,6 +68,7 @@ class _Run:
         self.damping = Damping(np.full(count, options.damping))
         self.tolerance = np.broadcast_to(options.tolerance, count)
         self.rounding = np.broadcast_to(problem.rounding, count)
+        self.before = np.zeros(count)  # what was predicted of the step before, if that was accepted
         self.results: tuple[Any, Any] | None = None
         self.iteration, self.evaluated = 0, 1
         self.invalid = np.zeros(count, int)
@@ -96,7 +99,7 @@ class _Run:
         """Take one step of every member."""
         self.iteration += 1
         step, predicted = self.problem.solve(self.state, self.equations, self.damping.value)
-        gone = self.arrived(predicted)
+        gone = self.arrived(step, predicted)
         if gone is not None:
             if gone.all():
                 return
@@ -106,32 +109,50 @@ class _Run:
             accepted, gain = self.attempt(step, predicted)
         else:
             accepted, gain = solved, predicted
+        self.before = predicted if accepted.all() else np.where(accepted, predicted, 0.0)
         self.damping.update(accepted, gain)
         if not accepted.all():
             self.failed(~accepted, predicted)
 
-    def arrived(self, predicted: Array) -> Array | None:
-        """Finish members whose step predicts too small a decrease or that have none; return the mask of those."""
+    def arrived(self, step: Any, predicted: Array) -> Array | None:
+        """Finish members whose step predicts too small a decrease, or is the last, or that have none; return the mask
+        of those.
+        """
         cost = self.equations.cost
         with np.errstate(invalid="ignore"):  # 0 times inf
             enough = self.tolerance * cost + self.rounding
+            last = self.last(predicted, enough)
         small = (predicted <= enough) & (cost < np.inf)
         lost = ~(np.isfinite(predicted) | (cost < np.inf))
-        if not (small | lost).any():
+        if not (small | lost | last).any():
             return None
-        remaining = self.remaining(small, predicted)
-        done = small & (remaining <= UNDAMPED * enough)
+        remaining = self.remaining(small | last, predicted)
+        last &= ~small & (remaining * predicted <= UNDAMPED * enough * self.before)
+        if last.any():
+            moved = self.problem.retract(self.state, step)
+            self.state = moved if last.all() else merged(last, moved, self.state)
+        done = last | small & (remaining <= UNDAMPED * enough)
         rejected = small & ~done & (self.damping.since_failure == 0)
         rounding = rejected & (remaining <= LOST * cost)
         reasons = np.select([done, rounding, rejected, lost], [CONVERGED, ROUNDING, EDGE, INVALID], "")
         gone = reasons != ""
+        if not gone.any():
+            return None
         self.leave(gone, reasons[gone])
         return gone
 
+    def last(self, predicted: Array, enough: Array) -> Array:
+        """Return the members whose step is the last: its own decrease cannot be measured, and that of the next one is
+        negligible if predictions go on falling at the rate of the last two.
+        """
+        calm = self.damping.since_failure >= self.damping.CALM
+        return calm & (predicted <= NOISE * self.equations.cost) & (predicted**2 <= enough * self.before)
+
     def remaining(self, some: Array, damped: Array) -> Array:
         """Return the undamped predicted decreases of some members; the damped ones where the undamped system is
-        singular.
+        singular, and where λ is too small to change a digit.
         """
+        some = some & (self.damping.value > SMALLEST)
         if not some.any():
             return damped
         state, equations = rows_of(self.state, some), rows_of(self.equations, some)
@@ -188,6 +209,7 @@ class _Run:
         stay = ~gone
         self.members, self.invalid = self.members[stay], self.invalid[stay]
         self.tolerance, self.rounding = self.tolerance[stay], self.rounding[stay]
+        self.before = self.before[stay]
         if not gone.all():
             self.state, self.equations = rows_of(self.state, stay), rows_of(self.equations, stay)
             self.damping.keep(stay)

@@ -172,7 +172,7 @@ class Estimate:
     @property
     def used_residuals(self) -> Array:
         """Residuals (M, 2) of the points used in the fit, px."""
-        return self.residuals[self.used]
+        return self.residuals if self.used.all() else self.residuals[self.used]
 
     @property
     def rms_point(self) -> float:

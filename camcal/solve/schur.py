@@ -21,49 +21,40 @@ Array = np.ndarray
 MANY = 250
 
 
-def cholesky(blocks: Array) -> Array | None:
-    """Cholesky factors of many small matrices at once.
+def eliminate(bordered: Array) -> bool:
+    """Cholesky factors of many small matrices at once, and the forward substitution with them, in place.
+
+    The right sides stand beside the matrices, so that each pivot's row is scaled and subtracted from those below it
+    once for both: five vector operations a pivot, with the blocks along the last axis.
 
     Parameters
     ----------
-    blocks : (n, n, V) array, symmetric positive definite along the first two axes
+    bordered : (n, n + K, V) array
+        Symmetric positive definite along the first n columns, the right sides after them. Replaced by Lᵀ (its lower
+        triangle is left with what it had on the way) and by L⁻¹ times the right sides.
 
     Returns
     -------
-    (n, n, V) array, lower triangular with the *reciprocal* of the pivots on the diagonal; None where a
-    matrix is not positive definite
+    bool
+        False where a matrix is not positive definite.
     """
-    n = len(blocks)
-    factor = np.zeros_like(blocks)
+    n = len(bordered)
     with np.errstate(all="ignore"):  # a pivot that is not positive makes NaN, and shows at the end
         for j in range(n):
-            column = blocks[j:, j]
-            if j:
-                column = column - np.einsum("ikv,kv->iv", factor[j:, :j], factor[j, :j])
-            factor[j, j] = 1.0 / np.sqrt(column[0])
-            factor[j + 1 :, j] = column[1:] * factor[j, j]
-    return factor if np.isfinite(factor).all() else None
+            row = bordered[j, j:]
+            row *= 1.0 / np.sqrt(row[0])
+            if j + 1 < n:
+                bordered[j + 1 :, j + 1 :] -= row[1 : n - j, None] * row[1:]
+        # the last pivot has something of all before it
+        return bool(np.isfinite(bordered[n - 1, n - 1]).all()) if n else True
 
 
-def forward_substitution(factor: Array, right: Array) -> Array:
-    """Solve L y = right (n, ..., V) for factors of `cholesky` (n, n, V)."""
-    y = right.copy()
-    middle = (1,) * (right.ndim - 2)
-    shaped = factor.reshape(*factor.shape[:2], *middle, factor.shape[2])
-    for i in range(len(y)):
-        for j in range(i):
-            y[i] -= shaped[i, j] * y[j]
-        y[i] *= shaped[i, i]
-    return y
-
-
-def back_substitution(factor: Array, right: Array) -> Array:
-    """Solve Lᵀ x = right (n, V) for factors of `cholesky` (n, n, V)."""
+def back_substitution(rows: Array, right: Array) -> Array:
+    """Solve Lᵀ x = right (n, V) for Lᵀ (n, n or more, V) of `eliminate`."""
     x = right.copy()
     for i in reversed(range(len(x))):
-        for j in range(i + 1, len(x)):
-            x[i] -= factor[j, i] * x[j]
-        x[i] *= factor[i, i]
+        x[i] /= rows[i, i]
+        x[:i] -= rows[:i, i] * x[i]
     return x
 
 
@@ -93,27 +84,27 @@ class Reduced:
         count = len(blocks.gradient)
         size = blocks.poses.shape[1]
         diagonal = np.arange(size)
-        poses = np.ascontiguousarray(blocks.poses.transpose(1, 2, 0))
-        self.pose_diagonal = poses[diagonal, diagonal].copy()
-        self.diagonal = np.diag(blocks.intrinsics).copy()
+        bordered = np.empty((size, size + count + 1, len(blocks.poses)))
+        bordered[:, :size] = blocks.poses.transpose(1, 2, 0)
+        bordered[:, size:-1] = blocks.coupling.transpose(2, 1, 0)
+        bordered[:, -1] = blocks.pose_gradients.T
+        self.pose_diagonal = bordered[diagonal, diagonal]
+        self.diagonal = blocks.intrinsics.diagonal().copy()
         self.scaled, self.weakest = scaled, 0.0
         if not scaled:
             largest = max(self.pose_diagonal.max(initial=0.0), self.diagonal.max(initial=0.0))
             self.pose_diagonal[:], self.diagonal[:] = largest, largest
-        poses[diagonal, diagonal] += damping * self.pose_diagonal
-        factor = cholesky(poses)
-        self.solvable = factor is not None
-        if factor is None:
+        if damping:
+            bordered[diagonal, diagonal] += damping * self.pose_diagonal
+        self.solvable = eliminate(bordered)
+        if not self.solvable:
             return
-        self.factor = factor
-        right = np.empty((size, count + 1, len(blocks.poses)))
-        right[:, :count] = blocks.coupling.transpose(2, 1, 0)
-        right[:, count] = blocks.pose_gradients.T
-        self.half = forward_substitution(factor, right)
+        self.factor, self.half = bordered[:, :size], bordered[:, size:]
         flat = self.half.transpose(1, 0, 2).reshape(count + 1, -1)
         product = flat @ flat.T
         self.matrix = blocks.intrinsics - product[:count, :count]
-        self.matrix[np.diag_indices(count)] += damping * self.diagonal
+        if damping:
+            self.matrix.flat[:: count + 1] += damping * self.diagonal
         self.gradient = blocks.gradient - product[:count, count]
 
     def step(self, more: Array | None = None) -> tuple[Step, float] | None:
@@ -130,24 +121,24 @@ class Reduced:
             return None
         own, pivots = solved
         self.weakest = self._weakest(pivots)
-        count = len(own)
-        right = self.half[:, count] + np.einsum("ikv,k->iv", self.half[:, :count], own)
-        poses = -back_substitution(self.factor, right)
+        poses = self.poses(own)
         b = self.blocks
         # ½ (δᵀ λ D δ − gᵀδ): what the quadratic model loses along the damped step
-        slope = b.gradient @ own + np.einsum("vi,iv->", b.pose_gradients, poses)
-        damp = (self.diagonal * own**2).sum() + (self.pose_diagonal * poses**2).sum()
-        return Step(own, np.ascontiguousarray(poses.T)), float(0.5 * (self.damping * damp - slope))
+        moved = np.ascontiguousarray(poses.T)
+        slope = b.gradient @ own + b.pose_gradients.ravel() @ moved.ravel()
+        damp = self.diagonal @ (own * own) + np.einsum("iv,iv,iv->", self.pose_diagonal, poses, poses)
+        return Step(own, moved), float(0.5 * (self.damping * damp - slope))
+
+    def poses(self, own: Array) -> Array:
+        """The steps (6, V) of the poses that belong to a step (F,) of the camera: (2)."""
+        return back_substitution(self.factor, np.append(-own, -1.0) @ self.half)
 
     def _weakest(self, pivots: Array) -> float:
-        """The smallest pivot, over the poses (whose factors hold reciprocal pivots) and the camera's original
-        columns.
-        """
+        """The smallest squared pivot of the poses and of the camera, against its original column."""
         diagonal = np.arange(len(self.factor))
-        lengths = self.pose_diagonal * (1.0 + self.damping)
-        poses = 1.0 / float((self.factor[diagonal, diagonal] ** 2 * lengths).max(initial=1.0))
-        lengths = np.where(self.diagonal > 0, self.diagonal, 1.0) * (1.0 + self.damping)
-        return float((pivots / lengths).min(initial=poses))
+        poses = (self.factor[diagonal, diagonal] ** 2 / self.pose_diagonal).min(initial=1.0)
+        weakest = (pivots / np.where(self.diagonal > 0, self.diagonal, 1.0)).min(initial=poses)
+        return float(weakest) / (1.0 + self.damping)
 
 
 def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Array, Array] | None:
@@ -162,13 +153,13 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
     """
     if not len(right):
         return right.copy(), right.copy()
-    diagonal = np.diag(matrix)
+    diagonal = matrix.diagonal()
     if not (diagonal > 0).all():
         idle = ~matrix.any(0)  # nothing depends on these here, as p3 where p1 = p2 = 0: they stay
         if not (diagonal > 0)[~idle].all():
             return None
         matrix = matrix + np.diag(idle.astype(float))
-        diagonal = np.diag(matrix)
+        diagonal = matrix.diagonal()
     scale = 1.0 / np.sqrt(diagonal) if scaled else np.ones(len(right))
     solved = _positive_definite(matrix * scale * scale[:, None], right * scale)
     if solved is None:
@@ -189,5 +180,4 @@ def _positive_definite(matrix: Array, right: Array) -> tuple[Array, Array] | Non
         factor = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
         return None
-    half = np.linalg.solve(factor, right)
-    return np.linalg.solve(factor.T, half), np.diag(factor)
+    return np.linalg.solve(matrix, right), factor.diagonal()

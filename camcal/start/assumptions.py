@@ -115,7 +115,7 @@ def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 
         if k is None:
             rejected.append(f"{label}: {reason}")
             continue
-        uncertainty = conic.focal_uncertainty(b, assumed.basis, h, covariances)
+        uncertainty = conic.focal_uncertainty(b, assumed.basis, h, covariances, equations)
         if best.matrix is None or uncertainty < best.uncertainty:
             condition = float(singular[0] / singular[-2])
             best = Found(k, said, assumed.held, tuple(rejected), condition, uncertainty)

@@ -11,6 +11,10 @@ Array = np.ndarray
 
 #: Where Bij stands in b = (B11, B12, B22, B13, B23, B33), Zhang's order.
 _ORDER = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
+#: d B / d b, (6, 3, 3): 1 where Bij is that entry of b
+_ENTRIES = (np.arange(6)[:, None, None] == _ORDER).astype(float)
+#: d (h1 + i h2) / d h by rows of H, for each row
+_CIRCULAR = np.array([1, 1j, 0])
 
 
 def constraints(h: Array) -> Array:
@@ -64,7 +68,9 @@ def equation_noise(b: Array, h: Array, covariances: Array) -> Array:
     return gradient @ covariances @ np.swapaxes(gradient, 1, 2)
 
 
-def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> float:
+def focal_uncertainty(
+    b: Array, basis: Array, h: Array, covariances: Array, equations: Array | None = None
+) -> float:
     """The relative uncertainty of the less certain focal length: standard deviation and bias combined.
 
     Both to first order (13), of the b that minimises |A b| with |b| = 1: the noise of the homographies gives
@@ -78,6 +84,8 @@ def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> f
     h : (V, 3, 3) array
     covariances : (V, 9, 9) array
         Of the entries of h by rows.
+    equations : (V, 2, 6) array, optional
+        The `constraints` of h, where they are known.
 
     Returns
     -------
@@ -90,8 +98,8 @@ def focal_uncertainty(b: Array, basis: Array, h: Array, covariances: Array) -> f
     gradient = np.einsum("vrij,i->vrj", jacobian, b)  # of the residuals, with respect to the entries of h
     spread = gradient @ covariances
     noise = spread @ np.swapaxes(gradient, 1, 2)
-    a = constraints(h) @ basis
-    x = np.linalg.lstsq(basis, b, rcond=None)[0]
+    a = (constraints(h) if equations is None else equations) @ basis
+    x = (b @ basis) / (basis * basis).sum(0)  # the columns are orthogonal
     tangent = np.linalg.svd(x[None], full_matrices=True)[2][1:].T  # the scale of b is free
     along = a @ tangent
     _, singular, vt = np.linalg.svd(_padded(along.reshape(-1, along.shape[2])), full_matrices=False)
@@ -119,11 +127,9 @@ def _misfit(residuals: Array, noise: Array, unknowns: int) -> float:
 def _coefficient_jacobian(h: Array) -> Array:
     """Derivatives (V, 2, 6, 9) of the constraints' coefficients with respect to the entries of h by rows."""
     c = h[..., 0] + 1j * h[..., 1]
-    by_c = np.zeros((len(h), 6, 3), complex)
-    for i, j in zip(*np.triu_indices(3), strict=True):
-        by_c[:, _ORDER[i, j], i] += (1 if i == j else 2) * c[:, j]
-        by_c[:, _ORDER[i, j], j] += (1 if i == j else 2) * c[:, i]
-    by_h = (by_c[..., None] * np.array([1, 1j, 0])).reshape(-1, 6, 9)
+    # qᵢ = cᵀ Eᵢ c, so that dqᵢ/dc = 2 Eᵢ c
+    by_c = 2 * np.einsum("ijk,vk->vij", _ENTRIES, c)
+    by_h = (by_c[..., None] * _CIRCULAR).reshape(-1, 6, 9)
     return np.stack([by_h.real, by_h.imag], 1)
 
 
@@ -133,12 +139,11 @@ def _log_focal_jacobian(b: Array) -> Array:
     With ω = B⁻¹ ~ K Kᵀ: fy² = (ω22 ω33 - ω23²) / ω33², and fx² fy² = det ω / ω33³.
     """
     omega = np.linalg.inv(b[_ORDER])
-    out = np.zeros((2, 6))
-    for i in range(6):
-        d = -omega @ (i == _ORDER) @ omega
-        minor = omega[1, 1] * omega[2, 2] - omega[1, 2] ** 2
-        d_minor = d[1, 1] * omega[2, 2] + omega[1, 1] * d[2, 2] - 2 * omega[1, 2] * d[1, 2]
-        d_fy = d_minor / minor - 2 * d[2, 2] / omega[2, 2]
-        d_both = np.trace(np.linalg.solve(omega, d)) - 3 * d[2, 2] / omega[2, 2]
-        out[:, i] = (d_both - d_fy) / 2, d_fy / 2
-    return out
+    d = -omega @ _ENTRIES @ omega
+    minor = omega[1, 1] * omega[2, 2] - omega[1, 2] ** 2
+    d_minor = d[:, 1, 1] * omega[2, 2] + omega[1, 1] * d[:, 2, 2] - 2 * omega[1, 2] * d[:, 1, 2]
+    d_last = d[:, 2, 2] / omega[2, 2]
+    d_fy = d_minor / minor - 2 * d_last
+    # d log det ω = tr(ω⁻¹ dω) = -tr(Eᵢ ω)
+    d_both = -np.einsum("ijk,kj->i", _ENTRIES, omega) - 3 * d_last
+    return 0.5 * np.stack([d_both - d_fy, d_fy])

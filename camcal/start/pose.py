@@ -129,9 +129,12 @@ def from_homographies(matrix: Array, h: Array) -> Poses:
     Zhang 2000, section 3.1; the rotation is the nearest one in the Frobenius norm (his appendix C).
     """
     m = np.linalg.inv(matrix) @ h
-    scale = 2 / (np.linalg.norm(m[..., 0], axis=-1) + np.linalg.norm(m[..., 1], axis=-1))
-    m = m * scale[:, None, None]
-    r = np.stack([m[..., 0], m[..., 1], np.cross(m[..., 0], m[..., 1])], -1)
+    lengths = np.sqrt(np.einsum("vij,vij->vj", m[..., :2], m[..., :2]))
+    m = m * (2 / lengths.sum(1))[:, None, None]
+    r = np.empty_like(m)
+    r[..., :2] = m[..., :2]
+    (a, b, c), (d, e, f) = m[..., 0].T, m[..., 1].T
+    r[:, 0, 2], r[:, 1, 2], r[:, 2, 2] = b * f - c * e, c * d - a * f, a * e - b * d
     return Poses(rotations.nearest(r), m[..., 2])
 
 

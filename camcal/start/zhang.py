@@ -170,8 +170,9 @@ def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
     """The largest angle between the normal of the first plane and another's, degrees."""
     normals = np.einsum("vij,vj->vi", rotations, form.axes[..., 2])
     normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
-    across = np.linalg.norm(np.cross(normals, normals[0]), axis=1)
-    return float(np.degrees(np.arctan2(across, normals @ normals[0]).max()))
+    apart, together = normals - normals[0], normals + normals[0]  # tan of half the angle is the ratio of their lengths
+    ratios = np.einsum("vi,vi->v", apart, apart) / np.einsum("vi,vi->v", together, together)
+    return float(np.degrees(2 * np.arctan(np.sqrt(ratios.max()))))
 
 
 def _perspective(h: Array, covariances: Array) -> Array:
@@ -180,9 +181,9 @@ def _perspective(h: Array, covariances: Array) -> Array:
     jacobian = np.zeros((len(h), 2, 9))
     jacobian[:, 0, 6] = jacobian[:, 1, 7] = 1 / h[:, 2, 2]
     jacobian[:, :, 8] = -slope / h[:, 2, 2:]
-    noise = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
-    squares = np.einsum("vi,vi->v", slope, np.linalg.solve(noise, slope[..., None])[..., 0])
-    return np.sqrt(squares / 2)
+    (p, q), (_, r) = (jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)).transpose(1, 2, 0)
+    x, y = slope.T
+    return np.sqrt((r * x * x - 2 * q * x * y + p * y * y) / (2 * (p * r - q * q)))  # slopeᵀ noise⁻¹ slope / 2
 
 
 def _require_in_front(ids: list[str], h: Array, local: Array) -> None:

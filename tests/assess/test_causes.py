@@ -25,11 +25,13 @@ from camcal.assess.causes.words import (
 )
 from camcal.assess.checks.cause import cause, least_fall
 from camcal.assess.checks.facts import Facts
-from camcal.data.observations import Correspondences
+from camcal.data.observations import Correspondences, View
 from camcal.errors import DataError
+from camcal.model.board import Board
 from camcal.plan.calibrate import calibrate
 from camcal.solve import optimizers
 from camcal.solve.warp import FIELDS, Warp
+from camcal.start import numbering
 from camcal.start.numbering import check_numbering
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -192,6 +194,17 @@ def test_numbering(cases):
     # in no order at all: that is not for this check to say
     rng = np.random.default_rng(1)
     check_numbering(cases.each(data, lambda v: replace(v, uv=v.uv[rng.permutation(len(v))])))
+
+
+@pytest.mark.parametrize(("farther", "even"), [(1.5, True), (2.0, False)])
+def test_steps_of_a_grid_are_even(farther, even):
+    """Of 9 points a row, the last so many times as far away as the first."""
+    xyz = Board.grid(9, 6).points
+    uv = 50 * xyz[:, :2] / (1 + (farther - 1) / 8 * xyz[:, :1])
+    assert numbering._even(View("a", xyz, uv), 9, 6) is even
+    by_columns = np.arange(54).reshape(6, 9).T.ravel()
+    assert not numbering._even(View("a", xyz[by_columns], uv), 9, 6)
+    assert not numbering._even(View("a", xyz, uv), 6, 9)
 
 
 def test_the_size_of_the_pictures(cases):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from camcal.solve import rows, tangent
-from camcal.solve.schur import Reduced, back_substitution, cholesky, forward_substitution, solve_scaled
+from camcal.solve.schur import Reduced, back_substitution, eliminate, solve_scaled
 from tests.solve.problems import problem_of
 
 
@@ -21,28 +21,40 @@ def spd(count, size, seed=0):
     return a.transpose(0, 2, 1) @ a
 
 
-def test_cholesky_of_many_matrices():
-    blocks = spd(7, 6)
-    factor = cholesky(blocks.transpose(1, 2, 0))
-    expected = np.linalg.cholesky(blocks).transpose(1, 2, 0)
-    diagonal = np.arange(6)
-    np.testing.assert_allclose(1 / factor[diagonal, diagonal], expected[diagonal, diagonal], rtol=1e-12)
-    below = np.tril_indices(6, -1)
-    np.testing.assert_allclose(factor[below], expected[below], rtol=1e-9, atol=1e-12)
+def bordered(blocks, right):
+    """Blocks (V, n, n) with right sides (V, n, K), the blocks along the last axis."""
+    return np.concatenate([blocks, right], 2).transpose(1, 2, 0).copy()
 
 
-def test_cholesky_of_an_indefinite_matrix_is_none():
-    blocks = spd(3, 4).transpose(1, 2, 0).copy()
-    blocks[2, 2, 1] = -1.0
-    assert cholesky(blocks) is None
+def test_elimination_of_many_matrices():
+    blocks, right = spd(7, 6), np.random.default_rng(1).normal(size=(7, 6, 2))
+    both = bordered(blocks, right)
+    assert eliminate(both)
+    expected = np.linalg.cholesky(blocks)
+    above = np.triu_indices(6)
+    np.testing.assert_allclose(
+        both[:, :6][above], expected.transpose(2, 1, 0)[above], rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        both[:, 6:], np.linalg.solve(expected, right).transpose(1, 2, 0), rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("bad", [-1.0, 0.0, np.nan])
+@pytest.mark.parametrize("at", range(4))
+def test_elimination_notices_a_pivot_that_is_not_positive(bad, at):
+    blocks = spd(3, 4)
+    blocks[1, at, :] = blocks[1, :, at] = 0.0
+    blocks[1, at, at] = bad
+    assert not eliminate(bordered(blocks, np.ones((3, 4, 1))))
 
 
 def test_substitutions_solve():
-    blocks = spd(5, 6)
-    right = np.random.default_rng(1).normal(size=(6, 5))
-    factor = cholesky(blocks.transpose(1, 2, 0))
-    found = back_substitution(factor, forward_substitution(factor, right))
-    expected = np.linalg.solve(blocks, right.T[..., None])[..., 0].T
+    blocks, right = spd(5, 6), np.random.default_rng(1).normal(size=(5, 6, 1))
+    both = bordered(blocks, right)
+    assert eliminate(both)
+    found = back_substitution(both, both[:, 6])
+    expected = np.linalg.solve(blocks, right)[..., 0].T
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 

@@ -21,7 +21,7 @@ from camcal.solve import tangent
 from camcal.solve.optimizers.base import Options, begin
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Blocks, Problem, State, Step
-from camcal.solve.schur import Reduced, back_substitution
+from camcal.solve.schur import Reduced
 
 Array = np.ndarray
 
@@ -135,9 +135,7 @@ class WithoutPoses(Variables):
         poses = np.zeros_like(place.blocks.pose_gradients)
         reduced = Reduced(place.blocks)
         if reduced.solvable:
-            count = len(own)
-            half = reduced.half[:, count] + np.einsum("ikv,k->iv", reduced.half[:, :count], own)
-            poses = -back_substitution(reduced.factor, half).T
+            poses = reduced.poses(own).T
         moved = self.problem.retract(place.state, Step(own, poses))
         found = self._settle(moved)
         return None if found is None else self._place(*found)
