@@ -9,8 +9,8 @@ calibration is a batch of one, which solves (1) in its own way. D makes the step
 
 A member has converged where the decrease of the cost that the linear model still predicts, ½ gᵀ (JᵀJ)⁻¹ g, is a
 negligible part of the cost: a test without units, in the residuals as well as in the parameters. Where the predictions
-fall so quickly that the next one will be negligible, and this one is lost in the rounding of the cost, the step is taken
-and not evaluated (`_Run.last`): the evaluation could not judge it, and would be the last.
+fall so quickly that the next one will be negligible, and this one is lost in the rounding of the cost, the step is
+taken and not evaluated (`_Run.last`): the evaluation could not judge it, and would be the last.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from camcal.least_squares.problem import (
     INVALID,
     ROUNDING,
     SINGULAR,
+    STILL,
     STUCK,
     Found,
     Options,
@@ -46,6 +47,13 @@ NOISE, LOST = 1e-12, 1e-10
 #: The undamped model may promise this many times what is enough for a damped step; a weakly determined direction,
 #: which damping holds back, promises orders of magnitude more.
 UNDAMPED = 10.0
+#: steps over which the fall of the cost is compared with `Options.still`; more than `FEW` rejected ones among them are
+#: the end of the domain, not a valley, and so that no slow but steady approach to it is cut short, that asks for a fall
+#: smaller by `CLOSER`
+WATCHED, FEW, CLOSER = 10, 2, 1e-3
+#: the next step promises at least this part of that fall: of predictions that fall by more than a third each time it is
+#: less, and these converge
+STEADY = 0.01
 MOST_ITERATIONS = 200  #: a limit of work: a descent that reaches it ends as not converged
 
 
@@ -69,6 +77,7 @@ class _Run:
         self.tolerance = np.broadcast_to(options.tolerance, count)
         self.rounding = np.broadcast_to(problem.rounding, count)
         self.before = np.zeros(count)  # what was predicted of the step before, if that was accepted
+        self.watched, self.rejected = np.full(count, np.inf), np.zeros(count, int)  # for `settled`
         self.results: tuple[Any, Any] | None = None
         self.iteration, self.evaluated = 0, 1
         self.invalid = np.zeros(count, int)
@@ -112,7 +121,21 @@ class _Run:
         self.before = predicted if accepted.all() else np.where(accepted, predicted, 0.0)
         self.damping.update(accepted, gain)
         if not accepted.all():
+            self.rejected += ~accepted
             self.failed(~accepted, predicted)
+        if self.options.still and self.iteration % WATCHED == 0 and len(self.members):
+            self.settled()
+
+    def settled(self) -> None:
+        """Finish members whose cost hardly fell over the last steps: see `Options.still`."""
+        cost, before = self.equations.cost, self.before
+        fall = self.watched - cost
+        steady = (before >= STEADY * fall) & (fall < np.inf)
+        valley = steady & (fall <= self.options.still * cost) & (self.rejected <= FEW)
+        edge = steady & (fall <= CLOSER * self.options.still * cost) & (self.rejected > FEW)
+        self.watched, self.rejected = cost, np.zeros(len(cost), int)
+        reasons = np.select([valley, edge], [STILL, EDGE], "")
+        self.leave(reasons != "", reasons[reasons != ""])
 
     def arrived(self, step: Any, predicted: Array) -> Array | None:
         """Finish members whose step predicts too small a decrease, or is the last, or that have none; return the mask
@@ -209,7 +232,9 @@ class _Run:
         stay = ~gone
         self.members, self.invalid = self.members[stay], self.invalid[stay]
         self.tolerance, self.rounding = self.tolerance[stay], self.rounding[stay]
-        self.before = self.before[stay]
+        self.before, self.watched, self.rejected = (
+            a[stay] for a in (self.before, self.watched, self.rejected)
+        )
         if not gone.all():
             self.state, self.equations = rows_of(self.state, stay), rows_of(self.equations, stay)
             self.damping.keep(stay)

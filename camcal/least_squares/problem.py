@@ -17,6 +17,8 @@ CONVERGED, ROUNDING = "predicted decrease", "rounding"
 STUCK, SINGULAR = "no step decreases the cost", "singular"
 #: a rejected step was the last, and the shorter one promises too little, though the minimum is not near
 EDGE = "the domain of the problem ends here"
+#: see `Options.still`
+STILL = "a valley: the parameters still move, the residuals do not"
 INVALID = "the start lies outside the domain of the problem"
 
 
@@ -34,12 +36,17 @@ class Options:
     max_seconds : float, optional
     damping : float
         λ at the start.
+    still : float
+        Ended where ten steps have lowered the cost by less than this part of it, and go on doing so: along a curved
+        valley, in which parameters replace each other, or against the end of the domain. A step moves the residuals
+        by at most the root of twice its predicted decrease. 0 = never.
     """
 
     tolerance: float | Array = 1e-14
     max_iterations: int | None = None
     max_seconds: float | None = None
     damping: float = START
+    still: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +73,7 @@ class Stats:
     @property
     def converged(self) -> Array:
         """Return which members converged, (K,) bool."""
-        return (self.reasons == CONVERGED) | (self.reasons == ROUNDING)
+        return (self.reasons == CONVERGED) | (self.reasons == ROUNDING) | (self.reasons == STILL)
 
 
 class Normal(NamedTuple):

@@ -27,7 +27,8 @@ class Options(CalibrationOptions):
     def resolve(cls, **keywords: Any) -> Self:
         """Make the options from the keywords of a call; see `Settings.resolve`."""
         own = {n: keywords.pop(n) for n in ("refine_points", "stopping", "lowest") if n in keywords}
-        return replace(super().resolve(**keywords), **own)
+        made = super().resolve(**keywords)
+        return replace(made, **own) if own else made  # replacing converts all values once more
 
     def how(self, lens: Lens, held: Mapping[str, float | None] | None = None) -> How:
         """The settings of every fit; `held` are parameters that the closed form had to assume."""

@@ -110,8 +110,14 @@ class Problem:
     def _centroids(self) -> Array:
         """The centroid (V, 3) of each instant's points, of all cameras."""
         sums, counts = np.zeros((self.instants, 3)), np.zeros((self.instants, 1))
-        np.add.at(sums, self.seen.instant, np.array([v.xyz.sum(0) for v in self.views]).reshape(-1, 3))
-        np.add.at(counts, self.seen.instant, np.array([[len(v)] for v in self.views]).reshape(-1, 1))
+        sizes = np.array([len(v.xyz) for v in self.views], int)
+        if sizes.all() and len(sizes):  # the usual case: one sum over all points in place of one a view
+            points = np.concatenate([v.xyz for v in self.views])
+            of_views = np.add.reduceat(points, np.cumsum(sizes) - sizes, axis=0)
+        else:
+            of_views = np.array([v.xyz.sum(0) for v in self.views]).reshape(-1, 3)
+        np.add.at(sums, self.seen.instant, of_views)
+        np.add.at(counts[:, 0], self.seen.instant, sizes)
         return sums / counts
 
     def _like(self, **changes: Any) -> Problem:

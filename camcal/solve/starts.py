@@ -7,6 +7,7 @@ camera that is weakly determined begins at several principal points, each with p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import product
 
@@ -51,11 +52,14 @@ def doubtful(calibration: Calibration) -> bool:
     if not calibration.fit.converged:
         return True
     r, bound = calibration.used_residuals, POOR_END * _half_diagonal(calibration.observations)
-    small = np.count_nonzero(np.einsum("ij,ij->i", r, r) <= bound**2)  # every attempt asks: a median takes longer
+    # every attempt asks, and a median takes longer
+    small = np.count_nonzero(np.einsum("ij,ij->i", r, r) <= bound**2)
     return 2 * small < len(r)
 
 
 def _half_diagonal(observations: Observations) -> float:
+    if observations.image_size is not None:
+        return math.hypot(*observations.image_size) / 2
     return float(1 / assumptions.unit_coordinates(observations)[0][0, 0])
 
 

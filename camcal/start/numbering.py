@@ -75,13 +75,15 @@ def _even(view: View, columns: int, rows: int) -> bool:
     """Return whether points and image points are both a grid row by row, whose steps hardly change along rows and
     columns.
 
-    In a wrong numbering some row wraps round: a step back by several points. The question costs a tenth of a homography.
+    In a wrong numbering some row wraps round: a step back by several points. To ask costs a tenth of a homography.
     """
     for at in (view.xyz[:, :2], view.uv):
         grid = at.reshape(rows, columns, 2)
-        for steps in (np.diff(grid, axis=0), np.diff(grid, axis=1).swapaxes(0, 1)):
-            change = np.square(np.diff(steps, axis=0)).sum(-1).max(initial=0.0)
-            if not change < EVEN**2 * np.square(steps).sum(-1).min():
+        for line in (grid, grid.swapaxes(0, 1)):
+            steps = line[1:] - line[:-1]
+            changes = steps[1:] - steps[:-1]
+            most = np.square(changes).sum(-1).max(initial=0.0)
+            if not most < EVEN**2 * np.square(steps).sum(-1).min():
                 return False
     return True
 

@@ -170,7 +170,8 @@ def _tilt_spread(rotations: Array, form: shape.Shapes) -> float:
     """The largest angle between the normal of the first plane and another's, degrees."""
     normals = np.einsum("vij,vj->vi", rotations, form.axes[..., 2])
     normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
-    apart, together = normals - normals[0], normals + normals[0]  # tan of half the angle is the ratio of their lengths
+    # the tangent of half the angle is the ratio of the lengths of difference and sum
+    apart, together = normals - normals[0], normals + normals[0]
     ratios = np.einsum("vi,vi->v", apart, apart) / np.einsum("vi,vi->v", together, together)
     return float(np.degrees(2 * np.arctan(np.sqrt(ratios.max()))))
 
@@ -183,7 +184,8 @@ def _perspective(h: Array, covariances: Array) -> Array:
     jacobian[:, :, 8] = -slope / h[:, 2, 2:]
     (p, q), (_, r) = (jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)).transpose(1, 2, 0)
     x, y = slope.T
-    return np.sqrt((r * x * x - 2 * q * x * y + p * y * y) / (2 * (p * r - q * q)))  # slopeᵀ noise⁻¹ slope / 2
+    squares = (r * x * x - 2 * q * x * y + p * y * y) / (p * r - q * q)  # slopeᵀ noise⁻¹ slope
+    return np.sqrt(squares / 2)
 
 
 def _require_in_front(ids: list[str], h: Array, local: Array) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from camcal.least_squares import EDGE, Normal, Options, Small, minimise, negligible
-from camcal.least_squares.problem import CONVERGED, INVALID, ROUNDING, SINGULAR, STUCK
+from camcal.least_squares.problem import CONVERGED, INVALID, ROUNDING, SINGULAR, STILL, STUCK
 
 # written out once more: a test of a decision has to notice where the number that decides it has changed
-LEAST_GAIN, NOISE, LOST, UNDAMPED = 1e-4, 1e-12, 1e-10, 10.0
+LEAST_GAIN, NOISE, LOST, UNDAMPED, STEADY = 1e-4, 1e-12, 1e-10, 10.0, 0.01
 
 
 class Scripted(Small):
@@ -94,6 +94,52 @@ def test_rounding_is_told_from_the_end_of_the_domain(share, reason):
     # the first step is rejected above the noise, the second, with λ ten times as large, promises next to nothing
     found = run(Scripted((1.0, gradient)), damping=60.0, tolerance=1e-12, max_iterations=2)
     assert found[0] == reason
+
+
+# ------------------------------------------------------------------------------------------------------- last step
+@pytest.mark.parametrize(("before", "limit"), [(1e-9, NOISE), (1e-11, np.sqrt(1e-14 * 1e-11))])
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_the_last_step_is_taken_and_not_evaluated(before, limit, part):
+    """It promises too little to be measured, and the next one is negligible at the rate at which promises fall."""
+    steps = np.sqrt(2 * np.array([before, part * limit]))
+    problem = Scripted((1.0, steps[0]), (1.0 - before, steps[1]), (1.0 - before, 1e-4))
+    reason, found = run(problem, tolerance=1e-14, max_iterations=2)
+    assert (reason == CONVERGED) == (part < 1) and problem.seen == (2 if part < 1 else 3)
+    if part < 1:
+        assert found.state[0, 0] == pytest.approx(-steps.sum(), rel=1e-9)
+
+
+def test_a_step_after_a_rejected_one_is_not_the_last():
+    problem = Scripted((1.0, 1e-4), (np.inf, 0.0), (1.0 - 5e-9, 1e-6), (1.0, 0.0))
+    assert run(problem, tolerance=1e-14, max_iterations=3)[0] != CONVERGED and problem.seen == 4
+
+
+# --------------------------------------------------------------------------------------------------------- valleys
+@pytest.mark.parametrize(
+    ("still", "reason"), [(0.0, "iterations"), (0.99e-6, "iterations"), (1.01e-6, STILL)]
+)
+def test_a_valley_is_ten_steps_that_hardly_lower_the_cost(still, reason):
+    slow = [(1.0 - 1e-7 * i, np.sqrt(2e-7)) for i in range(30)]
+    said, found = run(Scripted(*slow), still=still, max_iterations=25)
+    assert said == reason and found.stats.converged[0] == (reason == STILL)
+    assert found.stats.iterations[0] == (20 if reason == STILL else 25)
+
+
+@pytest.mark.parametrize(("part", "reason"), [(0.9 * STEADY, "iterations"), (1.1 * STEADY, STILL)])
+def test_a_quick_descent_is_no_valley(part, reason):
+    quick = [(1.0 - 1e-7 * i, np.sqrt(2e-6 * part)) for i in range(30)]
+    assert run(Scripted(*quick), still=1.01e-6, max_iterations=25)[0] == reason
+
+
+@pytest.mark.parametrize(
+    ("rejected", "still", "reason"), [(2, 1e-6, STILL), (3, 1e-6, EDGE), (3, 1e-7, "iterations")]
+)
+def test_the_end_of_the_domain_is_no_valley(rejected, still, reason):
+    costs = [1.0 - 1e-10 * i for i in range(30)]
+    for i in range(rejected):
+        costs.insert(12 + 2 * i, np.inf)
+    said, found = run(Scripted(*((c, np.sqrt(2e-10)) for c in costs)), still=still, max_iterations=25)
+    assert said == reason and found.stats.converged[0] == (reason == STILL)
 
 
 # ------------------------------------------------------------------------------------------------------------ ends

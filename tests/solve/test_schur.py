@@ -32,9 +32,7 @@ def test_elimination_of_many_matrices():
     assert eliminate(both)
     expected = np.linalg.cholesky(blocks)
     above = np.triu_indices(6)
-    np.testing.assert_allclose(
-        both[:, :6][above], expected.transpose(2, 1, 0)[above], rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(both[:, :6][above], expected.transpose(2, 1, 0)[above], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(
         both[:, 6:], np.linalg.solve(expected, right).transpose(1, 2, 0), rtol=1e-9, atol=1e-12
     )

@@ -61,7 +61,7 @@ class PlaneDistortion:
 
     def _split(self, c: Array) -> _Coefficients:
         values = c.tolist()
-        n, d, p, x, y = ([values[i] for i in at] for at in self._at.values())
+        n, d, p, x, y = [[values[i] for i in at] for at in self._at.values()]
         p1, p2 = p[:2] or (0.0, 0.0)
         return _Coefficients(n, d, p1, p2, p[2:], x, y)
 
