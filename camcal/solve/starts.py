@@ -54,7 +54,7 @@ def doubtful(calibration: Calibration) -> bool:
     r, bound = calibration.used_residuals, POOR_END * _half_diagonal(calibration.observations)
     # every attempt asks, and a median takes longer
     small = np.count_nonzero(np.einsum("ij,ij->i", r, r) <= bound**2)
-    return 2 * small < len(r)
+    return bool(2 * small < len(r))
 
 
 def _half_diagonal(observations: Observations) -> float:
