@@ -1,4 +1,4 @@
-"""Attempts at the shape of the board: bowl, print, free."""
+"""Attempts at what a flat board at rest leaves unexplained: a rolling shutter, then the shape: bowl, print, free."""
 
 from __future__ import annotations
 
