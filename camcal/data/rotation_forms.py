@@ -7,6 +7,7 @@ R = Rz(third) Ry(second) Rx(first): turns about axes that stay, with the numbers
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
 
@@ -25,8 +26,8 @@ class Form:
     name : str
     kind : {"vector", "quaternion", "angles"}
     order : str
-        Of angles the axes as they are applied from the left to the right of the product; of a quaternion `wxyz` or
-        `xyzw`.
+        Of angles the axes as they are applied from the left to the right of the product; of a quaternion the
+        meaning of the four numbers in turn, such as `wxyz`.
     degrees : bool
     fixed : bool
         Angles about axes that stay: the product is in reverse order.
@@ -47,7 +48,7 @@ class Form:
         """Rotation matrices (N, 3, 3) of numbers (N, 3 or 4)."""
         values = np.asarray(numbers, float)
         if self.kind == "quaternion":
-            return so3.from_quaternion(values if self.order == "wxyz" else np.roll(values, 1, axis=1))
+            return so3.from_quaternion(values[:, [self.order.index(name) for name in "wxyz"]])
         values = np.radians(values) if self.degrees else values
         if self.kind == "vector":
             return so3.exp(values)
@@ -81,6 +82,11 @@ FORMS: dict[str, Form] = {
         Form("vector-deg", "vector", degrees=True),
         Form("quaternion-wxyz", "quaternion", "wxyz"),
         Form("quaternion-xyzw", "quaternion", "xyzw"),
+        *(
+            Form(f"quaternion-{order}", "quaternion", order)
+            for order in map("".join, permutations("wxyz"))
+            if order not in ("wxyz", "xyzw")
+        ),
         *_angles("zyx"),
         *_angles("xyz"),
         *_angles("zyz"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
@@ -26,6 +27,7 @@ ROTATIONS = (
         "xyz-rad",
     ),
     *("fixed-xyz-deg", "fixed-xyz-rad", "zyz-deg", "zyz-rad"),
+    *(f"quaternion-{order}" for order in map("".join, permutations("wxyz")) if order not in ("wxyz", "xyzw")),
 )
 
 HAND_EYE = (

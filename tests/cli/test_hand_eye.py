@@ -127,10 +127,10 @@ def test_metres_and_degrees(run, made):
 
 @pytest.mark.parametrize(
     ("count", "exits", "said"),
-    [(12, 1, "another form than their columns say"), (10, 3, "or their rotations in another form")],
+    [(12, 1, "rotations as quaternion-zwxy they leave"), (10, 3, "or their rotations in another form")],
 )
 def test_a_quaternion_under_wrong_names(run, made, count, exits, said):
-    """Its rotations fit those of the other set-up; the positions do not, or not with this scale."""
+    """Its rotations fit those of the other set-up; the positions do not, and name the order, or not with this scale."""
     h = made(count=count)
     numbers = Rotation.from_matrix(h.robot.rotation).as_quat()
     views = [v.id for v in h.pictures.views]

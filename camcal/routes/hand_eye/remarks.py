@@ -55,8 +55,9 @@ def remarks(
     if other is not None:
         yield CalibrationWarning(
             "hand-eye-convention",
-            f"the poses were interpreted as {reading.words}, which leaves {np.degrees(reading.misfit):.2g} deg; as "
-            f"{other.words} they leave {np.degrees(other.misfit):.2g} deg.",
+            f"the poses were interpreted as {reading.words}, which leaves {np.degrees(reading.misfit):.2g} deg "
+            f"and {100 * reading.shift:.2g} % of the translations; as {other.words} they leave "
+            f"{np.degrees(other.misfit):.2g} deg and {100 * other.shift:.2g} %.",
             "Check --rotation and --setup, and whether the poses are base_from_hand (else --inverse).",
             "wrong",
         )

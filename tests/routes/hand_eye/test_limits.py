@@ -77,6 +77,8 @@ def robot_of(poses, form, certain=False):
         "vector-deg": lambda: r.as_rotvec(degrees=True),
         "quaternion-xyzw": lambda: r.as_quat(),
         "quaternion-wxyz": lambda: np.roll(r.as_quat(), 1, axis=1),
+        "quaternion-zyxw": lambda: r.as_quat()[:, [2, 1, 0, 3]],
+        "quaternion-wyzx": lambda: r.as_quat()[:, [3, 1, 2, 0]],
         "fixed-xyz-deg": lambda: r.as_euler("xyz", degrees=True),
     }
     made = (
@@ -103,6 +105,8 @@ def robot_of(poses, form, certain=False):
         "zyz-deg",
         "quaternion-xyzw",
         "quaternion-wxyz",
+        "quaternion-zyxw",  # an odd permutation of wxyz, and an even one
+        "quaternion-wyzx",
     ],
 )
 @pytest.mark.parametrize("setup", SETUPS)
