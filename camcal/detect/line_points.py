@@ -21,7 +21,8 @@ EDGE_SIGMA, RIDGE_SIGMA = 1.0, 2.0
 #: A point counts where its response is above this many standard deviations of the noise's response: with some 1e6
 #: pixels, two of three such maxima of pure noise are left, too few to form a chain.
 NOISES = 5.0
-#: ... and above this part of what nine of ten such points reach: texture and shading between the lines are weaker
+#: ... and above this part of the response that one point in ten exceeds (that quantile): texture and shading between
+#: the lines are weaker. Quantiles of .9 and .95 find the same ten lines of a building, .8 eleven, .99 nine
 WEAKEST, STRONG = 0.25, 0.9
 #: curvature along a thin line over that across it, above which it crosses another
 CROSSING = 0.3
