@@ -18,6 +18,7 @@ from camcal.assess.checks import lens as lens_checks
 from camcal.assess.checks.facts import Facts
 from camcal.data.observations import Observations
 from camcal.errors import EstimationError
+from camcal.plan.minima import LOWEST
 from camcal.plan.options import Options
 from camcal.plan.progress import Progress, follow
 from camcal.plan.run import BETTER, begun, camera_plan, plan
@@ -41,15 +42,40 @@ def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Ma
         from camcal.plan.selection import AUTO
 
         return _ranked(given, asked, AUTO, "")
+    begin = begun(given, replace(asked, model=ORDINARY))
+    why = _too_few(_freedom(begin), _parameters(begin))
+    if why:  # rejected points make them fewer still
+        return _ranked(given, asked, SMALL, f"{ORDINARY} is unsuitable: {why}")
     try:
-        progress = follow(camera_plan(), begun(given, replace(asked, model=ORDINARY)))
+        # where a smaller model is ranked anyhow, no lower minimum of this one is looked for
+        progress = follow(camera_plan(), replace(begin, options=replace(begin.options, lowest=False)))
+        why, models = _does_not_hold(progress)
+        if models != SMALL:
+            progress = follow(LOWEST, replace(progress, options=begin.options))
+            why, models = _does_not_hold(progress)
     except EstimationError as error:
         return _ranked(given, asked, WIDE, f"{ORDINARY} finds no camera ({error.message.rstrip('.')})")
-    why, models = _does_not_hold(progress)
     if why:
         return _ranked(given, asked, models, f"{ORDINARY} is unsuitable: {why}")
     found = {"chosen": ORDINARY, "why": "an ordinary lens, and the data determine its coefficients"}
     return follow(BETTER, progress), found
+
+
+def _too_few(freedom: int, parameters: int) -> str:
+    """Say that the residuals have too few degrees of freedom for the parameters of the camera; empty if not."""
+    if freedom >= LEAST_FREEDOM * parameters:
+        return ""
+    return f"{freedom} degrees of freedom are too few for {parameters} parameters"
+
+
+def _parameters(begin: Progress) -> int:
+    """Free parameters of the camera before the first attempt."""
+    return len(begin.lens.names) - len(begin.how.fix)
+
+
+def _freedom(begin: Progress) -> int:
+    """Degrees of freedom of the residuals of all points."""
+    return 2 * begin.data.point_count - 6 * len(begin.data.view_ids) - _parameters(begin)
 
 
 def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
@@ -57,9 +83,9 @@ def _does_not_hold(progress: Progress) -> tuple[str, tuple[str, ...]]:
     fit, facts = progress.fit, Facts(progress.fit)
     sigmas = facts.covariance.sigmas
     loose = [n for n in facts.groups("distortion") if not sigmas[n] < UNKNOWN]
-    freedom = figures.redundancy(fit)
-    if freedom < LEAST_FREEDOM * fit.free.shape[1]:
-        return f"{freedom} degrees of freedom are too few for {fit.free.shape[1]} parameters", SMALL
+    few = _too_few(figures.redundancy(fit), fit.free.shape[1])
+    if few:
+        return few, SMALL
     if any(fit_checks.large_residuals(facts)):
         return f"it leaves {fit.rms_point:.3g} px", WIDE
     if any(lens_checks.outside_domain(facts)):

@@ -68,15 +68,16 @@ def weak(fit: Calibration) -> bool:
     return int(fit.free.any(0).sum()) <= MOST_PARAMETERS and any_weak(facts.covariance.sigmas)
 
 
-def _several_centres(fit: Calibration) -> bool:
-    """Return whether minima may differ by the principal point: few points that determine it weakly."""
-    free = int(fit.free.any(0).sum())
-    return int(fit.used.sum()) <= SEARCHED and free <= MOST_PARAMETERS and weak(fit)
+def _searchable(fit: Calibration) -> bool:
+    """Return whether a fit has so few points and parameters that its principal points can be searched."""
+    return int(fit.used.sum()) <= SEARCHED and int(fit.free.any(0).sum()) <= MOST_PARAMETERS
 
 
 def _lowest_centre(fit: Calibration, progress: Progress) -> Calibration:
-    """The lowest fit from other principal points, if these are to be searched."""
-    wanted = progress.options.lowest and _several_centres(fit)
+    """The lowest fit from other principal points, if these are to be searched: few points that determine it
+    weakly.
+    """
+    wanted = progress.options.lowest and _searchable(fit) and weak(fit)
     return spread(fit, progress.how) if wanted else fit
 
 
@@ -173,9 +174,9 @@ def _from(inside: Sequence[Calibration], progress: Progress) -> list[Calibration
 
 
 # ------------------------------------------------------------------------------------------------------ attempts
-def _not_looked_at(progress: Progress) -> bool:
+def _not_looked_at(progress: Progress, lowest: bool) -> bool:
     """Return whether other starts were not tried for these points."""
-    return progress.start is not None and progress.notes.get("minima_of") != _points(progress)
+    return progress.start is not None and progress.notes.get("minima_of") != _looked_at(progress, lowest)
 
 
 def _wants_other_starts(progress: Progress) -> bool:
@@ -184,12 +185,12 @@ def _wants_other_starts(progress: Progress) -> bool:
     """
     settled = progress.options.robust == "none" or progress.restarts > 0
     bad = progress.best is None or starts.doubtful(progress.fit) or _has_several_minima(progress)
-    return _not_looked_at(progress) and bad and (settled or _has_several_minima(progress))
+    return _not_looked_at(progress, False) and bad and (settled or _has_several_minima(progress))
 
 
 def _wants_lowest(progress: Progress) -> bool:
     """Return whether the points are final and their fit may not be the lowest."""
-    if progress.best is None or not progress.options.lowest or not _not_looked_at(progress):
+    if progress.best is None or not progress.options.lowest or not _not_looked_at(progress, True):
         return False
     return _has_several_minima(progress) or starts.doubtful(progress.fit) or weak(progress.fit)
 
@@ -198,10 +199,10 @@ def _has_several_minima(progress: Progress) -> bool:
     return progress.best is not None and progress.lens.several_minima
 
 
-def _points(progress: Progress) -> bytes:
-    """The points that a fit uses, for comparison."""
-    data = progress.data
-    return data.used.tobytes() + repr(data.view_ids).encode()
+def _looked_at(progress: Progress, lowest: bool) -> tuple[bytes, tuple[str, ...], bool]:
+    """The points that a fit uses and whether principal points are searched, for comparison."""
+    data, searched = progress.data, lowest and progress.best is not None and _searchable(progress.fit)
+    return data.used.tobytes(), data.view_ids, searched
 
 
 def _other_starts(progress: Progress) -> Change:
@@ -209,7 +210,7 @@ def _other_starts(progress: Progress) -> Change:
     found = [] if progress.best is None else [progress.fit]
     nested = from_nested(progress)
     found += [] if nested is None else [nested]
-    notes = {"minima_of": _points(progress)}
+    notes = {"minima_of": _looked_at(progress, progress.options.lowest)}
     best = _lowest_centre(lowest(found), progress) if found else None
     if best is None or (progress.best is not None and best is progress.fit):
         return Change(notes=notes)
@@ -227,7 +228,12 @@ def _other_cameras(progress: Progress) -> Change | None:
     return Change(fit=Candidate(lowest(found))) if found else None
 
 
-OTHER_STARTS = Attempt("other-starts", _wants_other_starts, _other_starts)
+def _nested_starts(progress: Progress) -> Change:
+    """The lowest fit from nested models; principal points are searched once the points are final (`LOWEST`)."""
+    return _other_starts(replace(progress, options=replace(progress.options, lowest=False)))
+
+
+OTHER_STARTS = Attempt("other-starts", _wants_other_starts, _nested_starts)
 LOWEST: tuple[Attempt, ...] = (
     Attempt("other-starts", _wants_lowest, _other_starts),
     Attempt("other-minima", _wants_other_cameras, _other_cameras),

@@ -81,18 +81,25 @@ class Candidate:
         return figures.ranked(None if self.holdout is None else self.holdout.figures.rms_point)
 
     def information(self) -> tuple[float, float]:
-        """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance.
+        """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance, corrected for few
+        coordinates.
 
-        n log(SSE / n) + 2 p and n log(SSE / n) + p log n over the n = 2N coordinates, p all parameters and
-        the variance (Burnham & Anderson, Model selection and multimodel inference, 2002, section 2.2).
+        n log(SSE / n) + 2 p n / (n - p - 1) and n log(SSE / n) + p log(n) n / (n - p - 1) over the n = 2N
+        coordinates, p all parameters and the variance (Hurvich & Tsai, Regression and time series model selection
+        in small samples, Biometrika 76, 1989; McQuarrie, A small-sample correction for the Schwarz SIC model
+        selection criterion, Statistics & Probability Letters 44, 1999). Infinite where n - p - 1 is not positive:
+        without the correction a lens of 15 unknowns is the best for the 16 coordinates of 8 points.
         """
         if self.solution is None:
             return np.inf, np.inf
         r = self.solution.used_residuals
         n, p = r.size, self.solution.free_count + 1
+        if n <= p + 1:
+            return np.inf, np.inf
         with np.errstate(divide="ignore"):  # exact data
             fit = n * np.log(float((r**2).sum()) / n)
-        return figures.ranked(fit + 2 * p), figures.ranked(fit + p * np.log(n))
+        few = n / (n - p - 1)
+        return figures.ranked(fit + 2 * p * few), figures.ranked(fit + p * np.log(n) * few)
 
 
 @dataclass(frozen=True)

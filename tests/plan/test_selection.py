@@ -9,6 +9,7 @@ from camcal.assess import figures
 from camcal.data.observations import Correspondences
 from camcal.data.points import read_points
 from camcal.errors import EstimationError
+from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
@@ -107,3 +108,21 @@ def test_nan_decides_no_ranking():
     assert min([few, good], key=spread) is good
     broken = Candidate("pinhole", few, None, (), 0.0)
     assert broken.information() == (np.inf, np.inf) and broken.holdout_rms == np.inf
+
+
+def test_eight_points_do_not_choose_the_model_with_as_many_unknowns_as_coordinates():
+    # 16 coordinates, of which a pinhole leaves 6 free and opencv5 one: without the correction its rms always wins
+    rng = np.random.default_rng(4)
+    lens = lenses.make("pinhole")
+    camera = Camera(
+        lens, lens.from_values({"fx": 1000.0, "fy": 1000.0, "cx": 639.5, "cy": 479.5}), (1280, 960)
+    )
+    box = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]) - 0.5
+    pose = rotations.exp(np.array([0.6, 0.5, 0.1])), np.array([0.1, -0.1, 3.0])
+    uv = camera.project(box @ pose[0].T + pose[1]) + rng.normal(size=(8, 2))
+    points = Correspondences.from_views([(box, uv)], image_size=(1280, 960))
+    found = select(points, ("pinhole", "opencv4", "opencv5"), robust="none")
+    assert found.chosen.model == "pinhole" and "BIC" in found.why
+    by_name = {c.model: c for c in found.candidates}
+    assert by_name["opencv4"].information()[1] == np.inf  # 14 unknowns and the variance for 16 coordinates
+    assert by_name["opencv5"].solution.rms_point < by_name["pinhole"].solution.rms_point
