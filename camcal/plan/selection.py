@@ -84,7 +84,7 @@ class Candidate:
         """Akaike's and Schwarz's criteria (AIC, BIC) for Gaussian noise of unknown variance, corrected for few
         coordinates.
 
-        n log(SSE / n) + 2 p n / (n - p - 1) and n log(SSE / n) + p log(n) n / (n - p - 1) over the n = 2N
+        n log(SSE / n) + 2 p n / (n - p - 1) and n log(SSE / n) + (p - 1) log(n) n / (n - p - 1) over the n = 2N
         coordinates, p all parameters and the variance (Hurvich & Tsai, Regression and time series model selection
         in small samples, Biometrika 76, 1989; McQuarrie, A small-sample correction for the Schwarz SIC model
         selection criterion, Statistics & Probability Letters 44, 1999). Infinite where n - p - 1 is not positive:
@@ -99,7 +99,7 @@ class Candidate:
         with np.errstate(divide="ignore"):  # exact data
             fit = n * np.log(float((r**2).sum()) / n)
         few = n / (n - p - 1)
-        return figures.ranked(fit + 2 * p * few), figures.ranked(fit + p * np.log(n) * few)
+        return figures.ranked(fit + 2 * p * few), figures.ranked(fit + (p - 1) * np.log(n) * few)
 
 
 @dataclass(frozen=True)
