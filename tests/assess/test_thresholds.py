@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from camcal.assess import difference
 from camcal.assess.checks import coverage, fit, folds, lens, mirror, noise, rejected, views
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, grade
+from camcal.solve import outliers, turns
+from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.refine import refine
 from tests.solved import solved
 
@@ -196,3 +199,63 @@ def test_a_large_rms_is_wrong_whatever_else_there_is(good, rms, said):
     # 640x480: the diagonal of 798.7 px from the outermost pixel centres, half a per cent of it
     found = list(fit.large_residuals(with_residuals(good, lengths(len(good.residuals), rms, 0, 1))))
     assert [w.severity for w in found] == ["wrong"] * said
+
+
+@pytest.mark.parametrize(("ratio", "gaussian"), [(0.99, True), (1.01, False)])
+def test_the_rms_may_exceed_the_median_by_so_much(ratio, gaussian):
+    # one point of 400 is so long that the sigma of the rms is `ratio` times the bound, that of the median being 1
+    bound = outliers.LOOKS_GAUSSIAN + outliers.SCATTER / 20
+    r = np.full(400, RAYLEIGH_MEDIAN)
+    r[0] = np.sqrt(2 * 400 * (ratio * bound) ** 2 - np.square(r[1:]).sum())
+    assert outliers.looks_gaussian(r, 1.0) == gaussian
+
+
+@pytest.mark.parametrize("less", [0, 1])
+def test_tails_are_looked_at_from_so_many_points_on(good, less):
+    count = noise.LEAST_IN_ALL - less
+    used = np.arange(len(good.residuals)) < count
+    r = np.random.default_rng(0).normal(size=good.residuals.shape)
+    facts = with_residuals(replace(good, observations=good.observations.with_used(used)), r)
+    assert (noise.fourth_moment(facts) == (2.0, 0.0)) == bool(less)
+
+
+@pytest.mark.parametrize(("count", "said"), [(noise.LEAST_ROUNDED, True), (noise.LEAST_ROUNDED - 1, False)])
+def test_coordinates_of_few_points_are_whole_by_chance(good, count, said):
+    rows = np.flatnonzero(good.used)[:count]
+    data = good.observations
+    few = replace(data, uv=data.uv.round()).with_used(np.isin(np.arange(len(data.uv)), rows))
+    assert bool(list(noise.rounded(Facts(replace(good, observations=few))))) == said
+
+
+@pytest.mark.parametrize(("count", "said"), [(views.LEAST_BENT, False), (views.LEAST_BENT - 1, True)])
+def test_views_that_distortion_needs(count, said):
+    lens = "brown:radial=1,decentering=0"  # five parameters, which two views would be enough for
+    facts = Facts(
+        solved(lens, views=count, truth={"fx": 533.0, "fy": 533.0, "cx": 322.0, "cy": 238.0, "k1": -0.2})
+    )
+    assert len(facts.free_names) <= views.PARAMETERS_PER_VIEW * count
+    assert bool(list(views.few_views(facts))) == said
+
+
+@pytest.mark.parametrize(("behind", "said"), [(3, True), (4, False)])
+def test_a_target_may_be_seen_from_both_sides(good, monkeypatch, behind, said):
+    # 3 of 10 are mistakes in single views, 4 of 10 are more than `MINORITY`
+    assert 3 / 10 <= views.MINORITY < 4 / 10
+    monkeypatch.setattr(views, "sides", lambda *_: np.arange(10) < behind)
+    monkeypatch.setattr(views, "_from_behind", lambda _: np.zeros(10, bool))
+    assert [w.code for w in views.mirrored(Facts(good))] == ["mirrored-views"] * said
+
+
+@pytest.mark.parametrize(
+    ("points", "known"), [(difference.LEAST_PIXELS, True), (difference.LEAST_PIXELS - 1, False)]
+)
+def test_pixels_that_a_rotation_needs(good, points, known):
+    pixels = np.array([[100.0, 100.0], [500.0, 120.0], [300.0, 400.0]])[:points]
+    found = difference.difference(good.camera, good.camera, pixels)
+    assert bool(np.isfinite(found.vectors).all()) == known
+
+
+@pytest.mark.parametrize(("count", "found"), [(turns.LEAST_POINTS, 4), (turns.LEAST_POINTS - 1, 1)])
+def test_points_of_a_board_that_may_look_the_same(count, found):
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    assert len(turns.turns_of(corners[-count:] if count == 4 else corners[[0, 1, 3]])) == found
