@@ -16,6 +16,8 @@ the two coordinates change places.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from camcal.errors import EstimationError, UsageError
@@ -191,9 +193,7 @@ def rectify(
     cameras, new = (first, second), size or first.image_size
     turns, shift, axis = aligned(second_from_first)
     borders = [_border(c, t) for c, t in zip(cameras, turns, strict=True)]
-    if projection == "auto":
-        reach = max(float(np.arccos(np.clip(b[:, 2], -1, 1)).max(initial=0.0)) for b in borders)
-        projection = LATITUDE_LONGITUDE if reach > WIDE else PERSPECTIVE
+    projection = _projection_for(borders) if projection == "auto" else projection
     if projection == PERSPECTIVE:
         _refuse_epipoles(cameras, turns, axis)
     flat = [_flat(b, projection, axis) for b in borders]
@@ -201,19 +201,26 @@ def rectify(
     if not all(len(m) for m in flat):
         raise _nothing_shared()
     centre = np.mean([m.mean(0) for m in flat], 0)
-    focal = _kept_scale(cameras, new)
     half = (np.array(new) - 1) / 2
-    if alpha is not None:
-        everything = float((half / np.max([np.abs(m - centre).max(0) for m in flat], 0)).min())
-        covered = (
-            everything if alpha == 1 else _covering(cameras, turns, projection, axis, centre, new, everything)
+    if alpha is None:
+        focal = _kept_scale(cameras, new)
+    else:
+        all_of_both = float((half / np.max([np.abs(m - centre).max(0) for m in flat], 0)).min())
+        no_black = (
+            _covering(cameras, turns, projection, axis, centre, new, all_of_both) if alpha != 1 else 0.0
         )
-        focal = (1 - alpha) * covered + alpha * everything
+        focal = (1 - alpha) * no_black + alpha * all_of_both
     made = Rectification(cameras, turns, shift, axis, projection, focal, half - focal * centre, new)
     rays = made.rays(border_grid(new))
     if not np.all([_sources(c, t, rays)[1] for c, t in zip(cameras, turns, strict=True)], 0).any():
         raise _nothing_shared()
     return made
+
+
+def _projection_for(borders: Sequence[Array]) -> str:
+    """The projection that holds the rays (N, 3) at the borders of both pictures."""
+    reach = max(float(np.arccos(np.clip(b[:, 2], -1, 1)).max(initial=0.0)) for b in borders)
+    return LATITUDE_LONGITUDE if reach > WIDE else PERSPECTIVE
 
 
 def _flat(rays: Array, projection: str, axis: int) -> Array:

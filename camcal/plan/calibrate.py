@@ -96,16 +96,17 @@ def calibrate(
         solution = assessed(solution, progress)
         tell("checked", {"warnings": [w.code for w in solution.warnings]})
     if asked.crosscheck:
-        from camcal.peers.run import crosscheck  # cv2 is loaded only here
-
-        solution = replace(
-            solution,
-            crosscheck=crosscheck(
-                solution, solution.stages, progress.how, _flat_before(progress), asked.crosscheck == "full"
-            ),
-        )
+        solution = _crosschecked(solution, progress, asked.crosscheck == "full")
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
+
+
+def _crosschecked(solution: Solution, progress: Progress, full: bool) -> Solution:
+    """The solution with cv2's results beside its stages."""
+    from camcal.peers.run import crosscheck  # cv2 is loaded only here
+
+    made = crosscheck(solution, solution.stages, progress.how, _flat_before(progress), full)
+    return replace(solution, crosscheck=made)
 
 
 def first_estimate(

@@ -82,11 +82,7 @@ def calibrate_rig(
     check_options(asked, names)
     reference = asked.reference or names[0]
     views = views.ordered(reference).shifted(asked.lag)
-    cameras = {}
-    for name, part in views.parts.items():
-        cameras[name] = alone(name, part, asked, refine_points)
-        fit = cameras[name].fit
-        tell("camera", {"name": name, "rms_point": fit.rms_point, "model": fit.camera.lens.name})
+    cameras = _each_alone(views, asked, refine_points, tell)
     fits, views, placed = arranged({n: a.fit for n, a in cameras.items()}, views, asked.boards)
     cameras = {n: replace(a, fit=fits[n]) for n, a in cameras.items()}
     progress = _followed(_begun(cameras, views, asked, placed))
@@ -102,6 +98,18 @@ def calibrate_rig(
         solution = replace(solution, crosscheck=crosscheck(solution, flat, progress.how))
         tell("crosschecked", {"entries": len(solution.crosscheck)})
     return solution
+
+
+def _each_alone(
+    views: RigViews, asked: RigOptions, refine_points: bool | None, tell: OnEvent
+) -> dict[str, Alone]:
+    """Each camera calibrated by its own views."""
+    cameras = {}
+    for name, part in views.parts.items():
+        cameras[name] = alone(name, part, asked, refine_points)
+        fit = cameras[name].fit
+        tell("camera", {"name": name, "rms_point": fit.rms_point, "model": fit.camera.lens.name})
+    return cameras
 
 
 # ------------------------------------------------------------------------------------------------------ the plan

@@ -127,12 +127,7 @@ def refine(
         problem, result, observations = _placed(problem, result, observations, cameras, frees, how)
     final, board, scale = problem.poses(result.state), None, 1.0
     if isinstance(problem, BoardProblem):
-        shape, theta = problem.board, result.state.shape.copy()
-        theta[: shape.placed] = 0.0  # in the observations already
-        points = shape.points + shape.expand(theta)
-        if shape.label is None:  # the directions of several boards leave each of them in its place
-            points, final, scale = settle(points, shape.points, final)
-        board = shaped_board(shape, points)
+        board, final, scale = _board_of(problem, result, final)
         observations = shaped(observations, board)
     found = _found(start, problem.params(result.state), result.state.rig, scale)
     common: dict[str, Any] = {
@@ -149,6 +144,16 @@ def refine(
         return RigCalibration(rig=found, start=start, **common)
     assert isinstance(start, Camera)
     return Calibration(camera=found, start=start, **common)
+
+
+def _board_of(problem: BoardProblem, result: Result, poses: Poses) -> tuple[ShapedBoard, Poses, float]:
+    """The board that was found, the poses in its frame, and the factor of all lengths."""
+    shape, theta, scale = problem.board, result.state.shape.copy(), 1.0
+    theta[: shape.placed] = 0.0  # in the observations already
+    points = shape.points + shape.expand(theta)
+    if shape.label is None:  # the directions of several boards leave each of them in its place
+        points, poses, scale = settle(points, shape.points, poses)
+    return shaped_board(shape, points), poses, scale
 
 
 def _placed(
