@@ -3,6 +3,7 @@
 from camcal.least_squares.loop import minimise
 from camcal.least_squares.problem import (
     EDGE,
+    STILL,
     Found,
     Normal,
     Options,
@@ -16,6 +17,7 @@ from camcal.least_squares.problem import (
 
 __all__ = [
     "EDGE",
+    "STILL",
     "Found",
     "Normal",
     "Options",

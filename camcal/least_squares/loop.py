@@ -8,9 +8,7 @@ calibration is a batch of one, which solves (1) in its own way. D makes the step
 (Marquardt 1963; Moré, The Levenberg-Marquardt algorithm: implementation and theory, 1978).
 
 A member has converged where the decrease of the cost that the linear model still predicts, ½ gᵀ (JᵀJ)⁻¹ g, is a
-negligible part of the cost: a test without units, in the residuals as well as in the parameters. Where the predictions
-fall so quickly that the next one will be negligible, and this one is lost in the rounding of the cost, the step is
-taken and not evaluated (`_Run.last`): the evaluation could not judge it, and would be the last.
+negligible part of the cost: a test without units, in the residuals as well as in the parameters.
 """
 
 from __future__ import annotations
@@ -108,7 +106,7 @@ class _Run:
         """Take one step of every member."""
         self.iteration += 1
         step, predicted = self.problem.solve(self.state, self.equations, self.damping.value)
-        gone = self.arrived(step, predicted)
+        gone = self.arrived(predicted)
         if gone is not None:
             if gone.all():
                 return
@@ -137,24 +135,17 @@ class _Run:
         reasons = np.select([valley, edge], [STILL, EDGE], "")
         self.leave(reasons != "", reasons[reasons != ""])
 
-    def arrived(self, step: Any, predicted: Array) -> Array | None:
-        """Finish members whose step predicts too small a decrease, or is the last, or that have none; return the mask
-        of those.
-        """
+    def arrived(self, predicted: Array) -> Array | None:
+        """Finish members whose step predicts too small a decrease, or that have none; return the mask of those."""
         cost = self.equations.cost
         with np.errstate(invalid="ignore"):  # 0 times inf
             enough = self.tolerance * cost + self.rounding
-            last = self.last(predicted, enough)
         small = (predicted <= enough) & (cost < np.inf)
         lost = ~(np.isfinite(predicted) | (cost < np.inf))
-        if not (small | lost | last).any():
+        if not (small | lost).any():
             return None
-        remaining = self.remaining(small | last, predicted)
-        last &= ~small & (remaining * predicted <= UNDAMPED * enough * self.before)
-        if last.any():
-            moved = self.problem.retract(self.state, step)
-            self.state = moved if last.all() else merged(last, moved, self.state)
-        done = last | small & (remaining <= UNDAMPED * enough)
+        remaining = self.remaining(small, predicted)
+        done = small & (remaining <= UNDAMPED * enough)
         rejected = small & ~done & (self.damping.since_failure == 0)
         rounding = rejected & (remaining <= LOST * cost)
         reasons = np.select([done, rounding, rejected, lost], [CONVERGED, ROUNDING, EDGE, INVALID], "")
@@ -163,13 +154,6 @@ class _Run:
             return None
         self.leave(gone, reasons[gone])
         return gone
-
-    def last(self, predicted: Array, enough: Array) -> Array:
-        """Return the members whose step is the last: its own decrease cannot be measured, and that of the next one is
-        negligible if predictions go on falling at the rate of the last two.
-        """
-        calm = self.damping.since_failure >= self.damping.CALM
-        return calm & (predicted <= NOISE * self.equations.cost) & (predicted**2 <= enough * self.before)
 
     def remaining(self, some: Array, damped: Array) -> Array:
         """Return the undamped predicted decreases of some members; the damped ones where the undamped system is

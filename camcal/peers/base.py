@@ -21,6 +21,9 @@ Entry = dict[str, Any]
 LOWER = 1e-9
 #: ... or by this, px, where the data are exact and the rms is made of rounding alone.
 LOWER_PX = 1e-9
+#: ... or by this in chi², where camcal ended in a valley: a thousand more steps at the rate at which it was left
+#: (`lm.STILL_CHI2` in ten steps), and a tenth of a standard deviation at most of anything that the data determine
+LOWER_CHI2 = 0.01
 #: The same optimum: cv2 sees the points rounded to float32, at most 2.4e-4 px off in a picture of 8,000 px,
 #: which moves its optimum; that raises its rms over the exact points by less than this part.
 SAME = 1e-6

@@ -17,11 +17,13 @@ from camcal.assess.difference import Difference, difference, image_grid
 from camcal.assess.figures import sigma_0
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError
+from camcal.least_squares import STILL
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.peers import CALIBRATORS, WITH_SKEW
 from camcal.peers.base import (
     LOWER,
+    LOWER_CHI2,
     LOWER_PX,
     PROJECTION_PX,
     SAME,
@@ -191,7 +193,7 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
     apart = difference(solution.camera, result.camera, image_grid(*bounds(solution)))
     sigmas = distance_in_sigmas(solution, result)
     status = "pass"
-    if theirs < ours * (1 - LOWER) - LOWER_PX:
+    if theirs < ours * (1 - _lower(solution)) - LOWER_PX:
         blind = _unseen(solution, result)
         status = "not_applicable" if blind else "fail"
         said.append(f"cv2 reaches a lower rms, {theirs:.9g} px instead of {ours:.9g} px")
@@ -211,6 +213,13 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
         "distortion": result.distortion.tolist(),
     }
     return entry(STAGE, against, status, "; ".join(said), opencv, _figures(solution, result, apart, sigmas))
+
+
+def _lower(solution: Calibration) -> float:
+    """The part of the rms by which cv2 may be lower."""
+    if solution.fit.stop_reason != STILL:
+        return LOWER
+    return LOWER_CHI2 / (4 * max(int(solution.used.sum()), 1))  # chi² is 2 N (rms / sigma)²
 
 
 def _unseen(solution: Calibration, result: Result) -> int:

@@ -133,7 +133,8 @@ def test_starts_at_the_minimum_and_stays(spec):
     result = make(spec)(problem, best.state, Options(max_iterations=SHORT.get(spec)))
     assert result.converged
     assert result.blocks.cost == pytest.approx(best.blocks.cost, rel=1e-9)
-    assert result.evaluations <= 40
+    # scipy's methods halve their region down to the rounding of x, 52 times, where rounding hides every decrease
+    assert result.evaluations <= 52 + 3
 
 
 def test_few_iterations_are_not_convergence(spec):

@@ -96,24 +96,6 @@ def test_rounding_is_told_from_the_end_of_the_domain(share, reason):
     assert found[0] == reason
 
 
-# ------------------------------------------------------------------------------------------------------- last step
-@pytest.mark.parametrize(("before", "limit"), [(1e-9, NOISE), (1e-11, np.sqrt(1e-14 * 1e-11))])
-@pytest.mark.parametrize("part", [0.9, 1.1])
-def test_the_last_step_is_taken_and_not_evaluated(before, limit, part):
-    """It promises too little to be measured, and the next one is negligible at the rate at which promises fall."""
-    steps = np.sqrt(2 * np.array([before, part * limit]))
-    problem = Scripted((1.0, steps[0]), (1.0 - before, steps[1]), (1.0 - before, 1e-4))
-    reason, found = run(problem, tolerance=1e-14, max_iterations=2)
-    assert (reason == CONVERGED) == (part < 1) and problem.seen == (2 if part < 1 else 3)
-    if part < 1:
-        assert found.state[0, 0] == pytest.approx(-steps.sum(), rel=1e-9)
-
-
-def test_a_step_after_a_rejected_one_is_not_the_last():
-    problem = Scripted((1.0, 1e-4), (np.inf, 0.0), (1.0 - 5e-9, 1e-6), (1.0, 0.0))
-    assert run(problem, tolerance=1e-14, max_iterations=3)[0] != CONVERGED and problem.seen == 4
-
-
 # --------------------------------------------------------------------------------------------------------- valleys
 @pytest.mark.parametrize(
     ("still", "reason"), [(0.0, "iterations"), (0.99e-6, "iterations"), (1.01e-6, STILL)]

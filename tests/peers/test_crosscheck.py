@@ -10,9 +10,10 @@ from camcal.assess.covariance import covariance
 from camcal.data.observations import Correspondences, View
 from camcal.errors import EstimationError
 from camcal.geometry import projective, rotations
+from camcal.least_squares import STILL
 from camcal.model.pose import Poses
 from camcal.peers import calibrate_camera, find_homography, project_points, refinement, rodrigues
-from camcal.peers.base import SIGMAS, NotComparableError, one_thread
+from camcal.peers.base import LOWER_CHI2, SIGMAS, NotComparableError, one_thread
 from camcal.peers.run import crosscheck
 from camcal.plan.calibrate import calibrate
 from camcal.solve.refine import refine, residuals
@@ -120,6 +121,18 @@ def test_it_fails_where_only_the_second_chance_finds_the_lower_cost(monkeypatch)
     claimed = replace(good, residuals=good.residuals * 1.001)
     (made,) = refinement.against_cv2(claimed)
     assert made["status"] == "fail" and "lower rms" in made["why"]
+
+
+@pytest.mark.parametrize(("part", "status"), [(0.9, "pass"), (1.1, "fail")])
+def test_a_fit_that_ended_in_a_valley_may_be_higher_by_what_no_interval_shows(part, status):
+    good = solved(views=6)
+    share = (
+        part * LOWER_CHI2 / (4 * good.used.sum())
+    )  # chi² of two coordinates a point, of the rms twice that
+    claimed = replace(good, residuals=good.residuals * (1 + share))
+    valley = replace(claimed, fit=replace(good.fit, stop_reason=STILL))
+    assert refinement.against_cv2(valley)[0]["status"] == status
+    assert refinement.against_cv2(claimed)[0]["status"] == "fail"
 
 
 def test_a_lower_cost_of_a_camera_that_folds_before_the_points_is_no_failure(monkeypatch):

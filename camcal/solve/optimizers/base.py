@@ -22,9 +22,6 @@ from camcal.solve.schur import Reduced
 
 #: predicted decreases below this part of the cost are lost in the rounding of its sum
 NOISE = 1e-12
-#: `still` of a calibration: ten steps then move the projections by less than sqrt(10 · 2 · 3e-6) = .008 of their
-#: standard deviation, root mean square of all points. Rational lenses (opencv8) have valleys of hundreds of such steps
-STILL = 3e-6
 #: called with (iteration, cost) after every accepted step
 OnStep = Callable[[int, float], None]
 
@@ -35,14 +32,11 @@ class Options(least_squares.Options):
 
     Attributes
     ----------
-    still : float
-        As in `least_squares.Options`; of Levenberg-Marquardt.
     variant : str
         One of the method's `VARIANTS`, as after the colon of `lbfgs:varpro`; empty = its first.
     """
 
     tolerance: float = 1e-14
-    still: float = STILL
     variant: str = ""
 
 

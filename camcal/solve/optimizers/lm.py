@@ -25,6 +25,9 @@ Array = np.ndarray
 _LEARN_FROM = 8
 #: of the distortion, where a run is begun again
 _FACTORS = (-1.0, -0.5)
+#: What ten steps lower chi² by at the end of a valley; an interval of one sigma is where it rises by 1. With 1e-3 the
+#: descent of 50 views of 54 points by opencv8 ended 11 above a minimum that it reaches with 1e-4.
+STILL_CHI2 = 1e-4
 #: a converged run is preferred to one that was stopped even if its cost is larger by this part
 _NEARLY = 1e-3
 
@@ -55,6 +58,10 @@ def minimise(
 
 def _descend(problem: Problem, state: State, options: Options, on_step: OnStep | None) -> Result:
     """One descent from a start."""
+    coordinates = sum(
+        group.uv.size for group in problem.groups
+    )  # chi² at the minimum, but for the parameters
+    options = replace(options, still=STILL_CHI2 / max(coordinates, 1))
     whole = _Whole(problem, state, options, on_step)
     found = least_squares.minimise(whole, state, options)
     stats = found.stats
