@@ -20,10 +20,11 @@ else:
 
         def decorated(cls: type) -> type:
             own = cls.__dict__
-            hashed, shown, compared = ("__hash__" in own, "__repr__" in own, "__eq__" in own)
-            inherited = [
-                b.__dict__["__dataclass_params__"] for b in cls.__mro__[1:] if dataclasses.is_dataclass(b)
-            ]
+            shown, compared = "__repr__" in own, "__eq__" in own
+            # Python itself writes None where a class defines `__eq__` alone
+            hashed = "__hash__" in own and not (own["__hash__"] is None and compared)
+            bases = [vars(b) for b in cls.__mro__[1:]]
+            inherited = [b["__dataclass_params__"] for b in bases if "__dataclass_params__" in b]
             were = [params.frozen for params in inherited]
             for params in inherited:
                 params.frozen = (
@@ -103,9 +104,18 @@ def _hash(self: Any) -> int:
     return hash(tuple(values))
 
 
+def _is_frozen(self: Any, name: str) -> bool:
+    """Return whether an attribute may not change; those that a plain class adds to a frozen one may."""
+    return "__dataclass_params__" in vars(type(self)) or name in type(self).__dataclass_fields__
+
+
 def _refuse_to_set(self: Any, name: str, value: object) -> None:
-    raise FrozenInstanceError(f"cannot assign to field {name!r}")
+    if _is_frozen(self, name):
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+    object.__setattr__(self, name, value)
 
 
 def _refuse_to_delete(self: Any, name: str) -> None:
-    raise FrozenInstanceError(f"cannot delete field {name!r}")
+    if _is_frozen(self, name):
+        raise FrozenInstanceError(f"cannot delete field {name!r}")
+    object.__delattr__(self, name)

@@ -113,3 +113,38 @@ def test_derived_classes() -> None:
         with pytest.raises(FrozenInstanceError, match="cannot assign"):
             each.x = 2  # type: ignore[misc]
         assert copy.deepcopy(each) == each == pickle.loads(pickle.dumps(each))
+
+
+class Plain(Base):
+    """Not decorated, with attributes of its own."""
+
+    def __init__(self, x: int):
+        super().__init__(x)
+        self.name = "plain"
+
+
+def test_a_plain_class_derives_as_from_the_standard_decorator() -> None:
+    @dataclass(frozen=True)
+    class Below(Plain):
+        y: int = 2
+
+    assert asdict(Below(1)) == {"x": 1, "y": 2}
+    made = Plain(1)
+    made.name = "other"
+    del made.name
+    for change in (
+        lambda: setattr(made, "x", 2),
+        lambda: delattr(made, "x"),
+        lambda: setattr(Base(1), "name", 2),
+    ):
+        with pytest.raises(FrozenInstanceError):
+            change()
+
+
+def test_an_own_comparison_leaves_a_frozen_class_its_hash() -> None:
+    def equal(self: object, other: object) -> bool:
+        return type(self) is type(other)
+
+    for decorator in (dataclass, dataclasses.dataclass):
+        made = decorator(frozen=True)(type("Alike", (), {"__annotations__": {"x": int}, "__eq__": equal}))
+        assert made(1) == made(2) and hash(made(1)) == hash(made(1))

@@ -51,7 +51,8 @@ def constant(cameras: Array) -> float | None:
     back = np.linalg.inv(to_first)
     q = back @ quadric @ back.T
     plane = -q[:3, 3] / q[2, 2] / [f2, f2, 1.0]
-    best = _agreed(moved, np.r_[np.log(f2) / 2, plane])
+    with np.errstate(over="ignore", invalid="ignore"):  # steps to infinite values are rejected
+        best = _agreed(moved, np.r_[np.log(f2) / 2, plane])
     f = float(np.exp(best[0]))
     return f if FOCAL[0] <= f <= FOCAL[-1] else None
 

@@ -14,7 +14,7 @@ adjustment; two views are refused before that where their axes meet.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -134,18 +134,43 @@ def estimate(
         start = _pinhole(focal, image_size) if bent is None else lifted.as_camera(bent, focal, image_size)
         return start, _put_together(known, start, tracks, views, points, "fx" in fix)
 
-    start, bundle = min(map(put_together, focals), key=lambda made: _misses(made[1], tracks))
+    start, bundle = _best_start(focals, put_together, tracks)
     found = _calibrated(bundle, tracks, lens, start, fix, known)
     kind = "pinhole" if bent is None else bent.kind
     return replace(found, pixels=pixels, rays=kind, dual_quadric=quadric)
 
 
 def _focals(known: list[Pair], size: tuple[int, int], quadric: float | None) -> list[float]:
-    """The focal lengths to start from, px: of the dual quadric, and of the pairs where that is another."""
+    """The focal lengths to start from, px: of the dual quadric, and of the pairs."""
     pairwise = _focal(known, size)
-    if quadric is None:
-        return [pairwise]
-    return [quadric] if abs(np.log(pairwise / quadric)) < SAME else [quadric, pairwise]
+    return [pairwise] if quadric is None else [quadric, pairwise]
+
+
+def _best_start(
+    focals: list[float], put_together: Callable[[float], tuple[Camera, Bundle]], tracks: Tracks
+) -> tuple[Camera, Bundle]:
+    """The start with the smallest misses; of focal lengths that are the same, a further one only where the first fails.
+
+    Raises
+    ------
+    EstimationError
+        That of the first, where the views cannot be put together from any.
+    """
+    made: list[tuple[float, tuple[Camera, Bundle]]] = []
+    failed: EstimationError | None = None
+    for focal in focals:
+        if made and np.isfinite(made[0][0]) and abs(np.log(focal / focals[0])) < SAME:
+            continue
+        try:
+            start, bundle = put_together(focal)
+        except EstimationError as error:
+            failed = failed or error
+        else:
+            made.append((_misses(bundle, tracks), (start, bundle)))
+    if not made:
+        assert failed is not None
+        raise failed
+    return min(made, key=lambda m: m[0])[1]
 
 
 def _misses(bundle: Bundle, tracks: Tracks) -> float:

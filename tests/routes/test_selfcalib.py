@@ -1,6 +1,7 @@
 """Self-calibration: truth and intervals on made scenes, critical motions, wrong tracks, cv2 beside it."""
 
 import csv
+import dataclasses
 import json
 
 import numpy as np
@@ -14,7 +15,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers import two_views
-from camcal.routes import dual_quadric, epipolar, lifted
+from camcal.routes import dual_quadric, epipolar, lifted, selfcalib
 from camcal.routes.bundle import Tracks
 from camcal.routes.reconstruct import pairs
 from camcal.routes.selfcalib import estimate
@@ -287,3 +288,35 @@ def test_right_images_are_kept_and_wrong_ones_are_not():
         assert not found.used[point].all()
         left.append(int((~found.used[~point]).sum()))
     assert sum(left) <= 1
+
+
+@pytest.mark.parametrize("seed", [453, 517])
+def test_the_dual_quadric_of_noise_warns_of_no_overflow(seed):
+    found = dual_quadric.constant(np.random.default_rng(seed).normal(size=(4, 3, 4)))
+    assert found is None or 0.26 <= found <= 6.0
+
+
+@pytest.mark.parametrize("way", ["raises", "places nothing"])
+def test_a_start_that_fails_gives_way_to_the_next(monkeypatch, way):
+    """Both focal lengths are nearly the same; from the first, the views cannot be put together."""
+    tracks, tried = tracks_of(walk(5)), []
+    put_together = selfcalib._put_together
+
+    def first_fails(known, start, *rest):
+        tried.append(start)
+        made = put_together(known, start, *rest)
+        if len(tried) > 1:
+            return made
+        if way == "raises":
+            raise EstimationError("the views differ by a rotation alone.")
+        return dataclasses.replace(made, points=np.full_like(made.points, np.nan))
+
+    monkeypatch.setattr(selfcalib, "_put_together", first_fails)
+    found = solve(tracks, 5)
+    assert len(tried) == 2 and found.start is tried[1]
+    assert abs(found.bundle.camera.params[0] / 900 - 1) < 0.02
+    monkeypatch.setattr(
+        selfcalib, "_put_together", lambda *_: (_ for _ in ()).throw(EstimationError("none."))
+    )
+    with pytest.raises(EstimationError, match="none"):
+        solve(tracks, 5)
