@@ -17,8 +17,12 @@ from camcal.errors import UsageError
 def load(path: str) -> Any:
     """Import `"package.module:attribute"` and return the attribute."""
     module, _, attribute = path.partition(":")
-    # asked for in every calibration: a look-up in place of the import machinery
-    return getattr(sys.modules.get(module) or importlib.import_module(module), attribute)
+    # asked for in every calibration: a look-up in place of the import machinery, which waits where another thread
+    # has not finished the import
+    found = sys.modules.get(module)
+    if found is None or getattr(getattr(found, "__spec__", None), "_initializing", False):
+        found = importlib.import_module(module)
+    return getattr(found, attribute)
 
 
 #: what a name is called elsewhere (OpenCV, ROS, Kalibr, MATLAB, COLMAP) -> the name here, or what to choose from

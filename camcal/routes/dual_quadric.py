@@ -29,10 +29,14 @@ ITERATIONS, STEP = 30, 1e-6
 
 
 def focal(known: list[Pair], tracks: Tracks, size: tuple[int, int]) -> float | None:
-    """The focal length, px, of three views or more; None where there is no real one."""
+    """The focal length, px, of three views or more; None where there is no real one, or the views are degenerate."""
     centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
-    cameras = of_pairs(known, tracks, centre, width)
-    found = None if cameras is None else constant(cameras)
+    try:
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            cameras = of_pairs(known, tracks, centre, width)
+            found = None if cameras is None else constant(cameras)
+    except np.linalg.LinAlgError:  # cameras at no finite place, as of a picture that is there twice
+        return None
     return None if found is None else width * found
 
 

@@ -320,3 +320,12 @@ def test_a_start_that_fails_gives_way_to_the_next(monkeypatch, way):
     )
     with pytest.raises(EstimationError, match="none"):
         solve(tracks, 5)
+
+
+def test_degenerate_cameras_have_no_dual_quadric(monkeypatch):
+    """As of a plane of which one picture is there twice: the calibration starts from the pairs alone."""
+    monkeypatch.setattr(dual_quadric, "of_pairs", lambda *_: np.zeros((3, 3, 4)))
+    tracks = tracks_of(walk(5))
+    assert dual_quadric.focal([], tracks, SIZE) is None
+    found = solve(tracks, 5)
+    assert found.dual_quadric is None and abs(found.bundle.camera.params[0] / 900 - 1) < 0.02
