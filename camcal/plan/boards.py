@@ -140,12 +140,14 @@ def _shutter(progress: Progress) -> Change | None:
 
 def _corrected_fit(flat: Calibration, time: float, how: How) -> tuple[float, Calibration]:
     """The readout time to which linear steps from the first lead, and the fit to points corrected for it."""
+    step = 0.0
     for _ in range(READOUT_STEPS):
+        time += step
         made = refit(flat, rolling.corrected(flat.observations, time), how)
         left = rolling.readout(made)
         if left is None or abs(left.time) < left.sigma:
             break
-        time += left.time
+        step = left.time
     return time, made
 
 

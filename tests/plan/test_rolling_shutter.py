@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 import camcal
-from camcal.assess.rolling import corrected, readout
+from camcal.assess.rolling import Readout, corrected, readout
 from camcal.data.observations import Observations, View
 from camcal.geometry import rotations
 from camcal.geometry.plane_flow import flow_at
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.plan import boards
+from camcal.solve.refine import How
 
 SIZE = (640, 480)
 CAMERA = Camera(lenses.make("opencv5"), np.array([600.0, 600, 322, 241, -0.25, 0.08, 0, 0, 0]), SIZE)
@@ -86,3 +88,13 @@ def test_points_corrected_for_the_readout_show_none():
     assert abs(found.time) < 4 * found.sigma
     assert solution.camera.values["fx"] == pytest.approx(600, abs=1)
     assert np.array_equal(corrected(moved, 0.0).uv, moved.uv)
+
+
+def test_the_fit_is_that_of_the_readout_time_even_where_the_steps_do_not_end(monkeypatch):
+    flat = camcal.calibrate(replace(film(0.5, 0.0), picture_quality={}), board_shape="flat", checks=False)
+    flat = replace(
+        flat, observations=replace(flat.observations, picture_quality=film(0.5, 0.0).picture_quality)
+    )
+    monkeypatch.setattr(boards.rolling, "readout", lambda _: Readout(0.02, 0.001, 0.5, np.zeros(9), 1.0))
+    time, made = boards._corrected_fit(flat, 0.4, How())
+    assert np.array_equal(made.observations.uv, corrected(flat.observations, time).uv)
