@@ -58,9 +58,7 @@ def minimise(
 
 def _descend(problem: Problem, state: State, options: Options, on_step: OnStep | None) -> Result:
     """One descent from a start."""
-    coordinates = sum(
-        group.uv.size for group in problem.groups
-    )  # chi² at the minimum, but for the parameters
+    coordinates = 2 * sum(len(view) for view in problem.views)  # chi² at the minimum, but for the parameters
     options = replace(options, still=STILL_CHI2 / max(coordinates, 1))
     whole = _Whole(problem, state, options, on_step)
     found = least_squares.minimise(whole, state, options)
