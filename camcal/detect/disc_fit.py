@@ -176,11 +176,16 @@ class _DiscFits(Small):
 
 
 def _judged(band: Band, discs: Discs, params: Array, scale: float) -> FittedDiscs:
-    residual, jacobian = residuals(band, params)
     pixels = band.counts.sum(1)
-    normal = Normal.of(residual, jacobian)
-    noise = np.sqrt(np.maximum(2 * normal.cost / np.maximum(pixels - COUNT, 1), ROUNDING**2))
-    covariance = np.linalg.pinv(normal.matrix, hermitian=True)[:, :2, :2] * (noise**2)[:, None, None]
+    with np.errstate(all="ignore"):  # a fit that ran away to numbers whose squares are none
+        normal = Normal.of(*residuals(band, params))
+    lost = ~(np.isfinite(normal.matrix).all((1, 2)) & np.isfinite(normal.cost))
+    cost = np.where(lost, np.inf, normal.cost)
+    noise = np.sqrt(np.maximum(2 * cost / np.maximum(pixels - COUNT, 1), ROUNDING**2))
+    matrix = np.where(lost[:, None, None], np.eye(COUNT), normal.matrix)
+    variance = np.where(lost, 1.0, noise) ** 2
+    covariance = np.linalg.pinv(matrix, hermitian=True)[:, :2, :2] * variance[:, None, None]
+    covariance[lost] = np.inf
     contrast, radius = params[:, STEP], _radius(discs)
     with np.errstate(all="ignore"):
         shape = np.linalg.inv(matrix_of(params))
@@ -191,7 +196,8 @@ def _judged(band: Band, discs: Discs, params: Array, scale: float) -> FittedDisc
         "at the border of the picture": band.inside < LEAST_INSIDE,
         "too little contrast": ~(contrast > LEAST_CONTRAST * scale / 255),
         "blurred away": params[:, BLUR] > SOFT * radius,
-        "does not look like a disc": (noise > max(MOST_MISFIT, RARE * usual) * contrast)
+        "does not look like a disc": lost
+        | (noise > max(MOST_MISFIT, RARE * usual) * contrast)
         | ~(change < MOST_CHANGE),
         "uncertain": ~(shift < MOST_SHIFT * radius + 0.5),
     }
