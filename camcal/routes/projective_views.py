@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.geometry import homography
+from camcal.least_squares.scales import MAD
 from camcal.model.pose import Array
 from camcal.routes.bundle import Tracks
 from camcal.routes.reconstruct import Pair
@@ -91,7 +92,7 @@ class _State:
         trials = _cameras(xyz[samples], q[samples], np.ones((SAMPLES, 6)))
         off = _distances(trials @ xyz.T, q)
         best = int(np.median(off, axis=1).argmin())
-        bound = max(FAR * 1.4826 * float(np.median(off[best])), self.least)
+        bound = max(FAR * MAD * float(np.median(off[best])), self.least)
         inside = off[best] <= bound
         if inside.sum() < LEAST:
             self.refused[view] = True
@@ -115,7 +116,7 @@ class _State:
             off = np.full(len(self.q), np.inf)
             rows = np.flatnonzero(self._usable(everything=True))
             off[rows] = _distances(self._seen(rows).T[None], self.q[rows])[0]
-            spread = 1.4826 * float(np.median(off[rows]))
+            spread = MAD * float(np.median(off[rows]))
             self.good = off <= max(FAR * spread, self.least)
 
     def _usable(self, everything: bool = False) -> Array:

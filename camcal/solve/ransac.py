@@ -18,6 +18,7 @@ import numpy as np
 
 from camcal.data.observations import View
 from camcal.geometry import dlt, homography, projective
+from camcal.least_squares.scales import of_small_sample
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
@@ -145,7 +146,7 @@ def _optimise(model: Model, matrix: Array, error: Array, sigma: float | None) ->
         if not score < least:
             break
         # Rousseeuw's scale with his correction for small samples
-        scale = sigma or (1 + 5 / max(n - model.sample, 1)) * score / RAYLEIGH_MEDIAN
+        scale = sigma or of_small_sample(n, model.sample) * score / RAYLEIGH_MEDIAN
         scale = max(scale, _FLOOR)
         best, least = Agreement(error <= _REACH * scale, scale, matrix), score
         if best.mask.sum() < model.sample:

@@ -8,14 +8,12 @@ import numpy as np
 
 from camcal.data.observations import View
 from camcal.data.shape import shapes
+from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose, Poses
 from camcal.start import absolute_pose, shape
 from camcal.start.pose import initial_poses
 
-#: rays closer to the camera's own plane than this (z of the unit ray, 3 degrees) are no start for a pose: x/z there
-#: has 20 times the noise of the point
-_FLAT_RAY = 0.05
 #: points in space that a pose before a known camera needs: three leave up to four poses, a fourth chooses
 LEAST = 4
 
@@ -36,7 +34,7 @@ def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
     for view in views:
         d = camera.unproject(view.uv)
         with np.errstate(invalid="ignore"):
-            ahead = d[:, 2] > _FLAT_RAY  # False also for NaN
+            ahead = d[:, 2] > FLAT_RAY  # False also for NaN
         kept.append(view.take(ahead))
         rays.append(d[ahead])
         ab.append(d[ahead, :2] / d[ahead, 2:])
