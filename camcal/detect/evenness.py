@@ -1,15 +1,20 @@
-"""The regularity of a grid of points: whether it is the image of a plane grid or random."""
+"""The regularity of a grid: whether its points are the image of a plane grid or random, and its contrast that of a print."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from camcal.geometry import homography
+from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
 BLOCK = 3  #: points to each side of a block
 LEAST_POINTS = 6  #: of the nine of a block; a homography takes four
+AROUND = 4  #: neighbours with whose contrast that of a disc or square is compared
+#: of the contrast; discs and squares of 28 real pictures have at most .028, with noise of 5 grey levels as well; rendered
+#: windows of 6 houses at least .086
+UNLIKE_NEIGHBOURS = 0.05
 
 
 def unevenness(uv: Array) -> float:
@@ -39,3 +44,20 @@ def unevenness(uv: Array) -> float:
     steps = np.concatenate([np.linalg.norm(np.diff(uv, axis=a), axis=-1).ravel() for a in (0, 1)])
     freedom = 2 * known.sum(1) - 8
     return float(np.median(np.sqrt(cost / freedom)) / np.nanmedian(steps))
+
+
+def unevenly_dark(contrast: Array, centre: Array) -> bool:
+    """Return whether discs or squares differ from their neighbours in contrast, as windows do and printed ones do not.
+
+    Shading changes the contrast of neighbours together, and a shadow's edge or a reflection that of few.
+
+    Parameters
+    ----------
+    contrast : (K,) array
+        How much darker each is than what is around it.
+    centre : (K, 2) array
+        px.
+    """
+    near = Neighbours(centre).query(centre, k=min(AROUND + 1, len(centre)))[1][:, 1:]
+    usual = np.median(contrast[near], 1)
+    return bool(np.median(np.abs(contrast - usual)) > UNLIKE_NEIGHBOURS * np.median(contrast))

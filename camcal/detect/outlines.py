@@ -108,8 +108,10 @@ def as_discs(quads: Array) -> Discs:
     return Discs(centre, shape)
 
 
-def plain_inside(gray: Array, quads: Array) -> Array:
-    """A mask of the squares that are uniformly dark inside; windows with a view and tags are not."""
+def plain_inside(gray: Array, quads: Array) -> tuple[Array, Array]:
+    """The squares that are uniformly dark inside (K,), as windows with a view and tags are not, and the contrast of
+    each (K,), grey levels.
+    """
     at = np.linspace(-0.6, 0.6, 7)
     x, y = np.meshgrid(at, at)
     weights = 0.25 * np.stack(
@@ -123,7 +125,7 @@ def plain_inside(gray: Array, quads: Array) -> Array:
         gray, around[..., 0], around[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     contrast = np.median(bright.astype(float), 1) - np.median(inside, 1)
-    return inside.std(1) < PLAIN * contrast
+    return inside.std(1) < PLAIN * contrast, contrast
 
 
 def _dark_inside(gray: Array, quads: Array) -> Array:

@@ -171,6 +171,15 @@ def test_what_stands_in_rows_but_is_no_printed_disc_is_not_taken_unasked():
     assert (
         circles.find_any(grid_of_shapes(disc, columns=3, rows=3), 5.0) is None
     )  # too few to be believed unasked
+    for scatter, taken in (
+        (4, True),
+        (30, False),
+    ):  # of their greys: 1 and 14 % of the contrast from their neighbours
+        greys = iter(np.random.default_rng(0).normal(60, scatter, 48))
+        found = circles.find_any(
+            grid_of_shapes(lambda g, x, y, n=greys: cv2.circle(g, (x, y), 10, next(n), -1)), 5.0
+        )
+        assert (found is not None) == taken
     y, x = np.mgrid[0:300, 0:400]
     mesh = (128 + 55 * np.sin(x / 3) + 55 * np.sin(y / 3)).astype(np.uint8)
     assert circles.find_any(mesh, 5.0) is None

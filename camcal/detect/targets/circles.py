@@ -20,6 +20,7 @@ from camcal.detect.board_points import LOCAL_POINTS, from_points, strays
 from camcal.detect.disc_fit import fit_discs
 from camcal.detect.disc_grid import Grid, find_board
 from camcal.detect.discs import Discs, find_discs
+from camcal.detect.evenness import unevenly_dark
 from camcal.detect.fit import ROUNDING
 from camcal.detect.pyramid import grey_span, noise, reduced, reductions, to_8_bits
 from camcal.detect.targets.base import (
@@ -256,13 +257,17 @@ def find_any(gray: Array, seconds: float) -> Grid | None:
     """A grid of printed discs, if a picture shows one.
 
     Windows of a house, a mesh, the small squares between the tags of an AprilTag grid are in rows as well: here
-    there is nothing around the discs, they are as long as they are wide in the grid, and are fitted as discs.
+    there is nothing around the discs, they are as dark as their neighbours and as long as they are wide in the grid, and
+    are fitted as discs.
     """
     grid, _ = search(gray, seconds, None, None)
     if grid is None or len(grid.ids) < LEAST_UNASKED:
         return None
     target = (AsymmetricCircles if grid.staggered else Circles)(grid.columns, grid.rows)
-    if _on_plain_ground(to_8_bits(gray), grid.discs).mean() < MOSTLY or _elongation(target, grid) > LONGISH:
+    plain, contrast = _on_plain_ground(to_8_bits(gray), grid.discs)
+    if plain.mean() < MOSTLY or unevenly_dark(contrast, grid.discs.centre):
+        return None
+    if _elongation(target, grid) > LONGISH:
         return None
     found = target.find(gray, seconds)
     return grid if isinstance(found, Detection) and _like_discs(gray, found) else None
@@ -285,21 +290,21 @@ def _elongation(target: Circles, grid: Grid) -> float:
     return float(np.median(axes[:, 0] / axes[:, 1]))
 
 
-def _on_plain_ground(gray: Array, discs: Discs) -> Array:
-    """The discs with nothing around them half way to the nearest other one."""
+def _on_plain_ground(gray: Array, discs: Discs) -> tuple[Array, Array]:
+    """The discs with nothing around them half way to the nearest other one (K,), and the contrast of each (K,)."""
     apart = (discs.centre[:, None] - discs.centre)[..., None]  # to each from each other
     in_radii = np.linalg.norm((np.linalg.inv(discs.shape)[:, None] @ apart)[..., 0], axis=2)
     np.fill_diagonal(in_radii, np.inf)
     half = 0.5 * in_radii.min(1)
     angle = np.arange(CONTOUR) * (2 * np.pi / CONTOUR)
     ring = discs.shape @ np.stack([np.cos(angle), np.sin(angle)])  # (K, 2, CONTOUR)
-    at = discs.centre[:, None] + np.stack([0.0 * ring, half[:, None, None] * ring], 1).transpose(1, 0, 3, 2)
+    at = discs.centre[:, None] + np.stack([0.5 * ring, half[:, None, None] * ring], 1).transpose(1, 0, 3, 2)
     u, v = np.moveaxis(at.astype(np.float32), -1, 0)
     u, v = u.reshape(2 * len(half), -1), v.reshape(2 * len(half), -1)
     values = cv2.remap(gray, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
     inside, around = values.reshape(2, len(half), -1)
     contrast = np.abs(np.median(around, 1) - np.median(inside, 1))
-    return np.asarray(around.std(1) < PLAIN * contrast)
+    return around.std(1) < PLAIN * contrast, contrast
 
 
 def centroid(outline: Array) -> Array:

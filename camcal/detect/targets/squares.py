@@ -13,6 +13,7 @@ import numpy as np
 
 from camcal.detect.board_points import from_points
 from camcal.detect.disc_grid import Grid, find_board
+from camcal.detect.evenness import unevenly_dark
 from camcal.detect.outlines import as_discs, find_squares, plain_inside
 from camcal.detect.pyramid import reduced, reductions, to_8_bits
 from camcal.detect.targets import outlined
@@ -125,14 +126,15 @@ class SquareGrid(Target):
 def find_any(gray: Array, seconds: float) -> tuple[Grid, float] | None:
     """The grid and the spacing (to a few per cent) of a grid of separate squares, if a picture shows one.
 
-    Windows in a wall make such grids, too: here the squares have to be dark all over and fit as closely as printed
-    ones.
+    Windows in a wall make such grids, too: here the squares have to be dark all over, as dark as their neighbours, and
+    fit as closely as printed ones.
     """
     found, _ = search(gray, seconds, None)
     if found is None or len(found[0].ids) < LEAST_UNASKED:
         return None
     grid, quads = found
-    if plain_inside(to_8_bits(gray), quads).mean() < ENOUGH:
+    plain, contrast = plain_inside(to_8_bits(gray), quads)
+    if plain.mean() < ENOUGH or unevenly_dark(contrast, grid.discs.centre):
         return None
     place = np.c_[grid.ids % grid.columns, grid.ids // grid.columns].astype(float)
     _, jacobian, certain = from_points(place, place, grid.discs.centre)
