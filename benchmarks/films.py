@@ -6,9 +6,10 @@ The film is run twice: as `camcal checkerboard FILM` chooses its frames, and wit
 (`--every 1`, none left out). Both cameras are compared on the frames of the second run by what they project, so that a
 choice of frames that loses accuracy shows.
 
-Then the choice is tested on frames that took no part. In each split a quarter of the film's 16 stretches is held out; cameras
-are fitted to the frames that are chosen from the rest, to all of the rest, and to as many of the rest at random, each with
-its own readout time; the poses of the frames held out are fitted to each camera. `better than all` counts splits.
+Then the choice is tested on frames that took no part. In each split a quarter of the film's 16 stretches is held out.
+Cameras are fitted to the frames that are chosen from the rest, to all of the rest, and to as many of the rest at
+random, each with its own readout time, and the poses of the frames held out to each camera. `better than all` counts
+splits.
 The last lines compare the cameras of the chosen frames and of the frames that are not chosen, which share no noise, and
 those of as many frames at random and of the others: what they project apart at the points of the film after the best
 rotation, and the difference d of their parameters by the sum of their covariances, dᵀ (C_1 + C_2)⁻¹ d over the
@@ -113,10 +114,11 @@ def split_table(film: Path, data: Observations, splits: int, seed: int) -> tuple
     more = rms - rms[:, 1:2]
     better = [f"{(more[:, k] < 0).sum()} of {splits}" if k != 1 else "" for k in range(3)]
     names = ("chosen", "all of the rest", "as many at random")
+    error = more.std(0) / np.sqrt(splits)
     table = markdown(
         ("fitted to", "held out, rms px", "more than all, px", "standard error", "better than all"),
         [
-            (n, f"{rms[:, k].mean():.4f}", f"{more[:, k].mean():+.4f}", f"{more[:, k].std() / np.sqrt(splits):.4f}", better[k])
+            (n, f"{rms[:, k].mean():.4f}", f"{more[:, k].mean():+.4f}", f"{error[k]:.4f}", better[k])
             for k, n in enumerate(names)
         ],
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The regularity of a grid: whether its points are the image of a plane grid or random, and its contrast that of a print."""
+"""The regularity of a grid: of its points, as a plane grid has it, and of its contrast, as a print has it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = np.ndarray
 BLOCK = 3  #: points to each side of a block
 LEAST_POINTS = 6  #: of the nine of a block; a homography takes four
 AROUND = 4  #: neighbours with whose contrast that of a disc or square is compared
-#: of the contrast; discs and squares of 28 real pictures have at most .028, with noise of 5 grey levels as well; rendered
+#: of the contrast; discs and squares of 28 real pictures have at most .028, also with noise of 5 grey levels; rendered
 #: windows of 6 houses at least .086
 UNLIKE_NEIGHBOURS = 0.05
 

@@ -257,8 +257,8 @@ def find_any(gray: Array, seconds: float) -> Grid | None:
     """A grid of printed discs, if a picture shows one.
 
     Windows of a house, a mesh, the small squares between the tags of an AprilTag grid are in rows as well: here
-    there is nothing around the discs, they are as dark as their neighbours and as long as they are wide in the grid, and
-    are fitted as discs.
+    there is nothing around the discs, they are as dark as their neighbours, as long as they are wide in the grid,
+    and fitted as discs.
     """
     grid, _ = search(gray, seconds, None, None)
     if grid is None or len(grid.ids) < LEAST_UNASKED:
