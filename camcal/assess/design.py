@@ -60,7 +60,7 @@ class Design:
         self.transform = calibration.free[:, calibration.free.any(0)]
         kept = calibration.observations.kept()
         self.views = kept.views
-        weights = None if kept.precision is None else kept.split(kept.precision)
+        weights = kept.precision_by_view
         self.problem = Problem(calibration.camera.lens, kept.views, self.transform, weights)
         self.state = self.problem.state(calibration.camera.params, calibration.poses)
         self.sigma_0 = sigma_0(calibration)

@@ -205,6 +205,11 @@ class Observations:
         given = np.where(np.isnan(self.sigma), 1.0, self.sigma) ** -2.0
         return given if self.weight is None else given * self.weight
 
+    @property
+    def precision_by_view(self) -> list[Array] | None:
+        """`precision`, an array (N,) for each block; None if all are 1."""
+        return None if self.precision is None else self.split(self.precision)
+
     def standardised(self, residuals: Array) -> Array:
         """Lengths (N,) of residuals (N, 2) in units of sigma (px if none is given); inf for non-finite ones."""
         lengths = np.sqrt(np.einsum("ij,ij->i", residuals, residuals))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,15 +75,14 @@ def detect_images(
     seconds : float
         Time that one picture may take.
     on_event : callable, optional
-        Called as the work goes on; see `camcal.detect.search_pictures.OnEvent`.
+        See `camcal.detect.search_pictures.OnEvent`.
     cache : bool
         Whether results are kept and reused.
-    keep_frames : int, optional
-        How many frames of films are kept at most; None keeps every one that shows the target.
-    every : int, optional
-        Search every so many frames, instead of the sharpest and stillest ones.
+    keep_frames, every : int, optional
+        Frames of films kept at most (None: every one that shows the target); search every so many frames,
+        instead of the sharpest and stillest ones.
     from_time, to_time : float, optional
-        Seconds; the part of a film that is searched.
+        The part of a film that is searched, s.
 
     Returns
     -------
@@ -100,16 +99,8 @@ def detect_images(
         Where the target is unknown or contradicts `board` or `square`.
     """
     wanted = _wanted(target, board, square)
-    folder = cache_files.default_folder() if cache else None
-    paths = list(paths)
-    run = Search(list_pictures(paths), seconds, jobs, folder, on_event)
-    left = left_in_folders(paths)
-    if left:
-        run.tell("left", files=left)
-    run.open_films(Range(from_time or 0.0, np.inf if to_time is None else to_time, every))
-    if not run.files:
-        raise nothing_found("target", run.unreadable, None, run)
-    run.tell("pictures", count=len(run.files))
+    part = Range(from_time or 0.0, np.inf if to_time is None else to_time, every)
+    run = _opened(list(paths), part, seconds, jobs, cache, on_event)
     if wanted:
         searched = _in_negative(run, [Searched(t, run.examine_all(run.files, t)) for t in wanted])
         _confirm(run, searched)
@@ -118,6 +109,34 @@ def detect_images(
     searched = _kept(run, searched, keep_frames)
     run.tell_pictures(several.merged(searched))
     return _correspondences(searched, not wanted, run)
+
+
+def _opened(
+    paths: Sequence[str | os.PathLike],
+    part: Range,
+    seconds: float,
+    jobs: int | None,
+    cache: bool,
+    on_event: OnEvent | None,
+) -> Search:
+    """The search of all files that the paths name, films opened.
+
+    Raises
+    ------
+    DataError
+        Where there are none.
+    """
+    run = Search(
+        list_pictures(paths), seconds, jobs, cache_files.default_folder() if cache else None, on_event
+    )
+    left = left_in_folders(paths)
+    if left:
+        run.tell("left", files=left)
+    run.open_films(part)
+    if not run.files:
+        raise nothing_found("target", run.unreadable, None, run)
+    run.tell("pictures", count=len(run.files))
+    return run
 
 
 def _wanted(

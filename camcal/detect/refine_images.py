@@ -26,6 +26,8 @@ Array = np.ndarray
 
 #: called with (what happens, details) as the work goes on
 OnEvent = Callable[[str, Mapping[str, Any]], None]
+#: side of a square, blur (px) of the picture, whether black and white are exchanged, half-widths of windows (squares)
+How = tuple[float, float | None, bool, list[float | Array]]
 
 
 def refine_images(
@@ -64,30 +66,39 @@ def refine_images(
     tell = on_event or (lambda *_: None)
     versions = []
     for view in found.views:
-        new = [view] * len(windows)
-        pose = poses.get(view.id)
+        new, pose = [view] * len(windows), poses.get(view.id)
         if pose is not None:
             halves = [_half(target, view, w) for w in windows]
-            blur, negative = (
-                found.picture_quality.get(view.id, {}).get("blur_px"),
-                bool(target.get("negative")),
-            )
-            file = files.get(view.id)
-            place = _place(file, view, camera, pose, (cell, blur, negative, halves))
+            blur = found.picture_quality.get(view.id, {}).get("blur_px")
+            how = (cell, blur, bool(target.get("negative")), halves)
             try:
-                known = None if place is None else _from_cache(place, view, len(windows))
-                if known is None:
-                    gray = _read_again(file, negative)
-                    new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
-                    if place is not None:
-                        _into_cache(place, new)
-                new = known or new
+                new = _refined(files.get(view.id), view, camera, pose, how)
             except UnreadableError as error:
                 tell("unrefined", {"id": view.id, "reason": str(error)})
             else:
                 tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0].uv)})
         versions.append(new)
     return [found.with_views(views) for views in zip(*versions, strict=True)]
+
+
+def _refined(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> list[View]:
+    """The view with its corners fitted again, once for each window; from the cache where it was done before.
+
+    Raises
+    ------
+    UnreadableError
+        See `_read_again`.
+    """
+    place = _place(file, view, camera, pose, how)
+    cell, blur, negative, halves = how
+    known = None if place is None else _from_cache(place, view, len(halves))
+    if known is not None:
+        return known
+    gray = _read_again(file, negative)
+    new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
+    if place is not None:
+        _into_cache(place, new)
+    return new
 
 
 def rms_move(before: Array, after: Array) -> float:
@@ -107,18 +118,16 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
     return np.where((reach > 0)[..., None], place, np.nan)
 
 
-def _place(
-    file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, options: tuple[Any, ...]
-) -> Path | None:
+def _place(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> Path | None:
     """The entry of the cache for a view's second pass; None without a cache."""
     folder = cache.in_use()
     if folder is None or file is None:
         return None
     digest = hashlib.sha256()
     sigma = np.zeros(0) if view.sigma is None else view.sigma
-    for values in (view.uv, sigma, camera.params, pose.rotation, pose.translation, *options[-1]):
+    for values in (view.uv, sigma, camera.params, pose.rotation, pose.translation, *how[-1]):
         digest.update(np.ascontiguousarray(values, float).tobytes())
-    words = f"{__version__} {cache.code()} {camera.lens.name} {camera.image_size} {len(sigma)} {options[:-1]}"
+    words = f"{__version__} {cache.code()} {camera.lens.name} {camera.image_size} {len(sigma)} {how[:-1]}"
     return cache.entry(folder, file["sha256"], f"second pass {words} {digest.hexdigest()}")
 
 

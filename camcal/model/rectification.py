@@ -16,7 +16,8 @@ the two coordinates change places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -196,25 +197,38 @@ def rectify(
     projection = _projection_for(borders) if projection == "auto" else projection
     if projection == PERSPECTIVE:
         _refuse_epipoles(cameras, turns, axis)
-    flat = [_flat(b, projection, axis) for b in borders]
-    flat = [m[np.isfinite(m).all(1)] for m in flat]
-    if not all(len(m) for m in flat):
-        raise _nothing_shared()
-    centre = np.mean([m.mean(0) for m in flat], 0)
-    half = (np.array(new) - 1) / 2
-    if alpha is None:
-        focal = _kept_scale(cameras, new)
-    else:
-        all_of_both = float((half / np.max([np.abs(m - centre).max(0) for m in flat], 0)).min())
-        no_black = (
-            _covering(cameras, turns, projection, axis, centre, new, all_of_both) if alpha != 1 else 0.0
-        )
-        focal = (1 - alpha) * no_black + alpha * all_of_both
-    made = Rectification(cameras, turns, shift, axis, projection, focal, half - focal * centre, new)
+    unit = Rectification(cameras, turns, shift, axis, projection, 1.0, np.zeros(2), new)
+    made = _scaled(unit, [unit.pixels(b) for b in borders], alpha)
     rays = made.rays(border_grid(new))
     if not np.all([_sources(c, t, rays)[1] for c, t in zip(cameras, turns, strict=True)], 0).any():
         raise _nothing_shared()
     return made
+
+
+def _scaled(unit: Rectification, borders: Sequence[Array], alpha: float | None) -> Rectification:
+    """The layout with the scale and centre that `alpha` asks for.
+
+    Parameters
+    ----------
+    unit : Rectification
+        With the scale 1 and the centre (0, 0).
+    borders : two (N, 2) arrays
+        Pixels of `unit` along the sides of both pictures; NaN outside.
+    """
+    borders = [b[np.isfinite(b).all(1)] for b in borders]
+    if not all(len(b) for b in borders):
+        raise _nothing_shared()
+    middle = np.mean([b.mean(0) for b in borders], 0)
+    half = (np.array(unit.image_size) - 1) / 2
+
+    def at(focal: float) -> Rectification:
+        return replace(unit, focal=focal, centre=half - focal * middle)
+
+    if alpha is None:
+        return at(_kept_scale(unit.cameras, unit.image_size))
+    all_of_both = float((half / np.max([np.abs(b - middle).max(0) for b in borders], 0)).min())
+    no_black = _covering(at, all_of_both) if alpha != 1 else 0.0
+    return at((1 - alpha) * no_black + alpha * all_of_both)
 
 
 def _projection_for(borders: Sequence[Array]) -> str:
@@ -280,21 +294,13 @@ def _kept_scale(cameras: tuple[Camera, Camera], size: tuple[int, int]) -> float:
     return min(found)
 
 
-def _covering(
-    cameras: tuple[Camera, Camera],
-    turns: Array,
-    projection: str,
-    axis: int,
-    centre: Array,
-    size: tuple[int, int],
-    low: float,
-) -> float:
-    """The smallest scale at which every rectified pixel lies in both pictures."""
-    grid = border_grid(size, size[0], size[1]) - (np.array(size) - 1) / 2
+def _covering(at: Callable[[float], Rectification], low: float) -> float:
+    """The smallest scale, of those above `low`, at which every rectified pixel lies in both pictures."""
 
     def covered(focal: float) -> bool:
-        rays = _unflat(grid / focal + centre, projection, axis)
-        return all(_sources(c, t, rays)[1].all() for c, t in zip(cameras, turns, strict=True))
+        made = at(focal)
+        rays = made.rays(border_grid(made.image_size, *made.image_size))
+        return all(_sources(c, t, rays)[1].all() for c, t in zip(made.cameras, made.turns, strict=True))
 
     high = low
     while not covered(high):

@@ -77,6 +77,26 @@ def calibrate(
     """
     asked = Options.resolve(model=model, robust=robust, **options)
     tell = on_event or (lambda _, __: None)
+    progress, selection = _progress(correspondences, asked, tell)
+    solution = replace(_solution(progress), options=asked.described(options), selection=selection)
+    rejected = int((~solution.used).sum())
+    tell(
+        "refined",
+        {"rms_point": solution.rms_point, "points": progress.given.point_count, "rejected": rejected},
+    )
+    if asked.checks:
+        solution = assessed(solution, progress)
+        tell("checked", {"warnings": [w.code for w in solution.warnings]})
+    if asked.crosscheck:
+        solution = _crosschecked(solution, progress, asked.crosscheck == "full")
+        tell("crosschecked", {"entries": len(solution.crosscheck)})
+    return solution
+
+
+def _progress(
+    correspondences: Observations, asked: Options, tell: OnEvent
+) -> tuple[Progress, Mapping[str, Any] | None]:
+    """The attempts that were made, and how the lens model was chosen if it was not given."""
     known = fully_known(asked, correspondences.image_size)
     given, selection = usable(correspondences, known is not None), None
     if known is not None:
@@ -89,16 +109,7 @@ def calibrate(
     second_pass = progress.notes.get("second_pass")
     if second_pass is not None:
         tell("refined-points", second_pass)
-    solution = replace(_solution(progress), options=asked.described(options), selection=selection)
-    rejected = int((~solution.used).sum())
-    tell("refined", {"rms_point": solution.rms_point, "points": given.point_count, "rejected": rejected})
-    if asked.checks:
-        solution = assessed(solution, progress)
-        tell("checked", {"warnings": [w.code for w in solution.warnings]})
-    if asked.crosscheck:
-        solution = _crosschecked(solution, progress, asked.crosscheck == "full")
-        tell("crosschecked", {"entries": len(solution.crosscheck)})
-    return solution
+    return progress, selection
 
 
 def _crosschecked(solution: Solution, progress: Progress, full: bool) -> Solution:

@@ -197,7 +197,7 @@ def _crosscheck(made: Estimate, views: Views) -> list[dict[str, Any]]:
 def _pictures(solution: Solution | RigSolution) -> tuple[Pictures, tuple[str, ...]]:
     """The points used by the calibration, and the names of their instants."""
     used = solution.observations.kept()
-    weights = None if used.precision is None else used.split(used.precision)
+    weights = used.precision_by_view
     accuracy = covariance(solution)
     place = {name: i for i, name in enumerate(solution.observations.view_ids)}
     kept = np.array([place[n] for n in used.view_ids], int)

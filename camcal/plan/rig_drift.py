@@ -166,7 +166,8 @@ def _pictures(rig: RigSolution, data: Observations, poses: Poses) -> dict[int, l
         kept = data.kept()
         mine = np.flatnonzero(kept.blocks.camera == data.cameras.index(name))
         views = [kept.views[b] for b in mine]
-        weights = None if kept.precision is None else [kept.split(kept.precision)[b] for b in mine]
+        by_view = kept.precision_by_view
+        weights = None if by_view is None else [by_view[b] for b in mine]
         problem = Problem(camera.lens, views, free, weights)
         begin = rig.rig.cam_from_rig[names[index]] @ poses[kept.blocks.view[mine]]
         solved = solve_poses(problem, problem.state(camera.params, Poses.of(begin)))

@@ -237,7 +237,7 @@ def normal_at(
 ) -> NormalBlocks:
     """The normal equations at the solution; a board's shape is relative to the estimated one."""
     used, cameras = seen.kept(), cameras_of(subject)
-    kept, weights = used.views, None if used.precision is None else used.split(used.precision)
+    kept, weights = used.views, used.precision_by_view
     lenses, instants = [c.lens for c in cameras], Seen(used.blocks.camera, used.blocks.view)
     if board is None:
         problem = Problem(lenses, kept, frees, weights, seen=instants)

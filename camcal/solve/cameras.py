@@ -16,6 +16,7 @@ alone is a rig of one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from camcal.geometry import rotations
 from camcal.model.lenses.base import Lens
 from camcal.records import dataclass
+from camcal.solve.seen import Seen
 from camcal.solve.state import Blocks, State
 
 Array = np.ndarray
@@ -153,3 +155,40 @@ class Assembly:
             self.pose_gradients,
             self.view_costs,
         )
+
+
+def camera_parts(
+    lenses: Sequence[Lens], frees: Sequence[Array], seen: Seen, instants: int, each: int
+) -> tuple[CameraPart, ...]:
+    """The cameras of a problem, from their lenses and the matrices (P, F) of their free parameters; the second camera
+    and those after it have `each` variables of the rig.
+    """
+    sizes, columns = (np.cumsum([0, *n]).tolist() for n in zip(*(f.shape for f in frees), strict=True))
+    parts = []
+    for index, (lens, free) in enumerate(zip(lenses, frees, strict=True)):
+        views = np.flatnonzero(seen.camera == index)
+        when = seen.instant[views]
+        every = np.array_equal(when, np.arange(instants))
+        outside = slice(*(columns[-1] + each * max(i, 0) for i in (index - 1, index)))
+        parts.append(
+            CameraPart(
+                index=index,
+                lens=lens,
+                free=free,
+                params=slice(sizes[index], sizes[index + 1]),
+                columns=slice(columns[index], columns[index + 1]),
+                extrinsics=outside,
+                views=views,
+                instants=slice(None) if every else when,
+            )
+        )
+    return tuple(parts)
+
+
+def diagonal(matrices: Sequence[Array]) -> Array:
+    """The block-diagonal matrix."""
+    ends = np.cumsum([m.shape for m in matrices], axis=0)
+    found = np.zeros(ends[-1])
+    for m, (row, column) in zip(matrices, ends, strict=True):
+        found[row - m.shape[0] : row, column - m.shape[1] : column] = m
+    return found

@@ -53,7 +53,7 @@ def poses_before(fit: Estimate, observations: Observations, poses: Poses) -> Pos
     """The poses of views that were not in a fit, with its camera or rig held, from given starts."""
     frees = [np.zeros((c.lens.size, 0)) for c in fit.cameras]
     kept = observations.kept()
-    weights = None if kept.precision is None else kept.split(kept.precision)
+    weights = kept.precision_by_view
     seen = Seen(kept.blocks.camera, kept.blocks.view)
     problem = Problem([c.lens for c in fit.cameras], kept.views, frees, weights, seen=seen)
     rig = Poses.stack(list(fit.rig.cam_from_rig.values())) if isinstance(fit, RigCalibration) else None

@@ -24,7 +24,7 @@ from camcal.model.lenses.base import Lens
 from camcal.model.lenses.parameters import Parameter
 from camcal.model.pose import Poses
 from camcal.solve import local
-from camcal.solve.cameras import Assembly, CameraPart
+from camcal.solve.cameras import Assembly, CameraPart, camera_parts, diagonal
 from camcal.solve.groups import Group, make_groups, products
 from camcal.solve.seen import Seen
 from camcal.solve.state import Blocks, State, Step
@@ -82,8 +82,8 @@ class Problem:
         self.seen = Seen.alone(len(self.views)) if seen is None else seen
         self.instants = int(self.seen.instant.max(initial=-1)) + 1
         self.weights = weights if weights is not None else _default_weights(self.views)
-        self.free = frees[0] if len(frees) == 1 else _diagonal(frees)
-        self.cameras = _parts(lenses, frees, self.seen, self.instants, 0 if hold_rig else 6)
+        self.free = frees[0] if len(frees) == 1 else diagonal(frees)
+        self.cameras = camera_parts(lenses, frees, self.seen, self.instants, 0 if hold_rig else 6)
         self._places = np.empty(len(self.views), int)  # of each view among those of its camera
         for camera in self.cameras:
             self._places[camera.views] = np.arange(len(camera.views))
@@ -362,40 +362,6 @@ class Problem:
         for row, (camera, _, j) in zip(rows, parts, strict=True):
             row[:, camera.columns] = j @ camera.free
         return np.concatenate([r for _, r, _ in parts]), np.concatenate(rows)
-
-
-def _parts(
-    lenses: Sequence[Lens], frees: Sequence[Array], seen: Seen, instants: int, each: int
-) -> tuple[CameraPart, ...]:
-    sizes, columns = (np.cumsum([0, *n]).tolist() for n in zip(*(f.shape for f in frees), strict=True))
-    parts = []
-    for index, (lens, free) in enumerate(zip(lenses, frees, strict=True)):
-        views = np.flatnonzero(seen.camera == index)
-        when = seen.instant[views]
-        every = np.array_equal(when, np.arange(instants))
-        outside = slice(*(columns[-1] + each * max(i, 0) for i in (index - 1, index)))
-        parts.append(
-            CameraPart(
-                index=index,
-                lens=lens,
-                free=free,
-                params=slice(sizes[index], sizes[index + 1]),
-                columns=slice(columns[index], columns[index + 1]),
-                extrinsics=outside,
-                views=views,
-                instants=slice(None) if every else when,
-            )
-        )
-    return tuple(parts)
-
-
-def _diagonal(matrices: Sequence[Array]) -> Array:
-    """Return the block-diagonal matrix."""
-    ends = np.cumsum([m.shape for m in matrices], axis=0)
-    found = np.zeros(ends[-1])
-    for m, (row, column) in zip(matrices, ends, strict=True):
-        found[row - m.shape[0] : row, column - m.shape[1] : column] = m
-    return found
 
 
 def _default_weights(views: Sequence[View]) -> list[Array] | None:

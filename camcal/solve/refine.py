@@ -125,6 +125,18 @@ def refine(
     result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
     if isinstance(problem, BoardProblem) and problem.board.placed:
         problem, result, observations = _placed(problem, result, observations, cameras, frees, how)
+    return _calibration(start, problem, result, observations, how.optimizer, time.perf_counter() - begin)
+
+
+def _calibration(
+    start: Camera | Rig,
+    problem: Problem,
+    result: Result,
+    observations: Observations,
+    optimizer: str,
+    seconds: float,
+) -> Calibration | RigCalibration:
+    """The result of a search as a calibration, with the residuals of all rows."""
     final, board, scale = problem.poses(result.state), None, 1.0
     if isinstance(problem, BoardProblem):
         board, final, scale = _board_of(problem, result, final)
@@ -136,7 +148,7 @@ def refine(
         "residuals": residuals(found, final, observations),
         "free": np.c_[problem.free, np.zeros((len(problem.free), problem.variables - problem.free.shape[1]))],
         "normal": _normal(problem, result),
-        "fit": _fit(how.optimizer, result, time.perf_counter() - begin),
+        "fit": _fit(optimizer, result, seconds),
         "board": board,
     }
     if isinstance(found, Rig):
@@ -268,13 +280,13 @@ def make_problem(
     """
     kept = observations.kept()
     _check_count(kept, frees, 0 if how.hold_rig else 6 * (len(frees) - 1))
-    precision = kept.precision
-    weights = None if precision is None else kept.split(precision)
     lenses, seen = [c.lens for c in cameras], Seen(kept.blocks.camera, kept.blocks.view)
     if how.board == "flat":
-        return Problem(lenses, kept.views, frees, weights, how.normalise, seen, how.hold_rig)
+        return Problem(lenses, kept.views, frees, kept.precision_by_view, how.normalise, seen, how.hold_rig)
     board = make_board(kept.views, how.board, Several.of(kept))
-    return BoardProblem(lenses, kept.views, frees, board, weights, how.normalise, seen, how.hold_rig)
+    return BoardProblem(
+        lenses, kept.views, frees, board, kept.precision_by_view, how.normalise, seen, how.hold_rig
+    )
 
 
 def board_kind(observations: Observations) -> str:

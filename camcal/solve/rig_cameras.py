@@ -29,7 +29,7 @@ def within(solution: RigCalibration, name: str) -> Calibration:
     free = solution.free[ends[index] : ends[index + 1]]
     free = free[:, free.any(0)]
     kept = data.kept()
-    weights = None if kept.precision is None else kept.split(kept.precision)
+    weights = kept.precision_by_view
     problem = Problem(camera.lens, kept.views, free, weights)
     blocks = problem.linearise(problem.state(camera.params, poses))
     assert blocks is not None  # the points that the joint estimate rests on

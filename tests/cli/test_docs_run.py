@@ -106,7 +106,7 @@ def prepare(camcal, monkeypatch):
             runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
         else:
             code, _, err = camcal(*shlex.split(source))
-            assert code in (0, 1), f"{source}\n{err}"
+            assert code == 0, f"{source}\n{err}"
 
     def all_of(page):
         Path("sample_data").symlink_to(ROOT / "sample_data")
@@ -123,7 +123,7 @@ def test_page(camcal, prepare, page):
     for command in commands(page):
         if not elsewhere(command):
             code, _, err = camcal(*shlex.split(command))
-            assert code == 0 or (code == 1 and "--max" in command), f"{command}\n{err}"  # a gate
+            assert code == 0, f"{command}\n{err}"
     names = {"left_pixels": np.full((1, 2), 200.0), "right_pixels": np.full((1, 2), 190.0)}
     Path("hand.yaml").unlink(missing_ok=True)  # the Python of hand-eye.md writes it again
     for text in blocks(page, ("python",)):

@@ -143,7 +143,7 @@ def test_a_film_without_a_board_and_a_broken_one(tmp_path):
     for limits in ({"from_time": 5.0, "to_time": 3.0}, {"from_time": 60.0}):
         with pytest.raises(DataError, match="there are no frames from"):
             detect_images([tmp_path / "a.avi"], cache=False, **limits)
-    with pytest.raises(DataError) as error:
+    with pytest.raises(DataError, match="no target was found in 1 picture") as error:
         detect_images([tmp_path / "b.mp4"], cache=False)
     assert "no decoder opens this film" in error.value.hint
     write_film(tmp_path / "c.avi", [board(0.1, 0.4, i) for i in range(3)])

@@ -64,8 +64,13 @@ def test_natural_order_and_only_pictures(folder):
 
 
 def test_what_is_not_there_is_said(tmp_path):
-    for path in (tmp_path / "absent", tmp_path / "absent.png", tmp_path / "*.png", tmp_path):
-        with pytest.raises(DataError) as error:
+    for path, found in (
+        (tmp_path / "absent", "there is no file or folder"),
+        (tmp_path / "absent.png", "there is no file or folder"),
+        (tmp_path / "*.png", "no file matches"),
+        (tmp_path, "holds no pictures; it is empty"),
+    ):
+        with pytest.raises(DataError, match=found) as error:
             list_pictures([path])
         assert error.value.exit_code == 3 and error.value.hint
 
@@ -220,7 +225,7 @@ def test_board_and_square_are_taken(folder):
     assert found.views[0].xyz.max() == 125.0
     same = detect_images([folder], target="checkerboard:6x5:25mm")
     assert (same.views[0].xyz == found.views[0].xyz).all()
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="both a target and a board"):
         detect_images([folder], target="checkerboard:6x5:25mm", board="6x5")
 
 
@@ -240,7 +245,7 @@ def test_each_picture_that_cannot_be_used_has_its_reason(folder):
 
 
 def test_the_error_names_the_board_that_is_there(folder):
-    with pytest.raises(DataError) as error:
+    with pytest.raises(DataError, match="no 9x6 checkerboard was found in") as error:
         detect_images([folder], board="9x6")
     assert error.value.exit_code == 3 and "--board 6x5" in error.value.hint
 

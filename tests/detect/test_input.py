@@ -117,7 +117,7 @@ def test_heic_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pillow_heif", None)
     (tmp_path / "a.HEIC").write_bytes(HEIC)
     (tmp_path / "b.jpg").write_bytes(HEIC)
-    with pytest.raises(DataError) as error:
+    with pytest.raises(DataError, match="no target was found in 2 pictures") as error:
         detect_images([tmp_path], cache=False)
     assert "HEIC" in error.value.hint and "convert it to JPEG" in error.value.hint
     for i in range(2):
@@ -211,7 +211,7 @@ def test_a_folder_of_folders(tmp_path):
     for name in ("left", "right", "empty"):
         (tmp_path / "both" / name).mkdir(parents=True)
     (tmp_path / "both" / "left" / "1.png").write_bytes(b"")
-    with pytest.raises(DataError) as error:
+    with pytest.raises(DataError, match="holds no pictures") as error:
         list_pictures([tmp_path / "both"])
     assert str(tmp_path / "both" / "left") in error.value.hint
     (tmp_path / "both" / "right" / "1.png").write_bytes(b"")

@@ -87,7 +87,7 @@ def test_markers_are_read_as_opencv_reads_them(family):
 def test_a_wrong_spec_is_named_with_the_right_one(tmp_path, shown, said, right):
     for i, gray in enumerate(rendered(shown)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), gray)
-    with pytest.raises(DataError) as error:
+    with pytest.raises(DataError, match=r"the pictures show .*; .* was requested") as error:
         detect_images([tmp_path], target=said, cache=False)
     assert f"--target {right}" in error.value.hint and error.value.exit_code == 3
     assert len(detect_images([tmp_path], target=shown, cache=False).views) == 3

@@ -31,7 +31,7 @@ def same(a: TrackState, b: TrackState):
         elif isinstance(left, (np.ndarray, tuple)):
             assert all(np.array_equal(x, y) for x, y in zip(left, right, strict=True)), name
         else:
-            assert left == right or (left != left and right != right), name
+            np.testing.assert_equal(left, right, err_msg=name)  # NaN is equal to NaN
 
 
 def test_converges_on_a_standing_camera(method):

@@ -30,7 +30,7 @@ _NULL = 1e-10
 def problem_of(base: Calibration, warp: Warp) -> WarpedProblem:
     """The problem of a fit with an additional image deformation."""
     data = base.observations.kept()
-    weights = None if data.precision is None else data.split(data.precision)
+    weights = data.precision_by_view
     return WarpedProblem(base.camera.lens, data.views, base.free[:, base.free.any(0)], warp, weights)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from camcal.model.lenses.plane import PlaneDistortion
@@ -24,7 +24,8 @@ def grows(plane, c, s):
 def test_grows_up_to_the_fold_and_not_beyond(plane, values, s):
     c = np.array(values)[: len(plane.terms)]
     fold = plane.fold(c)
-    assert grows(plane, c, s) == (s < fold**2) or abs(np.sqrt(s) - fold) < 1e-6  # at a double root
+    assume(abs(np.sqrt(s) - fold) >= 1e-6)  # a double root is known to the root of the rounding only
+    assert grows(plane, c, s) == (s < fold**2)
     if np.isfinite(fold) and 1e-3 < fold < 1e3:
         assert grows(plane, c, (0.999 * fold) ** 2) and not grows(plane, c, (1.001 * fold) ** 2)
 
