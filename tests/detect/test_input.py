@@ -211,7 +211,7 @@ def test_a_folder_of_folders(tmp_path):
     for name in ("left", "right", "empty"):
         (tmp_path / "both" / name).mkdir(parents=True)
     (tmp_path / "both" / "left" / "1.png").write_bytes(b"")
-    with pytest.raises(DataError, match="holds no pictures") as error:
+    with pytest.raises(DataError, match="itself contains no pictures") as error:
         list_pictures([tmp_path / "both"])
     assert str(tmp_path / "both" / "left") in error.value.hint
     (tmp_path / "both" / "right" / "1.png").write_bytes(b"")
