@@ -129,7 +129,7 @@ def _begun(
     how = How(fix, options.optimizer, options.stopping, options.normalise, board_kind(data))
     first = next(iter(cameras.values())).fit.camera.lens
     notes = {"cameras": cameras, "pictures": pictures_of({n: a.fit for n, a in cameras.items()}, views, data)}
-    notes["boards"] = () if placed is None else placed.found
+    notes["layout"] = placed
     return Progress(options, first, how, data, data, notes=notes)
 
 
@@ -154,9 +154,14 @@ def _link(progress: Progress) -> Change:
     cameras = {n: a.fit.camera for n, a in progress.notes["cameras"].items()}
     rig = Rig(cameras, dict(zip(cameras, relative, strict=True)), data.cameras[0])
     off = residuals(rig, poses, data)[data.used]
-    info = {"tree": [f"{data.cameras[a]}-{data.cameras[b]}" for a, b in tree], "turned_pictures": turned}
-    if progress.notes["boards"]:
-        info["boards"] = list(progress.notes["boards"])
+    boards: Layout | None = progress.notes["layout"]
+    turned += 0 if boards is None else boards.turned_pictures
+    info: dict[str, Any] = {
+        "tree": [f"{data.cameras[a]}-{data.cameras[b]}" for a, b in tree],
+        "turned_pictures": turned,
+    }
+    if boards is not None and boards.found:
+        info["boards"] = list(boards.found)
     rms = float(np.sqrt(np.square(off).sum(1).mean()))
     late = {data.cameras[c]: n for c, n in lags(pictures, known, tree, turns, corners).items()}
     if late:

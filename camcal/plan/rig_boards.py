@@ -11,13 +11,14 @@ changes,
    form (Shah 2013) takes one pair of groups for the robot and the other for its camera.
 
 The boards of a group have one frame from then on, so that the rest of the calibration sees one target of several parts.
-Which instants agree is decided as for cameras (`camcal.solve.rig_start.link`).
+Which instants agree is decided as for cameras (`camcal.solve.rig_start.link`). Boards that look the same after a turn
+have several poses in each view until all groups are put together (`camcal.plan.rig_turns`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from itertools import combinations
 from typing import Any
 
@@ -28,6 +29,7 @@ from camcal.data.rig_table import RigViews
 from camcal.errors import CamcalError
 from camcal.model.pose import Pose, Poses
 from camcal.plan.rig_cameras import board_variance
+from camcal.plan.rig_turns import Turns, agreed, agreed_both, board_turns, chosen_turns, renamed
 from camcal.records import dataclass
 from camcal.routes.hand_eye import motions, shah
 from camcal.routes.hand_eye.closed_forms import length_unit, scaled
@@ -59,22 +61,35 @@ class Layout:
         group_from_board; the identity of the first board of a group.
     found : tuple of str
         How groups were put together, for the report.
+    turned : mapping of camera -> mapping of view -> int
+        Which of the turns of its board (`board_turns`) is to be applied to a view.
     """
 
     groups: tuple[int, ...]
     poses: tuple[Pose, ...]
     found: tuple[str, ...] = ()
+    turned: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+
+    @property
+    def turned_pictures(self) -> int:
+        """How many views counted a board from another end."""
+        return sum(len(own) for own in self.turned.values())
 
 
 @dataclass(frozen=True)
 class _Sights:
-    """Every view of a board: which camera and board, when, cam_from_board, and the variance of the board's place."""
+    """Every view of a board: which camera and board, when, cam_from_board, and the variance of the board's place.
+
+    `turned` (S, K) are the poses of each view with its board turned by each of its symmetries, the first those of
+    `poses`; boards with fewer symmetries repeat their first pose.
+    """
 
     camera: Array
     board: Array
     instant: Array
-    poses: Poses
+    view: tuple[str, ...]
     variance: Array
+    turned: Poses
 
 
 class _Groups:
@@ -108,10 +123,10 @@ def layout(
         cam_from_rig of cameras that are known.
     """
     names = names_of(next(iter(views.parts.values())).target)
-    boards = _Groups(len(names))
-    if asked == "moving":
+    boards, turns = _Groups(len(names)), board_turns(fits)
+    if asked == "moving" and max(map(len, turns)) == 1:
         return Layout(tuple(range(len(names))), tuple(boards.poses))
-    sights, corners = _sights(fits, views), _corners(fits)
+    sights, corners = _sights(fits, views, turns), _corners(fits)
     cameras = _Groups(len(fits))
     if rig is not None:
         cameras.of[:] = 0
@@ -123,9 +138,43 @@ def layout(
         lambda: _by_boards(sights, cameras, boards, corners, names, believed),
         lambda: _by_both(sights, cameras, boards, list(fits), names, corners),
     )
+    if asked == "moving":
+        rounds = rounds[:1]
     while said := next((s for step in rounds if (s := step())), ""):
         found.append(said)
-    return Layout(*_from_first(boards), tuple(found))
+    turned = _turned(sights, cameras, boards, corners)
+    for board, own in enumerate(turns):  # its frame is as most views count it
+        usual = int(np.bincount(turned[sights.board == board], minlength=1).argmax())
+        boards.poses[board] = boards.poses[board] @ own[usual].inverse()
+    by_camera = _by_camera(sights, _turned(sights, cameras, boards, corners), list(fits))
+    return Layout(*_from_first(boards), tuple(found), by_camera)
+
+
+def _turned(sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array) -> Array:
+    """By which of its turns (S,) the board of each view is to be turned, where cameras and boards are placed."""
+    found = np.zeros(len(sights.camera), int)
+    if sights.turned.shape[1] > 1:
+        keys = np.stack([cameras.of[sights.camera], boards.of[sights.board], sights.instant], 1)
+        _, of_row = np.unique(keys, axis=0, return_inverse=True)
+        for index in range(int(of_row.max()) + 1):
+            rows = np.flatnonzero(of_row.reshape(-1) == index)
+            placed = _placed_poses(sights, cameras, boards, rows)
+            found[rows] = chosen_turns(placed, sights.variance[rows], corners)
+    return found
+
+
+def _by_camera(sights: _Sights, turned: Array, names: Sequence[str]) -> dict[str, dict[str, int]]:
+    found: dict[str, dict[str, int]] = {name: {} for name in names}
+    for row in np.flatnonzero(turned):
+        found[names[sights.camera[row]]][sights.view[row]] = int(turned[row])
+    return found
+
+
+def _placed_poses(sights: _Sights, cameras: _Groups, boards: _Groups, rows: Array) -> Poses:
+    """group of cameras from group of boards of some views, with each turn of the board, (R, K)."""
+    first = Poses.stack([cameras.poses[c] for c in sights.camera[rows]])
+    last = Poses.stack([boards.poses[b].inverse() for b in sights.board[rows]])
+    return Poses.of(first[:, None] @ sights.turned[rows] @ last[:, None])
 
 
 def _from_first(boards: _Groups) -> tuple[tuple[int, ...], tuple[Pose, ...]]:
@@ -136,17 +185,21 @@ def _from_first(boards: _Groups) -> tuple[tuple[int, ...], tuple[Pose, ...]]:
     return tuple(order.index(g) for g in boards.of.tolist()), poses
 
 
-def _sights(fits: Mapping[str, Calibration], views: RigViews) -> _Sights:
+def _sights(fits: Mapping[str, Calibration], views: RigViews, turns: Turns) -> _Sights:
     place = {instant: i for i, instant in enumerate(views.order)}
-    rows, poses, variance = [], [], []
+    rows, named, poses, variance = [], [], [], []
+    most = max(map(len, turns))
     for index, (name, fit) in enumerate(fits.items()):
         own = board_variance(fit)
         for i, view in enumerate(fit.observations.view_ids):
-            rows.append((index, views.boards[name][view], place[views.instants[name][view]]))
-            poses.append(fit.poses[i])
+            board = views.boards[name][view]
+            rows.append((index, board, place[views.instants[name][view]]))
+            named.append(view)
+            each = [fit.poses[i] @ turn for turn in turns[board]]
+            poses.append(Poses.stack(each + each[:1] * (most - len(each))))
             variance.append(float(own[i]))
     camera, board, instant = np.array(rows).T
-    return _Sights(camera, board, instant, Poses.stack(poses), np.array(variance))
+    return _Sights(camera, board, instant, tuple(named), np.array(variance), Poses.stack(poses))
 
 
 def _corners(fits: Mapping[str, Calibration]) -> Array:
@@ -159,24 +212,23 @@ def _corners(fits: Mapping[str, Calibration]) -> Array:
 def _seen(
     sights: _Sights, cameras: _Groups, boards: _Groups, group: int, board: int
 ) -> tuple[Array, Poses, Array]:
-    """When a group of cameras saw a group of boards (T,), its pose then, and the variance: of the best picture each."""
+    """When a group of cameras saw a group of boards (T,), its poses then (T, K), and the variance: of the best picture
+    each.
+    """
     rows = np.flatnonzero((cameras.of[sights.camera] == group) & (boards.of[sights.board] == board))
     rows = rows[np.lexsort((sights.variance[rows], sights.instant[rows]))]
     instants, first = np.unique(sights.instant[rows], return_index=True)
     rows = rows[first]
-    placed = [
-        cameras.poses[sights.camera[i]] @ sights.poses[i] @ boards.poses[sights.board[i]].inverse()
-        for i in rows
-    ]
-    return instants, Poses.stack(placed), sights.variance[rows]
+    return instants, _placed_poses(sights, cameras, boards, rows), sights.variance[rows]
 
 
 def _link(a: tuple[Array, Poses, Array], b: tuple[Array, Poses, Array], corners: Array) -> Link | None:
-    """The estimate of a_from_b from shared instants, for poses a_from_x and b_from_x; None without any."""
+    """The estimate of a_from_b from shared instants, for poses a_from_x and b_from_x (T, K); None without any."""
     _, i, j = np.intersect1d(a[0], b[0], return_indices=True)
     if not len(i):
         return None
-    return link(a[1][i], b[1][j], a[2][i] + b[2][j], [Pose.identity()], corners)
+    one, other = agreed(a[1][i], b[1][j], corners)
+    return link(one, other, a[2][i] + b[2][j], [Pose.identity()], corners)
 
 
 def _join_best(groups: _Groups, others: _Groups, linked: Callable[[int, int, int], Link | None]) -> _Pair:
@@ -215,7 +267,9 @@ def _by_boards(
         one, other = (_seen(sights, cameras, boards, camera, k) for k in (a, b))
         if not len(one[0]) or not len(other[0]):
             return None
-        middle = other[1].apply(corners.mean(0)).mean(0)  # where the corners of the other board are
+        middle = (
+            Poses.of(other[1][:, 0]).apply(corners.mean(0)).mean(0)
+        )  # where the other board's corners are
         back = [(t, Poses.of(p.inverse()), v) for t, p, v in (one, other)]
         found = _link(back[0], back[1], corners - corners.mean(0) + middle)
         return found if found is not None and found.scatter <= believed else None
@@ -259,7 +313,27 @@ def _by_both(
 
 
 def _both(robot: Poses, camera: Poses, turn_variance: Array) -> tuple[Pose, Pose] | None:
-    """X = g_from_h and Z = k_from_m of G Z = X C; None where the motions do not determine them, or do not agree."""
+    """X = g_from_h and Z = k_from_m of G Z = X C; None where the motions do not determine them, or do not agree.
+
+    Of poses (T, K), those that agree.
+    """
+    typical = np.full(motions.LEAST_VIEWS, np.median(turn_variance))
+    chosen = agreed_both(
+        robot, camera, lambda g, c: _solved(g, c, typical if len(g) < len(robot) else turn_variance)
+    )
+    if chosen is None:
+        return None
+    robot, camera = chosen
+    found = _solved(robot, camera, turn_variance)
+    if found is None:
+        return None
+    off = residuals("to-hand", *found, camera, robot)
+    far = np.linalg.norm(robot.translation, axis=1)
+    return found if np.median(np.linalg.norm(off[:, 3:], axis=1) / far) <= FAST else None
+
+
+def _solved(robot: Poses, camera: Poses, turn_variance: Array) -> tuple[Pose, Pose] | None:
+    """X and Z by the closed form; None where the motions do not determine them."""
     covariance = turn_variance[:, None, None] * np.eye(3)
     try:
         motions.require_two_axes(motions.measure(camera, covariance))
@@ -267,10 +341,6 @@ def _both(robot: Poses, camera: Poses, turn_variance: Array) -> tuple[Pose, Pose
         unit = length_unit(views)
         x, z = (Pose(p.rotation, unit * p.translation) for p in shah.solve(scaled(views, 1 / unit)))
     except (CamcalError, np.linalg.LinAlgError):
-        return None
-    off = residuals("to-hand", x, z, camera, robot)
-    far = np.linalg.norm(robot.translation, axis=1)
-    if not np.median(np.linalg.norm(off[:, 3:], axis=1) / far) <= FAST:
         return None
     return x, z
 
@@ -286,6 +356,9 @@ def arranged(
     if not views.boards:
         return fits, views, None
     found = layout(fits, views, asked, rig)
+    if found.turned_pictures:
+        turns = board_turns(fits)
+        fits = {n: renamed(f, views.boards[n], found.turned[n], turns) for n, f in fits.items()}
     return {n: _placed(f, views.boards[n], found) for n, f in fits.items()}, views.apart(found.groups), found
 
 

@@ -229,3 +229,34 @@ def test_a_board_in_too_few_views_is_as_designed(bent, views, said):
     notes = [w for w in solution.warnings if w.code == "boards-as-designed"]
     assert len(notes) == said and all("side" in w.message for w in notes)
     assert set(solution.observations.target["shape"]["boards"]) == ({"front"} if said else {"front", "side"})
+
+
+def counted_from_either_end(data, seed=1):
+    """Half of all views of a board count its 54 points from the other end."""
+    rng, point = np.random.default_rng(seed), data.point.copy()
+    views = np.unique(np.c_[data.camera, data.view, data.point // 54], axis=0)
+    other = views[rng.random(len(views)) < 0.5]
+    for camera, view, which in other:
+        own = (data.camera == camera) & (data.view == view) & (data.point // 54 == which)
+        point[own] = 108 * which + 53 - data.point[own]
+    return replace(data, point=point, xyz=POINTS[point % 54])
+
+
+@pytest.mark.parametrize(
+    ("turned", "names", "moves", "boards"),
+    [
+        (np.pi * 0.9, ("front", "side", "back"), (), "auto"),  # no common view: G Z = X C
+        (0.1, ("front", "side"), (), "auto"),
+        (0.1, ("front", "side"), ("side",), "auto"),
+        (0.1, ("front", "side"), ("front", "side"), "moving"),
+    ],
+)
+def test_boards_that_look_the_same_after_half_a_turn(turned, names, moves, boards):
+    data = seen(rig_of(turned), names, turn=0.3 if turned > 1 else 0.15, moves=moves)
+    mixed = counted_from_either_end(data)
+    one, found = (calibrated(d, boards=boards) for d in (data, mixed))
+    assert found.rms_point == pytest.approx(one.rms_point, rel=1e-6)
+    apart = off(found.rig.cam_from_rig["b"], one.rig.cam_from_rig["b"])
+    assert np.abs(apart).max() < 1e-6
+    spanning = [next(s for s in each.stages if s.name == "spanning-tree") for each in (one, found)]
+    assert spanning[0].info["turned_pictures"] == 0 < spanning[1].info["turned_pictures"]
