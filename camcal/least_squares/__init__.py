@@ -4,6 +4,7 @@ from camcal.least_squares.loop import minimise
 from camcal.least_squares.problem import (
     EDGE,
     STILL,
+    Differences,
     Found,
     Normal,
     Options,
@@ -18,6 +19,7 @@ from camcal.least_squares.problem import (
 __all__ = [
     "EDGE",
     "STILL",
+    "Differences",
     "Found",
     "Normal",
     "Options",

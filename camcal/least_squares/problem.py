@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -147,6 +148,25 @@ class Small:
 
     def tried(self, trial: Trial) -> None:
         """Do nothing: this problem does not learn from trials."""
+
+
+class Differences(Small):
+    """One problem whose derivatives are differences of its residuals (N,), a function of its unknowns (n,)."""
+
+    count = 1
+
+    def __init__(self, residuals: Callable[[Array], Array], step: float):
+        self.residuals, self.step = residuals, step
+
+    def linearise(self, state: Array, members: Array) -> Normal:
+        """The equations; the cost is inf where a residual is not finite."""
+        x = state[0]
+        with np.errstate(over="ignore", invalid="ignore"):
+            now = self.residuals(x)
+            columns = [(self.residuals(x + move) - now) / self.step for move in self.step * np.eye(len(x))]
+            found = Normal.of(now[None], np.array(columns)[None])
+        finite = np.isfinite(found.matrix).all() and np.isfinite(found.cost).all()
+        return found if finite else found._replace(cost=np.array([np.inf]))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.least_squares import Differences, Options, minimise
 from camcal.model.pose import Array
 from camcal.routes.bundle import Tracks
 from camcal.routes.epipolar import FOCAL
@@ -25,7 +26,9 @@ from camcal.routes.reconstruct import Pair
 DOUBTS = np.array([9.0, 9.0, 0.2, 0.01, 0.1, 0.1])
 ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  #: of ω*
 WEIGHTINGS = 4  #: solutions with the equations scaled by the last ω*33
-ITERATIONS, STEP = 30, 1e-6
+#: of the least-squares fit: its limit of work; differences of log f and of the plane, a hundred times the root of the
+#: rounding; it ends where a step promises a smaller part of the sum of squares
+ITERATIONS, STEP, SETTLED = 30, 1e-6, 1e-8
 
 
 def focal(known: list[Pair], tracks: Tracks, size: tuple[int, int]) -> float | None:
@@ -55,9 +58,7 @@ def constant(cameras: Array) -> float | None:
     back = np.linalg.inv(to_first)
     q = back @ quadric @ back.T
     plane = -q[:3, 3] / q[2, 2] / [f2, f2, 1.0]
-    with np.errstate(over="ignore", invalid="ignore"):  # steps to infinite values are rejected
-        best = _agreed(moved, np.r_[np.log(f2) / 2, plane])
-    f = float(np.exp(best[0]))
+    f = float(np.exp(_agreed(moved, np.r_[np.log(f2) / 2, plane])[0]))
     return f if FOCAL[0] <= f <= FOCAL[-1] else None
 
 
@@ -107,7 +108,7 @@ def _to_identity(camera: Array) -> Array:
 
 
 def _agreed(cameras: Array, start: Array) -> Array:
-    """(log f, plane) at which ω* of all views are most nearly diag(f², f², 1), both of norm 1; LM by differences."""
+    """(log f, plane) at which ω* of all views are most nearly diag(f², f², 1), both of norm 1."""
 
     def off(x: Array) -> Array:
         k = np.diag([np.exp(2 * x[0]), np.exp(2 * x[0]), 1.0])
@@ -117,21 +118,4 @@ def _agreed(cameras: Array, start: Array) -> Array:
         cones = cones / np.linalg.norm(cones, axis=(1, 2), keepdims=True)
         return np.asarray((cones - k / np.linalg.norm(k)).ravel())
 
-    x, damping = start, 1e-3
-    now = off(x)
-    for _ in range(ITERATIONS):
-        j = np.stack([(off(x + STEP * e) - now) / STEP for e in np.eye(4)], 1)
-        normal = j.T @ j
-        while damping < 1e6:
-            step = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-12), -j.T @ now)
-            trial = off(x + step)
-            if trial @ trial < now @ now:
-                break
-            damping *= 10
-        else:
-            return x
-        gain = 1 - (trial @ trial) / (now @ now)
-        x, now, damping = x + step, trial, max(damping / 10, 1e-9)
-        if gain < 1e-8:
-            break
-    return x
+    return np.asarray(minimise(Differences(off, STEP), start[None], Options(SETTLED, ITERATIONS)).state[0])

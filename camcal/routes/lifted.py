@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.least_squares import Differences, Options, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.records import dataclass
@@ -38,11 +39,9 @@ GAIN = 0.05
 #: parameters that the full model has beyond the single one of the division model, and the F of so many at which
 #: what they take off the sum of squares is no chance: the 99.9 % quantile for 200 and more degrees of freedom
 MORE, F_WORTH = 8, 3.3
-#: of a fit of the rays: differences in units of half diagonals; it ends where the sum of squares falls by less
+#: of a fit of the rays: its limit of work; differences in units of half diagonals; it ends where a step promises a
+#: smaller part of the sum of squares
 ITERATIONS, STEP, SETTLED = 20, 1e-5, 1e-5
-#: Levenberg and Marquardt's damping: to start with, at least (full steps to 9 digits), and where the fit gives up
-#: (steps of a millionth)
-DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e6
 #: of the median gradient, by which distances are divided: near an epipole it is 0, and would be all that counts
 LEAST_GRADIENT = 1e-3
 
@@ -141,27 +140,14 @@ def _off(rays: Array, matches: list[tuple[Array, Array]]) -> Array:
 
 
 def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]) -> Array:
-    """A (3, 6) with the least distances over steps of its quadratic part along (K, 3, 3); differences, LM."""
+    """A (3, 6) with the least distances over steps of its quadratic part along (K, 3, 3)."""
     steps = np.concatenate([along, np.zeros_like(along)], 2)
-    now, damping = _off(rays, matches), DAMPING
-    for _ in range(ITERATIONS):
-        columns = [(_off(rays + STEP * s, matches) - now) / STEP for s in steps]
-        j = np.stack(columns, 1)
-        normal = j.T @ j
-        while damping < MOST_DAMPING:
-            move = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-12), -j.T @ now)
-            trial = rays + np.einsum("k,kij->ij", move, steps)
-            off = _off(trial, matches)
-            if off @ off < now @ now:
-                break
-            damping *= 10
-        else:
-            return rays
-        gain = 1 - (off @ off) / (now @ now)
-        rays, now, damping = trial, off, max(damping / 10, LEAST_DAMPING)
-        if gain < SETTLED:
-            break
-    return rays
+
+    def moved(x: Array) -> Array:
+        return np.asarray(rays + np.einsum("k,kij->ij", x, steps))
+
+    problem = Differences(lambda x: _off(moved(x), matches), STEP)
+    return moved(minimise(problem, np.zeros((1, len(steps))), Options(SETTLED, ITERATIONS)).state[0])
 
 
 def undistorted(found: Rational, uv: Array, size: tuple[int, int]) -> Array:

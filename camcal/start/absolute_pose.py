@@ -15,6 +15,7 @@ import itertools
 import numpy as np
 
 from camcal.geometry import projective, rotations
+from camcal.least_squares import Normal, Options, Small, minimise
 from camcal.model.pose import Poses
 
 Array = np.ndarray
@@ -27,8 +28,8 @@ SAME = 1e-3
 EIGENVECTORS = 6
 #: a minimum with more than this part of the points behind the camera is no pose
 BEHIND = 0.5
-#: of Levenberg and Marquardt's steps, in mean squares of the normal matrix: full steps to 9 digits, to none at all
-DAMPING = (1e-9, 1e9)
+#: a search ends where a step promises less than this part of the error: the refinement in px follows
+SETTLED = 1e-9
 
 
 def candidates(xyz: Array, rays: Array, weights: Array | None = None) -> Poses:
@@ -98,32 +99,32 @@ def _cube() -> Array:
 
 
 _CUBE = _cube()
+_GENERATORS = rotations.skew(np.eye(3))
 
 
 def _minima(omega: Array, r: Array) -> Array:
-    """Lower rᵀ Ω r from each rotation (H, 3, 3) by damped Gauss-Newton steps."""
-    generators = rotations.skew(np.eye(3))
-    damping = np.full(len(r), 1e-3)
-    cost = _cost(omega, r)
-    for _ in range(STEPS):
-        tangent = (generators[None] @ r[:, None]).reshape(len(r), 3, 9)
-        normal = tangent @ omega @ np.swapaxes(tangent, 1, 2)
-        gradient = np.einsum("hki,ij,hj->hk", tangent, omega, r.reshape(-1, 9))
-        level = np.einsum("hii->h", normal) / 3 + np.finfo(float).tiny
-        step = -np.linalg.solve(normal + (damping * level)[:, None, None] * np.eye(3), gradient[..., None])[
-            ..., 0
-        ]
-        trial = rotations.exp(step) @ r
-        lower = _cost(omega, trial)
-        better = lower < cost
-        r, cost = np.where(better[:, None, None], trial, r), np.where(better, lower, cost)
-        damping = np.where(better, damping / 10, damping * 10).clip(*DAMPING)
-    return r
+    """Lower rᵀ Ω r from each rotation (H, 3, 3)."""
+    return np.asarray(minimise(_Rotations(omega, len(r)), r, Options(SETTLED, STEPS)).state)
 
 
-def _cost(omega: Array, r: Array) -> Array:
-    flat = r.reshape(-1, 9)
-    return np.einsum("hi,ij,hj->h", flat, omega, flat)
+class _Rotations(Small):
+    """½ rᵀ Ω r of rotations (H, 3, 3), with the normal matrices of Gauss and Newton."""
+
+    def __init__(self, omega: Array, count: int):
+        self.omega, self.count = omega, count
+        self.rounding = np.finfo(float).eps * float(np.trace(omega))
+
+    def linearise(self, state: Array, members: Array) -> Normal:
+        """The derivatives are those of exp(δ) R."""
+        flat = state.reshape(-1, 9)
+        tangent = (_GENERATORS @ state[:, None]).reshape(-1, 3, 9)
+        pulled = tangent @ self.omega
+        cost = 0.5 * np.einsum("hi,ij,hj->h", flat, self.omega, flat)
+        return Normal(cost, pulled @ np.swapaxes(tangent, 1, 2), np.einsum("hki,hi->hk", pulled, flat))
+
+    def retract(self, state: Array, step: Array) -> Array:
+        """exp(δ) R."""
+        return rotations.exp(step) @ state
 
 
 def _distinct(r: Array, order: Array) -> Array:
