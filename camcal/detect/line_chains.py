@@ -21,8 +21,14 @@ SHORTEST = 12
 SHORT = (24.0, 24.0)
 #: ... and then of those that are long enough
 LONG = (80.0, 80.0)
-#: how far from the extrapolated end its continuation may begin, as a part of the distance, plus 1 px
-ASIDE = 0.05
+#: how far from the extrapolated end its continuation may begin: px, plus a part of the distance
+BESIDE, ASIDE = 1.0, 0.05
+#: px; ends overlap by less: two points of a chain
+OVERLAP = 2.0
+#: px of a gap that count as much as 1 px aside: of two continuations the straighter one is taken
+STRAIGHTER = 10.0
+#: points that give the end of a chain its direction at least: two points of a curved or noisy line give any
+LEAST_POINTS = 3
 #: ... and how much it may turn
 STRAIGHT_ON = np.cos(np.radians(6))
 
@@ -78,7 +84,7 @@ def _components(start: Array, end: Array, count: int) -> list[Array]:
 
 def _ordered(uv: Array, members: Array) -> Array:
     """Members sorted along their longest direction."""
-    if len(members) < 3:
+    if len(members) < LEAST_POINTS:
         return members
     centred = uv[members] - uv[members].mean(0)
     main = np.linalg.eigh(centred.T @ centred)[1][:, 1]
@@ -101,10 +107,10 @@ def _continuations(points: LinePoints, parts: list[Array], reach: float, gap: fl
     apart = place[j] - place[i]
     distance = np.linalg.norm(apart, axis=1)
     aside = np.maximum(np.abs(_cross(out[i], apart)), np.abs(_cross(out[j], apart)))
-    on = (out[i] * apart).sum(1) > -2.0
+    on = (out[i] * apart).sum(1) > -OVERLAP
     facing = (out[i] * out[j]).sum(1) <= -STRAIGHT_ON
-    good = on & facing & (aside <= 1 + ASIDE * distance)
-    for a, b, value in zip(i[good], j[good], (distance + 10 * aside)[good], strict=True):
+    good = on & facing & (aside <= BESIDE + ASIDE * distance)
+    for a, b, value in zip(i[good], j[good], (distance + STRAIGHTER * aside)[good], strict=True):
         for one, other in ((a, b), (b, a)):
             if value < cost[one]:
                 cost[one], best[one] = value, other
@@ -116,8 +122,8 @@ def _continuations(points: LinePoints, parts: list[Array], reach: float, gap: fl
 def _end(uv: Array, reach: float) -> tuple[Array, Array]:
     """The end of a chain and the outward unit vector, for points ordered from that end inwards."""
     part = uv[np.linalg.norm(uv - uv[0], axis=1) <= reach]
-    if len(part) < 3:
-        part = uv[:3]
+    if len(part) < LEAST_POINTS:
+        part = uv[:LEAST_POINTS]
     centre = part.mean(0)
     main = np.linalg.eigh((part - centre).T @ (part - centre))[1][:, 1]
     if main @ (part[0] - centre) < 0:

@@ -17,7 +17,7 @@ from camcal.least_squares import Differences, Options, minimise
 from camcal.model.pose import Array
 from camcal.routes.bundle import Tracks
 from camcal.routes.epipolar import FOCAL
-from camcal.routes.projective_views import of_pairs
+from camcal.routes.projective_views import bounded_depths, of_pairs
 from camcal.routes.reconstruct import Pair
 
 #: how far ω* of pixels in units of the picture's width may be from that of f = 1 (Pollefeys et al., Visual modeling
@@ -87,7 +87,7 @@ def linear(cameras: Array) -> Array:
         quadric = (vectors * values) @ vectors.T
         third = np.einsum("vi,ij,vj->v", cameras[:, 2], quadric, cameras[:, 2])
         quadric = quadric * np.sign(np.median(third))
-        scale = np.maximum(np.abs(third), 1e-3 * np.median(np.abs(third)))
+        scale = bounded_depths(third)
     return quadric
 
 

@@ -22,6 +22,9 @@ LEAST = 12
 SAMPLES = 100
 #: rounds of solving for all cameras and points in turn
 ROUNDS = 12
+#: of the median depth: equations are divided by the depth of their point, which near the plane of the camera would
+#: otherwise outweigh all others
+LEAST_DEPTH = 1e-3
 #: images are right within so many robust standard deviations, and no less than px
 FAR, LEAST_FAR = 3.5, 0.5
 
@@ -41,6 +44,12 @@ def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> A
         return None
     state.alternate(ROUNDS)
     return np.asarray(state.cameras[state.known])
+
+
+def bounded_depths(depths: Array) -> Array:
+    """Their absolute values (N,), at least `LEAST_DEPTH` of the median."""
+    size = np.abs(depths)
+    return np.asarray(np.maximum(size, LEAST_DEPTH * np.median(size)))
 
 
 def _about(f: Array, centre: Array, unit: float) -> Array:
@@ -129,8 +138,7 @@ class _State:
         return np.einsum("nij,nj->ni", self.cameras[self.view[rows]], self.points[self.point[rows]])
 
     def _weights(self, rows: Array) -> Array:
-        depth = np.abs(self._seen(rows)[:, 2])
-        return 1 / np.maximum(depth, 1e-3 * np.median(depth))
+        return 1 / bounded_depths(self._seen(rows)[:, 2])
 
     def _place(self) -> None:
         """The points that two known views see, by their linear equations, weighted in a second pass."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from camcal.detect import saddle
 from camcal.detect.board_points import LEAST_GAP, Known, board_from_pixel, locate
+from camcal.detect.corners import START_ERROR
 from camcal.detect.pyramid import grey_span, reduced, reductions, to_8_bits
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import (
@@ -169,9 +170,13 @@ class TagBoard(Target):
         return saddle.refine(gray, uv, sides, self._half(sides, START_BLUR, self.first_half), START_BLUR)
 
     def _half(self, sides: Array, blur: Array | float, half: float) -> Array:
-        """Half-widths of the windows: long ones include pixels along the edges, which must be clear of others."""
+        """Half-widths of the windows: long ones include pixels along the edges, which must be clear of others.
+
+        The edge may be `START_ERROR` nearer to them than it seems, and the fit looks as far beyond its band.
+        """
         px = np.linalg.norm(sides, axis=2).min(1) * (self.clear / self.cell)
-        return np.where(px > BAND * blur + 3, half, np.minimum(half, WINDOW_SHARE * self.clear / self.cell))
+        clear = px > BAND * blur + 2 * START_ERROR
+        return np.where(clear, half, np.minimum(half, WINDOW_SHARE * self.clear / self.cell))
 
     def _sharpen(self, gray: Array, known: Known) -> None:
         """Fit the good points once more, with the perspective of their edges and the slope of the shading known."""
