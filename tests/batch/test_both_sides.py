@@ -12,7 +12,6 @@ from camcal.batch.storage import Storage
 from camcal.batch.watch import Step, Watcher
 from camcal.errors import UsageError
 
-
 DONE = {
     "type": "",
     "digest": "",
