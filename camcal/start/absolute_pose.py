@@ -108,19 +108,17 @@ def _minima(omega: Array, r: Array) -> Array:
 
 
 class _Rotations(Small):
-    """½ rᵀ Ω r of rotations (H, 3, 3), with the normal matrices of Gauss and Newton."""
+    """½ rᵀ Ω r of rotations (H, 3, 3): the residuals are Lᵀ r with Ω = L Lᵀ, whose eigenvalues rounding may make < 0."""
 
     def __init__(self, omega: Array, count: int):
-        self.omega, self.count = omega, count
+        values, vectors = np.linalg.eigh(omega)
+        self.half, self.count = vectors * np.sqrt(np.maximum(values, 0.0)), count
         self.rounding = np.finfo(float).eps * float(np.trace(omega))
 
     def linearise(self, state: Array, members: Array) -> Normal:
         """The derivatives are those of exp(δ) R."""
-        flat = state.reshape(-1, 9)
         tangent = (_GENERATORS @ state[:, None]).reshape(-1, 3, 9)
-        pulled = tangent @ self.omega
-        cost = 0.5 * np.einsum("hi,ij,hj->h", flat, self.omega, flat)
-        return Normal(cost, pulled @ np.swapaxes(tangent, 1, 2), np.einsum("hki,hi->hk", pulled, flat))
+        return Normal.of(state.reshape(-1, 9) @ self.half, tangent @ self.half)
 
     def retract(self, state: Array, step: Array) -> Array:
         """exp(δ) R."""
