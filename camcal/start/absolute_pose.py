@@ -108,7 +108,7 @@ def _minima(omega: Array, r: Array) -> Array:
 
 
 class _Rotations(Small):
-    """½ rᵀ Ω r of rotations (H, 3, 3): the residuals are Lᵀ r with Ω = L Lᵀ, whose eigenvalues rounding may make < 0."""
+    """½ rᵀ Ω r of rotations (H, 3, 3): residuals Lᵀ r, Ω = L Lᵀ, of which rounding may make eigenvalues negative."""
 
     def __init__(self, omega: Array, count: int):
         values, vectors = np.linalg.eigh(omega)
