@@ -44,10 +44,11 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
     from camcal.routes.pose import find
 
     views = read_points(points).views
-    entries, checks = [], []
+    entries, checks, wide = [], [], {}
     for view in views:
         found = find(camera, view, options["robust"], options["seed"])
         entries.append(view_entry(view.id, found))
+        wide[view.id] = found.distance_half_width(view)
         if options["crosscheck"]:
             used = view.take(found.used)
             checks.append(against_cv2(camera, used.xyz, used.uv, found.solutions[0].pose))
@@ -55,11 +56,13 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
     if len(entries) == 1:
         sections = {"solutions": entries[0]["solutions"], **sections}
     held = list(camera.lens.names)
-    return document(words, camera_entry(camera, fixed=held), sections, checks, _warnings(entries))
+    return document(words, camera_entry(camera, fixed=held), sections, checks, _warnings(entries, wide))
 
 
-def _warnings(entries: list[dict[str, Any]]) -> list[dict[str, str]]:
-    from camcal.report.routes import warning
+def _warnings(entries: list[dict[str, Any]], wide: dict[str, float | None]) -> list[dict[str, str]]:
+    """`wide` holds half of the 95 % interval of each view's distance, as a part of it."""
+    from camcal.report.routes import uncertain_distance, warning
+    from camcal.routes.distance import LINEAR
 
     made = []
     for entry in entries:
@@ -76,6 +79,10 @@ def _warnings(entries: list[dict[str, Any]]) -> list[dict[str, str]]:
                     "Add points out of the plane, or come closer.",
                 )
             )
+        half = wide[entry["id"]]
+        if half is not None and half > LINEAR:
+            hint = "Points that are farther apart, or a nearer picture."
+            made.append(uncertain_distance(f"view '{entry['id']}'", half, hint))
         if entry["solutions"][0]["covariance"] is None:
             made.append(
                 warning(

@@ -12,6 +12,7 @@ from camcal.geometry import rotations
 from camcal.model.pose import Pose
 from camcal.report.head import head
 from camcal.report.plain import plain
+from camcal.routes.distance import LINEAR
 from camcal.routes.pose import Found, Solution
 
 Array = np.ndarray
@@ -51,6 +52,16 @@ def document(
 def warning(code: str, message: str, hint: str = "", severity: Severity = "doubtful") -> dict[str, str]:
     """An entry of the report's `warnings`."""
     return warning_entry(CalibrationWarning(code, message, hint, severity))
+
+
+def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
+    """The warning about distances that are known to a large part of themselves, half of the 95 % interval."""
+    return warning(
+        "uncertain-distance",
+        f"{what}: the distance from the camera is known to ± {100 * half:.2g} %, at 95 %; beyond {100 * LINEAR:.0f} % "
+        "intervals of two standard deviations hold too rarely.",
+        hint,
+    )
 
 
 def pose_entry(pose: Pose) -> dict[str, Any]:

@@ -18,11 +18,12 @@ from camcal.errors import DataError
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.placed import load_placed
 from camcal.report.rig_loading import from_document, is_rig_report
-from camcal.report.routes import document, warning
+from camcal.report.routes import document, uncertain_distance, warning
 from camcal.report.yaml import read_document
 from camcal.routes.calibration_part import calibration_part
+from camcal.routes.distance import LINEAR
 from camcal.routes.placed import PlacedCamera
-from camcal.routes.triangulate import Images, Triangulated, sorted_images, triangulate
+from camcal.routes.triangulate import Images, Triangulated, far_half_widths, sorted_images, triangulate
 from camcal.system.text import cell
 
 Array = np.ndarray
@@ -54,7 +55,7 @@ def report(paths: Sequence[Path], points: Path, crosscheck: bool, command: Seque
         "undetermined": [{"point": n, "reason": r} for n, r in zip(names, found.reason, strict=True) if r],
         "sigma_hat": found.sigma_hat,
     }
-    return document(command, None, sections, checks, _warnings(sections, found))
+    return document(command, None, sections, checks, _warnings(sections, found, images, names))
 
 
 def csv_text(found: dict[str, Any]) -> str:
@@ -151,7 +152,9 @@ def _checks(found: Triangulated, images: Images) -> list[dict[str, Any]]:
     return [against_cv2(sides[0], sides[1], again.xyz)]
 
 
-def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, str]]:
+def _warnings(
+    sections: dict[str, Any], found: Triangulated, images: Images, names: Sequence[str]
+) -> list[dict[str, str]]:
     made = []
     lost = sections["undetermined"]
     if lost:
@@ -162,6 +165,16 @@ def _warnings(sections: dict[str, Any], found: Triangulated) -> list[dict[str, s
                 f"{len(lost)} points are omitted, first '{first['point']}': {first['reason']}.",
                 "A point needs two images whose rays meet at an angle.",
                 "note",
+            )
+        )
+    wide = far_half_widths(found, images)
+    if (wide > LINEAR).any():
+        first = int(np.nanargmax(wide))
+        made.append(
+            uncertain_distance(
+                f"{int((wide > LINEAR).sum())} of {int(found.known.sum())} points, worst '{names[first]}'",
+                float(wide[first]),
+                "One more camera, or a longer baseline.",
             )
         )
     outliers = int((~found.used).sum())

@@ -222,12 +222,20 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "Use the report's view names for the poses.",
     ),
     "hand-eye-weak-direction": ("Turns about nearly one axis.", "The poses that the report's `next` lists."),
+    "hand-eye-noise-at-zero": (
+        "A robot whose poses are more exact than those of the pictures, or few poses.",
+        "None is needed; more poses find smaller noise.",
+    ),
     "hand-eye-scale": ("A wrong `--square`, or poses in another unit.", "Check both lengths."),
     "several-poses": (
         "A flat, small or far target: two poses look alike.",
         "Points out of the plane, or a nearer picture.",
     ),
     "no-redundancy": ("As many points as unknowns.", "One more point; otherwise errors cannot be detected."),
+    "uncertain-distance": (
+        "Points close together as seen from the camera, or cameras close together.",
+        "Points that are farther apart, a nearer picture, or a longer baseline.",
+    ),
     "undetermined-points": (
         "One image of a point, or parallel rays.",
         "One more camera, or a longer baseline.",
@@ -257,6 +265,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
 FOUND = {
     "several-poses": "`camcal pose`: more than one pose fits",
     "no-redundancy": "`camcal pose`: there are no residuals to judge the pose by",
+    "uncertain-distance": "`camcal pose`, `camcal triangulate`: the 95 % interval of a distance exceeds 20 % to a side",
     "undetermined-points": "`camcal triangulate`: points without a position",
     "outlier-images": "`camcal triangulate`: images that disagree with the others of their point",
     "lines-left-out": "`camcal lines`: lines that are not straight compared with the others",

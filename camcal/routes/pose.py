@@ -11,6 +11,7 @@ from camcal.least_squares.distributions import f_bound
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
 from camcal.records import dataclass
+from camcal.routes.distance import half_width
 from camcal.routes.outliers import consensus
 from camcal.routes.pose_fit import refine_pose
 from camcal.solve import p3p
@@ -68,6 +69,17 @@ class Found:
             return None
         first, second = (s.rms_point for s in self.solutions[:2])
         return second / first if first > 0 else float("inf")
+
+    def distance_half_width(self, view: View) -> float | None:
+        """Half of the 95 % interval of the distance of the used points' centroid, as a part of it, of the first pose;
+        None without a covariance.
+        """
+        best, centre = self.solutions[0], view.xyz[self.used].mean(0)
+        if best.covariance is None:
+            return None
+        own = _about_origin(best.covariance, -(best.pose.rotation @ centre))[3:, 3:]
+        freedom = float(2 * self.used.sum() - 6)
+        return float(half_width(best.pose.apply(centre), own, freedom or np.inf))
 
 
 def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Found:

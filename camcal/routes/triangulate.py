@@ -12,6 +12,7 @@ from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
 from camcal.records import dataclass
+from camcal.routes.distance import half_width
 from camcal.routes.placed import PlacedCamera
 
 #: Rays are parallel where the least singular value of their normal matrix is below this part of the largest: the
@@ -82,6 +83,20 @@ class Triangulated:
     def known(self) -> Array:
         """Which points have a position (P,)."""
         return np.array([not r for r in self.reason], bool)
+
+
+def far_half_widths(found: Triangulated, images: Images) -> Array:
+    """Half of the 95 % intervals (P,) of the distances of the points from the camera that knows them best, as a part of
+    the distance; NaN for points without a position.
+    """
+    freedom = 2 * int(found.used[found.known[images.point]].sum()) - 3 * int(found.known.sum())
+    best = np.full(len(found.xyz), np.inf)
+    for index, camera in enumerate(found.cameras):
+        points = images.point[(images.camera == index) & found.used]
+        points = points[found.known[points]]
+        offset, own = found.xyz[points] - camera.centre, found.covariance[points]
+        best[points] = np.minimum(best[points], half_width(offset, own, max(freedom, 1)))
+    return np.where(found.known, best, np.nan)
 
 
 def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> Triangulated:

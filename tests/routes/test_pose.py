@@ -18,6 +18,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.solve_pnp import against_cv2
 from camcal.routes import pose as routes_pose
+from camcal.routes.distance import LINEAR
 from camcal.start import absolute_pose
 
 PINHOLE = Camera(lenses.make("pinhole"), np.array([700.0, 700, 320, 240]), (640, 480))
@@ -168,20 +169,48 @@ def test_the_cross_check_agrees_and_notices_a_worse_pose(planar):
     assert against_cv2(PINHOLE, xyz, uv, worse)["status"] == "fail"
 
 
-def test_the_command(tmp_path):
-    rng = np.random.default_rng(7)
-    xyz, truth = scene(rng, 9)
-    uv = PINHOLE.project(truth.apply(xyz)) + rng.normal(0, 0.2, (9, 2))
-    uv[4] += 50
+@pytest.mark.parametrize(("noise", "warned"), [(0.1, False), (0.5, True)])
+def test_the_distance_of_a_small_far_target(tmp_path, noise, warned):
+    """12 points within 2 mm at .8 m: half of the 95 % interval is 9 % and 44 % of the distance."""
+    rng = np.random.default_rng(3)
+    xyz, truth = (
+        rng.uniform(-0.001, 0.001, (12, 3)),
+        Pose(rotations.exp([0.3, -0.4, 0.2]), np.array([0, 0, 0.8])),
+    )
+    uv = PINHOLE.project(truth.apply(xyz)) + rng.normal(0, noise, (12, 2))
+    found = routes_pose.find(PINHOLE, View("v", xyz, uv), "none")
+    half = found.distance_half_width(View("v", xyz, uv))
+    assert (half > LINEAR) == warned and 0.05 < half < 0.6
+    warnings = command_report(tmp_path, xyz, uv, "--robust", "none")["warnings"]
+    assert ("uncertain-distance" in [w["code"] for w in warnings]) == warned
+
+
+def command_report(tmp_path, xyz, uv, *more):
     with (tmp_path / "points.csv").open("w", newline="") as handle:
         csv.writer(handle).writerows([["X", "Y", "Z", "u", "v"], *np.c_[xyz, uv].tolist()])
     (tmp_path / "camera.yml").write_text(
         "%YAML:1.0\n---\ncamera_matrix: [700, 0, 320, 0, 700, 240, 0, 0, 1]\ndistortion_coefficients: []\n"
     )
-    args = ["pose", str(tmp_path / "camera.yml"), str(tmp_path / "points.csv"), "--format", "json", "-q"]
+    args = [
+        "pose",
+        str(tmp_path / "camera.yml"),
+        str(tmp_path / "points.csv"),
+        "--format",
+        "json",
+        "-q",
+        *more,
+    ]
     done = CliRunner().invoke(camcal, args, standalone_mode=False)
     assert done.exception is None, done.output
-    report = json.loads(done.output)
+    return json.loads(done.output)
+
+
+def test_the_command(tmp_path):
+    rng = np.random.default_rng(7)
+    xyz, truth = scene(rng, 9)
+    uv = PINHOLE.project(truth.apply(xyz)) + rng.normal(0, 0.2, (9, 2))
+    uv[4] += 50
+    report = command_report(tmp_path, xyz, uv)
     assert report["views"][0]["rejected"][0]["row"] == 4
     assert report["crosscheck"][0]["status"] == "pass"
     found = report["solutions"][0]["cam_from_world"]["translation"]

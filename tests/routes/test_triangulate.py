@@ -15,8 +15,10 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
+from camcal.report.triangulation import _warnings
+from camcal.routes.distance import LINEAR
 from camcal.routes.placed import PlacedCamera
-from camcal.routes.triangulate import sorted_images, triangulate
+from camcal.routes.triangulate import far_half_widths, sorted_images, triangulate
 
 FISHEYE = Camera(lenses.make("kb4"), np.array([400.0, 400, 480, 360, 0.02, -0.01, 0.001, 0]), (960, 720))
 PINHOLE = Camera(lenses.make("pinhole"), np.array([1400.0, 1400, 480, 360]), (960, 720))
@@ -105,6 +107,19 @@ def test_undetermined_points_have_a_reason():
         triangulate([camera], sorted_images(np.zeros(3, int), np.arange(3), np.zeros((3, 2)))[0], 3)
     with pytest.raises(DataError, match="same point in the same camera"):
         sorted_images(np.zeros(2, int), np.zeros(2, int), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize(("noise", "warned"), [(0.3, 0), (2.0, 20)])
+def test_distances_along_nearly_parallel_rays(noise, warned):
+    """Two cameras 3 cm apart before points at 4 m: rays at .43 degrees."""
+    camera = looking_in(PINHOLE, PLACES[0])
+    other = PlacedCamera("other", PINHOLE, Pose(camera.pose.rotation, camera.pose.translation + [0.03, 0, 0]))
+    images = images_of([camera, other], WORLD[:20], noise)
+    found = triangulate([camera, other], images, 20)
+    wide = far_half_widths(found, images)
+    assert ((wide > LINEAR) & found.known).sum() == (found.known.sum() if warned else 0)
+    codes = [w["code"] for w in _warnings({"undetermined": []}, found, images, [str(i) for i in range(20)])]
+    assert ("uncertain-distance" in codes) == bool(warned)
 
 
 def test_cv2_agrees_and_a_worse_point_fails():

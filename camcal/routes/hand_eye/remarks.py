@@ -65,6 +65,7 @@ def remarks(
         yield from _unrelated(made)
     yield from _poses(made, names, lost)
     yield from _directions(made)
+    yield from _no_noise(made)
     yield from _scale(made, *size, square)
 
 
@@ -120,6 +121,20 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
             "hand-eye-unmatched",
             f"{lost[0]} views have no pose, {lost[1]} poses have no view.",
             "They are not used; check the names if this is not intended.",
+            "note",
+        )
+
+
+def _no_noise(made: Estimate) -> Iterator[CalibrationWarning]:
+    """A variance of the robot at its bound of 0: missed by chance, or less than the pictures tell."""
+    parts = ("rotations", "translations")
+    zero = [p for p, known in zip(parts, np.isfinite(made.relative[1:]), strict=True) if not known]
+    if zero:
+        yield CalibrationWarning(
+            "hand-eye-noise-at-zero",
+            f"the robot's {listed(zero)} show no noise beside that of the pictures. Of calibrations where that is so, "
+            "95 % intervals hold in 91 to 95 %, as a small noise of the robot can be missed by chance.",
+            "More poses find smaller noise.",
             "note",
         )
 

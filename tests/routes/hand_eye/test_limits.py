@@ -12,6 +12,7 @@ from camcal.routes.hand_eye import SETUPS, recognise
 from camcal.routes.hand_eye.estimate import estimate
 from camcal.routes.hand_eye.motions import ABOVE_NOISE, Motions, require_two_axes
 from camcal.routes.hand_eye.recognise import Reading
+from camcal.routes.hand_eye.remarks import _no_noise
 from camcal.routes.hand_eye.scale import SAME_UNIT, require_same_unit, scale
 from camcal.routes.hand_eye.variance import outlying
 from camcal.routes.hand_eye.views import views_of
@@ -65,6 +66,15 @@ def test_three_poses_are_needed(count, enough):
         return
     with pytest.raises(DataError, match="2 poses with a view; a hand-eye calibration needs 3"):
         estimate("in-hand", h.pictures, h.robot)
+
+
+@pytest.mark.parametrize(("mm", "said"), [(0.0, True), (1.0, False)])
+def test_a_robot_without_noise_of_its_own_is_named(mm, said):
+    h = hand("in-hand", 4, 12, mm=mm, deg=mm / 10)
+    found = estimate("in-hand", h.pictures, h.robot)
+    notes = list(_no_noise(found))
+    assert [n.code for n in notes] == ["hand-eye-noise-at-zero"] * said
+    assert said == bool(np.isinf(found.relative[1:]).any())
 
 
 def robot_of(poses, form, certain=False):
