@@ -232,7 +232,7 @@ def rendered_corner():
 def rendered_disc():
     v, u = np.mgrid[:80, :80]
     gray = 60 + 130 / (1 + np.exp(-(np.hypot((u - 40.2) / 1.3, v - 39.6) - 14) / 0.8))
-    shape = np.diag([15.0**2, 15.0**2])[None]
+    shape = 15.0 * np.eye(2)[None]
     return disc_fit.fit_discs(gray.astype(np.float32), Discs(np.array([[41.0, 39.0]]), shape)).discs.centre
 
 
