@@ -1,0 +1,212 @@
+"""Numbers that decide something in the solver, each just below and just above."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from camcal.data.observations import Observations, View
+from camcal.model.pose import Pose
+from camcal.solve import (
+    board,
+    board_points,
+    groups,
+    linear,
+    outliers,
+    p3p,
+    ransac,
+    rig_start,
+    robust,
+    several_boards,
+    starts,
+    turns,
+)
+from camcal.solve.optimizers import scipy_
+from tests.solve.problems import problem_of
+from tests.solved import grid, solved
+
+LESS, MORE = 0.999, 1.001
+
+
+@pytest.fixture(scope="module")
+def good():
+    return solved(views=6)
+
+
+# ------------------------------------------------------------------------------------ starts and ends
+def test_a_start_too_far_from_the_data(good):
+    half = np.hypot(640, 480) / 2
+    for share, poor in ((LESS, False), (MORE, True)):
+        assert starts.poor(share * starts.POOR_START * half, good.observations) == poor
+    assert starts.poor(np.nan, good.observations)
+
+
+def test_an_end_that_may_be_another_minimum(good):
+    """The median of the errors counts: half of them are at the bound, the others are small."""
+    bound = starts.POOR_END * np.hypot(640, 480) / 2
+    for share, doubtful in ((LESS, False), (MORE, True)):
+        residuals = np.zeros_like(good.residuals)
+        residuals[: len(residuals) // 2 + 1, 0] = share * bound
+        assert starts.doubtful(replace(good, residuals=residuals)) == doubtful
+
+
+# ------------------------------------------------------------------------------------ points of a board
+def test_the_rounding_of_a_board_s_points():
+    xyz = grid()
+    largest = np.abs(xyz).max()
+    for share, one in ((LESS, True), (MORE, False)):
+        other = xyz.copy()
+        other[5, 2] = share * board.SAME_NUMBER * largest
+        ids = np.arange(len(xyz))
+        views = [View("a", xyz, xyz[:, :2], None, ids), View("b", other, xyz[:, :2], None, ids)]
+        assert (board.common_points(views) is not None) == one
+
+
+def test_a_point_that_is_one_of_the_board_s():
+    xyz = grid()
+    for share, moved in ((LESS, True), (MORE, False)):
+        other = xyz.copy()
+        other[5, 0] += share * board_points._SAME_POINT * xyz.max()
+        data = Observations.from_views([View("a", other, xyz[:, :2])], (640, 480))
+        found = board_points.on_board(data, xyz, xyz + 1.0)
+        assert (found.xyz[5, 1] == xyz[5, 1] + 1.0) == moved
+
+
+def test_points_that_turn_onto_themselves():
+    xyz = grid(4, 4)
+    for share, symmetric in ((0.9, True), (1.1, False)):
+        other = xyz.copy()
+        other[5, 0] += share * turns.SAME_POINT * 3  # its image under a turn is as far off
+        assert (len(turns.turns_of(other)) > 1) == symmetric
+    for count, several in ((turns.LEAST_POINTS, True), (turns.LEAST_POINTS - 1, False)):
+        around = 2 * np.pi * np.arange(count) / count
+        ring = np.c_[np.cos(around), np.sin(around), 0 * around] if count % 2 == 0 else grid(count, 1)
+        assert (len(turns.turns_of(ring)) > 1) == several
+
+
+def test_points_that_determine_the_shapes_of_boards():
+    views, points = several_boards.LEAST_VIEWS, several_boards.LEAST_POINTS
+    label = np.zeros(points, int)
+    counts = np.full(points, views)
+    assert several_boards.determined(label, counts, 1).all()
+    assert not several_boards.determined(label[1:], counts[1:], 1).any()
+    counts[0] = views - 1
+    assert not several_boards.determined(label, counts, 1).any()
+
+
+# ------------------------------------------------------------------------------------ outliers
+def test_the_residuals_of_rounded_coordinates(good):
+    largest = np.abs(good.observations.uv).max()
+    largest *= outliers.cut(len(good.residuals), good.free_count)  # that many deviations are no outlier
+    for share, clean in ((LESS, True), (MORE, False)):
+        residuals = np.zeros_like(good.residuals)
+        residuals[3, 0] = share * outliers._ROUNDING * largest
+        assert (outliers.test(replace(good, residuals=residuals)).rejected == 0) == clean
+
+
+def test_the_cut_has_the_tail_of_the_median_s_freedom():
+    """Of many points the quantile of χ² with two degrees of freedom, -2 ln p; of few, no fewer than two for s."""
+    # P(F > x) = (1 + 2 x / nu)^(-nu / 2) for 2 and nu degrees of freedom
+    for points, freedom in ((40, 0.48 * (80 - 9)), (7, 0.48 * (14 - 9)), (5, 2.0)):
+        x = outliers.cut(points, 9) ** 2 / 2
+        assert (1 + 2 * x / freedom) ** (-freedom / 2) == pytest.approx(outliers.ALPHA / points)
+    assert outliers.cut(10**7, 9) == pytest.approx(np.sqrt(-2 * np.log(outliers.ALPHA / 10**7)), rel=1e-4)
+
+
+def test_samples_of_agreement():
+    """One sample of `wanted` is free of outliers with the confidence that was asked for, and not of one fewer."""
+    for good, size in ((ransac.LEAST_GOOD, 4), (ransac.LEAST_GOOD_KNOWN, 4), (ransac.LEAST_GOOD, 6)):
+        wanted = ransac.samples_needed(size, good=good)
+        for count, enough in ((wanted, True), (wanted - 1, False)):
+            assert (1 - (1 - good**size) ** count >= ransac.CONFIDENCE) == enough
+
+
+def test_points_that_agree_with_a_map():
+    """The least share of good points that is found without knowing the noise, and the one at which it is not."""
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(-1, 1, (60, 2))
+    exact = 400 * xy / (1 + 0.2 * xy[:, :1]) + (640, 480)
+    for share, found in ((ransac.LEAST_GOOD, True), (0.4, False)):
+        uv, bad = exact + 0.2 * rng.normal(size=xy.shape), np.arange(60) >= round(60 * share)
+        uv[bad] = rng.uniform((0, 0), (1280, 960), (int(bad.sum()), 2))
+        mask = ransac.of_maps([View("a", np.c_[xy, np.zeros(60)], uv)], [True])[0].mask
+        assert (mask[~bad].mean() > 0.9 and not mask[bad].any()) == found
+
+
+@pytest.mark.parametrize(("gain", "kept"), [(1.05, False), (1.2, True)])
+def test_another_pose_explains_more_points(good, monkeypatch, gain, kept):
+    """View 2 kept 30 of 54 points, and RANSAC finds a pose that agrees with `gain` times as many."""
+    data = good.observations
+    used = np.ones(len(data.uv), bool)
+    used[data.slices[2].start : data.slices[2].start + 24] = False
+    fit = replace(good, observations=data.with_used(used))
+    mask = np.arange(54) < round(gain * 30)
+    agreed = ransac.Agreement(mask, 0.2, np.c_[np.eye(3), [0, 0, 9.0]])
+    asked = []
+    monkeypatch.setattr(robust.ransac, "of_poses", lambda views, *_: asked.append(views[0].id) or [agreed])
+    monkeypatch.setattr(robust, "with_poses", lambda *_: "another")
+    found = robust.find_better_poses(fit, data, None, 0)
+    assert asked == ["view2"] and (found == "another") == kept
+
+
+# ------------------------------------------------------------------------------------ equations
+def test_views_of_a_group():
+    count, rows = 50, 12
+    most = groups._ROW_BUDGET // (count * 2 * rows)
+    views = [View(str(i), np.zeros((count, 3)), np.zeros((count, 2))) for i in range(most + 1)]
+
+    def made(n):
+        return groups.make_groups(0, np.arange(n), rows, views[:n], np.zeros((n, 3)), None)
+
+    assert [len(made(n)) for n in (most, most + 1)] == [1, 2]
+
+
+def test_a_weak_pivot_is_solved_by_orthogonal_factors(monkeypatch):
+    problem, state = problem_of("pinhole", count=3)
+    blocks = problem.linearise(state)
+    for share, solved_again in ((MORE, False), (LESS, True)):
+        equations = linear.Linear(problem)
+        reduced = SimpleNamespace(step=lambda _: "schur", weakest=share * linear.WEAK)
+        monkeypatch.setattr(equations, "_reduced", lambda *_, r=reduced: r)
+        monkeypatch.setattr(equations, "_factors", lambda _: SimpleNamespace(step=lambda *_: "qr"))
+        assert (equations.step(state, blocks, 0.0) == "qr") == solved_again
+
+
+def test_a_sparse_jacobian(monkeypatch):
+    problem, state = problem_of("pinhole", count=3)
+    monkeypatch.setattr(scipy_.rows, "count", lambda _: 1000)
+    columns = problem.variables + 6 * problem.instants
+    for entries, sparse in ((1000 * columns, False), (1000 * columns - 1, True)):
+        monkeypatch.setattr(scipy_, "_DENSE", entries)
+        assert scipy_._Function(problem, state, None).sparse == sparse
+
+
+def test_a_double_root_with_rounding():
+    """(x - 2)² + e² has the roots 2 ± ie."""
+    for share, real in ((LESS, True), (MORE, False)):
+        e = share * p3p._REAL * 2
+        c = np.polymul([1, -4, 4 + e * e], [1, 5, 6])
+        found = p3p._roots(*(np.array([v]) for v in c))[0]
+        assert np.isfinite(found).sum() == (4 if real else 2)
+
+
+# ------------------------------------------------------------------------------------ rigs
+def test_a_turned_board_is_much_nearer():
+    for share, turned in ((LESS, 1), (MORE, 0)):
+        assert rig_start._nearest(np.array([[1.0], [share * rig_start.NEARER]]))[0] == turned
+
+
+def test_instants_from_which_a_link_begins(monkeypatch):
+    seen = []
+
+    def distances(a, b, candidates, *_):
+        seen.append(len(candidates))
+        return np.ones((len(candidates), 1, len(a)))
+
+    monkeypatch.setattr(rig_start, "_distances", distances)
+    monkeypatch.setattr(rig_start, "_averaged", lambda *_: None)
+    for count in (rig_start.TRIED, rig_start.TRIED + 1):
+        poses = rig_start.Poses.stack([Pose(np.eye(3), np.array([0.0, 0, 5]))] * count)
+        rig_start.link(poses, poses, np.ones(count), [Pose.identity()], grid())
+        assert seen[-1] == rig_start.TRIED
