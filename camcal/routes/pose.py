@@ -24,8 +24,9 @@ LEVEL = 0.999
 #: rad and part of the distance; refined minima nearer than this are one
 SAME = 1e-5
 #: A pose is undetermined where a direction of its parameters, each in its own unit, moves the projections by less
-#: than this part of the direction that moves them most: the square root of the rounding of float64.
-UNDETERMINED = 1e-8
+#: than this part of the direction that moves them most. Eigenvalues, which are the squares, are known to some 1e-15 of
+#: the largest: with a tenth of this, rounding would decide.
+UNDETERMINED = 1e-7
 #: points that choose the candidates; all take part in the refinement
 SAMPLE = 2000
 
