@@ -1,13 +1,17 @@
 """Numbers that decide something in the closed forms, each just below and just above."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from camcal.data.observations import Observations, View
 from camcal.errors import DataError, EstimationError
-from camcal.start import assumptions, base, claus, numbering, shape
+from camcal.geometry import rotations
+from camcal.start import assumptions, base, claus, mirrored, numbering, shape, tsai, zhang
 from camcal.start.base import NO_DEPTH
 
+from . import scenes
 from .scenes import board, rig
 
 LESS, MORE = 0.999, 1.001
@@ -108,3 +112,92 @@ def test_views_that_determine_a_camera():
         k, reason = assumptions._plausible(conic(0.0), singular, every, 5)
         assert (k is not None) == kept
         assert (reason == "the views do not determine it") == (not kept)
+
+
+# ------------------------------------------------------------------------------------ numbering, frames, depths
+def numbered(columns=4, rows=3):
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    xyz = np.c_[x.ravel(), y.ravel(), np.zeros(columns * rows)].astype(float)
+    return View("a", xyz, 50 * xyz[:, :2] + 100)
+
+
+def test_an_even_grid_is_not_looked_at_further():
+    """Of steps of 1 the last one is longer by a part of it."""
+    for part, even in ((LESS, True), (MORE, False)):
+        view = numbered()
+        uv = view.uv.copy()
+        uv[view.xyz[:, 0] == 3, 0] += 50 * part * numbering.EVEN
+        assert numbering._even(replace(view, uv=uv), 4, 3) == even
+
+
+def test_a_numbering_that_leads_astray(monkeypatch):
+    monkeypatch.setattr(numbering, "_even", lambda *_: False)
+    data = Observations.from_views([numbered()], (800, 600))
+    for left, other, wrong in (
+        (MORE * numbering.ASTRAY, LESS * numbering.MENDED, True),
+        (LESS * numbering.ASTRAY, 0.0, False),
+        (MORE * numbering.ASTRAY, 1.01 * numbering.MENDED, False),
+    ):
+
+        def remaining(view, plane, own=left, part=other):
+            return own if np.array_equal(plane, view.xyz[:, :2]) else part * own
+
+        monkeypatch.setattr(numbering, "_left", remaining)
+        if wrong:
+            with pytest.raises(DataError, match="numbered as a grid of 4x3"):
+                numbering.check_numbering(data)
+        else:
+            numbering.check_numbering(data)
+
+
+def test_views_whose_numbering_is_looked_at(monkeypatch):
+    seen = []
+    monkeypatch.setattr(numbering, "_even", lambda *_: False)
+    monkeypatch.setattr(numbering, "_left", lambda view, plane: seen.append(view.id) or 1.0)
+    most = numbering.LOOKED_AT
+    for count in (most, most + 1):
+        seen.clear()
+        views = [replace(numbered(), id=str(i)) for i in range(count)]
+        numbering.check_numbering(Observations.from_views(views, (800, 600)))
+        assert len(set(seen)) == most
+
+
+def test_an_axis_that_a_direction_runs_along():
+    for cosine, named in ((MORE * mirrored.ALONG, True), (LESS * mirrored.ALONG, False)):
+        rest = np.sqrt((1 - cosine**2) / 2)
+        v = np.array([rest, cosine, rest])
+        u = np.cross(v, [0, 0, 1.0])
+        reflected = np.stack([u / np.linalg.norm(u), v, np.zeros(3)])
+        assert bool(mirrored.which(reflected)[0]) == named
+
+
+def test_planes_that_face_the_camera():
+    for degrees, said in ((LESS * tsai.FRONTO_PARALLEL, True), (MORE * tsai.FRONTO_PARALLEL, False)):
+        rotation = rotations.exp(np.radians([[degrees, 0.0, 0.0]]))
+        message = tsai._undetermined(rotation, True, 0.5).message
+        assert ("fronto-parallel" in message) == said
+
+
+def test_perspective_that_stands_out_of_the_noise(monkeypatch):
+    good = scenes.scene(scenes.board(), scenes.tilts(4), noise=0.2).observations
+    planes = zhang._planes(good, good.shapes)
+    monkeypatch.setattr(zhang.Planes, "visible", MORE * zhang.VISIBLE)
+    assert zhang._intrinsics(planes, good, False)[0][0, 0] > 0
+    monkeypatch.setattr(zhang.Planes, "visible", LESS * zhang.VISIBLE)
+    with pytest.raises(EstimationError, match="times its noise"):
+        zhang._intrinsics(planes, good, False)
+
+
+def test_points_behind_the_camera():
+    """The homography of a plane whose points lie to both sides of the camera's plane."""
+    h = np.array([[[900.0, 0, 0], [0, 900, 0], [1.0, 0, 0]]])  # depth = x
+    for behind, count in ((1, 10), (2, 19)):
+        x = np.r_[np.full(behind, -1.0), np.full(count - behind, 1.0)]
+        local = np.c_[x, np.linspace(-1, 1, count)][None]
+        allowed = behind <= shape.BEHIND * count
+        if allowed:
+            zhang._require_in_front(["a"], h, local)
+        else:
+            with pytest.raises(EstimationError, match="behind"):
+                zhang._require_in_front(["a"], h, local)
+        assert allowed == (count == 10)
