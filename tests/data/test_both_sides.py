@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from camcal.data import columns, dlt_table, points, robot_poses, table_checks
+from camcal.data import blocks, columns, dlt_table, points, robot_poses, shape, table, table_checks
 from camcal.data.formats import base, checks, colmap, foreign, literal, matlab, mrcal, terms
+from camcal.data.observations import View
 from camcal.data.point_files import written
 from camcal.data.robot_poses import read_robot_poses
 from camcal.errors import DataError
@@ -176,3 +177,112 @@ def test_coordinates_of_one_place(tmp_path):
         else:
             with pytest.raises(UsageError, match="a rectangular board"):
                 written.vnl(observations)
+
+
+# ------------------------------------------------------------------------------------ tables
+def written_table(path, rows, header="X,Y,Z,u,v"):
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+ROWS = [f"{i % 3},{i // 3},{i % 2},{100 + 9.7 * i + i * i / 7},{50 + 3.3 * i}" for i in range(9)]
+
+
+def test_the_largest_coordinate(tmp_path):
+    for value, good in (
+        (f"{0.99 * table.LARGEST_VALUE:.17g}", True),
+        (f"{1.01 * table.LARGEST_VALUE:.17g}", False),
+    ):
+        path = written_table(tmp_path / "p.csv", [*ROWS[:-1], f"{value},2,0,120,90"])
+        if good:
+            assert points.read_points(path).xyz.max() == float(value)
+        else:
+            with pytest.raises(DataError, match="a number below 1e"):
+                points.read_points(path)
+
+
+def test_the_largest_name_of_a_point():
+    """Beyond 2^53 not all whole numbers are float64."""
+    assert table.is_id(np.array([float(2**53), -5.0, 0.5, 2.0**53 + 2])).tolist() == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_the_longest_line(tmp_path):
+    for spaces, good in (
+        (blocks.LONGEST_LINE - 100, True),
+        (blocks.LONGEST_LINE + blocks.BLOCK_BYTES, False),
+    ):
+        path = written_table(tmp_path / "p.csv", [*ROWS, ROWS[3][:-2] + " " * spaces + "7"][: 9 + good])
+        if not good:
+            path.write_text(path.read_text() + "1," + " " * spaces)
+            with pytest.raises(DataError, match="a line has more than"):
+                points.read_points(path)
+
+
+def pixels_as_points(count, scale=1.0, header=True):
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(1, 1 + scale, (2, count))
+    x[:2], y[:2] = (1, 1 + scale), (1, 1 + scale)
+    side = int(np.sqrt(count))
+    u, v = np.meshgrid(np.arange(float(side)), np.arange(float(count // side)))
+    columns_ = {"X": x, "Y": y, "Z": np.zeros(count), "u": u.ravel(), "v": v.ravel()}
+    return SimpleNamespace(
+        header=header,
+        view_index=None,
+        columns=tuple(columns_),
+        values=np.stack(list(columns_.values()), 1),
+        column=columns_.get,
+        where=lambda row: f"row {row}",
+    )
+
+
+def test_points_that_look_like_pixels():
+    for count, said in ((table_checks.FEWEST_FOR_GRID, True), (table_checks.FEWEST_FOR_GRID - 1, False)):
+        made = pixels_as_points(count, 100.0)
+        if said:
+            with pytest.raises(DataError, match="like a board"):
+                table_checks.check_not_swapped(made)
+        else:
+            table_checks.check_not_swapped(made)
+    for scale, said in ((MORE * table_checks.PIXELS_SPAN, True), (LESS * table_checks.PIXELS_SPAN, False)):
+        made = pixels_as_points(9, scale)
+        if said:
+            with pytest.raises(DataError, match="like a board"):
+                table_checks.check_not_swapped(made)
+        else:
+            table_checks.check_not_swapped(made)
+
+
+def test_columns_that_a_camera_explains_in_another_order(monkeypatch):
+    def made(count):
+        values = np.random.default_rng(0).uniform(0, 1, (count, 5))
+        return SimpleNamespace(view_index=None, columns=("X", "Y", "Z", "u", "v"), values=values)
+
+    few, most = table_checks.FEWEST_FOR_DLT, table_checks.MOST_FOR_DLT
+    for count, given, other, exchanged in (
+        (few, 0.5, 0.01, True),
+        (few - 1, 0.5, 0.01, False),
+        (most, 0.5, 0.01, True),
+        (most + 1, 0.5, 0.01, False),
+        (few, MORE * table_checks.NO_CAMERA, 0.0, True),
+        (few, LESS * table_checks.NO_CAMERA, 0.0, False),
+        (few, 0.5, LESS * 0.5 * table_checks.FITS, True),
+        (few, 0.5, MORE * 0.5 * table_checks.FITS, False),
+    ):
+        misfits = iter((given, other))
+        monkeypatch.setattr(table_checks, "_misfit", lambda *_, m=misfits: next(m))
+        assert table_checks._pixels_first(made(count)) == exchanged
+
+
+def test_points_that_are_nearly_a_plane():
+    xyz = np.array([[x, y, 0.0] for y in range(4) for x in range(4)])
+    extent = np.linalg.svd(xyz - xyz.mean(0), compute_uv=False)[0] / 4
+    for share, planar in ((0.98, True), (1.02, False)):
+        bent = xyz.copy()
+        bent[:, 2] = np.where((xyz[:, 0] + xyz[:, 1]) % 2, 1.0, -1.0) * share * shape.NEARLY_PLANAR * extent
+        view = View("a", bent, bent[:, :2])
+        assert shape.shapes([view]).planar[0] == planar
