@@ -315,6 +315,12 @@ def _alike(ids: Array) -> list[Array]:
     return [np.array(rows) for rows in groups.values()]
 
 
+def _as_slice(at: Array) -> Array | slice:
+    """Consecutive ascending numbers as a slice, with which arrays are indexed without copies; others as they are."""
+    first, last = int(at[0]), int(at[-1])
+    return slice(first, last + 1) if (np.diff(at) == 1).all() else at
+
+
 class _PointSums:
     """The blocks of JᵀJ that involve the board's points, summed over the views."""
 
@@ -343,13 +349,17 @@ class _PointSums:
             by_rig = np.einsum("gij,gikn->gjkn", maps.by_rig, by_instant)
             by_instant = np.einsum("ij,gikn->gjkn", maps.by_instant, by_instant)
         for members in _alike(group.ids):  # views that show the same points, all at once
-            at, some = group.ids[members[0]], instants[members]
-            params[..., at] += cross[members, :p].sum(0)
-            self.poses[some[:, None], ..., at] += np.moveaxis(by_instant[members], -1, 1)
+            at, some = _as_slice(group.ids[members[0]]), instants[members]
+            rows = slice(None) if len(members) == len(block) else members  # without a copy
+            params[..., at] += cross[rows, :p].sum(0)
+            if isinstance(at, slice):
+                self.poses[some, ..., at] += by_instant[rows]
+            else:
+                self.poses[some[:, None], ..., at] += np.moveaxis(by_instant[rows], -1, 1)
             if maps is not None:
-                rig[..., at] += by_rig[members].sum(0)
-            self.gradient[..., at] += cross[members, -1].sum(0)
-            self.own[..., at] += own[members].sum(0)
+                rig[..., at] += by_rig[rows].sum(0)
+            self.gradient[..., at] += cross[rows, -1].sum(0)
+            self.own[..., at] += own[rows].sum(0)
 
     def _flat(self, a: Array) -> Array:
         """(..., 3, M + 1) -> (..., B)"""

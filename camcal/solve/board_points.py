@@ -50,7 +50,25 @@ def on_board(observations: Observations, ideal: Array, points: Array) -> Observa
 
     Points that are none of the ideal ones (no view that was used shows them) stay where they are.
     """
-    near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
-    distance, index = Neighbours(ideal).query(observations.xyz)
-    moved = np.where(distance[:, None] <= near, points[index], observations.xyz)
+    xyz = observations.xyz
+    index, same = _equal_rows(xyz, ideal)
+    moved = np.where(same[:, None], points[index], xyz)
+    if not same.all():
+        near = _SAME_POINT * float(np.abs(ideal).max(initial=0.0))
+        rest = np.flatnonzero(~same)
+        distance, index = Neighbours(ideal).query(xyz[rest])
+        moved[rest] = np.where(distance[:, None] <= near, points[index], xyz[rest])
     return replace(observations, xyz=moved)
+
+
+def _equal_rows(xyz: Array, ideal: Array) -> tuple[Array, Array]:
+    """The point (N,) of `ideal` (M, 3) that each row of `xyz` (N, 3) may equal, and whether it does (N,).
+
+    Most rows are copies of the board's points, and need no search for the nearest. Of points with the same x and y the
+    first is taken, so that rows which equal another one of these are said not to.
+    """
+    key, wanted = (a[:, 0] + 1j * a[:, 1] for a in (ideal, xyz))  # complex numbers are sorted by x, then by y
+    order = np.argsort(key, kind="stable")
+    place = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    index = order[place]
+    return index, (ideal[index] == xyz).all(1)
