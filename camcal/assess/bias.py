@@ -25,7 +25,7 @@ import numpy as np
 
 from camcal.assess.design import Design, Rows
 from camcal.assess.figures import ranked, redundancy
-from camcal.geometry.numbers import TINY
+from camcal.geometry.numbers import TINY, distinct
 from camcal.least_squares.distributions import excess_kurtosis, f_exceeded, normal_exceeded, normality
 from camcal.records import dataclass
 
@@ -151,7 +151,7 @@ def _pairs(xyz: Array) -> tuple[Array, Array]:
     gaps = np.linalg.norm(xyz[:, None] - xyz[None], axis=2)
     gaps[np.diag_indices(len(xyz))] = np.inf
     nearest = gaps.argmin(1)
-    pairs = np.unique(np.sort(np.c_[np.arange(len(xyz)), nearest], axis=1), axis=0)
+    pairs = distinct(np.sort(np.c_[np.arange(len(xyz)), nearest], axis=1), axis=0)
     return pairs[:, 0], pairs[:, 1]
 
 

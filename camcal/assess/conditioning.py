@@ -14,6 +14,7 @@ import numpy as np
 
 from camcal.data.observations import Correspondences
 from camcal.geometry import dlt, projective
+from camcal.geometry.numbers import distinct
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.condition import condition
 from camcal.solve.problem import Problem
@@ -95,7 +96,7 @@ def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
     """The worst over the views; the last of 9 singular values belongs to the solution."""
     form, lengths = data.shapes, np.array([len(v) for v in data.views])
     both = np.zeros(2)
-    for length in np.unique(lengths):  # views of one length at once
+    for length in distinct(lengths):  # views of one length at once
         some = np.flatnonzero(lengths == length)
         xyz, uv = (np.stack([getattr(data.views[i], name) for i in some]) for name in ("xyz", "uv"))
         axes = form.axes[some, :, :2]

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.geometry.numbers import percentiles
 from camcal.records import dataclass
 from camcal.solve.calibration import Estimate
 from camcal.solve.losses import LOSSES, robust_sigma
@@ -53,7 +54,7 @@ def of(residuals: Array) -> Figures:
     squares = np.einsum("ij,ij->i", residuals, residuals)
     mean = float(squares.mean())
     lengths = np.sqrt(squares)
-    median, p95 = np.percentile(lengths, [50, 95]).tolist()
+    median, p95 = percentiles(lengths, (50, 95))
     return Figures(n, mean**0.5, (mean / 2) ** 0.5, median, p95, float(lengths.max()))
 
 

@@ -26,6 +26,7 @@ from camcal.assess.difference import image_grid
 from camcal.assess.holdout import HoldOut
 from camcal.assess.uncertainty import projection_uncertainty
 from camcal.geometry import hull
+from camcal.geometry.numbers import median
 from camcal.solve.calibration import Calibration, Estimate
 
 Array = np.ndarray
@@ -67,9 +68,9 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
     if not good.size or good.sum() < 0.5 * good.size:  # the median is to be one of most of the pixels
         return None
     return {
-        "median_px": float(np.sqrt(np.median(squares[good]))),
+        "median_px": float(np.sqrt(median(squares[good]))),
         "max_px": float(np.sqrt(squares[good].max())),
-        "predicted_px": float(np.sqrt(np.median(variances[good]))),
+        "predicted_px": float(np.sqrt(median(variances[good]))),
         "ratio": float(np.sqrt(np.mean(squares[good] / variances[good]))),
         "map": _map(grid, covered, np.where(good, squares, np.nan), np.where(good, variances, np.nan)),
     }

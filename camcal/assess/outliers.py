@@ -19,6 +19,7 @@ from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.data.observations import Observations, SkippedView, View
 from camcal.data.shape import shapes
 from camcal.geometry import homography, projective
+from camcal.geometry.numbers import median
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
@@ -151,7 +152,7 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
     own = figures.rms_of_views(solution) * np.sqrt(counts / np.maximum(2 * counts - _POSE, 1))
     used = data.split(data.used)
     found = []
-    for i in np.flatnonzero(own > SUSPECT * np.median(own)):
+    for i in np.flatnonzero(own > SUSPECT * median(own)):
         view, freedom = data.views[i].take(used[i]), 2 * int(counts[i]) - _PLANE
         if len(data.views) < mirror.LEAST_VIEWS or freedom <= 0 or not shapes([view]).planar[0]:
             continue
@@ -171,7 +172,7 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
 def _usual_scatter(solution: Calibration) -> float:
     """The median length of the residuals of the used points, px."""
     lengths = np.linalg.norm(solution.used_residuals, axis=1)
-    return float(np.median(lengths)) if len(lengths) else float("nan")
+    return median(lengths)
 
 
 def _best_pose(view: View, camera: Camera, usual: float) -> tuple[Pose | None, float | None]:

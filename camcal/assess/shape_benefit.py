@@ -28,6 +28,7 @@ from camcal.assess.difference import grid_of
 from camcal.assess.figures import sigma_0
 from camcal.assess.fold_difference import covered_pixels
 from camcal.geometry import rotations
+from camcal.geometry.numbers import distinct
 from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, ShapedBoard
@@ -124,7 +125,7 @@ def _seen_by_none(board: ShapedBoard) -> Array:
     """The projection (3 M, 3 M) onto offsets that are a motion of a board or a change of its size."""
     label = np.zeros(len(board.ideal), int) if board.label is None else board.label
     found = np.zeros((len(label), 3, len(label), 3))
-    for own in (np.flatnonzero(label == k) for k in np.unique(label)):
+    for own in (np.flatnonzero(label == k) for k in distinct(label)):
         basis = np.linalg.qr(similarities(board.ideal[own]))[0]
         found[own[:, None], :, own[None], :] = np.moveaxis(
             (basis @ basis.T).reshape(len(own), 3, len(own), 3), 1, 2

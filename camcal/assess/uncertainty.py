@@ -42,6 +42,7 @@ import numpy as np
 from camcal.assess.covariance import Covariance, End, covariance
 from camcal.assess.difference import image_grid
 from camcal.geometry import rotations
+from camcal.geometry.numbers import median
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.records import dataclass
@@ -168,7 +169,7 @@ def projection_uncertainty(
     scale = accuracy.sigma_0 if np.isfinite(accuracy.sigma_0) else np.inf
     good = np.flatnonzero(~reduced.undetermined.any(1))
     if views is not None:
-        good = np.intersect1d(good, views)
+        good = good[np.isin(good, views, kind="sort")]
     size = solution.free.shape[1]
     if not len(good):
         follow, own = np.zeros((6, size)), np.full((6, 6), np.inf)
@@ -251,7 +252,7 @@ class UncertaintyMap:
     def median(self) -> float:
         """The median over the image, px; NaN if the lens sees none of it."""
         found = self.sigmas[~np.isnan(self.sigmas)]
-        return float(np.median(found)) if len(found) else float("nan")
+        return median(found)
 
     @property
     def worst(self) -> tuple[float, float, float]:
@@ -279,4 +280,4 @@ def map_over_image(
 def board_distance(solution: Calibration) -> float:
     """The median distance of the boards' centroids from the camera, unit of the data; NaN without a view."""
     far = np.linalg.norm(_centroids(solution), axis=1)
-    return float(np.median(far)) if len(far) else float("nan")
+    return median(far)

@@ -62,7 +62,7 @@ def console(stderr: bool = False) -> Any:
     stream: Any = sys.stderr if stderr else sys.stdout
     stream = stream.styled() if isinstance(stream, Outlet) else stream
     width = None if stream.isatty() else WIDTH_OFF_A_TERMINAL
-    return SafeConsole(file=stream, width=width, highlight=False, soft_wrap=False)
+    return SafeConsole(file=stream, width=width, highlight=False, emoji=False, soft_wrap=False)
 
 
 @contextmanager

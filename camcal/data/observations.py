@@ -16,6 +16,7 @@ import numpy as np
 
 from camcal.data.shape import Shapes, shapes
 from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_view, named_view, stacked
+from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -223,7 +224,7 @@ class Observations:
         """
         if self.set_aside is None or np.isnan(self.set_aside).all():
             return np.ones(len(self.uv))
-        return np.fmax(self.set_aside / np.nanmedian(self.set_aside), 1.0)
+        return np.fmax(self.set_aside / median(self.set_aside[~np.isnan(self.set_aside)]), 1.0)
 
     def _ids(self, rows: slice) -> Array | None:
         ids = None if self.point is None else self.point[rows]

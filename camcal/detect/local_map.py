@@ -12,6 +12,7 @@ import numpy as np
 
 from camcal.detect.polynomials import CUBIC, LINEAR, QUADRATIC, QUARTIC, monomials
 from camcal.geometry.homography import homographies
+from camcal.geometry.numbers import distinct
 
 Array = np.ndarray
 
@@ -84,7 +85,7 @@ def _polynomials(near: Array, board: Array, present: Array) -> tuple[Array, Arra
     degree = _terms(known.sum(1), min(height, width))
     design = _powers(x) * known[:, None]
     coefficients = np.zeros((len(at), QUARTIC, 2))
-    for terms in np.unique(degree):
+    for terms in distinct(degree):
         k = np.flatnonzero(degree == terms)
         a = design[k, :terms]
         normal = a @ a.transpose(0, 2, 1) + RIDGE * np.eye(terms)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.geometry.numbers import median
+
 Array = np.ndarray
 
 BLOCK = 16  #: px; side of the blocks in which the four phases of the mosaic are compared
@@ -33,7 +35,7 @@ def levels(gray: Array) -> Array | None:
     if bright.sum() < LEAST_BLOCKS:
         return None
     ratio = phases.transpose(0, 2, 1, 3)[bright] / mean[bright][:, None, None]
-    found = np.median(ratio, axis=0)
+    found = median(ratio, 0)
     return found if np.ptp(found) > LEAST_DIFFERENCE else None
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.detect import edge_model as model
-from camcal.detect.fit import LEAST_BLUR, MOST_BLUR
+from camcal.detect.fit import LEAST_BLUR, MOST_BLUR, SLIGHT
 from camcal.detect.saddle import HALF
 from camcal.detect.windows import Windows, cut
+from camcal.geometry.numbers import distinct
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
 
 Array = np.ndarray
@@ -15,6 +16,9 @@ Array = np.ndarray
 MOST_CORNERS = 24  #: of a picture; their blurs scatter by 2 %
 STEPS = 10  #: usual fits take 3 to 5
 SETTLED = 0.1  #: standard deviations within which a fit stops; see `fit.SETTLED`
+#: of the blur; a Gauss-Newton step of that length ends within half its square of the minimum, a quarter of what the
+#: blurs scatter by
+NEAR = 0.1
 LARGEST = 12  #: px; half the side of the largest window
 LEAST_VARIANCE = 0.05  #: of the mean; a smaller one along the narrow axis is noise
 
@@ -47,7 +51,7 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
     products : (N, 3) array
         nᵀ S m, px².
     """
-    some = np.unique(np.linspace(0, len(uv) - 1, MOST_CORNERS).astype(int))
+    some = distinct(np.linspace(0, len(uv) - 1, MOST_CORNERS).astype(int))
     uv, p, sides = uv[some], params[some], sides[some]
     windows = cut(gray, uv, sides, HALF, 2.5 * p[:, model.BLUR] + 1, LARGEST)
     normals = p[:, [model.ANGLE1, model.ANGLE2]]
@@ -55,12 +59,23 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
     u = np.einsum("kcp,kic->ikp", windows.q, n)
     common = p[:, model.BLUR]
     start = np.stack([common, common, np.einsum("ki,ki->k", n[:, 0], n[:, 1]) * common**2], 1)
-    problem = _Blurs(windows, u, p)
-    pixels = windows.counts.sum(1)
-    found = minimise(problem, start, Options(negligible(SETTLED, pixels, 3), STEPS)).state
+    found = _fitted(_Blurs(windows, u, p), start)
     blurs, mixed = found[:, :2], found[:, 2]
     pairs = np.stack([normals[:, [0, 0]], normals[:, [1, 1]], normals], 1)
     return pairs, np.c_[blurs**2, mixed]
+
+
+def _fitted(problem: _Blurs, start: Array) -> Array:
+    """The three numbers (K, 3) of each corner: by one step where all steps are short, else by iteration."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a step to infinite values is not short
+        equations = problem.linearise(start, np.arange(problem.count))
+        step, _ = problem.solve(start, equations, np.full(problem.count, SLIGHT))
+        blurs = start[:, :2]
+        length = np.c_[np.abs(step[:, :2]) / blurs, np.abs(step[:, 2]) / blurs.prod(1)]
+    if (length <= NEAR).all():
+        return problem.retract(start, step)
+    tolerance = negligible(SETTLED, problem.windows.counts.sum(1), 3)
+    return np.asarray(minimise(problem, start, Options(tolerance, STEPS)).state)
 
 
 class _Blurs(Small):

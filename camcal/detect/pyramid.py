@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from camcal.geometry.numbers import percentiles
 from camcal.least_squares.scales import NORMAL_MEDIAN
 
 Array = np.ndarray
@@ -68,8 +69,8 @@ def _stretched(picture: Array, low: float, high: float) -> Array:
 def _percentiles(picture: Array) -> tuple[float, float]:
     """The range of grey values without its outliers, of a sample of the pixels."""
     stride = max(1, int(np.sqrt(picture.size / SAMPLES)))
-    low, high = np.percentile(picture[::stride, ::stride], (OUTLIERS, 100 - OUTLIERS))
-    return float(low), float(high)
+    low, high = percentiles(picture[::stride, ::stride], (OUTLIERS, 100 - OUTLIERS))
+    return low, high
 
 
 def noise(gray: Array) -> float:

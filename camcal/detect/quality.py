@@ -70,8 +70,8 @@ def _exposure(gray: Array, uv: Array) -> dict[str, float]:
     box = box[::stride, ::stride]
     full = np.iinfo(gray.dtype).max
     return {
-        "saturated": round(float((box >= full).mean()), 4) if box.size else 0.0,
-        "black": round(float((box == 0).mean()), 4) if box.size else 0.0,
+        "saturated": round(np.count_nonzero(box >= full) / box.size, 4) if box.size else 0.0,
+        "black": round(np.count_nonzero(box == 0) / box.size, 4) if box.size else 0.0,
     }
 
 

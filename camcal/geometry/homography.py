@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from camcal.geometry import projective
+from camcal.geometry.numbers import distinct
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -199,13 +200,38 @@ class Equations:
 def by_count(counts: Iterable[int]) -> Iterator[Array]:
     """Indices of the views that hold the same number of points, one array per number."""
     numbers = np.fromiter(counts, int)
-    for count in np.unique(numbers):
+    for count in distinct(numbers):
         yield np.flatnonzero(numbers == count)
 
 
 def transfer(h: Array, xy: Array) -> Array:
     """Images (V, N, 2) of the points (V, N, 2) under homographies (V, 3, 3)."""
     return projective.dehomogenise(projective.homogeneous(xy) @ np.swapaxes(h, -1, -2))
+
+
+def within_quads(quads: Array, at: Array) -> tuple[Array, Array]:
+    """The points of squares that are seen as quadrilaterals (K, 4, 2): their x and y, (K, n, n) each.
+
+    The homography from the unit square has a closed form (Heckbert, Fundamentals of Texture Mapping and Image Warping,
+    1989, section 2.2.3).
+
+    Parameters
+    ----------
+    quads : (K, 4, 2) array
+        Images of the corners (0, 0), (1, 0), (1, 1), (0, 1).
+    at : (n,) array
+        Fractions of the sides; the second along the first axis of a result, the first along its second one.
+    """
+    p0, p1, p2, p3 = quads.transpose(1, 2, 0)  # (2, K) each
+    one, other, total = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    with np.errstate(all="ignore"):  # NaN where three corners lie on a line
+        area = one[0] * other[1] - other[0] * one[1]
+        g = (total[0] * other[1] - other[0] * total[1]) / area
+        h = (one[0] * total[1] - total[0] * one[1]) / area
+        across, down = (p1 - p0 + g * p1)[..., None], (p3 - p0 + h * p3)[..., None, None]
+        depth = (g[:, None] * at + 1)[:, None] + h[:, None, None] * at[:, None]
+        x, y = ((across * at + p0[..., None])[:, :, None] + down * at[:, None]) / depth
+    return x, y
 
 
 def _similar(t: Array, points: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.checks.views import distinct_count, tilt_of_views, tilts
 from camcal.geometry import hull
+from camcal.geometry.numbers import median
 from camcal.model.pose import Array
 from camcal.plan.solution import Solution
 
@@ -32,4 +33,4 @@ def section(solution: Solution) -> dict[str, Any] | None:
 
 
 def _spread(values: Array) -> dict[str, float]:
-    return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
+    return {"least": float(values.min()), "median": median(values), "most": float(values.max())}

@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from camcal.geometry.numbers import median
 from camcal.model.pose import Array
 from camcal.records import dataclass
 
@@ -63,4 +64,4 @@ def robust_sigma(lengths: Array, parameters: int = 0) -> float:
     if not len(lengths):
         return float("nan")
     freedom = max(2 * len(lengths) - parameters, 1) / (2 * len(lengths))
-    return float(np.median(lengths) / RAYLEIGH_MEDIAN / np.sqrt(freedom))
+    return float(median(lengths) / RAYLEIGH_MEDIAN / np.sqrt(freedom))

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camcal.geometry.numbers import median
 from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
@@ -67,7 +68,7 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
         near = [x <= (_REACH * robust_sigma(np.sqrt(x))) ** 2 * 2 for x in (squares, squares / s**2)]
     keep = np.isfinite(squares) & (near[0] | near[1])
     s, squares = s[keep], squares[keep]
-    middle, usual = float(np.median(s)), robust_sigma(np.sqrt(squares))
+    middle, usual = median(s), robust_sigma(np.sqrt(squares))
 
     # τ = 0: the best κ² is the mean of |r|² / 2 s²
     alone = float(np.sqrt(np.mean(squares / (2 * s**2))))

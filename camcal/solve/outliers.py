@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camcal.data.observations import Observations, View
+from camcal.geometry.numbers import median
 from camcal.least_squares.distributions import f_bound
 from camcal.model.pose import Array
 from camcal.records import dataclass
@@ -84,7 +85,7 @@ def test(calibration: Estimate) -> Verdict:
     sigma = max(robust_sigma(lengths, parameters), _floor(data))
     own = np.array([robust_sigma(length, parameters * len(length) // n) for length in every])
     threshold = cut(n, parameters)
-    usual = max(float(np.median(own)), sigma)
+    usual = max(median(own), sigma)
     bad, masks = set(), []
     for i, length in enumerate(every):
         scale = _scale_of_view(length, own[i], FAR * usual, threshold, parameters / n)
@@ -161,5 +162,5 @@ def standardised(calibration: Estimate) -> Array:
 
 
 def _floor(data: Observations) -> float:
-    unit = 1.0 if data.sigma is None else float(np.nanmedian(data.sigma))
+    unit = 1.0 if data.sigma is None else median(data.sigma[~np.isnan(data.sigma)])
     return _ROUNDING * float(np.abs(data.uv).max()) / unit

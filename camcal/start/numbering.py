@@ -15,6 +15,7 @@ from camcal.data.observations import Observations, View
 from camcal.errors import DataError
 from camcal.geometry import homography
 from camcal.geometry.neighbours import spacing
+from camcal.geometry.numbers import distinct
 
 Array = np.ndarray
 
@@ -67,7 +68,7 @@ def _grid(view: View) -> tuple[int, int] | None:
     if len(view) < LEAST_GRID or np.ptp(view.xyz[:, 2]) > 0:
         return None
     size = float(np.abs(view.xyz).max())
-    x, y = (np.unique(np.round(view.xyz[:, i] / size, DIGITS)) for i in (0, 1))
+    x, y = (distinct(np.round(view.xyz[:, i] / size, DIGITS)) for i in (0, 1))
     return (len(x), len(y)) if len(x) * len(y) == len(view) and min(len(x), len(y)) > 1 else None
 
 

@@ -13,7 +13,7 @@ from camcal.assess.fold_difference import covered_grid
 from camcal.assess.uncertainty import projection_uncertainty
 from camcal.assess.warning import CalibrationWarning
 from camcal.errors import CamcalError
-from camcal.geometry.numbers import TINY
+from camcal.geometry.numbers import TINY, median
 from camcal.model.pose import Array
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import RAYLEIGH_MEDIAN
@@ -82,7 +82,7 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
     squares = squares[np.isfinite(squares)]
     if not len(squares) or squares.sum() == 0:
         return
-    gross = squares > (GROSS / RAYLEIGH_MEDIAN) ** 2 * np.median(squares)
+    gross = squares > (GROSS / RAYLEIGH_MEDIAN) ** 2 * median(squares)
     share = squares[gross].sum() / squares.sum()
     if share > GROSS_SHARE:
         yield CalibrationWarning(

@@ -18,6 +18,7 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.figures import rms_of_views as per_view
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import View
+from camcal.geometry.numbers import median
 from camcal.model.pose import Array, Poses
 from camcal.solve.poses import refine_poses
 from camcal.system.text import listed
@@ -64,7 +65,7 @@ def mirrored_views(facts: Facts) -> Array:
     ):
         return none
     squares = np.square(per_view(facts.solution))
-    chosen = np.flatnonzero(squares > SUSPECT**2 * np.median(squares))
+    chosen = np.flatnonzero(squares > SUSPECT**2 * median(squares))
     gains, counts = gains_of_mirroring(facts, chosen)
     found = chosen[(counts * gains > LIKELIER) & (gains > np.log(SQUARES))]
     return none if 2 * len(found) > len(facts.views) else found

@@ -11,6 +11,7 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
 from camcal.data.shape import sides
 from camcal.geometry.neighbours import Neighbours
+from camcal.geometry.numbers import distinct
 from camcal.model.pose import Array
 from camcal.system.text import listed
 
@@ -139,7 +140,7 @@ def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
 
 def distinct_count(facts: Facts) -> int:
     """Number of views after those with the same image of the same points are counted once."""
-    return len(facts.views) - len(np.unique(facts.once(_repeats)[:, 1]))
+    return len(facts.views) - len(distinct(facts.once(_repeats)[:, 1]))
 
 
 def _repeats(facts: Facts) -> Array:
@@ -156,7 +157,7 @@ def _seen_corners(facts: Facts) -> Array:
     """The pixels of the corners of the bounding box of all points in each pose, (V, 2 K), px."""
     xyz = np.concatenate([v.xyz for v in facts.views])
     low, high = xyz.min(0), xyz.max(0)
-    box = np.unique(np.array(np.meshgrid(*np.c_[low, high])).reshape(3, -1).T, axis=0)
+    box = distinct(np.array(np.meshgrid(*np.c_[low, high])).reshape(3, -1).T, axis=0)
     poses = facts.solution.poses
     cam = np.einsum("vij,kj->vki", poses.rotations, box) + poses.translations[:, None]
     return facts.camera.project(cam).reshape(len(poses), -1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from camcal.detect.ranks import median
 from camcal.detect.targets.base import Detection
-from camcal.geometry import homography
+from camcal.geometry.homography import within_quads
 
 Array = np.ndarray
 
@@ -53,15 +53,11 @@ def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> 
 def _middles(gray: Array, corners: Array) -> tuple[Array, Array]:
     """The median and standard deviation of the grey values in the middle of squares (K, 4, 2)."""
     at = MIDDLE + (1 - 2 * MIDDLE) * (np.arange(SAMPLES) + 0.5) / SAMPLES
-    inside = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
-    unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    h = homography.homographies(np.broadcast_to(unit, corners.shape), corners, steps=0)
-    places = homography.transfer(h, np.broadcast_to(inside, (len(corners), *inside.shape[1:])))
     low = np.maximum(
         np.floor(corners.min((0, 1))).astype(int) - 1, 0
     )  # of a large picture the part with the board
     high = np.ceil(corners.max((0, 1))).astype(int) + 2
     part = gray[low[1] : high[1], low[0] : high[0]].astype(np.float32)
-    u, v = np.moveaxis((places - low).astype(np.float32), -1, 0)
+    u, v = (a.reshape(len(corners), -1).astype(np.float32) for a in within_quads(corners - low, at))
     value = cv2.remap(part, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.median(value, 1), value.std(1)
+    return median(value, 1), value.std(1)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from camcal.detect.targets.dictionaries import detector, dictionary
-from camcal.geometry import homography
+from camcal.geometry.homography import within_quads
 
 Array = np.ndarray
 
@@ -42,11 +42,7 @@ def sampled(gray: Array, quads: Array, at: Array) -> Array:
     """Grey values (K, n, n) of quadrilaterals at fractions `at` (n,) of their sides, mapped to squares."""
     if not len(quads):
         return np.zeros((0, len(at), len(at)))
-    unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    grid = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
-    h = homography.homographies(np.broadcast_to(unit, quads.shape), quads.astype(float), steps=0)
-    places = homography.transfer(h, np.broadcast_to(grid, (len(quads), *grid.shape[1:])))
-    u, v = np.moveaxis(places.astype(np.float32), -1, 0)
+    u, v = (a.reshape(len(quads), -1).astype(np.float32) for a in within_quads(quads.astype(float), at))
     value = cv2.remap(gray, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return value.reshape(len(quads), len(at), len(at)).astype(float)
 
