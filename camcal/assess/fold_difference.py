@@ -57,7 +57,8 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
         jacobians = uncertainty.jacobians(rays, at_infinity=True) if jacobians is None else jacobians
         whole = uncertainty.of_points(rays, at_infinity=True, jacobians=jacobians)
         own = covariance(fit)
-        part = projection_uncertainty(fit, own).at_pixels(pixels)
+        # with the derivatives of the whole camera: the fold's differ by a part of the difference that is asked about
+        part = projection_uncertainty(fit, own).of_points(rays, at_infinity=True, jacobians=jacobians)
         # one estimate of the noise in both, or a fold with little of it would leave a negative difference
         with np.errstate(invalid="ignore"):  # infinite less infinite: not a number, and left out
             spread = part * (accuracy.sigma_0 / own.sigma_0) ** 2 - whole

@@ -187,8 +187,9 @@ def projection_uncertainty(
 
 def _centroids(solution: Calibration) -> Array:
     """The centroids (V, 3) of the used points in the camera's frame, about which the poses rotate."""
-    offsets = np.array([v.xyz.mean(0) for v in solution.observations.kept().views]).reshape(-1, 3)
-    poses = solution.poses
+    kept, poses = solution.observations.kept(), solution.poses
+    sums = np.stack([np.bincount(kept.view, x, len(poses)) for x in kept.xyz.T], 1)
+    offsets = sums / np.bincount(kept.view, minlength=len(poses))[:, None]
     return np.einsum("vij,vj->vi", poses.rotations, offsets) + poses.translations
 
 

@@ -178,7 +178,10 @@ def compare(
 
 
 def _same(result: Result, solution: Calibration) -> bool:
-    return abs(result.rms_point - solution.rms_point) <= SAME * solution.rms_point + LOWER_PX
+    """Return whether cv2's rms is camcal's, or larger by what rounding its points adds to the residuals' squares."""
+    more, enough = result.rms_point - solution.rms_point, SAME * solution.rms_point + LOWER_PX
+    rounding = _rounding(solution) if result.rounded else 0.0
+    return -enough <= more <= enough + float(np.hypot(solution.rms_point, rounding)) - solution.rms_point
 
 
 def _second_chance(run: Calibrate, task: Task, solution: Calibration) -> Result | None:

@@ -59,14 +59,13 @@ def make_groups(
     offsets : (len(views), 3) array
         Taken off each view's points.
     """
-    order = members[np.argsort([len(views[i]) for i in members], kind="stable")]
+    lengths = np.array([len(views[i].uv) for i in members], int)
+    by_length = np.argsort(lengths, kind="stable")
+    order, longest = members[by_length], lengths[by_length].tolist()
     groups, begin = [], 0
     while begin < len(order):
-        longest, end = len(views[order[begin]]), begin + 1
-        while end < len(order):
-            longest = max(longest, len(views[order[end]]))
-            if (end + 1 - begin) * longest * 2 * rows > _ROW_BUDGET:
-                break
+        end = begin + 1
+        while end < len(order) and (end + 1 - begin) * longest[end] * 2 * rows <= _ROW_BUDGET:
             end += 1
         groups.append(_group(camera, order[begin:end], views, offsets, weights))
         begin = end
@@ -77,7 +76,7 @@ def _group(
     camera: int, members: Array, views: Sequence[View], offsets: Array, weights: Sequence[Array] | None
 ) -> Group:
     chosen = [views[i] for i in members]
-    counts = np.array([len(v) for v in chosen])
+    counts = np.array([len(v.uv) for v in chosen])
     xyz = _stacked([v.xyz for v in chosen], counts)
     if weights is None and (counts == counts[0]).all():
         root = None

@@ -102,7 +102,7 @@ class Problem:
             (g.uv.size * (self.cameras[g.camera].lens.size + 7) for g in self.groups), default=0
         )
         scale = max((float(np.abs(g.uv).max()) for g in self.groups), default=1.0)
-        rounding = np.array([len(v) for v in self.views]) * (4 * np.finfo(float).eps * scale) ** 2
+        rounding = np.array([len(v.uv) for v in self.views]) * (4 * np.finfo(float).eps * scale) ** 2
         #: a cost that rounding alone produces: a few units in the last place of each coordinate; of each instant
         self.instant_rounding = np.bincount(self.seen.instant, rounding, self.instants)
         self.rounding = float(rounding.sum())
