@@ -22,9 +22,10 @@ import os
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 os.environ.update(dict.fromkeys(THREADS, "1"))
 
-import csv  # noqa: E402 - the number of threads is read when numpy is loaded
+import contextlib  # noqa: E402 - the number of threads is read when numpy is loaded
+import csv  # noqa: E402
+import ctypes  # noqa: E402
 import json  # noqa: E402
-import multiprocessing  # noqa: E402
 import platform  # noqa: E402
 import resource  # noqa: E402
 import shutil  # noqa: E402
@@ -33,12 +34,12 @@ import sys  # noqa: E402
 import tempfile  # noqa: E402
 import time  # noqa: E402
 from collections.abc import Callable, Sequence  # noqa: E402
-from concurrent.futures import ProcessPoolExecutor  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
+from batch_cv2 import SIZE, VIEWS, Views, by_cv2, by_cv2_with_sigmas  # noqa: E402
 from batch_parts import parts, table  # noqa: E402
 
 import camcal  # noqa: E402
@@ -49,10 +50,10 @@ from camcal.data.writing import write_points  # noqa: E402
 from camcal.geometry import rotations  # noqa: E402
 from camcal.model import lenses  # noqa: E402
 
-VIEWS, SIZE = 20, (640, 480)
 GRID = np.c_[np.mgrid[0:9, 0:6].T.reshape(-1, 2), np.zeros(54)]
 #: jobs on a cluster of 1,000 workers
 PLANNED, WORKERS = 100_000, 1000
+PR_SET_CHILD_SUBREAPER = 36  #: of Linux's prctl
 #: s; what a Dask scheduler needs for a task (its documentation says about 200 us to 1 ms)
 TASK = 1e-3
 
@@ -77,26 +78,6 @@ def camera_views(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 # ------------------------------------------------------------------------------------ what is compared
-Views = Sequence[tuple[np.ndarray, np.ndarray]]
-
-
-def by_cv2(views: Views) -> tuple[float, np.ndarray, np.ndarray]:
-    rms, matrix, distortion, _, _ = cv2.calibrateCamera(*_single(views), SIZE, None, None)
-    return rms, matrix, distortion
-
-
-def by_cv2_with_sigmas(views: Views) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    rms, matrix, distortion, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
-        *_single(views), SIZE, None, None
-    )
-    return rms, matrix, distortion, sigmas
-
-
-def _single(views: Views) -> list[list[np.ndarray]]:
-    """Points and images as cv2 takes them."""
-    return [[part.astype(np.float32) for part in parts] for parts in zip(*views, strict=True)]
-
-
 def by_camcal(views: Views) -> float:
     data = Correspondences.from_views(views, SIZE)
     return camcal.calibrate(data, model="opencv5", checks=False).rms_point
@@ -122,31 +103,37 @@ def alone(count: int) -> dict[str, float]:
     return spent
 
 
-def cv2_job(args: tuple[str, str, bool]) -> float:
-    """A whole job of plain cv2: table in, YAML out."""
-    source, target, sigmas = args
-    cv2.setNumThreads(1)
-    table = np.loadtxt(source, delimiter=",", skiprows=1, usecols=(1, 2, 3, 4, 5))
-    views = [(part[:, :3], part[:, 3:]) for part in np.split(table, VIEWS)]
-    found = by_cv2_with_sigmas(views) if sigmas else by_cv2(views)
-    names = ("matrix", "distortion", "sigmas")
-    said = {"rms": found[0], **{n: a.tolist() for n, a in zip(names, found[1:], strict=False)}}
-    Path(target).write_text(yaml.dump(said, Dumper=yaml.CSafeDumper))
-    return found[0]
+def adopt_orphans() -> None:
+    """Make the processes that a command leaves when it ends, such as the server of its workers, children of this one.
+
+    Their time would be missing otherwise (Linux; elsewhere it is).
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def children() -> float:
-    """Processor seconds of all processes that have ended."""
+    """Processor seconds of all processes that have ended, after the last of them has."""
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            os.waitpid(-1, 0)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def in_pool(items: Sequence[tuple[str, str, bool]], workers: int) -> tuple[float, float]:
+def in_pool(items: Sequence[tuple[str, str, bool]], workers: int, folder: Path) -> tuple[float, float]:
     """Wall and processor seconds of whole jobs of cv2 in a plain process pool, its start included."""
-    wall, processor = time.perf_counter(), children()
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        list(pool.map(cv2_job, items, chunksize=max(1, len(items) // (4 * workers))))
-    return time.perf_counter() - wall, children() - processor
+    (folder / "items.json").write_text(json.dumps(items))
+    script = Path(__file__).with_name("batch_cv2.py")
+    return _timed([sys.executable, script, folder / "items.json", workers])
+
+
+def _timed(command: Sequence[object]) -> tuple[float, float]:
+    """Wall and processor seconds of a command and all its processes."""
+    processor, wall = children(), time.perf_counter()
+    subprocess.run([*map(str, command)], check=True)
+    wall = time.perf_counter() - wall
+    return wall, children() - processor
 
 
 def by_batch(folder: Path, cameras: int, workers: int, **options: object) -> tuple[float, float]:
@@ -156,21 +143,9 @@ def by_batch(folder: Path, cameras: int, workers: int, **options: object) -> tup
     ]
     (folder / "jobs.yaml").write_text(yaml.safe_dump({"jobs": jobs}))
     shutil.rmtree(folder / "out", ignore_errors=True)
-    command = [
-        sys.executable,
-        "-m",
-        "camcal",
-        "batch",
-        folder / "jobs.yaml",
-        "-o",
-        folder / "out",
-        "-j",
-        workers,
-        "-q",
-    ]
-    wall, processor = time.perf_counter(), children()
-    subprocess.run([*map(str, command)], check=True)
-    times = time.perf_counter() - wall, children() - processor
+    words = ["batch", folder / "jobs.yaml", "-o", folder / "out", "-j", workers, "-q"]
+    command = [sys.executable, "-m", "camcal", *words]
+    times = _timed(command)
     with (folder / "out" / "summary.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == cameras and {row["status"] for row in rows} == {"done"}
@@ -270,6 +245,7 @@ def main() -> None:
     if given.simulate:
         print(json.dumps(_simulated(given.simulate, given.folder)))
         return
+    adopt_orphans()
     text = figures(given.cameras)
     print(text)
     if given.write:
@@ -286,8 +262,9 @@ WAYS: dict[str, dict[str, object]] = {
 }
 
 
+SOME = 500  #: jobs for one worker and for two, in turns
 #: way -> jobs at most: these take long, and their rate is known sooner
-MOST = {"`checks: false`": 200, "all checks": 50}
+MOST = {"all checks": 200}
 
 
 def figures(count: int) -> str:
@@ -304,14 +281,14 @@ def figures(count: int) -> str:
         seconds, jobs = {}, dict[str, int]()
         for name, sigmas in (("a pool of cv2", False), ("a pool of cv2, with sigmas", True)):
             items = [(str(folder / f"c{i}.csv"), str(folder / f"cv{i}.yaml"), sigmas) for i in range(count)]
-            seconds[name], jobs[name] = in_pool(items, 2)[1] / count, count
+            seconds[name], jobs[name] = in_pool(items, 2, folder)[1] / count, count
         plain, full = seconds.values()
         for name, options in WAYS.items():
             key, some = f"`camcal batch`, {name}", min(count, MOST.get(name, count))
             seconds[key], jobs[key] = by_batch(folder, some, 2, **options)[1] / some, some
         rows += [_row(f"whole jobs, {n}", jobs[n], s, plain, full) for n, s in seconds.items()]
         note("\n".join(rows[len(bare) :]))
-        turns = [[by_batch(folder, min(count, 200), n, **COMPACT) for n in (1, 2)] for _ in range(3)]
+        turns = [[by_batch(folder, min(count, SOME), n, **COMPACT) for n in (1, 2)] for _ in range(3)]
         memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
         spent = parts(folder, min(count, 100), SIZE)
     with tempfile.TemporaryDirectory() as place:
@@ -343,7 +320,8 @@ time, in which a busy machine matters less.
 A whole job reads a table, calibrates and writes a report: with poses, sigmas, uncertainty maps and the data
 themselves; with `compact: true` the camera with its sigmas, the error figures and the verdict. That of cv2 is
 np.loadtxt on the same table, the function of cv2, and a YAML file (by libyaml) with the camera matrix and the
-distortion, and with the standard deviations of `calibrateCameraExtended`. Two workers each; their start is included.
+distortion, and with the standard deviations of `calibrateCameraExtended`, by a script that imports nothing else
+(`benchmarks/batch_cv2.py`). Two workers each; the start of all processes is included.
 
 **One worker and two**, in turns, {turns} times {some} jobs with `compact: true`: a job takes {cpu_one:.1f} ms of
 processor time with one worker and {cpu_two:.1f} ms with two (the least of each), so that on processors of their own
@@ -382,7 +360,7 @@ def _page(
 ) -> str:
     """`turns` (T, 2, 2) are wall and processor seconds with one and with two workers."""
     tasks = PLANNED / MOST_IN_GROUP
-    some = min(count, 200)
+    some = min(count, SOME)
     (wall_one, cpu_one), (wall_two, cpu_two) = turns.min(0)
     return PAGE.format(
         last=count - 1, date=time.strftime("%Y-%m-%d"), turns=len(turns), some=some,

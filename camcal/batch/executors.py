@@ -6,6 +6,7 @@ import contextlib
 import multiprocessing
 import re
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing.context import BaseContext
 
 from camcal.errors import UsageError
 from camcal.system.processes import start_worker
@@ -14,6 +15,15 @@ from camcal.system.processes import start_worker
 CONNECT = 10
 #: what Dask takes for an address; of another text its client cannot even be taken down without a traceback
 ADDRESS = re.compile(r"[a-z]+://.+|[^/]+:\d+")
+#: What a worker needs for its first job. A server process imports it once and workers are copies of that process: they
+#: start in some 10 ms, where the import takes each of them half a second, and share its memory.
+NEEDED = (
+    "camcal.batch.work",
+    "camcal.plan.calibrate",
+    "camcal.data.points",
+    "camcal.report.rig",
+    "camcal.report.yaml",
+)
 #: how often Dask gives a job to another worker after its worker was lost
 RETRIES = 3
 
@@ -33,9 +43,8 @@ class Local:
         self.executor: Executor = self._start()
 
     def _start(self) -> Executor:
-        context = multiprocessing.get_context("spawn")
         try:
-            return ProcessPoolExecutor(self.count, context, start_worker)
+            return ProcessPoolExecutor(self.count, _context(), start_worker)
         except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all is done here
             self.count = 1
             return ThreadPoolExecutor(1)
@@ -56,6 +65,15 @@ class Local:
                 process.join(5)
                 if process.is_alive():
                     process.kill()
+
+
+def _context() -> BaseContext:
+    """How processes are started: by a server process where the system has one (not on Windows)."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(NEEDED))
+    return context
 
 
 class Cluster:

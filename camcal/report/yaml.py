@@ -28,6 +28,11 @@ _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 #: a mapping or list that is this short, as text, stands on one line
 LINE = 96
+#: the key of a report under which most lines are those of the report before: half of the time that writing takes
+OPTIONS = "options"
+#: lines that are kept, at most: a report has some fifty, of which the jobs of a batch share all but one
+MOST_OPTIONS = 1000
+_option_lines: dict[str, str] = {}
 #: text that YAML 1.2 reads as a number though PyYAML does not, such as the id 08
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|0[ox][0-9a-fA-F]+")
 
@@ -70,6 +75,15 @@ def _text(dumper: Any, value: str) -> Any:
     return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=style)
 
 
+class _Spread(dict):
+    """A mapping with a line for each entry, however short it is."""
+
+
+def _spread(dumper: Any, value: _Spread) -> Any:
+    return dumper.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=False)
+
+
+ReportDumper.add_representer(_Spread, _spread)
 ReportDumper.add_representer(dict, _collection)
 ReportDumper.add_representer(list, _collection)
 ReportDumper.add_representer(str, _text)
@@ -77,8 +91,29 @@ ReportDumper.add_representer(str, _text)
 
 def dump_yaml(document: Any) -> str:
     """The YAML text of a plain document (see `plain.py`), in the order of its keys."""
-    text = yaml.dump(document, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
+    options = document.get(OPTIONS) if isinstance(document, dict) else None
+    if not isinstance(options, dict) or _short(options, LINE) >= 0:
+        return _dumped(document)
+    at = list(document).index(OPTIONS)
+    before, after = dict(list(document.items())[:at]), dict(list(document.items())[at + 1 :])
+    lines = [_option(name, entry) for name, entry in options.items()]
+    parts = [_dumped(_Spread(part)) if part else "" for part in (before, after)]
+    return f"{parts[0]}{OPTIONS}:\n{''.join(lines)}{parts[1]}"
+
+
+def _dumped(value: Any) -> str:
+    text = yaml.dump(value, Dumper=ReportDumper, sort_keys=False, allow_unicode=True, width=110)
     return escaped(text)  # such characters stand in quoted text alone, see `_text`
+
+
+def _option(name: str, entry: Any) -> str:
+    """The lines of an option in a report; made once for all reports that have the same."""
+    key = f"{name} {entry!r}"
+    if key not in _option_lines:
+        if len(_option_lines) >= MOST_OPTIONS:
+            _option_lines.clear()
+        _option_lines[key] = _dumped(_Spread({OPTIONS: _Spread({name: entry})})).partition("\n")[2]
+    return _option_lines[key]
 
 
 def dump_json(document: Any) -> str:

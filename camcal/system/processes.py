@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from types import FrameType
 
 #: the signals that ask a program to end, and exit codes of a shell for them: 128 + number
@@ -47,7 +48,6 @@ def leave(code: int) -> None:
     Functions registered for the end run; while threads or processes are left, the interpreter's own end waits for them.
     """
     import atexit
-    import sys
     import threading
 
     from camcal.system.streams import close
@@ -92,9 +92,13 @@ def start_worker() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    import cv2
+    collect_seldom()
+    if "cv2" in sys.modules:
+        import cv2
 
-    cv2.setNumThreads(1)
+        cv2.setNumThreads(1)
+    else:  # it reads this when it is loaded, which a table of points does not need
+        os.environ[_OF_OPENCV] = "1"
 
 
 def _end_with(parent: int) -> None:
