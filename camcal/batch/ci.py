@@ -22,7 +22,8 @@ def checks(rows: Sequence[Row], out: str) -> list[Check]:
         passed = done and row["verdict"] == "pass"
         said = row["reason"] or (f"rms_point {row['rms_point']:.4g} px" if done else "")
         file = f"{out.rstrip('/')}/{row['name']}.yaml" if done and not is_remote(out) else ""
-        made.append(Check(row["name"], passed, f"{row['name']}: {said}", "gate" if done else "failed", file))
+        kind, seconds = "gate" if done else "failed", row.get("seconds") or 0.0
+        made.append(Check(row["name"], passed, f"{row['name']}: {said}", kind, file, seconds))
     return made
 
 

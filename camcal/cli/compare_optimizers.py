@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import verbosity_options
+from camcal.system.text import counted
 
 FILE = click.Path(path_type=Path)
 #: what sees no more of a problem than linearisations and retractions, and so takes other coordinates
@@ -129,4 +130,5 @@ def _table(found: dict[str, Any]) -> Any:
                 "-" if other is None else f"{other['reached']} of {other['starts']}",
             ]
         )
-    return table(header, rows, f"{found['model']}, {found['views']} views, {found['points']} points")
+    sizes = f"{counted(found['views'], 'view')}, {counted(found['points'], 'point')}"
+    return table(header, rows, f"{found['model']}, {sizes}")

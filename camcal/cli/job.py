@@ -18,7 +18,7 @@ from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
 from camcal.settings.option import Settings
-from camcal.system.text import listed
+from camcal.system.text import counted, listed
 
 if TYPE_CHECKING:
     from camcal.data.observations import Correspondences
@@ -194,7 +194,7 @@ def save_detections(found: Correspondences, path: Path, force: bool) -> None:
     from camcal.data.writing import write_points
 
     write_points(path, found, force, view_column="file")
-    note(f"{found.point_count} points of {len(found)} pictures written to {path}.")
+    note(f"{counted(found.point_count, 'point')} of {counted(len(found), 'picture')} written to {path}.")
 
 
 def calibrate_and_report(

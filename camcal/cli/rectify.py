@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.system.text import counted
 
 FILE = click.Path(path_type=Path)
 
@@ -43,5 +44,5 @@ def command(ctx: click.Context, rig: Path, pictures: tuple[str, ...], **options:
     found = writer.finish(rig, options["alpha"], command_line(ctx))
     emit(found, options["format"], lambda: table(found))
     made = found["rectification"]
-    note(f"{len(pair.pictures)} {made['direction']} pairs written to {options['output']}.")
+    note(f"{counted(len(pair.pictures), made['direction'] + ' pair')} written to {options['output']}.")
     return 0

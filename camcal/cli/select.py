@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.system.text import counted
 
 
 @click.command("select")
@@ -83,7 +84,7 @@ def _table(found: dict[str, Any]) -> Any:
             )
         out += [f"{m['model']}: {reason}" for reason in m["out"]]
     columns = ["", "model", "free", "hold-out px", "rms px", "sigma", "AIC +", "BIC +", ""]
-    title = f"{found['points']} points of {found['views']} views"
+    title = f"{counted(found['points'], 'point')} of {counted(found['views'], 'view')}"
     parts = [table(columns, rows, title)]
     if out:
         parts.append(Text("\nnot chosen because:\n  " + "\n  ".join(out)))

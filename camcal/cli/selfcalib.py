@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.system.text import counted
 
 
 @click.command("selfcalib")
@@ -42,5 +43,7 @@ def _table(found: dict[str, Any]) -> Any:
 
     made, fit = found["selfcalib"], found["fit"]
     rows = [[n, p["value"], p["sigma"], p["start"]] for n, p in found["camera"]["parameters"].items()]
-    title = f"{made['views']} views, {made['points']} points, rms {fit['rms_point']:.4g} px"
+    title = (
+        f"{counted(made['views'], 'view')}, {counted(made['points'], 'point')}, rms {fit['rms_point']:.4g} px"
+    )
     return table(["parameter", "value", "sigma", "start"], rows, title)

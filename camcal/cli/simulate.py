@@ -11,6 +11,7 @@ from camcal.cli.options import options, resolved_options
 from camcal.cli.simulate_frames import command as frames_command
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.settings.sizes import Length
+from camcal.system.text import counted
 
 POINT_DIGITS = 10  #: decimals of a pixel in the files: far below any noise, and the same on every machine
 
@@ -125,7 +126,7 @@ def images(
         note(f"{output / name}", 1)
     more = {"target": made.describe(), "bow": given["bow"], "blur": given["blur"], "noise": given["noise"]}
     _write_truth(truth_path, truth_document(camera, poses, names, **_run(ctx, seed), **more), force)
-    note(f"{len(names)} pictures and {truth_path}")
+    note(f"{counted(len(names), 'picture')} and {truth_path}")
 
 
 def _check(output: Path, force: bool) -> None:
@@ -205,7 +206,8 @@ def _write_points(
     more |= {"noise": given["noise"], "outliers": given["outliers"]}
     document = truth_document(camera, poses, names, **_run(ctx, ctx.params["seed"]), **more)
     _write_truth(_truth_path(output), document, force)
-    note(f"{found.point_count} points in {len(found)} views: {output}; the truth: {_truth_path(output)}")
+    made = f"{counted(found.point_count, 'point')} in {counted(len(found), 'view')}"
+    note(f"{made}: {output}; the truth: {_truth_path(output)}")
 
 
 def _write_truth(path: Path, document: dict[str, Any], force: bool) -> None:

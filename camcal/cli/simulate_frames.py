@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options, resolved_options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.system.text import counted
 
 
 @click.command("frames")
@@ -41,7 +42,7 @@ def command(ctx: click.Context, output: Path, seed: int, force: bool, **given: A
     atomic_write(output, simulate.frame_rows(frame for frame, _ in pairs), force)
     atomic_write(truth_table, simulate.truth_rows(pairs), force)
     atomic_write(truth_report, dump_yaml(plain(_document(ctx, pairs[-1][1], seed))), force)
-    note(f"{sum(len(f) for f, _ in pairs)} points in {len(pairs)} frames: {output}")
+    note(f"{counted(sum(len(f) for f, _ in pairs), 'point')} in {counted(len(pairs), 'frame')}: {output}")
     note(f"The true cameras: {truth_table}; the last one: {truth_report}")
 
 

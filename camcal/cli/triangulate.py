@@ -9,6 +9,7 @@ import click
 
 from camcal.cli.options import options
 from camcal.cli.verbosity import note, verbosity_options
+from camcal.system.text import counted
 
 FILE = click.Path(path_type=Path)
 
@@ -37,7 +38,7 @@ def command(ctx: click.Context, cameras: tuple[Path, ...], points: Path, **optio
         note(f"{warning['message']} {warning['hint']}")
     if options["output"] is not None:
         atomic_write(options["output"], csv_text(found), options["force"])
-        note(f"{len(found['points'])} points written to {options['output']}.")
+        note(f"{counted(len(found['points']), 'point')} written to {options['output']}.")
     if options["output"] is None or options["format"] != "table":
         emit(found, options["format"], lambda: _table(found))
     return GATE_FELL if found["verdict"] == "fail" else 0

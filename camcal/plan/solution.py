@@ -12,6 +12,7 @@ from camcal.data.observations import Observations
 from camcal.records import dataclass
 from camcal.registry import load
 from camcal.solve.calibration import Calibration, Estimate, RigCalibration, Stage
+from camcal.system.text import counted
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -116,9 +117,9 @@ class Solution(Judged, Calibration):
     points: Observations | None = None
 
     def __repr__(self) -> str:
-        said = f", {len(self.warnings)} warnings" if self.warnings else ""
+        said = f", {counted(len(self.warnings), 'warning')}" if self.warnings else ""
         return (
-            f"<Solution: {self.camera.lens.name}, {len(self.poses)} views, rms {self.rms_point:.4g} px, "
+            f"<Solution: {self.camera.lens.name}, {counted(len(self.poses), 'view')}, rms {self.rms_point:.4g} px, "
             f"{self.verdict}{said}>"
         )
 

@@ -25,6 +25,8 @@ class Check:
         The type of the failure for JUnit.
     file : str
         The file that an annotation points to.
+    seconds : float
+        What the work took that was checked; 0 for a comparison.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Check:
     message: str = ""
     kind: str = "tolerance"
     file: str = ""
+    seconds: float = 0.0
 
 
 def junit(command: str, suite: str, checks: Sequence[Check]) -> str:
@@ -49,7 +52,8 @@ def junit(command: str, suite: str, checks: Sequence[Check]) -> str:
     suites = ElementTree.Element("testsuites", {"name": command, **counted})
     inner = ElementTree.SubElement(suites, "testsuite", {"name": _clean(suite), **counted, "skipped": "0"})
     for check in checks:
-        case = {"classname": command.replace(" ", "."), "name": _clean(check.name), "time": "0"}
+        case = {"classname": command.replace(" ", "."), "name": _clean(check.name)}
+        case["time"] = f"{check.seconds:.6g}"
         element = ElementTree.SubElement(inner, "testcase", case)
         if not check.passed:
             said = _clean(check.message)

@@ -11,8 +11,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from camcal.report.table import count, number, with_sigma
+from camcal.report.table import number, with_sigma
 from camcal.routes.hand_eye import NAMES
+from camcal.system.text import counted
 
 Document = Mapping[str, Any]
 
@@ -37,12 +38,12 @@ def sentence(report: Document) -> str:
     h = report["hand_eye"]
     robot = h["robot"]
     said = (
-        f"{NAMES[h['setup']][0]} from {count(h['poses'], 'pose')}, robot off by "
+        f"{NAMES[h['setup']][0]} from {counted(h['poses'], 'pose')}, robot off by "
         f"{number(robot['translation_rms'], 3)} and {number(robot['rotation_rms_deg'], 2)} deg, image by "
         f"{number(h['image']['rms_point'], 3)} px; {report['grade']}"
     )
     if report["warnings"]:
-        said += f", {count(len(report['warnings']), 'warning')}"
+        said += f", {counted(len(report['warnings']), 'warning')}"
     return said + "."
 
 

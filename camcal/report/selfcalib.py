@@ -20,7 +20,7 @@ from camcal.routes.bundle import Tracks
 from camcal.routes.picture_tracks import of_pictures
 from camcal.routes.read_lines import TABLES
 from camcal.routes.selfcalib import SelfCalibration, estimate, kruppa_focal
-from camcal.system.text import cell, listed
+from camcal.system.text import cell, counted, listed
 
 
 def report(
@@ -139,7 +139,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
         made.append(
             warning(
                 "views-left-out",
-                f"{len(lost)} views could not be added: {listed(lost)}.",
+                f"{counted(len(lost), 'view')} could not be added: {listed(lost)}.",
                 "Add tracks.",
                 "note",
             )

@@ -23,6 +23,7 @@ from camcal.report.camera import camera_entry
 from camcal.report.routes import document, warning
 from camcal.routes.natural import Natural, judge, turn_of
 from camcal.settings.rig import split_camera
+from camcal.system.text import counted
 
 Array = np.ndarray
 
@@ -79,7 +80,7 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
     a, b = (list_pictures([p]) for p in (given[first], given[second]))
     if len(a) != len(b):
         raise DataError(
-            f"there are {len(a)} pictures of '{first}' and {len(b)} of '{second}'; pairs are needed.",
+            f"'{first}' has {counted(len(a), 'picture')} and '{second}' {len(b)}; pairs are needed.",
             "Give one picture of each, or folders with the same number, in the same order.",
         )
     return Pair((first, second), pair, tuple(zip(a, b, strict=True)))

@@ -15,6 +15,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from camcal.system.text import counted
+
 Document = Mapping[str, Any]
 
 #: more views than this are shown by their worst
@@ -79,7 +81,7 @@ def sentence(report: Document) -> str:
         else [c["model"] for c in report["cameras"].values()]
     )
     said = (
-        f"{', '.join(dict.fromkeys(models))} from {count(fit['points_used'], 'point')} in {count(used, 'view')}, "
+        f"{', '.join(dict.fromkeys(models))} from {counted(fit['points_used'], 'point')} in {counted(used, 'view')}, "
         f"rms {number(fit['rms_point'])} px (95 % of the points below {number(fit['p95'])} px)"
     )
     if not fit["converged"]:
@@ -92,16 +94,12 @@ def sentence(report: Document) -> str:
         if any(e["status"] != "not_applicable" for e in own):
             said += f"; OpenCV {report['tool']['opencv']} agrees in {agree} of {asked} cross-checks"
         else:
-            said += f"; OpenCV {report['tool']['opencv']} has no calibration to compare it with"
+            parts = f" and agrees in {agree} of {asked} cross-checks of its parts" if asked else ""
+            said += f"; OpenCV {report['tool']['opencv']} has no calibration to compare the whole with{parts}"
     said += f"; {report.get('grade', 'good')}"
     if report["warnings"]:
-        said += f", {count(len(report['warnings']), 'warning')}"
+        said += f", {counted(len(report['warnings']), 'warning')}"
     return said + "."
-
-
-def count(n: int, noun: str) -> str:
-    """`1 view`, `2 views`."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -57,6 +57,11 @@ def listed(parts: Sequence[str], most: int = 5) -> str:
     return ", ".join(parts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
+def counted(n: int, noun: str) -> str:
+    """`1 view`, `2 views`."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def quoted(value: object) -> str:
     """A value as messages quote it: text in quotation marks, `true` and `false` as in YAML, cut where it is long."""
     text = str(value).lower() if isinstance(value, bool) else str(value)

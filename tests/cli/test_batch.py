@@ -134,7 +134,8 @@ def until(ready):
 
 
 def test_a_cluster_that_loses_a_worker(tmp_path):
-    pytest.importorskip("distributed")
+    if not os.environ.get("CI"):  # there it fails where Dask is missing: the extra [all] has it
+        pytest.importorskip("distributed")
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     started = []
 

@@ -101,7 +101,7 @@ def test_folders_of_pictures(camcal, rig):
     assert code == 2 and "--force" in err
     Path("left/left01.png").unlink()
     code, _, err = camcal("rectify", rig, "left=left", "right=right", "-o", "other")
-    assert code == 3 and "1 pictures of 'left' and 2 of 'right'" in err and not Path("other").exists()
+    assert code == 3 and "'left' has 1 picture and 'right' 2" in err and not Path("other").exists()
 
 
 def test_natural(camcal, rig):

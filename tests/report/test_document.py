@@ -16,6 +16,7 @@ from camcal.assess.covariance import covariance
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import SkippedView
 from camcal.errors import DataError, UsageError
+from camcal.report import yaml as yaml_module
 from camcal.report.document import document, save
 from camcal.report.loading import load, load_camera
 from camcal.report.plain import plain
@@ -397,3 +398,16 @@ def test_poses_have_their_sigmas():
         assert np.allclose([*sigma["rotation"], *sigma["centroid"]], np.sqrt(np.diag(block)))
     # a board of 9 units at 13 units: turned to a milliradian, and placed to a hundredth
     assert 1e-5 < entries[0]["cam_from_board"]["sigma"]["rotation"][0] < 1e-2
+
+
+def test_options_are_written_as_the_rest():
+    """Their lines are kept from one report to the next; the text is that of the whole document at once."""
+    odd = {
+        "plain": {"value": "auto", "from": "default"},
+        "08": {"value": {"k1": None, "e": float("inf")}, "from": "1e5"},
+        "long": {"value": "x" * 300, "from": "a\nb\x1b"},
+        "list": {"value": [1.5, "é", True] * 30, "from": "job"},
+    }
+    for options in (odd, odd | {"plain": {"value": True, "from": "job"}}, {}, {"a": 1}, None, ["a"]):
+        for made in ({"schema": "x", "options": options, "end": [1]}, {"options": options}):
+            assert yaml_module.dump_yaml(made) == yaml_module._dumped(made)

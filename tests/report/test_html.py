@@ -167,8 +167,8 @@ def test_thumbnails(tmp_path, full):
     s = replace(full, observations=replace(full.observations, view_ids=renamed, files=files))
     found = page(document(s), s, str(tmp_path / "report.yaml"))
     assert found.count("data:image/jpeg;base64,") == 4  # two thumbnails, and the preview before and after
-    assert f"1 pictures have changed since the calibration and are not shown: {names[1]}." in found
-    assert "10 pictures are not shown" in found
+    assert f"Not shown, as their files have changed since the calibration: {names[1]}." in found
+    assert "Without 10 pictures" in found
     assert 'class="dots lost"' in found  # the rejected points of the first view
 
 

@@ -15,7 +15,7 @@ from camcal.plan.solution import Solution
 from camcal.records import dataclass
 from camcal.report.charts.residuals import enlargement
 from camcal.system.reading import is_file
-from camcal.system.text import listed
+from camcal.system.text import counted, listed
 
 Array = np.ndarray
 
@@ -72,11 +72,9 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     said = f"Arrows: residuals, {scale:g} times enlarged."
     if changed:
         names = listed(changed, MOST_NAMED)
-        said += f" {len(changed)} pictures have changed since the calibration and are not shown: {names}."
+        said += f" Not shown, as their files have changed since the calibration: {names}."
     if missing:
-        said += (
-            f" {missing} pictures are not shown: the worst come first, and files that are gone are omitted."
-        )
+        said += f" Without {counted(missing, 'picture')}: the worst come first, and files that are gone are omitted."
     return made, said
 
 
