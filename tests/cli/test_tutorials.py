@@ -1,4 +1,4 @@
-"""The tutorials work as they stand: their commands in order, then their Python, in a folder with what a clone has.
+"""The tutorials and the page of questions work as they stand: their commands in order, then their Python, in a folder with what a clone has.
 
 A line that ends with `# exit N` has that exit code, every other one 0.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+PAGES = [ROOT / "docs" / "how-to.md", *sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
 #: what only a shell can do
 SHELL = re.compile(r"[;|<>$]|^(?!camcal )")
 
@@ -71,4 +71,4 @@ def test_tutorial(camcal, page):
 
 def test_the_index_knows_each():
     text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    assert [p.name for p in PAGES if f"(tutorials/{p.name})" not in text] == []
+    assert [p.name for p in PAGES if f"({p.relative_to(ROOT / 'docs')})" not in text] == []
