@@ -42,6 +42,9 @@ QUANTITIES: dict[str, tuple[str | None, str, bool]] = {
 #: cameras of one type, fewer of which say nothing on how cameras differ: the MAD of eight has a relative standard
 #: deviation of 40 %
 LEAST = 8
+#: Models of an ordinary lens: focal length, principal point and distortion mean the same in all of them, and of equal
+#: cameras `--model auto` takes one or the other as their noise has it.
+ORDINARY = ("pinhole", "opencv", "brown", "tilted")
 #: quantities of the residuals, which a rig has as a whole; of the others it has one for each camera
 _OF_THE_WHOLE = ("rms_point", "holdout")
 #: expected number of false alarms in a fleet without outliers
@@ -96,8 +99,9 @@ class Control:
 
 
 def type_of(row: Row) -> str:
-    """The type of a camera: as given by its job, otherwise its model and picture size."""
-    return row["type"] or f"{row['model']} {row['image_size']}".strip()
+    """The type of a camera, or of a rig: as given by its job, otherwise the kind of its lens and its picture size."""
+    ordinary = all(model.startswith(ORDINARY) for model in row["model"].split("+"))
+    return row["type"] or f"{'ordinary lens' if ordinary else row['model']} {row['image_size']}".strip()
 
 
 def controls(rows: Sequence[Row]) -> list[Control]:

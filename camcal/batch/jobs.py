@@ -179,7 +179,9 @@ def _job(
     kinds = [kind for kind in COMMANDS if kind in given]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "neither points nor images nor cameras"
-        raise UsageError(f"{where} has {found}.", f"One of these is needed: {', '.join(COMMANDS)}.")
+        near = [] if kinds else [said for key in given if (said := suggestion(key, COMMANDS))]
+        needed = f"One of these is needed: {', '.join(COMMANDS)}."
+        raise UsageError(f"{where} has {found}.", " ".join([*near[:1], needed]))
     kind = kinds[0]
     value = given.pop(kind)
     sources = _cameras(value, base, where) if kind == CAMERAS else _sources(value, base, where)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from camcal.batch.work import DONE, FAILED
 from camcal.report import html
 from camcal.report.charts.base import Chart, Layer, Line, Points
 from camcal.report.charts.svg import svg
-from camcal.system.text import listed
+from camcal.system.text import counted, listed
 
 #: rows in the table of the page at most; summary.csv has all
 MOST_ROWS = 2000
@@ -35,13 +35,25 @@ def counts(rows: Sequence[Row]) -> dict[str, int]:
     found = Counter(row["verdict"] if row["status"] == DONE else FAILED for row in rows)
     done = len(rows) - found[FAILED]
     return {
-        "jobs": len(rows),
+        "job": len(rows),
         "done": done,
         "failed": found[FAILED],
         "passed": found["pass"],
-        "gates fallen": done - found["pass"],
-        "outliers": sum(bool(row["outlier"]) for row in rows),
+        "gate fallen": done - found["pass"],
+        "outlier": sum(bool(row["outlier"]) for row in rows),
     }
+
+
+def sentence(numbers: Mapping[str, int]) -> str:
+    """The numbers of `counts` in words."""
+    states = ("done", "failed", "passed")  # the same of one and of many
+    said = [f"{n} {what}" if what in states else _plural(n, what) for what, n in numbers.items()]
+    return ", ".join(said) + "."
+
+
+def _plural(n: int, what: str) -> str:
+    noun, _, rest = what.partition(" ")
+    return f"{counted(n, noun)} {rest}".strip()
 
 
 def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
@@ -54,7 +66,6 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
     controls : sequence of Control
     """
     style = Path(html.__file__).with_name("style.css").read_text(encoding="utf-8")
-    numbers = ", ".join(f"{count} {what}" for what, count in counts(rows).items())
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1"><title>camcal batch</title>',
@@ -62,7 +73,7 @@ def page(rows: Sequence[Row], controls: Sequence[Control]) -> str:
         " .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(22rem, 1fr)); gap: 1rem }"
         " .charts figure { margin: 0 } .scroll { overflow-x: auto }"
         " tr.bad td { color: #b3261e }</style></head><body><main>",
-        f"<h1>Batch of {len(rows)} calibrations</h1><p>{escape(numbers)}.</p>",
+        f"<h1>Batch of {counted(len(rows), 'calibration')}</h1><p>{sentence(counts(rows))}</p>",
         '<div class="charts">',
         *(_figure(control, number) for number, control in enumerate(controls)),
         "</div>",

@@ -15,6 +15,8 @@ from camcal.system.documents import LARGEST
 from camcal.system.reading import read_text
 from camcal.system.writing import atomic_write
 
+_MEMORY = "memory:"
+
 
 def is_remote(path: str) -> bool:
     """Return whether a path names a remote file system: `s3://bucket/folder`."""
@@ -39,6 +41,11 @@ def _answers(address: str, what: str) -> Iterator[None]:
         yield
     except (FileNotFoundError, CamcalError):
         raise
+    except ImportError as error:  # each file system needs a package of its own
+        raise DataError(
+            f"{shown(address)}: {' '.join(str(error).split()).rstrip('.')}.",
+            "Install that package beside camcal, and on the workers of a cluster.",
+        ) from None
     except Exception as error:  # noqa: BLE001
         why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise DataError(
@@ -132,6 +139,11 @@ def _connect(address: str) -> tuple[Any, str]:
         raise UsageError(
             f"'{shown(address)}' needs fsspec, which is not installed.", "Try: pip install 'camcal[cluster]'"
         ) from None
+    if address.startswith(_MEMORY):
+        raise UsageError(
+            f"'{shown(address)}' is the memory of one process, which the workers do not share.",
+            "Give a folder, or the address of a file system.",
+        )
     try:
         with _answers(address, "reached"):  # some connect at once
             return fsspec.core.url_to_fs(address)

@@ -31,9 +31,9 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     other. The exit code is 1 where a job failed or one of its gates fell.
     """
     from camcal.batch.ci import checks, markdown
-    from camcal.batch.fleet import controls, csv_text, with_fleet
+    from camcal.batch.fleet import LEAST, controls, csv_text, with_fleet
     from camcal.batch.jobs import read_jobs
-    from camcal.batch.page import counts, page
+    from camcal.batch.page import counts, page, sentence
     from camcal.batch.prior import FOLDER as FLEET
     from camcal.batch.prior import write_fleet
     from camcal.batch.run import run
@@ -42,6 +42,7 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     from camcal.data.writing import check_writable
     from camcal.detect.workers import usable_processors
     from camcal.report.ci import append_summary
+    from camcal.system.text import counted
 
     if options["junit"] is not None:
         check_writable(options["junit"], options["force"])
@@ -63,17 +64,21 @@ def command(ctx: click.Context, source: str, output: str, **options: Any) -> int
     storage.write("summary.html", page(rows, charts))
     if options["fleet_prior"]:
         written = write_fleet(rows, storage)
-        note(f"{written} cameras with the prior of their type: {shown(output)}/{FLEET}")
+        note(f"{counted(written, 'camera')} with the prior of their type: {shown(output)}/{FLEET}")
+        if written < len(rows):
+            note(
+                f"  A prior needs {LEAST} cameras of one type with the same model, as `--model opencv5` gives it."
+            )
     if options["junit"] is not None or options["annotations"]:
         write_for_ci("camcal batch", source, checks(rows, output), options)
     if options["summary"] is not None:
         append_summary(options["summary"], markdown(rows, source, output))
     numbers = counts(rows)
-    note(", ".join(f"{count} {what}" for what, count in numbers.items()) + ".")
+    note(sentence(numbers))
     _name_bad(rows)
     note(f"Reports, summary.csv and summary.html: {shown(output)}")
-    fallen = numbers["failed"] or numbers["gates fallen"]
-    return 1 if fallen or (options["fail_on_outlier"] and numbers["outliers"]) else 0
+    fallen = numbers["failed"] or numbers["gate fallen"]
+    return 1 if fallen or (options["fail_on_outlier"] and numbers["outlier"]) else 0
 
 
 def _given(ctx: click.Context, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def test_the_scatter_between_cameras_is_without_that_of_the_calibrations():
 
 @pytest.mark.parametrize(("count", "charts"), [(7, 0), (8, len(fleet.QUANTITIES))])
 def test_eight_cameras_of_a_type_are_needed(count, charts):
-    rows = [*fleet_of(count), row("other", model="opencv4"), row("lost", status="failed")]
+    rows = [*fleet_of(count), row("other", model="kb4"), row("lost", status="failed")]
     assert len(fleet.controls(rows)) == charts
 
 
@@ -84,8 +84,18 @@ def test_types_are_compared_apart():
         *fleet_of(10),
         *(dict(r, name="w" + r["name"], type="wide", focal=400.0) for r in fleet_of(10, 1)),
     ]
-    assert {c.type for c in fleet.controls(rows)} == {"opencv5 640x480", "wide"}
+    assert {c.type for c in fleet.controls(rows)} == {"ordinary lens 640x480", "wide"}
     assert not outliers(rows)
+
+
+def test_equal_cameras_are_one_type_whichever_ordinary_model_was_chosen():
+    """`--model auto` takes one or the other by noise; a lens of another kind is another type."""
+    models = ("opencv4", "opencv5", "brown:radial=1,decentering=0", "pinhole")
+    rows = [dict(r, model=models[i % 4]) for i, r in enumerate(fleet_of(40, c0007={"focal": 840.0}))]
+    assert list(outliers(rows)) == ["c0007"]
+    assert fleet.type_of(dict(rows[0], model="opencv4+opencv5")) == fleet.type_of(rows[0])
+    assert fleet.type_of(dict(rows[0], model="kb4")) == "kb4 640x480"
+    assert fleet.type_of(dict(rows[0], model="opencv5+kb4")) == "opencv5+kb4 640x480"
 
 
 def test_equal_values_are_no_outliers():

@@ -106,6 +106,12 @@ def test_what_is_refused(tmp_path, bad, said):
         listed(tmp_path, GOOD, bad)
 
 
+def test_a_misspelt_input_is_suggested(tmp_path):
+    with pytest.raises(UsageError, match="neither points nor images") as caught:
+        listed(tmp_path, {"name": "x", "imagez": "p"})
+    assert caught.value.hint.startswith("Did you mean 'images'?")
+
+
 def test_a_name_of_200_bytes_is_the_longest(tmp_path):
     assert listed(tmp_path, {"name": "ä" * 100, "points": "p"})[0].name == "ä" * 100
 

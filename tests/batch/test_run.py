@@ -214,6 +214,23 @@ def test_what_a_remote_file_system_refuses(monkeypatch):
         storage.Storage("ssh://host/x")
 
 
+def test_places_that_cannot_hold_reports(monkeypatch):
+    pytest.importorskip("fsspec")
+    from camcal.batch import storage
+    from camcal.errors import UsageError
+
+    with pytest.raises(UsageError, match="memory of one process"):
+        storage.Storage("memory://x/out")
+
+    def incomplete(address):
+        raise ImportError("Install s3fs to access S3")
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", incomplete)
+    with pytest.raises(UsageError, match="Install s3fs") as caught:
+        storage.Storage("s3://bucket/x")
+    assert "beside camcal" in caught.value.hint
+
+
 def deadly(jobs, out):
     """Stand for `run_jobs` in a worker: some jobs take their process with them."""
     if any(job.name == "j1" for job in jobs):

@@ -35,7 +35,7 @@ def test_gates_failures_and_resume(camcal):
     Path("c2.csv").write_text("nothing\n")
     code, out, err = camcal("batch", "jobs.yaml", "-o", "out", "-j", "1")
     assert (code, out) == (1, ""), err
-    assert "3 jobs, 2 done, 1 failed, 1 passed, 1 gates fallen, 0 outliers." in err and "c2: " in err
+    assert "3 jobs, 2 done, 1 failed, 1 passed, 1 gate fallen, 0 outliers." in err and "c2: " in err
     table = summary()
     assert [table[n]["status"] for n in table] == ["done", "done", "failed"]
     assert [table[n]["verdict"] for n in table] == ["pass", "fail", ""] and "rms_point" in table["c1"][

@@ -1,4 +1,5 @@
-"""The tutorials and the page of questions work as they stand: their commands in order, then their Python, in a folder with what a clone has.
+"""The tutorials and the page of questions work as they stand: their commands in order, then their Python, in a folder
+with what a clone has.
 
 A line that ends with `# exit N` has that exit code, every other one 0.
 """
