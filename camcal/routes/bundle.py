@@ -15,6 +15,9 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 
+#: of the largest eigenvalue of a normal matrix whose diagonal is 1: what its sums of some thousand rows are rounded by
+ROUNDING = 1e-14
+
 
 @dataclass(frozen=True)
 class Tracks:
@@ -184,7 +187,9 @@ def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Ar
     """The covariance (P, P) of the camera's parameters.
 
     Frame and scale of the world are free; they are fixed by holding the first view and the largest coordinate of
-    another view's translation, which does not change what is known of the camera.
+    another view's translation, which does not change what is known of the camera. Directions that the images leave
+    undetermined, whose eigenvalues are rounding and may be negative, have the variance of an eigenvalue at the limit of
+    rounding: parameters that they move have very large sigmas.
     """
     bundle = fitted.state
     views = np.flatnonzero(np.bincount(tracks.view, minlength=len(bundle.rotations)))
@@ -199,9 +204,8 @@ def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Ar
     hold[6 * far + 3 + int(np.abs(along).argmax())] = True
     kept = reduced[np.ix_(~hold, ~hold)]
     scale = np.sqrt(np.maximum(np.diagonal(kept), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(kept / np.outer(scale, scale), rcond=1e-14, hermitian=True) / np.outer(
-        scale, scale
-    )
+    values, vectors = np.linalg.eigh(kept / np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, ROUNDING * values[-1])) @ vectors.T / np.outer(scale, scale)
     c = free.shape[1]
     residual = bundle.residuals(tracks)
     variance = float(np.square(residual).sum()) / freedom(tracks, free)

@@ -16,9 +16,10 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers import two_views
 from camcal.routes import dual_quadric, epipolar, lifted, selfcalib
-from camcal.routes.bundle import Tracks
+from camcal.routes.bundle import Bundle, Tracks, adjust, camera_covariance
 from camcal.routes.reconstruct import pairs
-from camcal.routes.selfcalib import estimate
+from camcal.routes.selfcalib import UNCERTAIN, estimate
+from camcal.solve.parameters import free_matrix
 
 SIZE = (1000, 800)
 CAMERA = Camera(lenses.make("opencv4"), np.array([900.0, 900, 510, 392, -0.1, 0.03, 0, 0]), SIZE)
@@ -106,6 +107,23 @@ def test_critical_motions_are_refused_by_name():
         solve(tracks_of(forward, 0.5), 5)
     with pytest.raises(DataError, match="16 points"):
         estimate(tracks_of(walk(3)).take(np.arange(12)), 3, len(WORLD), CAMERA.lens, SIZE, {})
+
+
+def test_what_a_critical_motion_leaves_undetermined_has_large_variances():
+    """Translations alone: normal equations have eigenvalues of 0, which rounding may make negative."""
+    first = looking((3.5, 0.0, 0.3), (0, 0, 0), 0.0)
+    moved = [Pose(first.rotation, first.translation + [0.3 * i, 0.1 * i, 0.05 * i]) for i in range(5)]
+    tracks = tracks_of(moved, 0.0)
+    bundle = Bundle(
+        CAMERA, np.stack([p.rotation for p in moved]), np.stack([p.translation for p in moved]), WORLD
+    )
+    free = free_matrix(CAMERA.lens, CAMERA.params, {"aspect": None})
+    exact = camera_covariance(adjust(bundle, tracks, free), tracks, free)
+    tracks = tracks_of(moved, 0.3)
+    noisy = camera_covariance(adjust(bundle, tracks, free), tracks, free)
+    for found in (exact, noisy):
+        assert (np.diagonal(found) >= 0).all()
+    assert np.sqrt(noisy[0, 0]) > UNCERTAIN * CAMERA.params[0]  # refused
 
 
 @pytest.mark.parametrize("seed", [0, 1])
