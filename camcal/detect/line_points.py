@@ -41,10 +41,13 @@ class LinePoints:
     uv : (N, 2) array, px
     along : (N, 2) array
         Unit vectors along the edge; their sign means nothing.
+    strength : float
+        The response that one point in ten exceeds.
     """
 
     uv: Array
     along: Array
+    strength: float = 0.0
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -98,8 +101,9 @@ def _strong(uv: Array, along: Array, response: Array) -> LinePoints:
     """The points whose response is not weak compared with the others."""
     if not len(uv):
         return LinePoints(uv, along)
-    kept = response >= WEAKEST * np.quantile(response, STRONG)
-    return LinePoints(uv[kept], along[kept])
+    strong = float(np.quantile(response, STRONG))
+    kept = response >= WEAKEST * strong
+    return LinePoints(uv[kept], along[kept], strong)
 
 
 def noise(gray: Array) -> float:

@@ -42,10 +42,12 @@ WHOLE = 0.98
 def find_lines(gray: Array) -> list[Array]:
     """Points (N, 2) of each candidate, px, in order along it; the longest first.
 
-    Thin lines, dark or bright whichever there are more of, and edges that are not the border of one.
+    Thin lines, dark or bright whichever there are more of, and edges that are not the border of one. Each is weighed by
+    its strength: in pictures without noise the foot of a dark line is a bright one of a thousandth of its strength.
     """
     least = LEAST_LENGTH * float(np.hypot(*gray.shape[:2]))
-    thin = max((_lines(ridges(gray, dark), least) for dark in (True, False)), key=_length)
+    either = [(_lines(points, least), points.strength) for points in (ridges(gray, d) for d in (True, False))]
+    thin = max(either, key=lambda found: _length(found[0]) * found[1])[0]
     other = _lines(edges(gray), least)
     if thin:
         tree = cKDTree(np.concatenate(thin))

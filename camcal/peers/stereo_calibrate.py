@@ -91,11 +91,11 @@ def _entry(stage: str, fit: RigCalibration, a: str, b: str, how: How) -> Entry:
         why = str(error).rstrip(".")
     try:
         ours, relative = registered(fit, a, b, LEAST_INSTANTS)
+        rig, said = Rig(ours.rig.cameras, {b: relative}, a), f"{a}-{b}, intrinsics held, as {why}"
+        return _judged(stage, register_cameras.AGAINST, ours, rig, said, {})
     except (NotComparableError, CamcalError) as error:
         both = "" if str(error).rstrip(".") == why else f"; {str(error).rstrip('.')}"
         return entry(stage, AGAINST, "not_applicable", f"{a}-{b}: {why}{both}")
-    said = f"{a}-{b}, intrinsics held, as {why}"
-    return _judged(stage, register_cameras.AGAINST, ours, Rig(ours.rig.cameras, {b: relative}, a), said, {})
 
 
 @dataclass(frozen=True)
@@ -208,6 +208,8 @@ def _judged(
     poses = poses_before(theirs_fit, fit.observations, fit.poses)
     off = residuals(rig, poses, fit.observations)
     ours, theirs = fit.rms_point, float(np.sqrt(np.square(off).sum(1).mean()))
+    if not np.isfinite(theirs):
+        raise NotComparableError("cv2's cameras project some of the points nowhere")
     sigmas = _in_sigmas(fit, relative)
     status, said = "pass", [remark]
     if not theirs >= ours * (1 - LOWER) - LOWER_PX:

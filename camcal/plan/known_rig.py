@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from itertools import pairwise
+
+import numpy as np
 
 from camcal.data.observations import Observations
 from camcal.data.rig_table import RigViews, joined
@@ -15,12 +18,16 @@ from camcal.plan.rig_boards import arranged
 from camcal.plan.rig_cameras import naming, pictures_of
 from camcal.plan.run import usable
 from camcal.plan.solution import RigSolution
+from camcal.routes.hand_eye.scale import SAME_UNIT
 from camcal.solve import outliers, robust
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.losses import LOSSES
 from camcal.solve.refine import How, board_kind, refine
-from camcal.solve.rig_start import corners_of, placed
+from camcal.solve.rig_start import Pictures, corners_of, placed
 from camcal.solve.turns import symmetries
+
+#: of their distance: cameras of a rig that was calibrated well have the board at the same place to a few percent
+APART = 0.1
 
 
 def evaluate_rig(
@@ -66,11 +73,43 @@ def evaluate_rig(
         together = replace(together, weight=None)
     pictures = pictures_of(fits, views, together)
     places = Poses.stack([some.cam_from_rig[n] for n in views.parts])
+    _check_scale(pictures, places, together)
     together, poses, _ = placed(pictures, places, together, symmetries(together), corners_of(together))
     fix = {f"{n}.{p}": None for n, c in some.cameras.items() for p in c.lens.names}
     how = How(fix, hold_rig=True, board=board_kind(together))
     fit = _judged(refine(some, poses, together, how), how, method)
     return RigSolution(**{f.name: getattr(fit, f.name) for f in fields(RigCalibration)})
+
+
+def _check_scale(pictures: Pictures, rig: Poses, data: Observations) -> None:
+    """Raise a DataError if the board's lengths are in another unit than the rig's.
+
+    With s times as large a board, two cameras have it at the same place where s (Ra' xa - Rb' xb) = Ra' ta - Rb' tb for
+    its centre xa, xb in their frames.
+    """
+    centre, scales, off = data.xyz.mean(0), [], []
+    for view in np.unique(pictures.view):
+        blocks = np.flatnonzero(pictures.view == view)
+        for a, b in pairwise(blocks):
+            one, other = rig[pictures.camera[a]], rig[pictures.camera[b]]
+            x = pictures.poses[a].apply(centre)
+            d = one.rotation.T @ x - other.rotation.T @ pictures.poses[b].apply(centre)
+            e = one.rotation.T @ one.translation - other.rotation.T @ other.translation
+            scales.append(float(d @ e / (d @ d)))
+            off.append(
+                np.linalg.norm([d - e, scales[-1] * d - e], axis=1) / np.linalg.norm(x) / [1, abs(scales[-1])]
+            )
+    if not scales:
+        return
+    scale, (now, then) = float(np.median(scales)), np.median(off, axis=0)
+    if now > APART and then < now / 2 and not 1 / SAME_UNIT < scale < SAME_UNIT:
+        square = float((data.target or {}).get("square") or 0.0)
+        wanted = f"Try: --square {scale * square:.4g}" if square else f"Multiply X, Y and Z by {scale:.4g}"
+        raise DataError(
+            f"the rig's lengths are {scale:.4g} times as long as the board's: it is in another unit, or its size "
+            "was not given.",
+            f"{wanted}, to have both in the unit of the rig.",
+        )
 
 
 def _part(rig: Rig, names: list[str]) -> Rig:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import cv2
+import numpy as np
 import pytest
 
 from camcal import calibrate_rig
@@ -47,6 +48,13 @@ def test_a_wrong_pair_fails():
     wrong = replace(solution, free=loose.free)
     entries = crosscheck(wrong, None, How({"a.fx": None, "a.fy": None}))
     assert [e["status"] for e in entries] == ["fail"], entries
+
+
+def test_cameras_of_cv2_that_project_points_nowhere_are_not_compared(monkeypatch):
+    solution = solved()
+    monkeypatch.setattr(stereo_calibrate, "residuals", lambda *_: np.full((4, 2), np.nan))
+    (entry,) = crosscheck(solution, None, How())
+    assert entry["status"] == "not_applicable" and "nowhere" in entry["why"]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 
 import cv2
 import numpy as np
@@ -215,7 +216,7 @@ def test_edges_and_thin_lines_to_a_twentieth_of_a_pixel_and_less_on_average():
     v, u = np.mgrid[0:80, 0:120].astype(float)
     turn = np.array([np.cos(0.3), np.sin(0.3)])
     off = (u - 60.3) * turn[0] + (v - 40.2) * turn[1]
-    blurred = 0.5 + 0.5 * np.vectorize(__import__("math").erf)(off / 1.2)
+    blurred = 0.5 + 0.5 * np.vectorize(math.erf)(off / 1.2)
     for points in (edges(20 + 200 * blurred), ridges(200 - 150 * np.exp(-(off**2) / 4), dark=True)):
         assert len(points) > 40
         distance = (points.uv - [60.3, 40.2]) @ turn
@@ -223,6 +224,18 @@ def test_edges_and_thin_lines_to_a_twentieth_of_a_pixel_and_less_on_average():
         assert abs(distance.mean()) < 0.01
         assert np.abs(points.along @ turn).max() < 0.03
     assert abs(noise(np.random.default_rng(0).normal(100, 3, (200, 200))) / 3 - 1) < 0.05
+
+
+@pytest.mark.parametrize("bright", [False, True])
+def test_the_feet_of_lines_without_noise_are_no_lines(bright):
+    """Rounded to whole grey levels, the foot of a dark line is a bright one on either side, of a thousandth of it."""
+    v, u = np.mgrid[0:300, 0:400].astype(float)
+    places = np.array([60.3, 160.2, 249.9])
+    off = np.abs(u[..., None] - 0.15 * v[..., None] - places).min(-1) / np.hypot(1, 0.15)
+    dark = sum(s * np.vectorize(math.erf)((off + s * 2) / (0.85 * math.sqrt(2))) / 2 for s in (1, -1))
+    picture = np.rint(40 + 175 * dark if bright else 215 - 175 * dark).astype(np.uint8)
+    found = sorted(float((uv[:, 0] - 0.15 * uv[:, 1]).mean()) for uv in find_lines(picture))
+    np.testing.assert_allclose(found, places, atol=0.05)
 
 
 def test_noise_alone_has_no_lines():

@@ -1,0 +1,34 @@
+"""A known rig on new data."""
+
+from dataclasses import replace
+
+import pytest
+
+from camcal.errors import DataError
+from camcal.plan.known_rig import evaluate_rig
+from camcal.routes.hand_eye.scale import SAME_UNIT
+from tests.rigs import observed, truth
+
+
+@pytest.fixture(scope="module")
+def seen():
+    rig = truth("ab")
+    return rig, observed(rig, instants=4)[0]
+
+
+@pytest.mark.parametrize("factor", [1.1 * SAME_UNIT, 30.0, 0.02])
+def test_a_board_in_another_unit_is_named(seen, factor):
+    rig, data = seen
+    with pytest.raises(DataError, match=f"{factor:.3g}.* times as long as the board's") as error:
+        evaluate_rig(rig, replace(data, xyz=data.xyz / factor))
+    assert error.value.hint.startswith("Multiply X, Y and Z by ")
+    with pytest.raises(DataError) as error:
+        evaluate_rig(rig, replace(data, xyz=data.xyz / factor, target={"square": 2.0}))
+    assert error.value.hint.startswith("Try: --square ")
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.9 * SAME_UNIT])
+def test_boards_of_nearly_the_right_size_are_evaluated(seen, factor):
+    rig, data = seen
+    found = evaluate_rig(rig, replace(data, xyz=data.xyz / factor))
+    assert (found.rms_point < 0.4) == (factor == 1.0)
