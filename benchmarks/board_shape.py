@@ -25,7 +25,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from camcal.plan.pictures import calibrate_pictures
 from tables import markdown, update
 
 import camcal
@@ -36,6 +35,7 @@ from camcal.detect.images import detect_images
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.model.pose import Array, Poses
+from camcal.plan.calibrate import calibrate
 from camcal.plan.solution import Solution
 from camcal.solve.board_points import on_board
 from camcal.solve.refine import refine
@@ -203,7 +203,7 @@ def real() -> tuple[str, list[Solution]]:
     data = {folder: detect_images([DATA / folder]) for folder in REAL}
 
     def row(folder: str, said: str, found: Correspondences, kind: str) -> Solution:
-        solution, _ = calibrate_pictures(found, robust="auto", board_shape=kind, holdout=4)
+        solution = calibrate(found, robust="auto", board_shape=kind, holdout=4)
         held = solution.holdout["rms_point"] if solution.holdout else float("nan")
         taken = ((solution.observations.target or {}).get("shape") or {}).get("kind", "flat")
         camera = [f"{v:.2f}" for v in solution.camera.params[:4]]

@@ -28,7 +28,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.data.observations import View
 from camcal.detect import edge_model, saddle
@@ -266,9 +266,7 @@ def main() -> None:
     told = parser.parse_args()
     width, height = map(int, told.size.split("x"))
     table = run(told.pictures, told.seed, (width, height))
-    print(table)
-    if told.update:
-        update(told.update, "corners", table)
+    show(told.update, "corners", table)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 BOARD = (9, 6)
 
@@ -161,9 +161,7 @@ def main() -> None:
     parser.add_argument("--update", type=Path, metavar="PAGE", help="a page whose tables are to be renewed")
     told = parser.parse_args()
     table = table_of_times(told.megapixels, told.pictures, told.limit)
-    print(table)
-    if told.update:
-        update(told.update, "detect", table)
+    show(told.update, "detect", table)
 
 
 if __name__ == "__main__":

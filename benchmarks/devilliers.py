@@ -30,7 +30,7 @@ from tables import markdown, update
 
 from camcal.errors import EstimationError
 from camcal.model import lenses
-from camcal.model.lenses.base import Parameter
+from camcal.model.lenses.parameters import Parameter
 from camcal.model.pose import Poses
 from camcal.solve.optimizers import make
 from camcal.solve.optimizers.base import Options, Result

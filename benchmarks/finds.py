@@ -16,7 +16,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.detect import targets
 from camcal.detect.films import Range, candidates
@@ -118,9 +118,7 @@ def main() -> None:
         rows.append(row(options.data, name, spec))
         print(*rows[-1], flush=True)
     table = markdown(HEADER, rows)
-    print(table)
-    if options.update:
-        update(options.update, "finds", table)
+    show(options.update, "finds", table)
 
 
 if __name__ == "__main__":

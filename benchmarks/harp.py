@@ -20,7 +20,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.errors import CamcalError
 from camcal.model import lenses
@@ -108,9 +108,7 @@ def main():
             rows.append(row(model, str(k + 1), own, parts[:k] + parts[k + 1 :]))
             print(*rows[-1], flush=True)
     table = markdown(HEADER, rows)
-    print(table)
-    if given.update:
-        update(given.update, "harp", table)
+    show(given.update, "harp", table)
 
 
 if __name__ == "__main__":

@@ -19,13 +19,13 @@ import cv2
 import numpy as np
 from tables import markdown, update
 
-from camcal.assess.holdout import k_fold
+from camcal.assess.holdout import hold_out
 from camcal.data.observations import Correspondences
 from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
 from camcal.plan.calibrate import calibrate
-from camcal.solve.refine import refine
+from camcal.solve.refine import How
 from camcal.study.points import simulate_points
 
 Array = np.ndarray
@@ -137,20 +137,15 @@ def board_data(model="opencv5", views=50, noise=0.2):
 def calibration(spec: str, data: Correspondences, runs: int) -> list[str]:
     """A row of the table of calibrations."""
     lens = lenses.make(spec)
-    fix = dict.fromkeys(lens.default_fixed)
     times = []
     for _ in range(runs):
         begin = time.process_time()
         solution = calibrate(data, spec, checks=False)
         times.append(time.process_time() - begin)
 
-    def refit(some, poses, inliers):
-        return refine(solution.camera, poses, some, fix, inliers=inliers)
-
-    masks = [np.ones(len(v), bool) for v in data.views]
-    held = k_fold(data, solution.poses, masks, refit, 5)
+    held = hold_out(solution, How(dict.fromkeys(lens.default_fixed)), 5)
     cells = [spec, str(solution.free.shape[1]), f"{statistics.median(times):.3f}"]
-    left = held.figures.rms_point
+    left = held.figures.rms_point if held else np.nan
     return [*cells, f"{solution.rms_point:.4f}", f"{left:.4f}" if np.isfinite(left) else "points outside"]
 
 

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from camcal.plan.pictures import calibrate_pictures
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.data.observations import Correspondences, View
 from camcal.detect.images import detect_images
@@ -81,10 +80,8 @@ def rows_of(folder: Path, size: tuple[int, int]) -> list[list[object]]:
     shown = {k: found[k] for k in ("SB accuracy (else cornerSubPix 5)", "cornerSubPix 11", best)}
     first = Correspondences.from_views(tuple(common), ours.image_size, ours.target)
     shown["camcal, first pass"] = figures(first)
-    _, second = calibrate_pictures(
-        replace(first, files=ours.files), refine_points=True, model="opencv5", robust="auto"
-    )
-    shown["camcal, second pass"] = figures(second)
+    second = calibrate(replace(first, files=ours.files), "opencv5", "auto", refine_points=True)
+    shown["camcal, second pass"] = figures(second.points)
     name = f"{folder.name} ({len(common)})"
     best_of = {best: ", best window"}
     return [
@@ -104,9 +101,7 @@ def main() -> None:
         return
     rows = [row for name, size in SETS.items() for row in rows_of(told.data / name, size)]
     table = markdown(["pictures (used)", "corners", "rms px", "hold-out px", "rejected"], rows)
-    print(table)
-    if told.update:
-        update(told.update, "real-corners", table)
+    show(told.update, "real-corners", table)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 import camcal
 from camcal.data.observations import Correspondences, View
@@ -144,9 +144,7 @@ def main() -> None:
             rows.append(compare(case, model, told.runs))
             print("  ".join(f"{cell:>10}" for cell in rows[-1]), flush=True)
     table = markdown(HEADER, rows)
-    print(table)
-    if told.update:
-        update(told.update, "refine", table)
+    show(told.update, "refine", table)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from routes_cases import CASES
 from scipy.stats import t as student
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.errors import CamcalError
 
@@ -115,9 +115,7 @@ def main():
     rows = {k: row for path in given.kept for k, row in json.loads(path.read_text()).items()}
     order = [key(c, noise) for name in CASES for c in CASES[name]() for noise in noises]
     table = markdown(HEADER, [rows[k] for k in order if k in rows])
-    print(table)
-    if given.update:
-        update(given.update, "study", table)
+    show(given.update, "study", table)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from tables import markdown, update
+from tables import markdown, show
 
 from camcal.errors import CamcalError
 from camcal.model import lenses
@@ -106,9 +106,7 @@ def main():
             summary("chosen by the other pictures", held[:, 1], np.sqrt(held[:, 2] + growth * held[:, 3])),
         ],
     )
-    print(table)
-    if given.update:
-        update(given.update, "scene", table)
+    show(given.update, "scene", table)
 
 
 if __name__ == "__main__":

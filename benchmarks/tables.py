@@ -20,3 +20,10 @@ def update(page: Path, name: str, text: str) -> None:
     if not begin or not end:
         raise SystemExit(f"{page} has no place for the table '{name}'")
     page.write_text(f"{head}{begin}\n{text}\n{end}{tail}", encoding="utf-8")
+
+
+def show(page: Path | None, name: str, text: str) -> None:
+    """Print a table, and put it into a page where one is given."""
+    print(text)
+    if page is not None:
+        update(page, name, text)

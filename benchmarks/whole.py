@@ -35,7 +35,7 @@ from typing import Any
 
 import cv2
 from refine import run_cv2, simulate
-from tables import markdown, update
+from tables import markdown, show
 
 import camcal
 from camcal.data.observations import Correspondences
@@ -339,9 +339,7 @@ def main() -> None:
     table = markdown(
         ("what", "camcal", f"OpenCV {cv2.__version__}", "ratio", "to reach"), list(rows.values())
     )
-    print(table)
-    if options.update:
-        update(options.update, "whole", table)
+    show(options.update, "whole", table)
 
 
 if __name__ == "__main__":

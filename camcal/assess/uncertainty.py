@@ -113,9 +113,9 @@ class ProjectionUncertainty:
             found = moved @ self.free @ moved.transpose(0, 2, 1)
             found = found + by_frame @ self.own @ by_frame.transpose(0, 2, 1)
             found = found + self._of_ends(xyz, at_infinity, np.trace(found, axis1=1, axis2=2))
-            open_ = np.abs(moved @ self.null).max((1, 2), initial=0.0) > _MOVED
-        open_ |= lost & np.isfinite(by_params).all((1, 2))
-        found[open_] = np.diag([np.inf, np.inf])
+            undetermined = np.abs(moved @ self.null).max((1, 2), initial=0.0) > _MOVED
+        undetermined |= lost & np.isfinite(by_params).all((1, 2))
+        found[undetermined] = np.diag([np.inf, np.inf])
         return np.asarray(found)
 
     def _of_ends(self, xyz: Array, at_infinity: bool, linear: Array) -> Array:

@@ -85,11 +85,11 @@ class Known:
 
     def neighbours(self, points: Array, reach: float) -> tuple[Array, Array, Array]:
         """The predicted positions of points within `reach` of good ones: ids, uv and d uv / d point."""
-        rows, open_ = np.flatnonzero(self.good), np.flatnonzero(~self.good)
-        if len(rows) < 4 or not len(open_):
-            return open_[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
-        near = Neighbours(points[rows]).query(points[open_])[0] < reach
-        ids = open_[near]
+        rows, missing = np.flatnonzero(self.good), np.flatnonzero(~self.good)
+        if len(rows) < 4 or not len(missing):
+            return missing[:0], np.zeros((0, 2)), np.zeros((0, 2, 2))
+        near = Neighbours(points[rows]).query(points[missing])[0] < reach
+        ids = missing[near]
         uv, jacobian, certain = from_points(points[ids], points[rows], self.uv[rows])
         return ids[certain], uv[certain], jacobian[certain]
 

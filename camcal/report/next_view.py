@@ -213,7 +213,7 @@ def _flat_target(solution: Solution, points: Array, pose: Pose) -> list[Layer]:
     layers: list[Layer] = []
     for r, c in cells if len(cells) <= _MOST_CELLS else []:
         x0, x1, y0, y1 = columns[c], columns[c + 1], rows[r], rows[r + 1]
-        layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "ink", filled=True))
+        layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "text", filled=True))
     x0, x1, y0, y1 = columns[0], columns[-1], rows[0], rows[-1]
     layers.append(line([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], "second"))
     near = _nearer_sides(_facing(points, pose), (x0, x1), (y0, y1))

@@ -111,20 +111,20 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
     assert lines.image_size is not None
     width = max(lines.image_size)
     names = scene.camera.lens.names
-    open_ = [n for n in ("cx", "cy") if n not in fix]
-    if open_ and len(scene.directions) == 3:
+    unknown = [n for n in ("cx", "cy") if n not in fix]
+    if unknown and len(scene.directions) == 3:
         wider = _followed(lines, scene.start, fix, float(scene.camera.params[0]), scene.rotation, seen)
         if wider is not None:
             sigmas = np.sqrt(np.diagonal(wider.covariance))
-            if all(sigmas[names.index(n)] <= CENTRE * width for n in open_):
-                scene, open_ = wider, []
-    scene = replace(scene, assumed=tuple(open_))
+            if all(sigmas[names.index(n)] <= CENTRE * width for n in unknown):
+                scene, unknown = wider, []
+    scene = replace(scene, assumed=tuple(unknown))
     if "fx" in fix:
         return scene
     sigma = float(np.sqrt(scene.covariance[0, 0]))
     if len(scene.directions) < 2 or not sigma <= FOCAL * scene.camera.params[0]:
         raise _undetermined(scene, sigma, width)
-    return _with_centre(lines, scene, open_, fix, seen)
+    return _with_centre(lines, scene, unknown, fix, seen)
 
 
 def _with_centre(

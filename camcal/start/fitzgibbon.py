@@ -28,6 +28,7 @@ from camcal.model.camera import Camera
 from camcal.model.lenses import make
 from camcal.start import assumptions, dlt, shape, zhang
 from camcal.start.base import ClosedForm
+from camcal.start.claus import FLATTEST
 from camcal.start.five_points import STRONGEST, Equations, agreeing
 
 Array = np.ndarray
@@ -36,8 +37,6 @@ Array = np.ndarray
 CANDIDATE_VIEWS = 12
 #: rounds of λ and the h of all views in turn; the change of λ that ends them
 ROUNDS, SETTLED = 60, 1e-13
-#: of 1 + λ ρ²: rays nearer to a right angle to the axis cannot be used for a pinhole camera (84 degrees at f = ρ)
-FLATTEST = 0.1
 
 
 def estimate(correspondences: Observations, skew: bool = False, normalise: bool = True) -> ClosedForm:

@@ -205,14 +205,14 @@ def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 
     steps : int
     """
     both = Polished(_joined(poses, second_solution(poses)), np.full(2 * len(poses), np.inf))
-    open_ = np.arange(len(poses))
+    unsettled = np.arange(len(poses))
     for most in (3, steps):  # the two starts of each view side by side: as many calls as for one
-        rows = np.r_[open_, len(poses) + open_]
-        xyz, seen, weights = (np.concatenate([a[open_], a[open_]]) for a in (local, ab, w))
+        rows = np.r_[unsettled, len(poses) + unsettled]
+        xyz, seen, weights = (np.concatenate([a[unsettled], a[unsettled]]) for a in (local, ab, w))
         both = both.or_better(polish(both.poses[rows], xyz, seen, weights, most), rows)
         first, second = both.cost.reshape(2, -1)
-        open_ = np.flatnonzero(np.maximum(first, second) < RIVAL * np.minimum(first, second))
-        if not len(open_):
+        unsettled = np.flatnonzero(np.maximum(first, second) < RIVAL * np.minimum(first, second))
+        if not len(unsettled):
             break
     better = second < first
     return both.poses[np.arange(len(poses)) + len(poses) * better]

@@ -21,8 +21,8 @@ from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
 
-#: A homography whose gap is below this is open: second moments keep half of the digits.
-OPEN = 1e-6
+#: A homography whose gap is below this is undetermined: second moments keep half of the digits.
+UNDETERMINED = 1e-6
 #: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
 #: this factor (1 is expected of planes parallel to the image).
 VISIBLE = 3.0
@@ -144,7 +144,7 @@ def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: boo
         local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
         equations = homography.Equations.of(local, uv, w, normalise)
         h[index], gap[index], cost[index] = equations.solve(steps=1)
-        poor = index[normalise & ~(gap[index] > OPEN)]
+        poor = index[normalise & ~(gap[index] > UNDETERMINED)]
         if len(poor):
             raise EstimationError(
                 f"view '{views[poor[0]].id}': its points do not determine the homography "

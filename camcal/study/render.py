@@ -1,7 +1,7 @@
-"""Exact pictures of a target through any camera: area-sampled, blurred, with noise and uneven light.
+"""Exact pictures of a target through any camera: area-sampled, blurred, with noise and shading.
 
 Each pixel is cut into samples; a sample's ray meets the board, and the mean blackness of its footprint there
-is looked up analytically (`ink.py`). Only pixels that an edge crosses are cut; the blur is applied at the
+is looked up analytically (`detect/black_area.py`). Only pixels that an edge crosses are cut; the blur is applied at the
 samples' resolution, so that the picture equals (pattern * pixel's area * Gaussian) to about 1e-3.
 """
 
@@ -29,7 +29,7 @@ NODE_STEP = 4  #: px between the rays that the lens is asked for; a spline gives
 
 @dataclass(frozen=True)
 class Look:
-    """The effects of light, lens and sensor on a picture; grey levels are those of 8 bits.
+    """The effects of shading, lens and sensor on a picture; grey levels are those of 8 bits.
 
     Attributes
     ----------
@@ -38,13 +38,13 @@ class Look:
     noise : float
         Standard deviation of the noise of each pixel, grey levels.
     black, white, background : float
-        Grey levels of the ink, the sheet and what is behind it.
+        Grey levels of the print, the sheet and what is behind it.
     gradient : float
-        Relative change of the light from one side of the picture to the other.
+        Relative change of the brightness from one side of the picture to the other.
     direction : float
-        Direction in which the light grows, rad; 0 is to the right, π/2 downward.
+        Direction in which it grows, rad; 0 is to the right, π/2 downward.
     vignetting : float
-        Part of the light that is lost in the picture's corners.
+        Part of the brightness that is lost in the picture's corners.
     bits : 8 or 16
     """
 
@@ -92,14 +92,14 @@ def render(
     look = look or Look()
     if look.noise and rng is None:
         raise ValueError("noise needs a random generator")
-    light = exposure(pattern, camera, cam_from_board, look, samples, surface) * illumination(
+    grey = exposure(pattern, camera, cam_from_board, look, samples, surface) * illumination(
         camera.image_size, look
     )
     if look.noise:
         assert rng is not None
-        light = light + rng.normal(0.0, look.noise, light.shape)
+        grey = grey + rng.normal(0.0, look.noise, grey.shape)
     top = 2**look.bits - 1
-    return np.clip(np.rint(light * (top / 255.0)), 0, top).astype(np.uint8 if look.bits == 8 else np.uint16)
+    return np.clip(np.rint(grey * (top / 255.0)), 0, top).astype(np.uint8 if look.bits == 8 else np.uint16)
 
 
 def exposure(
@@ -110,18 +110,18 @@ def exposure(
     samples: int = 4,
     surface: Surface | None = None,
 ) -> Array:
-    """The noise-free picture under even light, (height, width) grey levels of 8 bits, not rounded."""
+    """The noise-free picture without shading, (height, width) grey levels of 8 bits, not rounded."""
     assert camera.image_size is not None, "a camera without an image size cannot take pictures"
     width, height = camera.image_size
     margin = int(np.ceil(4 * look.blur)) + 1
     sheet = np.array(pattern.extent, float)
-    ink = BlackArea(pattern)
+    black = BlackArea(pattern)
     paper = BlackArea(
         Pattern((sheet[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2),), np.zeros((0, 3)), pattern.extent)
     )
 
     rays = pixel_rays(camera, width, height, margin + 1)  # one more for the differences at the rim
-    scene = _Scene(ink, paper, cam_from_board.inverse(), surface, look)
+    scene = _Scene(black, paper, cam_from_board.inverse(), surface, look)
     xy, front = scene.meet(rays)
     centre, footprint = xy[1:-1, 1:-1], _footprint(xy)
     seen = front[1:-1, 1:-1] & np.isfinite(footprint).all(-1) & np.isfinite(centre).all(-1)
@@ -145,7 +145,7 @@ def exposure(
 
 
 def illumination(image_size: tuple[int, int] | None, look: Look) -> Array:
-    """The relative light on each pixel, (height, width); 1 in the centre."""
+    """The relative brightness of each pixel, (height, width); 1 in the centre."""
     assert image_size is not None
     width, height = image_size
     u = (np.arange(width) - (width - 1) / 2) / max(width, height)
@@ -172,9 +172,9 @@ def _nodes(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A sheet with ink on it, seen by a camera."""
+    """A printed sheet, seen by a camera."""
 
-    ink: BlackArea
+    black: BlackArea
     paper: BlackArea
     board_from_cam: Pose
     surface: Surface | None
@@ -197,31 +197,31 @@ class _Scene:
         return xy, front
 
     def coverage(self, xy: Array, width: Array, front: Array) -> tuple[Array, Array]:
-        """The fractions of each box that are sheet, and of the sheet that are ink; 0 to 1."""
+        """The fractions of each box that are sheet, and of the sheet that are black; 0 to 1."""
         paper = np.where(front, self.paper.mean(xy, width), 0.0)
         if self.board_from_cam.translation[2] >= 0:
             return paper, np.zeros_like(paper)  # the printed side faces negative z; the other is blank
-        return paper, self.ink.mean(xy, width)
+        return paper, self.black.mean(xy, width)
 
     def grey(self, xy: Array, width: Array, front: Array) -> Array:
         """Grey levels of boxes of the sheet and of the background."""
         return self.shade(*self.coverage(xy, width, front))
 
-    def shade(self, paper: Array, ink: Array) -> Array:
+    def shade(self, paper: Array, black: Array) -> Array:
         """Grey level of a mixture."""
         look = self.look
-        return look.background + paper * (look.white - look.background) - ink * (look.white - look.black)
+        return look.background + paper * (look.white - look.background) - black * (look.white - look.black)
 
     def classify(self, xy: Array, width: Array, seen: Array) -> tuple[Array, Array]:
         """The grey level of each pixel, and whether an edge crosses or approaches it."""
         grey = np.full(seen.shape, self.look.background)
         crossed = np.zeros_like(seen)
-        low, high = np.array(self.ink.pattern.extent).reshape(2, 2)
+        low, high = np.array(self.black.pattern.extent).reshape(2, 2)
         near = seen & ((xy > low - 2 * width) & (xy < high + 2 * width)).all(-1)
         # twice the footprint: a box along the board's axes may miss the corner of a turned pixel
-        paper, ink = self.coverage(xy[near], 2 * width[near], np.ones(near.sum(), bool))
-        grey[near] = self.shade(paper, ink)
-        crossed[near] = _mixed(paper) | _mixed(ink)
+        paper, black = self.coverage(xy[near], 2 * width[near], np.ones(near.sum(), bool))
+        grey[near] = self.shade(paper, black)
+        crossed[near] = _mixed(paper) | _mixed(black)
         return grey, crossed
 
 

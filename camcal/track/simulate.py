@@ -77,7 +77,7 @@ def simulate(
     """Frames with their truth.
 
     The camera walks by the process noise of its motion (camcal.track.motion), so that a filter that is
-    told the motion knows the statistics exactly, and its covariances can be put to the test.
+    given the motion has the exact statistics, and its covariances can be tested.
 
     Raises
     ------

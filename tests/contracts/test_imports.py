@@ -1,10 +1,15 @@
 """What a run imports: libraries that take longer to load than a camera takes to calibrate stay out of it."""
 
+import ast
+import importlib.util
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).parents[2]
 
 SLOW = ("scipy.stats", "scipy.interpolate", "matplotlib", "jinja2", "pycolmap", "dask")
 
@@ -58,3 +63,17 @@ def test_the_command_limits_it_before_it_is_loaded():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout.splitlines()[0] == "False", done.stderr
+
+
+@pytest.mark.parametrize(
+    "path", [*ROOT.glob("benchmarks/*.py"), *ROOT.glob("examples/*.py")], ids=lambda path: path.stem
+)
+def test_what_benchmarks_and_examples_import_is_there(path):
+    """The pages name them as the source of figures; they are not run here."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "camcal":
+            owner = importlib.import_module(node.module)
+            for name in node.names:
+                assert hasattr(owner, name.name) or importlib.util.find_spec(f"{node.module}.{name.name}"), (
+                    f"line {node.lineno}: {node.module}.{name.name}"
+                )

@@ -123,9 +123,9 @@ def test_the_ticks_of_the_rulers_are_numbered_in_centimetres():
     assert min(x for _, x, _ in left) > UNPRINTED - 0.1
     for written in (svg.write(sheet).decode(), pdf.write(sheet).decode("latin-1")):
         assert all(f">{t}</text>" in written or f"({t}) Tj" in written for t in texts)
-    ink = np.minimum(png.draw(sheet, 150), 255)
+    black = np.minimum(png.draw(sheet, 150), 255)
     bare = png.draw(replace(sheet, numbers=()), 150)
-    assert 20 * 30 < (ink != bare).sum() < 20 * 200  # px of 20 numbers
+    assert 20 * 30 < (black != bare).sum() < 20 * 200  # px of 20 numbers
 
 
 def test_png_states_its_resolution():
@@ -204,8 +204,8 @@ def test_nothing_is_printed_at_the_edge(spec, page):
     discs = [sheet.circles[:, :2] + sign * sheet.circles[:, 2:] for sign in (-1, 1)]
     target = np.concatenate([*sheet.polygons, *discs])
     rulers = np.array(sheet.lines)
-    ink = np.concatenate([target, rulers.reshape(-1, 2), [sheet.caption_at]])
-    assert (ink >= UNPRINTED - 1e-9).all() and (ink <= size - UNPRINTED + 1e-9).all()
+    black = np.concatenate([target, rulers.reshape(-1, 2), [sheet.caption_at]])
+    assert (black >= UNPRINTED - 1e-9).all() and (black <= size - UNPRINTED + 1e-9).all()
     count = 2 + round((rulers[0, 2] - rulers[0, 0]) / 10)  # of lines of the lower ruler
     assert rulers[:count, 1].min() > target[:, 1].max() + 4  # clear of the target
     assert rulers[count:, 2].max() < target[:, 0].min() - 4

@@ -25,13 +25,13 @@ def brute_force(target, seen_by, cam_from_board, samples):
     pattern = target.pattern()
     x0, y0, x1, y1 = pattern.extent
     paper = ((xy > [x0, y0]) & (xy < [x1, y1])).all(-1)
-    ink = np.zeros(xy.shape[:2], bool)
+    black = np.zeros(xy.shape[:2], bool)
     for polygon in pattern.polygons:
         low, high = polygon.min(0), polygon.max(0)
-        ink |= ((xy > low) & (xy < high)).all(-1)
+        black |= ((xy > low) & (xy < high)).all(-1)
     for x, y, radius in np.reshape(pattern.circles, (-1, 3)):
-        ink |= np.hypot(xy[..., 0] - x, xy[..., 1] - y) < radius
-    grey = np.where(paper, np.where(ink, 0.0, 255.0), 128.0)
+        black |= np.hypot(xy[..., 0] - x, xy[..., 1] - y) < radius
+    grey = np.where(paper, np.where(black, 0.0, 255.0), 128.0)
     return grey.reshape(height, samples, width, samples).mean((1, 3))
 
 
@@ -148,9 +148,9 @@ def test_rays_between_the_nodes():
 def test_ink_is_exact():
     """Mean blackness of boxes over rectangles and over a polygon of another shape."""
     square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    ink = BlackArea(Pattern((square, square + 1.0), np.zeros((0, 3)), (-1, -1, 3, 3)))
+    black = BlackArea(Pattern((square, square + 1.0), np.zeros((0, 3)), (-1, -1, 3, 3)))
     boxes = np.array([[0.5, 0.5], [1.0, 1.0], [1.0, 0.5], [2.0, 2.5], [0.9, 0.3]])
-    assert ink.mean(boxes, np.full((5, 2), 0.5)) == pytest.approx([1, 0.5, 0.5, 0, 0.7])
+    assert black.mean(boxes, np.full((5, 2), 0.5)) == pytest.approx([1, 0.5, 0.5, 0, 0.7])
     triangle = BlackArea(Pattern((np.array([[0.0, 0], [4, 0], [0, 4]]),), np.zeros((0, 3)), (0, 0, 4, 4)))
     x, y = np.meshgrid((np.arange(200) + 0.5) / 50, (np.arange(200) + 0.5) / 50)
     area = triangle.mean(np.stack([x, y], -1), np.full((200, 200, 2), 0.02)).sum() / 2500

@@ -232,7 +232,7 @@ def test_contrast(mode):
     found = variables(blocks[["light", "dark", "print"].index(mode)])
     for behind in ("page", "panel"):
         for front, least in (
-            ("ink", 4.5), ("muted", 4.5), ("accent", 4.5), ("good", 4.5), ("bad", 4.5), ("warn", 4.5),
+            ("text", 4.5), ("muted", 4.5), ("accent", 4.5), ("good", 4.5), ("bad", 4.5), ("warn", 4.5),
             ("second", 3), ("faint", 3),
         ):  # fmt: skip
             a, b = sorted((luminance(found[front]), luminance(found[behind])))

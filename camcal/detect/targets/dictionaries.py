@@ -98,7 +98,7 @@ def detector(name: str, border: int, longest: int) -> Any:
     """A detector of the markers of a dictionary, for pictures of a given size (the longer side, px).
 
     The windows of the adaptive threshold reach farther than cv2's own choice, so that large markers of
-    pictures with uneven light are closed outlines, too. Outlines too short to be read are left out: in a
+    pictures with strong shading are closed outlines, too. Outlines too short to be read are left out: in a
     picture of noise there are so many of them that cv2 takes minutes.
     """
     options = cv2.aruco.DetectorParameters()

@@ -20,10 +20,10 @@ ROUNDED = 1e-3
 #: steps between ticks by which an end of an axis may miss one
 ON_TICK = 1e-9
 
-#: What a layer means; each drawing has its own colours for these. `ink` is the text's, `accent` the data's,
+#: What a layer means; each drawing has its own colours for these. `text` is that of letters, `accent` the data's,
 #: `second` another series, `bad` what asks for attention, `faint` what is there for orientation,
 #: `hull` an outline over a map, whose colours are the same in the dark.
-Tone = Literal["ink", "accent", "second", "bad", "faint", "hull"]
+Tone = Literal["text", "accent", "second", "bad", "faint", "hull"]
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ def shape(solution: Solution) -> Chart | None:
         layers.append(Cells(*grid, unit="z, 1/1000", centred=True))
     layers += [
         Points(ideal[:, :2], tone="faint", radius=2),
-        Arrows(ideal[:, :2], scale * offset[:, :2], tone="ink", label="offset in the plane"),
+        Arrows(ideal[:, :2], scale * offset[:, :2], tone="text", label="offset in the plane"),
     ]
     words = (target.get("shape") or {}).get("words", "")
     return Chart(

@@ -19,7 +19,7 @@ from camcal.system.text import printable
 
 #: the light page's colours
 TONES = {
-    "ink": "#1b1f24",
+    "text": "#1b1f24",
     "accent": "#0b5cad",
     "second": "#b34700",
     "bad": "#b3261e",

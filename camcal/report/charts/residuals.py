@@ -139,7 +139,7 @@ def views(solution: Solution) -> Chart | None:
         (0.0, 1.08 * float(np.nanmax(rms)) or 1.0),
         (
             Bars(rms, names=names, bad=bad),
-            Line(np.array([[-0.6, usual], [len(names) - 0.4, usual]]), tone="ink", dashed=True),
+            Line(np.array([[-0.6, usual], [len(names) - 0.4, usual]]), tone="text", dashed=True),
         ),
     )
 
@@ -174,6 +174,6 @@ def by_radius(solution: Solution) -> Chart | None:
             Points(np.c_[radius, along][some], tone="faint", radius=1.2, label="points"),
             Line(band, tone="accent", closed=True, filled=True),
             Line(np.c_[middle, mean], tone="accent", label="mean of a ring"),
-            Line(np.array([[0, 0], [1.02 * radius.max(), 0]]), tone="ink", dashed=True),
+            Line(np.array([[0, 0], [1.02 * radius.max(), 0]]), tone="text", dashed=True),
         ),
     )

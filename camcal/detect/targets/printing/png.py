@@ -1,4 +1,4 @@
-"""A sheet as PNG: each pixel's grey is its fraction of ink; the resolution is in the file's metadata."""
+"""A sheet as PNG: each pixel's grey is its black fraction; the resolution is in the file's metadata."""
 
 from __future__ import annotations
 
