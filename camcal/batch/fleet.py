@@ -39,7 +39,7 @@ QUANTITIES: dict[str, tuple[str | None, str, bool]] = {
     "rms_point": (None, "rms of the residuals, px", True),
     "holdout": (None, "rms on held-out views, px", True),
 }
-#: cameras of one type, fewer of which say nothing on how cameras differ: the MAD of eight has a relative standard
+#: least number of cameras of a type whose spread is estimated: the MAD of eight has a relative standard
 #: deviation of 40 %
 LEAST = 8
 #: Models of an ordinary lens: focal length, principal point and distortion mean the same in all of them, and of equal

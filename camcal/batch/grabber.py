@@ -22,7 +22,7 @@ WIDTH = 64
 STILL = 2.0
 #: grey levels: a picture that differs by less from the last one shows the target in the same place
 NEW = 6.0
-#: s; frames are looked at so often: a hand holds a target still for about half a second
+#: s; interval at which frames are examined: a hand holds a target still for about half a second
 STEP = 0.2
 
 

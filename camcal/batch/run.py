@@ -24,15 +24,15 @@ from camcal.errors import CamcalError, UsageError
 from camcal.system.documents import parse_yaml
 
 STATE = "batch-state"
-#: s; rows are noted at least so often: what a kill can make the next run read again from the reports
+#: s; longest time between two writes of the state: after a kill the next run reads the reports written since
 NOTED = 5.0
 #: rows in a file of the state, at most
 ROWS = 1000
-#: tasks in flight for each worker: one at work and the next at hand
+#: tasks in flight for each worker: one running and one waiting
 AHEAD = 2
 #: s; short jobs are handed out in groups of about this length, so that handing out (some ms) costs no percent
 GROUP = 0.5
-#: jobs in a group at most: what a lost worker makes others do again
+#: jobs in a group at most: those of a lost worker are repeated
 MOST_IN_GROUP = 50
 
 OnRow = Callable[[Row, int, int], Any]
@@ -55,7 +55,7 @@ class State:
             text = self.storage.read(f"{STATE}/{name}") or ""
             self._files = max(self._files, int(name.partition(".")[0]) if name[:1].isdigit() else 0)
             for line in text.splitlines():
-                # what is damaged is done again
+                # the jobs of damaged lines are repeated
                 with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
                     self._take(json.loads(line), wanted)
         there = {name.removesuffix(".yaml") for name in self.storage.names() if name.endswith(".yaml")}
@@ -165,7 +165,7 @@ def _rows(jobs: Iterable[Job], out: str, pool: Local | Cluster) -> Iterator[Row]
     spent, count, finished = 0.0, 0, False
     try:
         while waiting or alone or flying:
-            # after a loss, the jobs that were in flight go one by one: the one that ends its process is found
+            # after a loss, the jobs in flight are run one by one, which finds the one that ends its process
             room = 1 if alone else AHEAD * pool.count
             while (waiting or alone) and len(flying) < room:
                 group = [alone.popleft()] if alone else _group(waiting, spent / max(count, 1), pool.count)

@@ -30,7 +30,7 @@ from camcal.report.next_view import drawing, suggest
 CERTAIN = 3
 #: what is left out until the camera is known well enough
 _QUICK = {"checks": False, "crosscheck": False, "board_shape": "flat"}
-#: what the first pictures should be, before there is a camera to compute a pose from
+#: advice for the first pictures, before a camera is known from which a pose can be computed
 FIRST_POSES = (
     "hold the target in the middle of the picture, over half of its width, turned by about 30 degrees to the left",
     "hold the target in the middle of the picture, turned by about 30 degrees to the right",

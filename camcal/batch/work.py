@@ -215,7 +215,7 @@ def summary_row(report: dict[str, Any]) -> Row:
     }
     if not rig:
         return row | _of_camera(report["camera"])
-    # a rig has no camera of its own: those it has, and their distances, are compared with those of other rigs
+    # the cameras of a rig and their distances are compared with those of other rigs
     row["parts"] = {name: _of_camera(camera) for name, camera in cameras.items()}
     row["baselines"] = rig["baselines"]
     return row

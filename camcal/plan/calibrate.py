@@ -173,7 +173,7 @@ def _solution(progress: Progress) -> Solution:
     before = [s for s in before if s.name not in start.CLOSED_FORMS or s is last[s.name]]
     stages = [s for s in (_on_result(stage, fit, progress, changed) for stage in before) if s]
     warnings = progress.start.warnings if progress.start is not None else ()
-    if "shutter" in progress.notes:  # the points were corrected, which is said even without checks
+    if "shutter" in progress.notes:  # the points were corrected, which is reported even without checks
         warnings = (*warnings, progress.notes["shutter"])
     return of_fit(
         fit,
@@ -248,7 +248,7 @@ def _refine_stage(fit: Calibration, names: list[str]) -> Stage:
 def assessed(solution: Solution, progress: Progress) -> Solution:
     """The solution with its hold-out, its warnings, and the condition of each stage's equations."""
     asked = progress.options
-    known = progress.notes.get("causes")  # looked for on the way, where views seemed not to belong
+    known = progress.notes.get("causes")  # already searched for if views seemed not to belong
     found = known[1] if known and known[0] is progress.fit else causes.find(solution, progress.given)
     data, said = foreign.named(solution, progress.given, asked.robust != "none", found)
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))

@@ -25,7 +25,7 @@ from camcal.plan.run import BETTER, begun, camera_plan, plan
 
 #: the model of an ordinary lens
 ORDINARY = "opencv5"
-#: what is ranked where it is too small for the lens, and where it is too large for the data
+#: models ranked where it is too small for the lens, and where it is too large for the data
 WIDE = ("opencv5", "opencv8", "kb4", "mei", "eucm", "ds")
 SMALL = ("pinhole", "brown:radial=1,decentering=0", "brown:radial=2,decentering=0", "opencv4", "opencv5")
 #: a coefficient known no better than to this moves a ray at 45 degrees by as many parts of the focal length: nothing
@@ -44,10 +44,10 @@ def solved_with_found(given: Observations, asked: Options) -> tuple[Progress, Ma
         return _ranked(given, asked, AUTO, "")
     begin = begun(given, replace(asked, model=ORDINARY))
     why = _too_few(_freedom(begin), _parameters(begin))
-    if why:  # rejected points make them fewer still
+    if why:  # without the rejected points
         return _ranked(given, asked, SMALL, f"{ORDINARY} is unsuitable: {why}")
     try:
-        # where a smaller model is ranked anyhow, no lower minimum of this one is looked for
+        # a smaller model is ranked anyway: no lower minimum of this one is searched for
         progress = follow(camera_plan(), replace(begin, options=replace(begin.options, lowest=False)))
         why, models = _does_not_hold(progress)
         if models != SMALL:

@@ -34,9 +34,9 @@ from camcal.solve.refine import How, refine
 #: iterations after which the starts of a search are compared, and how many of them are followed to their end: on 30
 #: hand-clicked points the lowest minimum stands out after 80 steps and not after 40, while its valley takes 400
 SCREENED, FOLLOWED = 80, 3
-#: starts whose costs differ by less than this part then are one minimum
+#: starts whose costs then differ by less than this part are one minimum
 SAME = 1e-6
-#: a search that ran out of iterations goes on so many times: it began far away, and is on its way down
+#: how often a search that reached its limit of iterations is continued: it began far from the minimum
 CONTINUED = 4
 #: points up to which principal points are searched: minima apart by the principal point were met on 24 to 30 points of
 #: one view; at 200 the 34 searches take 2 s, and sets of 500 and more had no such minimum
@@ -45,7 +45,7 @@ SEARCHED = 200
 #: make them weak. Larger models begin at the minima of those inside; searched themselves they take half a minute for 20
 #: points, and following their directions takes longer than the fit (opencv8, 10 views of 54 points: 1.8 s against .09)
 MOST_PARAMETERS = 10
-#: a search from a minimum that was found by the last one looks elsewhere again; on the data used there two are enough
+#: searches, each from the minimum that the last one found; on the data that were used two are enough
 ROUNDS = 2
 
 

@@ -26,9 +26,9 @@ from camcal.solve.refine import refine
 #: from this share of rejected points on, the least squares fit is no place to start from: at 2 % gross outliers its
 #: focal length is off by several of its sigmas
 START_AGAIN = 0.02
-#: fewer views than this are not tried for a start where all of them give none
+#: views from which a start is tried where all of them give none, at least
 LEAST_VIEWS = 3
-#: the loss whose fit `auto` judges points by, and how often it is reweighted: the test needs no digits
+#: the loss of the fit by which `auto` judges points, and its reweightings: the test needs few digits
 LOSS, LOSS_ROUNDS = "cauchy", 10
 #: given sigmas and the fit that they weight are brought to agree in so many rounds at most, to so much of a sigma: a
 #: weight that is off by 2 % costs nothing of the estimate's accuracy

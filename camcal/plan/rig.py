@@ -201,7 +201,7 @@ def _reject(progress: Progress) -> Change | None:
     return None if kept is progress.estimate else Change(fit=Candidate(kept), instead=True)
 
 
-#: every attempt at a rig whose cameras are known each by itself, in its order
+#: the attempts at a rig whose cameras are known individually, in order
 PLAN: tuple[Attempt, ...] = (
     Attempt("spanning-tree", lambda p: p.best is None, _link),
     Attempt("together", lambda p: p.best is None and "rig" in p.notes, _together),

@@ -143,7 +143,7 @@ def layout(
     while said := next((s for step in rounds if (s := step())), ""):
         found.append(said)
     turned = _turned(sights, cameras, boards, corners)
-    for board, own in enumerate(turns):  # its frame is as most views count it
+    for board, own in enumerate(turns):  # its frame is that of most views
         usual = int(np.bincount(turned[sights.board == board], minlength=1).argmax())
         boards.poses[board] = boards.poses[board] @ own[usual].inverse()
     by_camera = _by_camera(sights, _turned(sights, cameras, boards, corners), list(fits))

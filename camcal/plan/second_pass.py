@@ -58,7 +58,7 @@ def _second_pass(progress: Progress) -> Change:
         points, rounds = _again(points, found, current, (window,))[0], rounds + 1
         new = _refitted(current, points, progress)
         change, current = _projections_moved(current, new), new
-    keep_none()  # no picture is read any more
+    keep_none()  # pictures are not needed further
     before, after = hold_out(first, progress.how), hold_out(current, progress.how)
     kept, why = True, "asked for"
     if progress.options.refine_points is None:

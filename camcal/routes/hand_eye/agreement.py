@@ -13,9 +13,9 @@ from camcal.routes.hand_eye.views import Views, from_rotations
 #: in five is without them, and all of SAMPLES have one with the probability 2e-15.
 SAMPLE = 4
 SAMPLES = 150
-#: Fewer poses than this are tested one by one only: the median of fewer is unreliable.
+#: Fewer poses are only tested one by one: their median is unreliable.
 LEAST = 8
-#: Robust standard deviations from which on a pose is set aside for a start; it comes back where it fits after all.
+#: Robust standard deviations from which on a pose is left out of the start; it is used later if it fits.
 FAR = 6.0
 ROUNDING = 1e-12  #: rad, and units of the robot's lengths: a residual of exact poses is not compared with 0
 

@@ -24,7 +24,7 @@ from camcal.routes.hand_eye.joint import Linear, Noise, prior
 #: Steps of the scoring; from any start within a factor of 1000 the variances are found to 1e-9 in about ten.
 MOST_STEPS = 60
 #: of the logarithms of the variances: a change below it ends the steps (no digit that is printed), a variance is above
-#: its floor by more than rounding, a step is halved so often: to 1e-9 of it
+#: its floor by more than rounding, the number of halvings of a step: to 1e-9 of it
 SETTLED, ROUNDING, HALVINGS = 1e-9, 1e-12, 30
 NUMBERS = 6  #: of the residual of a pose: rotation and translation
 #: A variance is not searched for below this part of what the image's noise makes of the same residuals: it changes
