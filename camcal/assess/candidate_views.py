@@ -25,7 +25,7 @@ MOVE = (0.15, 0.08)
 SAME_VIEW = 0.03
 #: parts of the distance between its points by which a grid may be uneven and bent
 UNEVEN = 0.2
-#: steps of the fit of distance and place: each takes off most of what is wrong
+#: steps of the fit of distance and place: each removes most of the error
 _FITS = 25
 #: part of the way to the middle of the picture by which a target that the lens does not see whole is moved in a step
 _INWARDS = 0.2
@@ -33,7 +33,7 @@ _INWARDS = 0.2
 _LEAST_GRID = 4
 #: places of a grid for each point: points that fill less than a quarter of the places are no grid
 _MOST_PLACES = 4
-#: points of all views together, in points of the fullest one: more, and no view can show them all
+#: points of all views together, in points of the view with the most: of more, no view can show all
 _MOST_PARTS = 4
 
 

@@ -64,7 +64,7 @@ FIRST, STRIDE = 0.5, 2.0
 OVERSHOT = 1.5
 #: Part of the first step down to which steps are halved: there the lens's domain, or the valley, ends.
 SHORTEST = 0.25
-#: An interval that is longer than said by this factor is none: what is off by a hundred stated sigmas was not measured.
+#: An interval that is longer than stated by this factor is not reported: what is off by a hundred stated sigmas was not measured.
 FARTHEST = 100.0
 #: A step of the profile ends where what is left to gain is below this part of the wanted growth (a hundredth of it
 #: moves the end of the interval by half a hundredth), or after so many iterations; it takes three to ten.
@@ -113,7 +113,7 @@ def beyond_linear(solution: Calibration, linear: Covariance) -> Covariance:
         own = free**2 @ share / np.maximum((free**2).sum(1), TINY)
         variances = np.diag(matrix)
         wider = np.maximum(variances, (1 - own) * variances + (reached / REACH) ** 2)
-        # below that the linear sigma is kept
+        # below that the linear sigma is used
         touched = np.isfinite(variances) & (wider > GROWN[1] * variances)
         if any(end.endless for end in found):
             touched |= (own > SHARE) & np.isfinite(variances)

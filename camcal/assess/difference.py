@@ -35,7 +35,7 @@ OUTSIDE = 1e3
 COLUMNS = 40
 #: px; a picture one pixel wide has this width between its pixel centres
 LEAST_SIDE = 1e-9
-#: pixels seen by both cameras from which on a rotation between them is determined with one to spare
+#: pixels seen by both cameras that determine a rotation between them, with one to spare
 LEAST_PIXELS = 3
 
 

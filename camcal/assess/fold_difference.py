@@ -66,7 +66,7 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
         expected.append(np.einsum("nii->n", spread))
     squares, variances = np.array(found), np.array(expected)
     good = np.isfinite(squares) & np.isfinite(variances) & (variances > 0)
-    if not good.size or good.sum() < 0.5 * good.size:  # the median is to be one of most of the pixels
+    if not good.size or good.sum() < 0.5 * good.size:  # the median has to be that of most of the pixels
         return None
     return {
         "median_px": float(np.sqrt(median(squares[good]))),

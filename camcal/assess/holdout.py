@@ -122,7 +122,7 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
                 start = calibration.poses[train]
                 fit = refit(calibration, data.of_views(train), how, start)
             except CamcalError:
-                return None  # too few views are left to say anything
+                return None  # too few views are left
             unseen = residuals_of(fit, held, calibration.poses[test])
         for place, i in enumerate(test):
             found[int(i)] = unseen[held.view == place]

@@ -121,7 +121,7 @@ def check_known(
             misfit = [cause]
     elif (
         facts.solution.rms_point <= SEVERAL_PX
-    ):  # the camera explains them: pixels are counted from elsewhere
+    ):  # the camera explains them: pixels are counted from another origin
         said = [replace(w, severity="doubtful") if w.code == "points-outside-image" else w for w in said]
     return (*misfit, *said)
 

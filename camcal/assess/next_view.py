@@ -43,7 +43,7 @@ ROUNDS, BEST, COPIES, DECAY = 12, 12, 6, 0.75
 MOVED = 10
 #: columns of the map whose worst value counts
 COLUMNS = 9
-#: information that stands in for what is not known at all, in parts of the columns' squares
+#: information added in directions that are undetermined, in parts of the columns' squares
 _RIDGE = 1e-12
 
 
@@ -203,7 +203,7 @@ class NextView:
         while True:
             new = self.candidates.unlike(self.poses, taken)
             poses, added = self.poses, self.added
-            if new.any():  # else everywhere has been looked at, and any of it may be repeated
+            if new.any():  # otherwise all places were tried, and any may be repeated
                 poses, added = poses[new], added[new]
             pose, view = self._moved(state, poses, added, taken, rng)
             state, taken = state + view, Poses.stack([*taken, pose])

@@ -98,7 +98,7 @@ def named(
     usual = _usual_scatter(solution)
     skipped: list[SkippedView] = []
     said: list[tuple[str, str, Severity]] = []
-    # else a view that fits badly says nothing of its board
+    # otherwise a view that fits badly is no evidence on its board
     follows = not facts.blameless and not any(fit.systematic(facts))
     for entry in data.skipped:
         view = views.get(entry.id)
@@ -216,7 +216,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
         taken = exchanged_points.in_view(view, view.uv + residual, wrong)
         if taken.swapped or taken.shifted:
             return "mismatched-points", exchanged_points.describe(taken, view).split(": ", 1)[1]
-        # a point that does not project is as far off as can be
+        # a point that does not project is infinitely far off
         if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * exchanged_points.spacing(view.uv):
             return "other-board", "no pose explains its points: another board, or points out of order"
     return "rejected-view", ""

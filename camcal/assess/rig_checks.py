@@ -15,7 +15,7 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.rig_cameras import within
 
-#: instants that two cameras share: below, one board read wrongly decides
+#: instants that two cameras share: of fewer, a single misread board decides
 FEW_INSTANTS = 4
 #: a relative rotation known no better than this, degrees, moves the pictures against each other by ten pixels at a
 #: focal length of 1000 px

@@ -18,7 +18,7 @@ from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 
-#: frames whose motion is known; fewer hardly tell the motion from their poses
+#: frames whose motion is known: of fewer, motion and poses are hardly separable
 LEAST_FRAMES = 6
 #: sigmas of the readout time; chance reaches 3 in one film of 400, and blur by motion is not quite symmetric
 SURE = 5.0

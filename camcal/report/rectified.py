@@ -22,7 +22,7 @@ from camcal.report.stereo import Pair, read_pair, section
 
 Array = np.ndarray
 
-#: so many rows, or columns, are drawn
+#: rows, or columns, that are drawn
 LINES = 24
 LINE_PART = 600  #: of the side: lines of one pixel are not seen when a large picture is made to fit a screen
 MAPS, MATRICES = "maps.npz", "rectification.yaml"

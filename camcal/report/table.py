@@ -19,7 +19,7 @@ from camcal.system.text import counted
 
 Document = Mapping[str, Any]
 
-#: more views than this are shown by their worst
+#: views of a complete table; of more, the worst are shown
 ALL_VIEWS = 24
 NAMED = 4  #: names in a sentence
 MOST_PLACES = 12  #: decimal places; sigmas of exact data would ask for more than a number has
@@ -64,7 +64,7 @@ def summary(report: Document) -> RenderableType:
             lines.append(Padding(Text(warning["hint"]), (0, 0, 0, 2)))
     for failure in report.get("failures", []):
         if failure.startswith("graded "):
-            continue  # it stands above, as a warning
+            continue  # it is listed above, as a warning
         lines.append(Text.assemble(("failed ", "bold red"), failure))
     verdict = report["verdict"]
     lines.append(Text.assemble((verdict.upper(), _STYLE[verdict]), f": {sentence(report)}"))

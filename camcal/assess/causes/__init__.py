@@ -26,7 +26,7 @@ from camcal.solve.optimizers.base import Options
 from camcal.solve.refine import How, refine
 from camcal.start.pose import initial_poses
 
-#: larger problems are left alone: the search takes 30 to 60 passes over the data, as much as a calibration
+#: larger problems are not searched: it takes 30 to 60 passes over the data, as much as a calibration
 MOST_POINTS, MOST_VIEWS = 20_000, 150
 #: Parts of the views are the cause where they explain this part of what numbers of each view explain: all of it,
 #: where that is what happened. The best two parts explain 2/pi = .64 of the variance of Gaussian numbers and 3/4 of

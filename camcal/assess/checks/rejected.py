@@ -12,7 +12,7 @@ from camcal.assess.warning import CalibrationWarning
 #: Share of rejected points from which on it is reported: detectors leave a point or two in a thousand.
 MANY = 0.02
 
-#: where a fifth of the points is wrong, what made them so may have moved the others, too
+#: where a fifth of the points is wrong, the cause may have moved the others, too
 A_FIFTH = 0.2
 
 

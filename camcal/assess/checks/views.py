@@ -30,9 +30,9 @@ PARAMETERS_PER_VIEW = 3
 #: section 3.1). With opencv4, .2 px and random tilts, one focal length in ten is off by 9 % and more with two views, by
 #: .9 % with three, by .8 % with four and by .4 % with six (20 runs each).
 LEAST_BENT = 4
-#: Of two views, neither is the one that is mirrored.
+#: views at least: of two, either may be the mirrored one
 LEAST_FOR_MAJORITY = 3
-#: More views than this part from behind are no mistakes: such a target is seen from both sides.
+#: part of views from behind above which the target is taken to be visible from both sides
 MINORITY = 1 / 3
 
 #: A plane is that of x and y if the cosine of its normal to z is above this: a bent board's plane is off by .001.

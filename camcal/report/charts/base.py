@@ -15,9 +15,9 @@ Array = np.ndarray
 #: ratios of the ends of a logarithmic scale: below the first, ticks at equal distances are as good; above the second, 1
 #: and 3 of each decade are marks enough
 LEAST_RATIO, TWO_DECADES = 5, 100
-#: relative: a number that is 1, 2 or 5 times a power of ten but for rounding counts as one
+#: relative error up to which a number counts as 1, 2 or 5 times a power of ten
 ROUNDED = 1e-3
-#: steps between ticks by which an end of an axis may miss one
+#: largest distance of a tick from the end of an axis, in steps between ticks
 ON_TICK = 1e-9
 
 #: What a layer means; each drawing has its own colours for these. `text` is that of letters, `accent` the data's,

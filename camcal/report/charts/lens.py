@@ -15,9 +15,9 @@ from camcal.report.charts.residuals import enlargement, picture_limits
 
 Array = np.ndarray
 
-#: beyond this angle from the axis, degrees, "where a pinhole would see it" says nothing any more
+#: degrees from the axis beyond which the image of a pinhole camera is too far out for a comparison
 PINHOLE_DEGREES = 75.0
-#: fx, fy, cx, cy and skew: a lens of no more parameters is a pinhole camera, unless one of them bends
+#: fx, fy, cx, cy and skew: a lens with no more parameters is a pinhole camera, unless one is of distortion
 PINHOLE_SIZE = 5
 LEAST_LENGTH = 1e-9  #: px; shorter displacements are rounding, and there is nothing to enlarge
 

@@ -11,9 +11,9 @@ from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points, round_d
 
 Array = np.ndarray
 
-#: more arrows or dots than this are thinned out: they cover one another, and a page has to stay small
+#: arrows or dots drawn at most: more would cover one another, and pages stay small
 MOST = 2500
-#: arrows are drawn so much larger that the longest usual one takes this part of the picture's width
+#: part of the picture's width to which the 95th percentile of the arrows is enlarged
 ARROW = 0.04
 LEAST_OF_CELL = 4  #: points of a cell whose mean is drawn: it is then known to half the noise
 LEAST_POINTS = 10  #: for a histogram, and of a ring

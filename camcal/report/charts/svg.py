@@ -129,7 +129,7 @@ def _axes(frame: _Frame) -> str:
             f'<text class="tick" text-anchor="middle" x="{x:.1f}" y="{bottom + 20:.1f}">{tick_text(v)}</text>'
             for v, x in zip(across, frame.x(np.array(across)), strict=True)
         ]
-    else:  # only so many as can be read
+    else:  # only as many as fit
         slots = frame.x(np.arange(len(bars.names)))
         names = [_shortened(n, LONGEST_NAME) for n in bars.names]
         step = math.ceil((max(map(len, names)) + 1) * LETTER * len(names) / frame.width)

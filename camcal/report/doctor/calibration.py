@@ -13,9 +13,9 @@ from camcal.report.doctor.findings import Finding, Gain, Grade, diagnosis, order
 
 Document = Mapping[str, Any]
 
-#: how a finding is graded that is a warning of this severity
+#: the grade of a finding, by the severity of its warning
 _GRADES: dict[str, Grade] = {"wrong": "wrong", "doubtful": "better", "note": "note"}
-#: warnings that more pictures in the right places do away with
+#: warnings that more pictures in the right places remove
 _PICTURES = frozenset(
     (
         "single-view",

@@ -12,9 +12,9 @@ from camcal.report.doctor.findings import Finding
 from camcal.report.doctor.remedies import lost_pictures
 from camcal.system.text import listed
 
-#: fewer pictures than this seldom cover picture, tilts and distances
+#: pictures at least: fewer seldom cover the picture, tilts and distances
 ENOUGH = 10
-#: part of the pictures with a fault from which on more is to be gained by mending it than by further pictures
+#: part of the pictures with a fault from which on removing it gains more than further pictures
 MANY = 1 / 3
 
 

@@ -17,8 +17,8 @@ from camcal.report.doctor.calibration import Document, gates, lost, sentence, wa
 from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
 from camcal.report.rig_uncertainty import pair
 
-#: an epipolar error of the calibration above this part of the noise of a point hides in no measurement: more pictures
-#: bring it down
+#: part of a point's noise above which an epipolar error of the calibration shows in measurements: more pictures
+#: reduce it
 LARGE = 0.5
 
 

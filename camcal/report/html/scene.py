@@ -23,7 +23,7 @@ from camcal.solve.calibration import Estimate
 
 Array = np.ndarray
 
-#: where the reader stands at first, degrees: from above and behind the camera's left shoulder
+#: the first direction of view, degrees: from above, behind and to the left of the camera
 YAW, PITCH = 35.0, -22.0
 WIDTH, HEIGHT = 640, 440
 #: distance of the eye in radii of the scene: a little perspective, no distortion
