@@ -64,7 +64,8 @@ FIRST, STRIDE = 0.5, 2.0
 OVERSHOT = 1.5
 #: Part of the first step down to which steps are halved: there the lens's domain, or the valley, ends.
 SHORTEST = 0.25
-#: An interval that is longer than stated by this factor is not reported: what is off by a hundred stated sigmas was not measured.
+#: An interval that is longer than stated by this factor is not reported: what is off by a hundred stated sigmas was not
+#: measured.
 FARTHEST = 100.0
 #: A step of the profile ends where what is left to gain is below this part of the wanted growth (a hundredth of it
 #: moves the end of the interval by half a hundredth), or after so many iterations; it takes three to ten.
