@@ -4,7 +4,8 @@
 
 The pictures are made here: clutter, texture of many scales, tiled floors and walls in perspective, facades with
 rows of windows, pages of text, stripes and meshes. Each is searched as `camcal checkerboard` does without options:
-as it is, then with black and white exchanged; and once more at a contrast of 30 grey levels. In the second part
+as it is, then with black and white exchanged; and once more at a contrast of 30 grey levels, each with a second look at
+the picture with its contrast evened out. In the second part
 each picture shows a target of the table that is not the one asked for. A false alarm is a picture in which a target
 of any kind is recognised.
 
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -24,8 +26,9 @@ from detect import clutter
 from tables import markdown, update
 
 from camcal.detect import targets
+from camcal.detect.local_contrast import with_second_look
 from camcal.detect.recognition.decide import answers
-from camcal.detect.recognition.look import look
+from camcal.detect.recognition.look import Sight, look
 from camcal.detect.targets.base import Detection
 from camcal.model.placement import Spread
 from camcal.study.cameras import example_camera
@@ -142,6 +145,10 @@ def photographed(flat: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
 
 
+def sight(gray: np.ndarray) -> Sight:
+    return look(gray, 1.0)[0]
+
+
 def without(seed: int) -> tuple[str, str]:
     """What a picture without a board shows, and the target that it is taken for, or nothing."""
     cv2.setNumThreads(1)
@@ -150,7 +157,7 @@ def without(seed: int) -> tuple[str, str]:
     gray = photographed(SCENES[name](rng), rng)
     weak = np.rint(100 + gray * (WEAK / 255) + rng.normal(0, 0.5, gray.shape)).astype(np.uint8)
     for how, shown in (("", gray), (" exchanged", ~gray), (" weak", weak)):
-        seen = answers([look(shown, 1.0)[0]])
+        seen = answers([with_second_look(shown, partial(sight, shown), lambda s: s.undecided)])
         if seen:
             return name, seen[0].target.spec + how
     return name, ""
@@ -165,7 +172,7 @@ def another(seed: int) -> tuple[str, str]:
     camera = example_camera("opencv5", SIZE, {})
     pose = board_poses(other, camera, rng, 1, Spread(tilt=(0.0, 50.0), fill=(0.5, 0.95), roll=180.0))[0]
     gray = render(other.pattern(), camera, pose, Look(blur=0.7, noise=2.0), rng)
-    found = target.find(gray)
+    found = targets.find(target, gray, 1.0)
     return f"{other.kind} for {target.kind}", target.spec if isinstance(found, Detection) else ""
 
 

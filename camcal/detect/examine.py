@@ -12,6 +12,7 @@ import numpy as np
 from camcal.detect import cache, targets
 from camcal.detect.decode import UnreadableError
 from camcal.detect.exif import UNKNOWN, Taken
+from camcal.detect.local_contrast import with_second_look
 from camcal.detect.quality import measure
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
@@ -106,7 +107,10 @@ def _look(task: Task, gray: np.ndarray, sha256: str) -> Outcome:
     size = (gray.shape[1], gray.shape[0])
     sight, result = None, None
     if task.target is None:
-        sight, result = look(~gray if task.negative else gray, task.seconds, task.expected)
+        shown = ~gray if task.negative else gray
+        sight, result = with_second_look(
+            shown, lambda: look(shown, task.seconds, task.expected), lambda seen: seen[0].undecided
+        )
     else:
         result = targets.find(task.target, gray, task.seconds)
     if isinstance(result, Miss):

@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from camcal.detect.exif import Taken
 from camcal.detect.film_motion import with_motion
 from camcal.detect.films import Range, Shown, left_out
 from camcal.detect.listing import left_in_folders, list_pictures
+from camcal.detect.local_contrast import with_second_look
 from camcal.detect.recognition.decide import Answer, contradiction, words
 from camcal.detect.recognition.families import family_of, read_markers, read_others
 from camcal.detect.recognition.look import Sight
@@ -190,7 +192,9 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
     for path in spread(readable, CONFIRMED_IN):
         gray = run.read(path, target.negative)
         if gray is not None:
-            family, markers = read_markers(gray, first)
+            family, markers = with_second_look(
+                gray, partial(read_markers, gray, first), lambda read: read[0] is None
+            )
             pictures.append(gray)
             sights.append(Sight(family, tuple(markers), more=read_others(gray, family, markers)))
     other = contradiction(target, sights, pictures)

@@ -10,7 +10,7 @@ from camcal.detect import grid
 from camcal.detect.candidates import find_candidates
 from camcal.detect.lattice import Lattice
 from camcal.detect.no_board import why_nothing
-from camcal.detect.pyramid import as_float, grey_range, reduced
+from camcal.detect.pyramid import as_float, reduced, to_search
 from camcal.detect.ranks import median
 from camcal.detect.squares import Squares, complete, shown_edges
 from camcal.detect.targets.base import Miss, clock
@@ -100,7 +100,8 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
     size : (columns, rows), optional
         Either way round.
     """
-    began, limits = clock(), grey_range(gray)
+    began = clock()
+    picture, limits = to_search(gray)
     rate, best, in_time = 0.0, None, True
     for factor in levels(gray.shape):
         pixels = gray.size / factor**2
@@ -108,7 +109,7 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
         if rate and spent + SLOWER * rate * pixels > seconds:
             in_time = False
             continue
-        level = _at_level(as_float(reduced(gray, factor), limits), factor, size)
+        level = _at_level(as_float(reduced(picture, factor), limits), factor, size)
         for found in level[: 1 if size is None else None]:
             if found.fits(size) and not _in_the_background(found, level[0]):
                 return found

@@ -4,13 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from camcal.detect import targets
+from camcal.detect import local_contrast, targets
 from camcal.detect.images import detect_images
+from camcal.detect.local_contrast import with_second_look
 from camcal.detect.recognition.decide import answers, board_size, contradiction, unread
 from camcal.detect.recognition.families import FAMILIES, Marker, read_markers
 from camcal.detect.recognition.layout import find_boards
 from camcal.detect.recognition.look import Sight, look
 from camcal.detect.recognition.measure import measured, rounded
+from camcal.detect.targets.base import Detection, Miss
 from camcal.detect.targets.dictionaries import detect, dictionary
 from camcal.errors import DataError
 from tests.detect.scenes import expected, make, picture, pose, random_view, straight_camera
@@ -233,6 +235,61 @@ def test_every_target_of_little_contrast_or_much_noise(shown, look_like):
     assert len(found) > 0.8 * len(target.points)
     error = np.linalg.norm(found.uv - expected(target, seen_by, pose, found.point_ids), axis=1)
     assert np.median(error / found.sigma) < 2.5  # 1.18 of Gaussian errors; corners of squares are up to 1.3
+
+
+@pytest.mark.parametrize("shown", WEAKLY)
+def test_every_target_of_four_grey_levels_beside_a_lamp(shown):
+    """A stretch of the whole picture ends at the lamp; the second look takes each region's own range."""
+    target, rng = make(shown), np.random.default_rng(7)
+    seen_by, pose = random_view(target, rng, tilt=(5.0, 40.0), fill=(0.8, 0.9), roll=15.0)
+    weak = {"black": 120, "white": 124, "background": 121, "noise": 0.5, "blur": 0.7}
+    gray = picture(target, seen_by, pose, rng, **weak)
+    gray = np.pad(gray, ((0, 60), (0, 120)), constant_values=121)
+    gray[300:, -110:] = 250
+    seen = with_second_look(gray, lambda: look(gray, 1.0)[0], lambda sight: sight.undecided)
+    best = answers([seen])[0].target
+    assert (best.kind, best.columns, best.rows) == (target.kind, target.columns, target.rows)
+    found = targets.find(target, gray, 1.0)
+    assert len(found) > 0.8 * len(target.points)
+    error = np.linalg.norm(found.uv - expected(target, seen_by, pose, found.point_ids), axis=1)
+    assert (
+        np.median(error / found.sigma) < 2.5
+    )  # as without a lamp: the points are fitted in the picture itself
+    if not shown.startswith(("checkerboard", "charuco")):  # whose saddles are found at any contrast
+        assert isinstance(target.find(gray), Miss)
+
+
+def test_a_picture_in_which_something_is_found_is_not_searched_again(monkeypatch):
+    target, rng = make("circles:9x7"), np.random.default_rng(7)
+    seen_by, pose = random_view(target, rng)
+    gray = picture(target, seen_by, pose, rng, noise=1.0)
+    looks = []
+    monkeypatch.setattr(local_contrast, "evened", lambda gray: looks.append(1) or gray)
+    assert isinstance(targets.find(target, gray, 1.0), Detection) and not looks
+    assert targets.find(make("circles:6x4"), gray, 1.0).reason == "other-size" and not looks
+    assert targets.find(target, gray[:, :200].copy(), 1.0).reason in {"none", "other-size", "cut-off"}
+    assert isinstance(targets.find(target, np.full_like(gray, 90), 1.0), Miss) and looks == [1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "step, raised", [(2, 32), (4, 64), (40, 110)]
+)  # of 40 by 64, and over the edges' grey
+def test_the_contrast_of_a_region_is_raised_by_the_largest_gain_beside_a_lamp(step, raised, noise):
+    checks = (np.indices((240, 320)) // 20).sum(0) % 2
+    gray = np.rint(100 + step * checks + np.random.default_rng(0).normal(0, noise, checks.shape))
+    gray[:50, :70] = 250  # nearly the whole region
+    made = local_contrast.evened(gray.astype(np.uint8)).astype(float)
+    for part in np.s_[125:235, 85:315], np.s_[62:115, 85:150]:  # far from the lamp, and beside it
+        white, black = (np.median(made[part][checks[part] == k]) for k in (1, 0))
+        assert white - black == pytest.approx(raised, rel=0.2)
+
+
+def test_a_picture_of_sixteen_bits_is_evened_as_one_of_eight():
+    gray = (100 + 4 * ((np.indices((120, 160)) // 20).sum(0) % 2)).astype(np.uint8)
+    gray[:30, :40], gray[-30:, -40:] = 0, 255
+    wide = gray.astype(np.uint16) * 50 + 7000
+    np.testing.assert_allclose(local_contrast.evened(wide).astype(int), local_contrast.evened(gray), atol=1)
 
 
 @pytest.mark.parametrize("shown", WEAKLY[1:])

@@ -54,6 +54,11 @@ class Sight:
     mirrored: bool = False
 
     @property
+    def undecided(self) -> bool:
+        """Whether there is nothing like a target, or a board whose markers cannot be read."""
+        return self == Sight() or (self.marked and self.family is None and not self.mirrored)
+
+    @property
     def plain(self) -> bool:
         """Whether there is a whole checkerboard and no marker."""
         return self.board is not None and self.whole and not self.marked and self.family is None

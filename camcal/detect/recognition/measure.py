@@ -13,9 +13,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from camcal.detect import targets
 from camcal.detect.marked_grid import sample_squares
 from camcal.detect.targets.aprilgrid import AprilGrid
-from camcal.detect.targets.base import MOST_GAP, Detection, Target
+from camcal.detect.targets.base import DEFAULT_SECONDS, MOST_GAP, Detection, Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import black_cells
 from camcal.detect.targets.squares import SquareGrid
@@ -78,7 +79,7 @@ def board_with_marker(board: Charuco, marker: float) -> Charuco:
 
 def _grid(board: Charuco, gray: Array) -> Array | None:
     """The corners (rows, columns, 2) of a picture, NaN for missing ones."""
-    found = board.find(gray)
+    found = targets.find(board, gray, DEFAULT_SECONDS)
     if not isinstance(found, Detection):
         return None
     uv = np.full((len(board.points), 2), np.nan)

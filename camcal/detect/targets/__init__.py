@@ -73,5 +73,14 @@ def make(spec: str) -> Target:
 
 
 def find(target: Target, gray: np.ndarray, seconds: float) -> Detection | Miss:
-    """Look for a target in a grey picture (height, width), black and white exchanged where that is how it is shown."""
-    return target.find(~gray if target.negative else gray, seconds)
+    """Look for a target in a grey picture (height, width), black and white exchanged where that is how it is shown.
+
+    Where nothing like it is seen, the search is repeated with the contrast evened out (`local_contrast.py`).
+    """
+    from camcal.detect.local_contrast import with_second_look
+    from camcal.detect.targets.base import NOTHING
+
+    shown = ~gray if target.negative else gray
+    return with_second_look(
+        shown, lambda: target.find(shown, seconds), lambda found: getattr(found, "reason", "") in NOTHING
+    )

@@ -31,6 +31,8 @@ Array = np.ndarray
 
 #: of this thread: a busy machine is to find the same boards as an idle one
 clock = time.thread_time
+#: reasons of a `Miss` where a picture shows nothing like the target, as far as its grey values tell
+NOTHING = frozenset({"none", "too-dark", "too-bright", "too-blurred"})
 LEAST_POINTS = 4  #: of a detection: the eight coordinates that determine the homography of a plane
 #: times as long as a picture of half its sides may take: its pixels are four times as many, and a quarter to spare
 LARGER = 5.0
