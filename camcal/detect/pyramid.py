@@ -26,8 +26,8 @@ WEAK = 64.0
 #: 8 rendered pictures of 4 grey levels, at .8 in 4
 WEAK_BLUR = 0.6
 #: ratio of the range of the blurred picture to the noise from which on there is more than noise to stretch: of noise
-#: alone the range is 2.2 times its standard deviation
-SOMETHING = 4.0
+#: alone the range is 2.9 times its standard deviation
+SOMETHING = 5.0
 #: Immerkaer's mask (Fast noise variance estimation, 1996), which takes off planes and edges; its norm is the factor by
 #: which it enlarges independent noise
 MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)

@@ -226,7 +226,7 @@ def test_a_small_range_is_stretched(step, stretched):
 
 @pytest.mark.parametrize("times, stretched", [(0.5 * SOMETHING, False), (1.7 * SOMETHING, True)])
 def test_noise_alone_is_not_stretched(times, stretched):
-    """The ramp has a range of so many standard deviations; noise widens the range by about 1.5 of them."""
+    """The ramp has a range of so many standard deviations; noise widens the range by about 2 of them."""
     ramp = np.linspace(0, times * 4.0, 300)[None] + np.random.default_rng(2).normal(0, 4.0, (200, 300))
     gray = np.rint(100 + ramp).astype(np.uint8)
     assert (to_8_bits(gray) is not gray) is stretched
