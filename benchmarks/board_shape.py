@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,17 +28,15 @@ import numpy as np
 from tables import markdown, update
 
 import camcal
-from camcal.assess import board_shape
 from camcal.assess.difference import difference
 from camcal.data.observations import Correspondences
 from camcal.detect.images import detect_images
 from camcal.model.camera import Camera
 from camcal.model.placement import simulate_poses
-from camcal.model.pose import Array, Poses
+from camcal.model.pose import Array
 from camcal.plan.calibrate import calibrate
 from camcal.plan.solution import Solution
 from camcal.solve.board_points import on_board
-from camcal.solve.refine import refine
 from camcal.study.cameras import example_camera
 from camcal.study.points import simulate_points
 
@@ -102,14 +100,10 @@ def errors(found: Camera, truth: Camera) -> list[float]:
 
 
 def estimates(data: Correspondences) -> tuple[dict[str, Camera], str]:
-    """The camera with each kind of board, and which `auto` takes, as `camcal.plan.pipeline` does it."""
-    flat = camcal.calibrate(data, checks=False)
-
-    def fit(kind: str, ideal: Correspondences, poses: Poses, inliers: Sequence[Array]) -> Solution:
-        return refine(flat.camera, poses, ideal, inliers=inliers, board_shape=kind)
-
-    best, trials = board_shape.choose(flat, data, fit)
-    return {t.kind: t.solution.camera for t in trials} | {"auto": best.solution.camera}, best.kind
+    """The camera with each kind of board, and which `auto` takes."""
+    made = {kind: camcal.calibrate(data, board_shape=kind, checks=False) for kind in SHAPES}
+    board = made["auto"].board
+    return {kind: found.camera for kind, found in made.items()}, board.kind if board else "flat"
 
 
 def simulated(boards: int) -> tuple[str, str]:
@@ -166,10 +160,7 @@ def beside_cv2(boards: int) -> str:
         for run in range(boards):
             rng = np.random.default_rng([run, views, 4])
             data = observed(truth, GRID + offsets(0.002, rng), views, rng)
-            # both get the points rounded to float32
-            data = replace(
-                data, views=tuple(replace(v, uv=v.uv.astype(np.float32).astype(float)) for v in data.views)
-            )
+            data = replace(data, uv=data.uv.astype(np.float32).astype(float))  # as cv2 rounds them
             seconds = []
             for kind in ("flat", "free", "auto", "cv2"):
                 begin = time.perf_counter()
@@ -216,7 +207,7 @@ def real() -> tuple[str, list[Solution]]:
         row(folder, "flat", found, "flat")
         shaped.append(row(folder, "auto", found, "auto"))
     for k, (folder, other) in enumerate((REAL[:2], REAL[1::-1])):
-        board = shaped[1 - k].extras["board"]
+        board = shaped[1 - k].board
         row(folder, f"that of {other}", on_board(data[folder], board.ideal, board.points), "flat")
     header = ["pictures", "shape", "rms", "hold-out", "fx", "fy", "cx", "cy"]
     return markdown(header, rows), shaped
@@ -224,7 +215,7 @@ def real() -> tuple[str, list[Solution]]:
 
 def agreement(left: Solution, right: Solution) -> str:
     """The correlation of the offsets that two cameras find for one board, each coordinate by itself."""
-    a, b = (in_plane(s.extras["board"].ideal, s.extras["board"].points) for s in (left, right))
+    a, b = (in_plane(s.board.ideal, s.board.points) for s in (left, right))
     found = [np.diag(np.corrcoef(a.T, other.T)[:3, 3:]) for other in (b, b[::-1] * [-1, -1, 1])]
     best = max(found, key=min)
     return (

@@ -78,7 +78,7 @@ def rows_of(folder: Path, size: tuple[int, int]) -> list[list[object]]:
     found = {kind: figures(data) for kind, data in kinds.items()}
     best = min((k for k in found if k.startswith("cornerSubPix")), key=lambda k: found[k][1])
     shown = {k: found[k] for k in ("SB accuracy (else cornerSubPix 5)", "cornerSubPix 11", best)}
-    first = Correspondences.from_views(tuple(common), ours.image_size, ours.target)
+    first = replace(Correspondences.from_views(tuple(common), ours.image_size), target=ours.target)
     shown["camcal, first pass"] = figures(first)
     second = calibrate(replace(first, files=ours.files), "opencv5", "auto", refine_points=True)
     shown["camcal, second pass"] = figures(second.points)

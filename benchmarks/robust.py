@@ -36,7 +36,7 @@ from camcal.model.placement import simulate_poses
 from camcal.model.pose import Array
 from camcal.solve import outliers
 from camcal.solve.losses import LOSSES
-from camcal.solve.refine import refine
+from camcal.solve.refine import How
 from camcal.solve.robust import METHODS, reweight
 from camcal.study.cameras import example_camera
 from camcal.study.points import outlier_moves, simulate_points
@@ -123,7 +123,7 @@ def by_cv2(data: Correspondences) -> Camera:
 def by_huber(data: Correspondences) -> Camera:
     """Least squares on all points, then Huber's loss from there."""
     plain = camcal.calibrate(data, robust="none", checks=False)
-    return reweight(plain, refine, LOSSES["huber"], rounds=15).camera
+    return reweight(plain, How(), LOSSES["huber"], rounds=15).camera
 
 
 WAYS: dict[str, Calibrate] = {"camcal": by_camcal, "cv2": by_cv2, "LM + Huber": by_huber}
