@@ -1,6 +1,7 @@
 """A cache of detections and second passes, keyed by the hash of the picture and all that the result depends on.
 
-An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and rewritten.
+An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and rewritten. Once a day, the
+entries that were used longest ago are removed until the rest take at most `LIMIT`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,10 @@ import functools
 import hashlib
 import io
 import json
+import os
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +26,12 @@ from camcal.system.reading import read_file
 from camcal.system.writing import atomic_write
 
 LARGEST = 64 << 20  #: bytes of an entry: a board of 1000 x 1000 points, four arrays of two numbers each
+#: bytes of all entries: a picture of a board takes about 10 kB for each search and each second pass, so that 10,000
+#: pictures with all of theirs find room
+LIMIT = 512 << 20
+KEPT = 0.9  #: of the limit, that entries take after older ones were removed, so that the next day has room for more
+PRUNED = "pruned"  #: file whose time is that of the last look at the size
+INTERVAL = 86400.0  #: s between two looks: one takes some 10 ms for every 1,000 entries
 #: rooms of the package whose code decides what is found in a picture
 ROOMS = ("detect", "geometry", "least_squares", "model")
 
@@ -37,6 +47,8 @@ def default_folder() -> Path | None:
 def use(folder: Path | None) -> None:
     """State where the results of this search, and of the second pass over its pictures, are kept; None for nowhere."""
     _used[:] = [folder]
+    if folder is not None:
+        _prune_daily(folder)
 
 
 def in_use() -> Path | None:
@@ -45,6 +57,40 @@ def in_use() -> Path | None:
 
 
 _used: list[Path | None] = [None]
+
+
+def _prune_daily(folder: Path) -> None:
+    mark = folder / PRUNED
+    with suppress(OSError):
+        if not folder.is_dir() or (mark.exists() and abs(time.time() - mark.stat().st_mtime) < INTERVAL):
+            return
+        mark.touch()
+        prune(folder)
+
+
+def prune(folder: Path, limit: int = LIMIT) -> int:
+    """Remove the entries that were used longest ago if all together take more than `limit` bytes.
+
+    Returns
+    -------
+    int
+        How many were removed: as many as leave `KEPT` of the limit.
+    """
+    entries = []
+    for path in folder.glob("??/*.npz"):
+        with suppress(OSError):  # another process removed it
+            said = path.stat()
+            entries.append((said.st_mtime, said.st_size, path))
+    total, removed = sum(size for _, size, _ in entries), 0
+    if total <= limit:
+        return 0
+    for _, size, path in sorted(entries):
+        if total <= KEPT * limit:
+            break
+        with suppress(OSError):
+            path.unlink()
+            total, removed = total - size, removed + 1
+    return removed
 
 
 @functools.cache
@@ -70,6 +116,8 @@ def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
         stream = io.BytesIO(read_file(path, LARGEST))
         arrays = npz.arrays(stream, npz.names(stream), LARGEST)
         values = json.loads(str(arrays.pop("values")[()]))
+        with suppress(OSError):
+            os.utime(path)  # used now; see `prune`
     except (CamcalError, RecursionError, *npz.BROKEN):
         return None
     return (arrays, values) if isinstance(values, dict) else None

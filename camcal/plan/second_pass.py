@@ -89,11 +89,8 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
     It is chosen on a part of the views where these are many.
     """
     whole, found = progress.fit, progress.given
-    count = len(whole.poses)
-    some = np.arange(count) if count < 2 * TRIED_ON else np.arange(TRIED_ON) * count // TRIED_ON
-    fit, tried = whole, []
-    if len(some) < count:
-        fit = refine(whole.camera, whole.poses[some], whole.observations.of_views(some), progress.how)
+    fit, tried = _of_some_views(whole, progress), []
+    part = fit is not whole
     for window, points in zip(WINDOWS, _again(found, found, fit, WINDOWS), strict=False):
         fit = _refitted(fit, points, progress)  # from the fit to the smaller windows, which is near
         tried.append((window, points, fit, Candidate(fit, hold_out(fit, progress.how))))
@@ -103,10 +100,22 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
             best = other
             break
     window, points, fit = best[:3]
-    if len(some) < count:
+    if part:
         points = _again(found, found, whole, (window,))[0]
         fit = _refitted(whole, points, progress)
     return window, points, fit
+
+
+def _of_some_views(whole: Calibration, progress: Progress) -> Calibration:
+    """The fit to `TRIED_ON` views spread over all where there are twice as many; the whole fit where that fails."""
+    count = len(whole.poses)
+    if count < 2 * TRIED_ON:
+        return whole
+    some = np.arange(TRIED_ON) * count // TRIED_ON
+    try:
+        return refine(whole.camera, whole.poses[some], whole.observations.of_views(some), progress.how)
+    except CamcalError:  # as some alone may not determine what all do
+        return whole
 
 
 def _better_on_a_free_board(

@@ -71,7 +71,12 @@ class DetectionOptions(Settings):
         FilmTime(), "Ignore a film before that time: seconds, or 1:02.5.", flag="--from"
     )
     to_time: float | None = setting(FilmTime(), "Ignore a film after that time.", flag="--to")
-    cache: bool = setting(Switch(), "Cache and reuse detections.", True, off="--no-cache")
+    cache: bool = setting(
+        Switch(),
+        "Keep what is found in each picture, and its second pass, and reuse it (at most 512 MB, see docs/targets.md).",
+        True,
+        off="--no-cache",
+    )
 
 
 REFINE_CORNERS = Option(

@@ -1,7 +1,9 @@
 import io
+import os
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from pathlib import Path
 
@@ -341,6 +343,33 @@ def test_an_entry_of_something_else_is_ignored(tmp_path):
     from camcal.detect.examine import _from_cache
 
     assert _from_cache(path, path, "") is None
+
+
+def test_entries_used_longest_ago_are_removed_beyond_the_limit(tmp_path):
+    paths = [cache.entry(tmp_path, f"{k:02d}" * 32, "x") for k in range(10)]
+    for age, path in enumerate(paths):
+        cache.store(path, {"uv": np.zeros((100, 2))}, {})
+        os.utime(path, (1e9 - age, 1e9 - age))
+    size = paths[0].stat().st_size
+    assert cache.prune(tmp_path, 10 * size) == 0
+    assert cache.load(paths[9]) is not None  # used: the oldest no longer
+    assert cache.prune(tmp_path, 10 * size - 1) == 2 and not paths[8].exists()  # below .9 of the limit
+    assert cache.prune(tmp_path, 5 * size) == 4
+    assert [p.exists() for p in paths] == [True] * 3 + [False] * 6 + [True]
+
+
+def test_the_size_of_the_cache_is_looked_at_once_a_day(tmp_path, monkeypatch):
+    looks = []
+    monkeypatch.setattr(cache, "prune", looks.append)
+    monkeypatch.setattr(cache, "_used", [None])
+    cache.use(tmp_path / "none")  # nothing is kept yet
+    cache.use(tmp_path)
+    cache.use(tmp_path)
+    assert looks == [tmp_path]
+    yesterday = time.time() - cache.INTERVAL - 1
+    os.utime(tmp_path / cache.PRUNED, (yesterday, yesterday))
+    cache.use(tmp_path)
+    assert len(looks) == 2
 
 
 def test_an_unwritable_cache_is_said_once(folder, monkeypatch, tmp_path):

@@ -242,10 +242,18 @@ def test_of_many_views_some_are_tried_in_all_windows_and_all_in_the_chosen_one(m
     monkeypatch.setattr(second_pass, "refine_images", refine_images)
     count, few = len(found.views), len(found.views) // 2
     whole, part = [(count, WINDOWS)], [(few, WINDOWS), (count, (INNER_HALF,))]
-    for most, expected in ((few + 1, whole), (few, part)):
+    usual = second_pass.refine
+
+    def refused(camera, poses, observations, how):  # as where some views alone do not determine the camera
+        if len(poses) < count:
+            raise EstimationError("no camera.", "Try again.")
+        return usual(camera, poses, observations, how)
+
+    for most, expected, fitting in ((few + 1, whole, usual), (few, part, usual), (few, whole, refused)):
         monkeypatch.setattr(second_pass, "TRIED_ON", most)
+        monkeypatch.setattr(second_pass, "refine", fitting)
         read.clear()
-        calibrate(found, refine_points=True, checks=False)
+        assert calibrate(found, refine_points=True, checks=False).second_pass is not None
         assert read[: len(expected)] == expected
 
 
