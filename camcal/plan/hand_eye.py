@@ -116,9 +116,9 @@ def find(solution: Solution | RigSolution, robot: RobotPoses, asked: Asked) -> F
     reading = recognise.choose(found, robot, asked.setup, len(rows))
     poses = robot.poses(reading.form, asked.inverse)
     size = scale(views_of(reading.setup, poses, pictures.poses))
-    require_same_unit(size[0], unit)
-    made = estimate(reading.setup, pictures, poses, asked.robust != "none")
     other = recognise.better_reading(found, reading, len(rows))
+    require_same_unit(size[0], unit, other)
+    made = estimate(reading.setup, pictures, poses, asked.robust != "none")
     return _told(made, reading, other, names, size, lost, asked, solution)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from camcal.errors import DataError
 from camcal.model.pose import Array
+from camcal.routes.hand_eye.recognise import Reading
 from camcal.routes.hand_eye.shah import rotations_of
 from camcal.routes.hand_eye.views import Views
 
@@ -43,7 +44,7 @@ def scale(views: Views) -> tuple[float, float]:
     return float(solved[3] / unit[3]), float(np.sqrt(np.linalg.inv(left.T @ left)[3, 3] * rest) / unit[3])
 
 
-def require_same_unit(factor: float, unit: str | None) -> None:
+def require_same_unit(factor: float, unit: str | None, other: Reading | None = None) -> None:
     """Raise an error if the poses' lengths are in another unit than the board's.
 
     Parameters
@@ -52,6 +53,8 @@ def require_same_unit(factor: float, unit: str | None) -> None:
         As `scale` gives it.
     unit : str or None
         Of the report.
+    other : Reading, optional
+        One that fits the poses far better than the one that was asked for.
 
     Raises
     ------
@@ -59,6 +62,12 @@ def require_same_unit(factor: float, unit: str | None) -> None:
     """
     if not np.isfinite(factor) or 1 / SAME_UNIT < abs(factor) < SAME_UNIT:
         return
+    if other is not None:
+        raise DataError(
+            f"the robot moves {abs(factor):.4g} times as far as the pictures say, and its poses fit far better as "
+            f"{other.words}.",
+            f"Try: --setup {other.setup} --rotation {other.form.name}",
+        )
     guess = next((u for u, mm in MILLIMETRES.items() if _is(factor, mm, unit)), None)
     of = f"the report's unit ({unit})" if unit in MILLIMETRES else "the report's unit"
     raise DataError(

@@ -197,6 +197,14 @@ def test_other_units_are_refused(factor, unit, hint):
     assert hint in caught.value.hint
 
 
+def test_lengths_that_a_wrong_set_up_makes_wrong_are_no_other_unit():
+    better = Reading("to-hand", FORMS["zyx-deg"], 0.001)
+    with pytest.raises(DataError, match="fit far better as to-hand, rotations as zyx-deg") as error:
+        require_same_unit(0.6, "mm", better)
+    assert error.value.hint == "Try: --setup to-hand --rotation zyx-deg"
+    require_same_unit(1.2, "mm", better)
+
+
 @pytest.mark.parametrize("factor", [1.0, SAME_UNIT - 0.01, 1 / SAME_UNIT + 0.01, float("nan")])
 def test_the_same_unit(factor):
     require_same_unit(factor, "mm")
