@@ -25,6 +25,7 @@ from camcal.least_squares.distributions import f_exceeded
 from camcal.records import dataclass
 from camcal.solve.board import PLACED
 from camcal.solve.calibration import Estimate, ShapedBoard
+from camcal.solve.several_boards import kinds_of
 
 #: a shape is accepted below this p-value: of a thousand flat boards one passes
 SIGNIFICANT = 0.001
@@ -52,12 +53,16 @@ class Trial:
 
 
 def p_value(flat: Estimate, shaped: Estimate) -> float:
-    """The p-value of (1): the probability that a flat board's noise would lower the cost as much."""
+    """The p-value of (1): the probability that a flat board's noise would lower the cost as much.
+
+    `flat` may have a simpler shape: B is then what the other has more.
+    """
     assert shaped.board is not None
     freedom = figures.redundancy(shaped)
     if freedom <= 0 or shaped.fit.cost <= 0:
         return 1.0
-    size = shaped.board.size - shaped.board.placed
+    before = 0 if flat.board is None else flat.board.size - flat.board.placed
+    size = shaped.board.size - shaped.board.placed - before
     ratio = (flat.fit.cost - shaped.fit.cost) / size / (shaped.fit.cost / freedom)
     return f_exceeded(max(ratio, 0.0), size, freedom)
 
@@ -101,7 +106,8 @@ def separate(board: ShapedBoard, target: Mapping[str, Any]) -> dict[str, ShapedB
         own, back = board.label == index, pose.inverse()
         if (board.points[own] != board.ideal[own]).any():
             ideal, points = back.apply(board.ideal[own]), back.apply(board.points[own])
-            found[name] = ShapedBoard(board.kind, ideal, points, board.size, numbers=board.numbers[own])
+            kind = kinds_of(board.kind, len(frames(target)))[index]
+            found[name] = ShapedBoard(kind, ideal, points, board.size, numbers=board.numbers[own])
     return found
 
 
@@ -119,7 +125,7 @@ def _of_board(board: ShapedBoard, square: float) -> dict[str, Any]:
         "points": (board.points / square).tolist(),
         "ideal": (board.ideal / square).tolist(),
     }
-    return said if board.numbers is None else {**said, "numbers": board.numbers.tolist()}
+    return said if board.numbers is None else {"kind": board.kind, **said, "numbers": board.numbers.tolist()}
 
 
 def _of_trial(trial: Trial, square: float) -> dict[str, Any]:

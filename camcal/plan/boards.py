@@ -22,7 +22,7 @@ from camcal.solve import robust
 from camcal.solve.board import PLACED
 from camcal.solve.calibration import Calibration, Estimate, Stage
 from camcal.solve.refine import How, refit
-from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, enough
+from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, enough, kinds_of
 from camcal.system.text import listed
 
 #: steps to a readout time at most: the first is off by .02 of .8 frames, the second by less than its sigma
@@ -200,6 +200,55 @@ def _tried(progress: Progress, flat: Estimate, trial: Trial, how: How) -> Change
     return Change(fit=fit, best=best, refused=refused, notes=notes)
 
 
+def _each_applies(progress: Progress) -> bool:
+    board = None if progress.best is None else progress.estimate.board
+    shaped = board is not None and board.kind != PLACED
+    return shaped and progress.options.board_shape == "auto" and _several_boards(progress)
+
+
+def _each(progress: Progress) -> Change | None:
+    """Another kind of shape for one board at a time, where that is better; a board without need of one is flat."""
+    assert progress.best is not None
+    best, several = progress.best, Several.of(progress.estimate.observations.kept())
+    assert several is not None and best.calibration.board is not None
+    kinds = list(kinds_of(best.calibration.board.kind, len(several.frames)))
+    trials: tuple[Trial, ...] = progress.notes.get("trials", ())
+    begin = best
+    for board in np.flatnonzero(enough(progress.estimate.observations.kept(), several)).tolist():
+        for kind in ("flat", *CANDIDATES):
+            tried = "+".join([*kinds[:board], kind, *kinds[board + 1 :]])
+            trial = _one_board(tried, best, progress) if kind != kinds[board] else None
+            if trial is None:
+                continue
+            trials = (*trials, trial)
+            candidate = Candidate(trial.calibration, trial.holdout)
+            if trial.holdout is not None and better(candidate, best)[0]:
+                best, kinds[board] = candidate, kind
+    if best is begin:
+        return Change(notes={"trials": trials})
+    taken = next(t for t in trials if t.calibration is best.calibration)
+    return Change(fit=best, instead=True, notes={"trials": trials, "shape": taken})
+
+
+def _one_board(kinds: str, best: Candidate, progress: Progress) -> Trial | None:
+    """A trial with one kind for each board; None where the data do not allow it, without a hold-out where refused."""
+    flat, how = _flat(progress), replace(progress.how, board=kinds)
+    if not set(kinds.split("+")) & set(CANDIDATES):
+        return None  # all flat: compared before
+    try:
+        made = refit(flat, flat.observations, how)
+    except CamcalError:
+        return None
+    simpler = made.free_count < best.calibration.free_count
+    p = board_shape.p_value(flat, made)
+    trial = Trial(kinds, made, p if simpler else board_shape.p_value(best.calibration, made), None)
+    if not simpler:
+        trial = replace(trial, change=_benefit(best.calibration, made))
+        if not trial.p_value < SIGNIFICANT or trial.change is None or not trial.change.better:
+            return trial
+    return replace(trial, p_value=p, holdout=hold_out(made, how))
+
+
 def _refused(trial: Trial) -> str:
     """The reason why a shape is not compared; empty if it is."""
     if not trial.p_value < SIGNIFICANT:
@@ -252,5 +301,6 @@ SHAPES: tuple[Attempt, ...] = (
     Attempt("rolling-shutter", _shutter_tells, _shutter),
     Attempt("turned-views", _shape_tells, _turn),
     *(shape_attempt(kind) for kind in CANDIDATES),
+    Attempt("each-board", _each_applies, _each),
     Attempt("rejected", _is_shaped, _reject_again),
 )

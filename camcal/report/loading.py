@@ -202,7 +202,7 @@ def _with_inputs(seen: Observations, report: Report, found: Mapping[str, Any]) -
 def board_of(target: Target | None, seen: Observations) -> ShapedBoard | None:
     """The estimated shape of the board, if the report has one; a given shape is part of the points."""
     shape = UNSET if target is None else target.shape
-    if not isinstance(shape, Shape) or shape.kind not in KINDS:
+    if not isinstance(shape, Shape) or not set(shape.kind.split("+")) & set(KINDS):
         return None
     square = target.square if target is not None and isinstance(target.square, float) else 1.0
     if shape.boards is not UNSET:

@@ -70,12 +70,18 @@ class BoardShape(Section):
     points: Annotated[list[Vector], key("where the points are")]
     ideal: Annotated[list[Vector], key("where they should be")]
     numbers: Annotated[list[Count], key("the number of each among the points of all boards")]
+    kind: Annotated[str | UnsetType, key("`bowl`, `print`, `free`")] = UNSET
 
 
 class Shape(Section, rename={"from_": "from"}):
     """The shape of a board, where it was estimated or given; lengths in squares (or the unit of the points)."""
 
-    kind: Annotated[str, key("`flat`, `bowl`, `print`, `free`; `known` where it was given")]
+    kind: Annotated[
+        str,
+        key(
+            "`flat`, `bowl`, `print`, `free`, of several boards also one each (`bowl+flat`); `known` where it was given"
+        ),
+    ]
     p_value: Annotated[Figure | UnsetType, key("probability that a flat board would look like this")] = UNSET
     aspect: Annotated[Figure | UnsetType, key("ratio of the print's scale in y to that in x")] = UNSET
     angle: Annotated[Figure | UnsetType, key("angle at which its sides meet, degrees")] = UNSET

@@ -25,7 +25,7 @@ from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen
-from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, places, shapes
+from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, kinds_of, places, shapes
 from camcal.solve.state import Blocks, State
 
 #: part of the largest coordinate by which two points may differ and be one: the rounding of printed coordinates
@@ -195,6 +195,7 @@ def make_board(views: Sequence[View], kind: str, several: Several | None = None)
     ----------
     views : sequence of View
     kind : str
+        Of several boards also one each (`kinds_of`).
     several : Several, optional
         Which board each row of all views is of.
 
@@ -203,8 +204,10 @@ def make_board(views: Sequence[View], kind: str, several: Several | None = None)
     UsageError
         Where the views do not share a target, for an unknown kind, or where no board has points in enough views.
     """
+    kinds = kinds_of(kind, 1 if several is None else len(several.frames))
     if kind != PLACED:
-        check_kind(kind)
+        for own_kind in kinds:
+            check_kind(own_kind)
     common = common_points(views)
     if common is None:
         raise UsageError(
@@ -222,7 +225,7 @@ def make_board(views: Sequence[View], kind: str, several: Several | None = None)
     part = several.place[label]
     basis = places(points, part)
     if kind != PLACED:
-        own = shapes(points, counts, label, several.frames, None if kind == "free" else KINDS[kind])
+        own = shapes(points, counts, label, several.frames, kinds, KINDS)
         if not own.shape[1]:
             raise UsageError(
                 f"no board has {LEAST_POINTS} points that are seen in {LEAST_VIEWS} views or more.",

@@ -1,14 +1,14 @@
 """The places and shapes of several boards in one calibration, as directions of all their points.
 
 Boards that are fixed to each other are placed together with the cameras: each is rotated about the mean of its points
-and shifted. Where shapes are estimated, each board has its own, all of one kind: the directions that the kind has for a
-board alone, in that board's frame, less what moves or scales the board as a whole. Its place is estimated besides, or
-is that of the views; its size is that of the design.
+and shifted. Where shapes are estimated, each board has its own, all of one kind or of one each: the directions that the
+kind has for a board alone, in that board's frame, less what moves or scales the board as a whole. Its place is
+estimated besides, or is that of the views; its size is that of the design.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -82,6 +82,12 @@ def motions_of(shape: Array, points: Array, part: Array) -> list[Pose]:
     return found
 
 
+def kinds_of(kind: str, boards: int) -> tuple[str, ...]:
+    """The kind of each board: one for all, or one each, joined by + in their order."""
+    parts = tuple(kind.split("+"))
+    return parts if len(parts) == boards else parts * boards
+
+
 def determined(label: Array, counts: Array, boards: int) -> Array:
     """Whether enough points (M,) of each board (K,) are seen in enough views for a shape."""
     often = counts >= LEAST_VIEWS
@@ -96,7 +102,12 @@ def enough(data: Observations, several: Several) -> Array:
 
 
 def shapes(
-    points: Array, counts: Array, label: Array, frames: Sequence[Pose], kind: Directions | None
+    points: Array,
+    counts: Array,
+    label: Array,
+    frames: Sequence[Pose],
+    kinds: Sequence[str],
+    directions_of: Mapping[str, Directions],
 ) -> Array:
     """(3 M, B): the directions of the shapes of all boards whose views determine one.
 
@@ -108,18 +119,22 @@ def shapes(
         How many views see each.
     label : (M,) int array
     frames : sequence of K Pose
-    kind : function, or None for every coordinate of every point
+    kinds : sequence of K str
+        `flat`, `free` for every coordinate of every point, or of `directions_of`.
+    directions_of : mapping of kind -> function
     """
     columns = [np.zeros((3 * len(points), 0))]
     for board in np.flatnonzero(determined(label, counts, len(frames))).tolist():
-        own = label == board
-        own &= counts >= (LEAST_VIEWS if kind is None else 1)
+        kind, own = kinds[board], label == board
+        if kind == "flat":
+            continue
+        own &= counts >= (LEAST_VIEWS if kind == "free" else 1)
         x = frames[board].inverse().apply(points[own])
         rigid = np.linalg.qr(similarities(x), mode="complete")[0]
-        if kind is None:
+        if kind == "free":
             directions = rigid[:, 7:]
         else:
-            directions = kind(x, counts[own])
+            directions = directions_of[kind](x, counts[own])
             directions = directions - rigid[:, :7] @ (rigid[:, :7].T @ directions)
         full = np.zeros((len(points), 3, directions.shape[1]))
         full[own] = np.einsum("ij,mjb->mib", frames[board].rotation, directions.reshape(len(x), 3, -1))
