@@ -14,6 +14,7 @@ from camcal.errors import UsageError
 from camcal.report import html
 from camcal.report.charts.base import Chart
 from camcal.report.charts.svg import svg
+from camcal.system.text import counted
 
 HOST = "127.0.0.1"
 RELOAD = 1  #: s
@@ -91,7 +92,8 @@ def page(steps: Sequence[Step], chart: Chart | None, target: float | None) -> st
         wanted = f" (wanted: {target:g} px)" if target is not None else ""
         weak = f", at the {escape(last.weakest)} of the picture" if last.weakest else ""
         head = (
-            f"<p>Worst projection uncertainty: <strong>{now}</strong>{wanted}{weak}; {last.views} pictures.</p>"
+            f"<p>Worst projection uncertainty: <strong>{now}</strong>{wanted}{weak}; "
+            f"{counted(last.views, 'picture')}.</p>"
             f"<p>Next: {escape(last.advice)}.</p>"
         )
     drawn = "" if chart is None else f"<figure>{svg(chart, 'next')}</figure>"

@@ -129,17 +129,17 @@ def control_chart(control: Control) -> Chart:
     """A control chart: each camera in the order of the jobs, the median, and the limits."""
     title = control.title
     count = len(control.values)
-    place = np.arange(count, dtype=float)
+    place = np.arange(1.0, count + 1)
     outliers = control.outliers
     bad = np.array([name in outliers for name in control.names])
-    shown = ~bad & (place % max(1, -(-count // MOST_DOTS)) == 0)
+    shown = ~bad & ((place - 1) % max(1, -(-count // MOST_DOTS)) == 0)
     reach = control.limit * control.spread
     low, high = (
         min(control.values.min(), control.centre - reach),
         max(control.values.max(), control.centre + reach),
     )
     margin = 0.05 * (high - low) or 1.0
-    ends = np.array([-0.5, count - 0.5])
+    ends = np.array([0.5, count + 0.5])
 
     def level(value: float, dashed: bool) -> Line:
         return Line(np.c_[ends, [value, value]], "faint", dashed=dashed)
@@ -159,9 +159,9 @@ def control_chart(control: Control) -> Chart:
         f"{control.type}, {title}",
         f"Median {control.centre:.6g}, scatter between cameras {control.spread:.3g}, limits at {control.limit:.1f} "
         f"of it. {said}",
-        "camera",
+        "camera, counted in the order of the jobs",
         title,
-        (-0.5, count - 0.5),
+        tuple(ends.tolist()),
         (low - margin, high + margin),
         tuple(layers),
     )

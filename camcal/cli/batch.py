@@ -110,6 +110,7 @@ class Progress:
         """Process a row; `done` of `total` jobs have finished."""
         if self.first is None:
             self.first = done - 1  # those of an earlier run took no time
+            self.said = self.first * LINES // total
         note(f"{row['name']}: {row.get('reason') or row['status']}", 1)
         part = done * LINES // total
         if part > self.said and total >= LINES:

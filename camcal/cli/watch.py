@@ -15,6 +15,7 @@ from camcal.cli.options import resolved_options, settle
 from camcal.cli.verbosity import note, verbosity_options
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
+from camcal.system.text import counted
 
 if TYPE_CHECKING:
     from camcal.batch.grabber import Grabber
@@ -146,9 +147,8 @@ def _say(step: Step) -> Step:
         said += f", rms {step.rms:.3g} px"
     if step.after is not None:
         before = "" if step.before is None else f"{step.before:.3g} -> "
-        said += (
-            f"; worst uncertainty {before}{step.after:.3g} px at the {step.weakest}, {step.views} pictures"
-        )
+        pictures = counted(step.views, "picture")
+        said += f"; worst uncertainty {before}{step.after:.3g} px at the {step.weakest}, {pictures}"
     note(f"{step.id}: {said} ({step.seconds:.2f} s).")
     if step.trouble:
         note(f"  no camera yet: {step.trouble}")

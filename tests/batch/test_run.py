@@ -1,5 +1,6 @@
 """Jobs over processes: failures, lost workers, what is kept, and what a second run does."""
 
+import importlib
 import os
 import sys
 from concurrent.futures import Future
@@ -8,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 import yaml
 
+from camcal.batch import executors
 from camcal.batch import run as running
 from camcal.batch.executors import Local
 from camcal.batch.jobs import Job, read_jobs
@@ -229,6 +231,12 @@ def test_places_that_cannot_hold_reports(monkeypatch):
     with pytest.raises(UsageError, match="Install s3fs") as caught:
         storage.Storage("s3://bucket/x")
     assert "beside camcal" in caught.value.hint
+
+
+def test_what_workers_begin_with_can_be_imported():
+    """The server of the workers passes over a module that is missing, without a word."""
+    for name in executors.NEEDED:
+        importlib.import_module(name)
 
 
 def deadly(jobs, out):

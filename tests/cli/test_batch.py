@@ -74,7 +74,7 @@ def test_an_outlier_of_its_type(camcal):
     write_jobs(30)
     write_camera("c7.csv", 7, focal=700.0)
     code, _, err = camcal("batch", "jobs.yaml", "-o", "out", "-j", "2")
-    assert code == 0 and "1 outliers" in err and "c7: unlike its type: focal -" in err
+    assert code == 0 and "1 outlier." in err and "c7: unlike its type: focal -" in err
     assert "10 jobs" not in err and "27 of 30 jobs, " in err and "left." in err
     assert summary()["c7"]["outlier"].startswith("focal -")
     assert camcal("batch", "jobs.yaml", "-o", "out", "-j", "1", "--resume", "--fail-on-outlier")[0] == 1

@@ -50,7 +50,7 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
             "heavy-tailed-residuals",
             f"large residuals are more frequent than with Gaussian noise (fourth moment {moment:.2f} instead of "
             "2): points of different quality, or undetected outliers.",
-            "Give sigmas with the points, or weight them by a robust loss (--robust huber).",
+            "Weight the points by a robust loss (--robust huber), or give sigmas with them in a table.",
             "note",
         )
 
