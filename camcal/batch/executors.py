@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import re
+import sys
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing.context import BaseContext
 
@@ -15,8 +16,8 @@ from camcal.system.processes import start_worker
 CONNECT = 10
 #: what Dask takes for an address; of another text its client cannot even be taken down without a traceback
 ADDRESS = re.compile(r"[a-z]+://.+|[^/]+:\d+")
-#: What a worker needs for its first job. A server process imports it once and workers are copies of that process: they
-#: start in some 10 ms, where the import takes each of them half a second, and share its memory.
+#: What a worker needs for its first job. A server process imports it once, and workers are copies of that process that
+#: share its memory: one or two start in 1.1 s of processor time, where each with an import of its own takes .6 s more.
 NEEDED = (
     "camcal.batch.work",
     "camcal.plan.calibrate",
@@ -68,8 +69,11 @@ class Local:
 
 
 def _context() -> BaseContext:
-    """How processes are started: by a server process where the system has one (not on Windows)."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    """How processes are started: by a server process on Linux.
+
+    Windows has no fork, and the frameworks of macOS do not survive one.
+    """
+    if sys.platform != "linux" or "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(NEEDED))
