@@ -36,6 +36,8 @@ def command(ctx: click.Context, source: Path, target: Path | None, **options: An
     """
     target = _target(target, options)
     cameras = _source(source, options)
+    if target is not None and _format_name(target, options) == "dlt":
+        cameras = _in_its_view(cameras, source)
     figures: dict[str, Any] = {"from": str(source)}
     if options["to_model"] is not None:
         cameras, more = _refitted(cameras, options, _is_square(target, options))
@@ -90,6 +92,20 @@ def _source(source: Path, options: dict[str, Any]) -> CameraFile:
     for named in found.cameras:
         files.check_size(named.camera, options["image_size"], str(source))
     return found
+
+
+def _in_its_view(cameras: CameraFile, source: Path) -> CameraFile:
+    """The camera of a report of one view with its pose in the frame of the points; others unchanged."""
+    if cameras.has_poses or len(cameras.cameras) != 1:
+        return cameras
+    from camcal.errors import DataError
+    from camcal.report.placed import load_placed
+
+    try:
+        (placed,) = load_placed(source)
+    except DataError:
+        return cameras
+    return replace(cameras, cameras=(replace(cameras.cameras[0], pose=placed.pose),))
 
 
 def _is_square(target: Path | None, options: dict[str, Any]) -> bool:

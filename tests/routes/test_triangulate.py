@@ -15,6 +15,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
+from camcal.report.placed import load_placed
 from camcal.report.triangulation import _warnings
 from camcal.routes.distance import LINEAR
 from camcal.routes.placed import PlacedCamera
@@ -153,3 +154,17 @@ def test_the_command_reads_dlt_coefficients(tmp_path):
         found = list(csv.DictReader(handle))
     assert [p["point"] for p in found] == [f"p{i}" for i in range(len(WORLD))]
     np.testing.assert_allclose([[float(p[k]) for k in "XYZ"] for p in found], WORLD, atol=0.01)
+
+
+def test_a_report_of_one_view_becomes_coefficients(tmp_path):
+    camera = laboratory(count=1)[0]
+    rows = np.c_[WORLD, camera.project(WORLD)]
+    with (tmp_path / "points.csv").open("w", newline="") as handle:
+        csv.writer(handle).writerows([["X", "Y", "Z", "u", "v"], *rows.tolist()])
+    report, table = tmp_path / "view.yaml", tmp_path / "one.csv"
+    estimate = ["estimate", tmp_path / "points.csv", "-m", "pinhole", "--image-size", "960x720", "-o", report]
+    for args in (estimate, ["convert", report, table, "--to", "dlt"]):
+        done = CliRunner().invoke(camcal, [*map(str, args), "-q"], standalone_mode=False)
+        assert done.exception is None, done.output
+    (found,) = load_placed(table)
+    np.testing.assert_allclose(found.project(WORLD), camera.project(WORLD), atol=1e-6)

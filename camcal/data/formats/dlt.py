@@ -44,7 +44,8 @@ def _write(cameras: CameraFile, suffix: str) -> str:
         _, terms = choose(named.camera, MODELS, "a table of DLT coefficients")
         if named.pose is None:
             raise UsageError(
-                "the DLT's numbers need the pose of the camera in the frame of the points.", "Convert a rig."
+                "the DLT's numbers need the pose of the camera in the frame of the points.",
+                "Convert the report of one view (camcal estimate, camcal pose), or a rig.",
             )
         made = terms.matrix @ named.pose.matrix[:3]
         known = named.projection
