@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 
 from camcal.errors import DataError
+from camcal.model.rig import Rig
 from camcal.plan.known_rig import evaluate_rig
 from camcal.routes.hand_eye.scale import SAME_UNIT
-from tests.rigs import observed, truth
+from tests.rigs import observed, pose, truth
 
 
 @pytest.fixture(scope="module")
@@ -32,3 +33,17 @@ def test_boards_of_nearly_the_right_size_are_evaluated(seen, factor):
     rig, data = seen
     found = evaluate_rig(rig, replace(data, xyz=data.xyz / factor))
     assert (found.rms_point < 0.4) == (factor == 1.0)
+
+
+@pytest.mark.parametrize(("baseline", "refused"), [(-200.0, True), (-100.0, False)])
+def test_a_factor_is_refused_where_it_sets_boards_apart(baseline, refused):
+    """1.65 times as long a baseline sets the boards of two cameras apart by .15 and .08 of their distance."""
+    places = truth("ab")
+    rig = Rig(places.cameras, {"b": pose((0.02, 0.25, 0.01), (baseline, 3, 20))}, "a")
+    data = observed(rig, instants=4)[0]
+    data = replace(data, xyz=data.xyz / 1.65)
+    if refused:
+        with pytest.raises(DataError, match=r"1\.65 times"):
+            evaluate_rig(rig, data)
+    else:
+        assert evaluate_rig(rig, data).rms_point > 1
