@@ -25,15 +25,13 @@ def command(ctx: click.Context, camera: Path, points: Path, **options: Any) -> i
     CAMERA is a camera file of any format, POINTS a table as `camcal estimate` reads it. Where the
     points allow several poses (three points, a plane seen from afar), all are reported, the best first.
     """
-    from camcal.cli.job import GATE_FELL, command_line, output_is_free
-    from camcal.cli.results import deliver
+    from camcal.cli.job import command_line, output_is_free
+    from camcal.cli.results import deliver_route
 
     output_is_free(options)
     from camcal.report.loading import load_camera
 
-    report = _report(load_camera(camera), points, options, command_line(ctx))
-    deliver(report, options, "Report", lambda: _table(report))
-    return GATE_FELL if report["verdict"] == "fail" else 0
+    return deliver_route(_report(load_camera(camera), points, options, command_line(ctx)), options, _table)
 
 
 def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]) -> dict[str, Any]:
@@ -41,14 +39,15 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
     from camcal.peers.solve_pnp import against_cv2
     from camcal.report.camera import camera_entry
     from camcal.report.routes import document, view_entry
-    from camcal.routes.pose import find
+    from camcal.routes.pose import find, fits_mirrored
 
     views = read_points(points).views
-    entries, checks, wide = [], [], {}
+    entries, checks, wide, mirrored = [], [], {}, {}
     for view in views:
         found = find(camera, view, options["robust"], options["seed"])
         entries.append(view_entry(view.id, found))
         wide[view.id] = found.distance_half_width(view)
+        mirrored[view.id] = fits_mirrored(camera, view, found)
         if options["crosscheck"]:
             used = view.take(found.used)
             checks.append(against_cv2(camera, used.xyz, used.uv, found.solutions[0].pose))
@@ -56,7 +55,8 @@ def _report(camera: Any, points: Path, options: dict[str, Any], words: list[str]
     if len(entries) == 1:
         sections = {"solutions": entries[0]["solutions"], **sections}
     held = list(camera.lens.names)
-    return document(words, camera_entry(camera, fixed=held), sections, checks, _warnings(entries, wide))
+    said = _warnings(entries, wide) + _mirrored(mirrored)
+    return document(words, camera_entry(camera, fixed=held), sections, checks, said)
 
 
 def _warnings(entries: list[dict[str, Any]], wide: dict[str, float | None]) -> list[dict[str, str]]:
@@ -92,6 +92,23 @@ def _warnings(entries: list[dict[str, Any]], wide: dict[str, float | None]) -> l
                 )
             )
     return made
+
+
+def _mirrored(views: dict[str, tuple[float, float] | None]) -> list[dict[str, str]]:
+    """The warnings about views that fit with v counted upwards alone."""
+    from camcal.report.routes import warning
+
+    return [
+        warning(
+            "mirrored-points",
+            f"view '{name}': most likely v increases upwards (the image's y axis points up): the points fit with an "
+            f"rms of {rms[1]:.3g} px then, and of {rms[0]:.3g} px as they are. Exchanged u and v, or a left-handed "
+            "frame of the points, look the same.",
+            "Use v = height - 1 - v (-v where the principal point is 0), or exchange u and v, or negate one axis.",
+        )
+        for name, rms in views.items()
+        if rms is not None
+    ]
 
 
 def _table(report: dict[str, Any]) -> Any:

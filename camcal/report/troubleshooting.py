@@ -231,6 +231,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
         "A flat, small or far target: two poses look alike.",
         "Points out of the plane, or a nearer picture.",
     ),
+    "mirrored-points": (
+        "v counted upwards, u and v exchanged, or a left-handed frame of the points.",
+        "Use v = height - 1 - v, exchange u and v, or negate one axis.",
+    ),
     "no-redundancy": ("As many points as unknowns.", "One more point; otherwise errors cannot be detected."),
     "uncertain-distance": (
         "Points close together as seen from the camera, or cameras close together.",
@@ -264,6 +268,7 @@ REMEDIES: dict[str, tuple[str, str]] = {
 #: of the routes, whose pages have no table of codes
 FOUND = {
     "several-poses": "`camcal pose`: more than one pose fits",
+    "mirrored-points": "`camcal pose`: the points fit only with v counted upwards",
     "no-redundancy": "`camcal pose`: there are no residuals to judge the pose by",
     "uncertain-distance": "`camcal pose`, `camcal triangulate`: the 95 % interval of a distance exceeds 20 % to a side",
     "undetermined-points": "`camcal triangulate`: points without a position",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from camcal.data.observations import View
@@ -117,6 +119,23 @@ def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Fou
         used[np.flatnonzero(inside)[~chosen]] = False
     _require_spread(view, used)
     return Found(tuple(_solutions(camera, view, rays, used)), used)
+
+
+def fits_mirrored(camera: Camera, view: View, found: Found) -> tuple[float, float] | None:
+    """rms_point of the points as they are and with v counted upwards, px, if only the latter fit.
+
+    All points take part, and an F test refuses that both leave the same noise. A plane mirrored is seen from behind:
+    there both fit.
+    """
+    turned = np.c_[view.uv[:, 0], 2 * camera.matrix[1, 2] - view.uv[:, 1]]
+    try:
+        own = (found if found.used.all() else find(camera, view, "none")).solutions[0]
+        other = find(camera, replace(view, uv=turned), "none").solutions[0]
+    except (DataError, EstimationError):
+        return None
+    if _could_be(own, other, len(view)):
+        return None
+    return own.rms_point, other.rms_point
 
 
 def _require_spread(view: View, used: Array) -> None:

@@ -73,8 +73,14 @@ def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
     if bad:
         index, reason = next(iter(bad.items()))
         more = f" (and {len(bad) - 1} more such views)" if len(bad) > 1 else ""
+        pose = (
+            ""
+            if len(correspondences.views) > 1
+            else " Where the camera is known: camcal pose CAMERA POINTS (3 points)."
+        )
         raise DataError(
-            f"view '{correspondences.views[index].id}': {reason}{more}.", "Remove it, or give it more points."
+            f"view '{correspondences.views[index].id}': {reason}{more}.",
+            "Remove it, or give it more points." + pose,
         )
     return form
 

@@ -20,6 +20,7 @@ from camcal.peers.solve_pnp import against_cv2
 from camcal.routes import pose as routes_pose
 from camcal.routes.distance import LINEAR
 from camcal.start import absolute_pose
+from tests.shared_data import DATA, needs_data
 
 PINHOLE = Camera(lenses.make("pinhole"), np.array([700.0, 700, 320, 240]), (640, 480))
 WIDE = Camera(lenses.make("kb4"), np.array([300.0, 300, 320, 240, 0.02, -0.01, 0.001, 0]), (640, 480))
@@ -215,3 +216,28 @@ def test_the_command(tmp_path):
     assert report["crosscheck"][0]["status"] == "pass"
     found = report["solutions"][0]["cam_from_world"]["translation"]
     assert np.abs(np.array(found) - truth.translation).max() < 0.02
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("upwards", [False, True])
+def test_images_counted_upwards_are_named_where_the_points_tell(upwards, planar):
+    rng = np.random.default_rng(5)
+    xyz, truth = scene(rng, 10, planar)
+    uv = PINHOLE.project(truth.apply(xyz)) + rng.normal(0, 0.3, (10, 2))
+    if upwards:
+        uv[:, 1] = 480 - uv[:, 1]
+    view = View("v", xyz, uv)
+    seen = routes_pose.fits_mirrored(PINHOLE, view, routes_pose.find(PINHOLE, view))
+    assert (seen is not None) == (upwards and not planar)  # a plane mirrored is seen from its other side
+    if seen is not None:
+        assert seen[1] < 1 < seen[0]
+
+
+@needs_data
+def test_control_points_of_an_aerial_picture_counted_upwards():
+    cases = DATA / "cases"
+    result = CliRunner().invoke(
+        camcal, ["pose", str(cases / "cam.yaml"), str(cases / "gcp4.csv"), "--format", "json"]
+    )
+    warning = next(w for w in json.loads(result.stdout)["warnings"] if w["code"] == "mirrored-points")
+    assert "v increases upwards" in warning["message"] and "0.00513 px" in warning["message"]
