@@ -7,6 +7,7 @@ are counted from 0. Whoever has the name can read the picture again.
 from __future__ import annotations
 
 import hashlib
+import mmap
 import re
 import sys
 import zipfile
@@ -65,12 +66,15 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
 def keep(sha256: str, gray: Array) -> None:
     """Keep a decoded picture for `read_gray` until `keep_none`; all that are kept have at most `KEPT` bytes.
 
-    A process that only searches pictures for another one keeps none.
+    A process that only searches pictures for another one keeps none. Each lies in pages of its own, which the system
+    has again once it is forgotten: memory from the heap would stay with the process, beside that of the calibration.
     """
     processes = sys.modules.get("multiprocessing")  # a process that was started by it has it
     alone = processes is None or processes.parent_process() is None
-    if alone and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
-        _kept[sha256] = gray
+    if alone and gray.size and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
+        own = np.frombuffer(mmap.mmap(-1, gray.nbytes), gray.dtype).reshape(gray.shape)
+        own[:] = gray
+        _kept[sha256] = own
 
 
 def keep_none() -> None:
