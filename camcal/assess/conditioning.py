@@ -6,7 +6,7 @@ twice as many.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from camcal.geometry.numbers import distinct
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.condition import condition
 from camcal.solve.problem import Problem
+from camcal.solve.refine import POINTS_AT_A_TIME
 from camcal.start import assumptions, central, conic
 
 Array = np.ndarray
@@ -96,14 +97,21 @@ def _homographies(data: Correspondences, normalise: bool) -> dict[str, float]:
     """The worst over the views; the last of 9 singular values belongs to the solution."""
     form, lengths = data.shapes, np.array([len(v) for v in data.views])
     both = np.zeros(2)
-    for length in distinct(lengths):  # views of one length at once
-        some = np.flatnonzero(lengths == length)
+    for some in _portions(lengths):
         xyz, uv = (np.stack([getattr(data.views[i], name) for i in some]) for name in ("xyz", "uv"))
         axes = form.axes[some, :, :2]
         raw, local = xyz @ axes, (xyz - form.origins[some][:, None]) @ axes
         for i, (points, pixels) in enumerate(((raw, uv), (_normalised(local), _normalised(uv)))):
             both[i] = max(both[i], _ratios(homography_equations(points, pixels), 7).max())
     return _pair(float(both[0]), float(both[1]), normalise)
+
+
+def _portions(lengths: Array) -> Iterator[Array]:
+    """Indices of views of one length, no more points at a time than `POINTS_AT_A_TIME` or those of one view."""
+    for length in distinct(lengths):
+        some = np.flatnonzero(lengths == length)
+        count = max(1, POINTS_AT_A_TIME // max(int(length), 1))
+        yield from (some[i : i + count] for i in range(0, len(some), count))
 
 
 def homography_equations(xy: Array, uv: Array) -> Array:
