@@ -74,10 +74,12 @@ def run_camcal(data: Correspondences, model: str) -> float:
 
 def _peak(which: str, case: tuple[int, int, int], model: str, out) -> None:
     small = simulate(3, 9, 6)  # both have loaded what they load late, so that only the work itself counts
-    run_camcal(small, "opencv5"), run_cv2(small, "opencv5")
+    run_camcal(small, "opencv5"), run_cv2(small, "opencv5"), camcal.calibrate(small, model="opencv5")
     data = simulate(*case)
     if which == "camcal":
         run_camcal(data, model)
+    elif which == "checked":
+        camcal.calibrate(data, model=model)
     elif which == "cv2":
         run_cv2(data, model)
     out.put(_high_water())

@@ -60,58 +60,67 @@ import camcal.cli.boundary, camcal.cli.group, camcal.cli.checkerboard, camcal.de
 import camcal.report.document, camcal.report.table, camcal.peers.run, camcal.plan.second_pass
 """
 LEAVE = "import os; os._exit(0)"  #: the command, too, leaves without taking modules apart
-#: the steps of the command on pictures, each with the processor time that it takes, in a process of its own
+#: the steps of the command on pictures, each with the processor time that it takes, in a process of its own; `step`
+#: keeps what the code took since the last call
 STEPS = (
-    IMPORTS
+    """
+import time
+took = [time.process_time()]
+import numpy, cv2
+def step(value=None):
+    took.append(time.process_time() - sum(took))
+    return value
+step()
+"""
+    + IMPORTS
     + """
-import sys, time
+step()
+import sys
 from pathlib import Path
+from camcal.cli.output import emit
 from camcal.detect.images import detect_images
+from camcal.detect.search import search
 from camcal.detect.sources import read_gray
+from camcal.detect.targets.checkerboard import detection
 from camcal.plan.calibrate import calibrate
 from camcal.report.document import document, save
-took = [time.process_time()]
-def step(work, *args, **options):
-    begin = time.process_time()
-    made = work(*args, **options)
-    took.append(time.process_time() - begin)
-    return made
-step(lambda: [read_gray(path) for path in Path(sys.argv[1]).iterdir()])
-found = step(detect_images, [sys.argv[1]], jobs=1, cache=False)
-step(calibrate, found, checks=False, refine_points=False)
-step(calibrate, found, checks=False, refine_points=None)
-step(calibrate, found, refine_points=False)
-solution = step(calibrate, found, refine_points=False, board_shape="auto", crosscheck=True)
-step(lambda: save(document(solution), sys.argv[2], force=True))
-print(*took)
+from camcal.report.table import tables
+pictures = step([read_gray(path)[0] for path in sorted(Path(sys.argv[1]).iterdir())])
+boards = step([search(gray, 60.0) for gray in pictures])
+step([detection(gray, board, 9, 6) for gray, board in zip(pictures, boards)])
+found = step(detect_images([sys.argv[1]], jobs=1, cache=False))
+step(calibrate(found, checks=False, refine_points=False))
+step(calibrate(found, checks=False, refine_points=None))
+step(calibrate(found, refine_points=False))
+step(calibrate(found, checks=False, refine_points=False, crosscheck=True))
+solution = step(calibrate(found, refine_points=False, board_shape="auto"))
+report = document(solution)
+save(report, sys.argv[2], force=True)
+step()
+emit(report, "table", lambda: tables(report))
+step()
+print("took", *took)
 """
 )
 #: the steps of the script
-SCRIPT_STEPS = (
-    """
-import sys, time
-def step(work):
-    begin = time.process_time()
-    work()
-    return time.process_time() - begin
-took = []
+SCRIPT_STEPS = """
+import time
+took = [time.process_time()]
+import cv2, numpy as np, sys, glob
+def step(value=None):
+    took.append(time.process_time() - sum(took))
+    return value
+step()
+criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.001)
+grid = np.zeros((54, 3), np.float32)
+grid[:, :2] = np.mgrid[0:9, 0:6].T.reshape(-1, 2)
+pictures = step([cv2.imread(name, cv2.IMREAD_GRAYSCALE) for name in sorted(glob.glob(sys.argv[1] + '/*'))])
+boards = step([cv2.findChessboardCorners(gray, (9, 6), None) for gray in pictures])
+shown = [(gray, corners) for gray, (ok, corners) in zip(pictures, boards) if ok]
+seen = step([cv2.cornerSubPix(gray, corners, (11, 11), (-1, -1), criteria) for gray, corners in shown])
+step(cv2.calibrateCamera([grid] * len(seen), seen, pictures[0].shape[::-1], None, None))
+print("took", *took)
 """
-    + SCRIPT.replace("criteria =", "took.append(time.process_time())\ncriteria =", 1).split("points, seen")[0]
-    + """
-names = sorted(glob.glob(sys.argv[1] + '/*'))
-gray = []
-took.append(step(lambda: gray.extend(cv2.imread(name, cv2.IMREAD_GRAYSCALE) for name in names)))
-seen = []
-def search():
-    for picture in gray:
-        ok, corners = cv2.findChessboardCorners(picture, (9, 6), None)
-        if ok:
-            seen.append(cv2.cornerSubPix(picture, corners, (11, 11), (-1, -1), criteria))
-took.append(step(search))
-took.append(step(lambda: cv2.calibrateCamera([grid] * len(seen), seen, gray[0].shape[::-1], None, None)))
-print(*took)
-"""
-)
 #: pictures, their size, the limit that issue and docs state for the ratio cold
 PICTURES = ((13, (640, 480), "png", 3.0), (30, (1632, 1224), "jpg", 1.5), (100, (1632, 1224), "jpg", 1.0),
             (12, (4000, 3000), "jpg", 1.0))  # fmt: skip
@@ -202,27 +211,34 @@ def steps(runs: int, place: Path, out: Path) -> Iterator[Row]:
 
     def medians(code: str) -> list[float]:
         command = [sys.executable, "-c", code, str(place), str(out)]
-        said = [
-            subprocess.run(command, capture_output=True, check=True, text=True).stdout for _ in range(runs)
-        ]
-        return [
-            statistics.median(t) for t in zip(*([float(w) for w in s.split()] for s in said), strict=True)
-        ]
+        lines = []
+        for _ in range(runs):
+            said = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+            lines.append([float(word) for word in said.rpartition("took")[2].split()])
+        return [statistics.median(times) for times in zip(*lines, strict=True)]
 
-    start, decoding, search, bare, second, checks, every, report = medians(STEPS)
+    start, base, modules, decoding, search, fits, found, bare, second, checks, peer, every, report, table = (
+        medians(STEPS)
+    )
     theirs = medians(SCRIPT_STEPS)
     parts = {
-        "interpreter and imports": (start, theirs[0]),
-        "decoding": (decoding, theirs[1]),
-        "search of the pictures": (search - decoding, theirs[2]),
-        "closed form and refinement": (bare, theirs[3]),
+        "start of the interpreter": (start, theirs[0]),
+        "imports of numpy and cv2": (base, theirs[1]),
+        "other imports": (modules,),
+        "decoding": (decoding, theirs[2]),
+        "search for the board": (search, theirs[3]),
+        "fit of its corners, twice": (fits, theirs[4]),
+        "hashes, recognition, quality of the pictures": (found - decoding - search - fits,),
+        "closed form and refinement": (bare, theirs[5]),
         "second pass over the pictures": (second - bare,),
         "checks": (checks - bare,),
-        "shapes of the board and cross-check": (every - checks,),
+        "cross-check": (peer - bare,),
+        "shapes of the board": (every - checks,),
         "report": (report,),
+        "tables on the terminal": (table,),
     }
     for name, (ours, *script) in parts.items():
-        yield f"of it, {name}", f"{ours:.3f} s", "".join(f"{t:.3f} s" for t in script), "", ""
+        yield f"of it, {name}", f"{1e3 * ours:.0f} ms", "".join(f"{1e3 * t:.0f} ms" for t in script), "", ""
 
 
 def timed(work: Callable[[], object]) -> float:
