@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from camcal.detect import motion_blur
 from camcal.detect.motion_blur import blur_ellipse
 from camcal.detect.quality import coverage, measure
 from camcal.detect.targets.base import Detection
@@ -48,6 +49,16 @@ def test_motion_is_seen_with_its_direction(direction):
     off = abs((found["blur_direction_deg"] - direction + 90) % 180 - 90)
     # the kernel's own pixels are rounded: a line of 9 px is off by up to 1/9 rad = 6 degrees
     assert off < 6
+
+
+@pytest.mark.parametrize("blur", [0.8, 1.6])
+def test_one_step_finds_the_blur_that_iteration_finds(monkeypatch, blur):
+    picture = as_picture(light(blur=blur))
+    one = figures(picture)
+    monkeypatch.setattr(motion_blur, "NEAR", 0.0)
+    every = figures(picture)
+    # a step of NEAR ends within NEAR² / 2 of the blur
+    assert one["blur_ratio"] == pytest.approx(every["blur_ratio"], abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -168,3 +168,16 @@ def test_by_count():
     groups = [g.tolist() for g in homography.by_count([4, 7, 4, 9, 7, 4])]
     assert groups == [[0, 2, 5], [1, 4], [3]]
     assert list(homography.by_count([])) == []
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_points_within_quadrilaterals_are_those_of_their_homographies(seed):
+    rng = np.random.default_rng(seed)
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    quads = 50 * square + rng.uniform(-8, 8, (5, 4, 2)) + rng.uniform(-500, 500, (5, 1, 2))  # convex
+    at = rng.uniform(0, 1, 4)
+    x, y = homography.within_quads(quads, at)
+    h = homography.homographies(np.broadcast_to(square, quads.shape), quads, steps=0)
+    grid = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
+    expected = homography.transfer(h, np.broadcast_to(grid, (5, 16, 2))).reshape(5, 4, 4, 2)
+    np.testing.assert_allclose(np.stack([x, y], -1), expected, atol=1e-7)

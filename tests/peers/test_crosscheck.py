@@ -398,3 +398,14 @@ def test_what_only_the_full_comparison_makes_is_said(model):
     solution = calibrate(data_of("kb4"), model=model, robust="none", checks=False)
     entry = refinement.against_cv2(solution, full=False)[0]
     assert entry["status"] == "not_applicable" and "--crosscheck full" in entry["why"]
+
+
+@pytest.mark.parametrize("part, same", [(0.9, True), (1.1, False)])
+def test_what_rounding_the_points_explains_is_the_same_optimum(part, same):
+    solution = calibrate(data_of(noise=0.003), model="opencv5", checks=False)
+    rounding = np.spacing(np.float32(solution.observations.uv.max()))
+    more = refinement.SAME * solution.rms_point + refinement.LOWER_PX
+    more += part * (np.hypot(solution.rms_point, rounding) - solution.rms_point)
+    for rms, expected in ((solution.rms_point + more, same), (solution.rms_point - more, False)):
+        result = calibrate_camera.Result(solution.camera, solution.poses, rms, np.zeros(5), "somewhere")
+        assert refinement._same(result, solution) == expected
