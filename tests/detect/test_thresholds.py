@@ -18,7 +18,8 @@ from camcal.detect import (
     quality,
 )
 from camcal.detect.discs import Discs
-from camcal.detect.targets import tag_board
+from camcal.detect.recognition import quads
+from camcal.detect.targets import dictionaries, tag_board
 from camcal.detect.windows import Windows
 from tests.detect.scenes import make
 
@@ -261,3 +262,31 @@ def test_what_is_said_of_a_picture(word, name, good, bad):
         figures["residual"] = 0.0
     for value, said in ((good, False), (bad, True)):
         assert any(w.startswith(word) for w in quality.warnings(figures | {name: value})) == said
+
+
+# ------------------------------------------------------------------------------------ markers
+SIDE, BORDER, CELL = 6, 1, 12
+
+
+def marker(wrong=0, bright=0):
+    """A picture of the first marker of 36h11, with so many wrong bits and bright border cells, and its corners."""
+    cells = 1.0 - dictionaries.black_cells("APRILTAG_36h11", 0, BORDER)
+    bits = cells[BORDER:-BORDER, BORDER:-BORDER].copy().ravel()
+    bits[np.arange(wrong) * 5 % 36] = 1 - bits[np.arange(wrong) * 5 % 36]
+    cells[BORDER:-BORDER, BORDER:-BORDER] = bits.reshape(SIDE, SIDE)
+    cells[0, :bright] = 1
+    gray = np.pad(np.kron(40 + 180 * cells, np.ones((CELL, CELL))), 20, constant_values=220).astype(np.uint8)
+    low, high = 19.5, 19.5 + CELL * len(cells)
+    return gray, np.array([[[low, low], [high, low], [high, high], [low, high]]])
+
+
+def test_bits_of_a_marker_that_are_corrected():
+    """Three of the five bits that the code corrects: with more, squares of other patterns are read as markers."""
+    for wrong, read in ((0, [0]), (3, [0]), (4, [])):
+        assert quads.decode(*marker(wrong), "APRILTAG_36h11", BORDER)[0].tolist() == read
+
+
+def test_the_border_of_a_marker():
+    """28 cells, a fifth of which may be bright."""
+    for bright, read in ((5, [0]), (6, [])):
+        assert quads.decode(*marker(bright=bright), "APRILTAG_36h11", BORDER)[0].tolist() == read
