@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from camcal.least_squares import Normal, damped_steps
+from camcal.least_squares import Differences, Normal, Options, damped_steps, minimise
 from camcal.least_squares.batch import copied, merged, put, rows_of
 from camcal.least_squares.damping import Damping
 
@@ -96,3 +96,23 @@ def test_batches():
     put(whole, np.array([1]), rows_of(new, np.array([False, True, False])))
     np.testing.assert_array_equal(whole.a, [0, 11, 2])
     np.testing.assert_array_equal(old.a, [0, 1, 2])
+
+
+# ------------------------------------------------------------------------------------ derivatives by differences
+def test_derivatives_by_differences_lead_to_the_minimum():
+    def residuals(x):
+        return np.array([x[0] - 1, (x[1] - 2) * 1e-3, x[0] * x[1] - 2])
+
+    found = minimise(Differences(residuals, 1e-6), np.array([[5.0, 9.0]]), Options(1e-12))
+    assert found.state[0] == pytest.approx([1, 2], abs=1e-5) and found.stats.converged.all()
+
+
+def test_a_step_out_of_the_domain_is_rejected():
+    """From 30 the full Gauss-Newton step of log x - 1 leads to -42, where there is no logarithm."""
+    found = minimise(Differences(lambda x: np.log(x) - 1, 1e-6), np.array([[30.0]]), Options(1e-12))
+    assert found.state[0, 0] == pytest.approx(np.e, rel=1e-6) and found.stats.invalid[0] > 0
+
+
+def test_a_start_out_of_the_domain_stays_where_it_is():
+    found = minimise(Differences(np.log, 1e-6), np.array([[-1.0]]), Options())
+    assert found.state[0, 0] == -1 and not found.stats.converged[0]
