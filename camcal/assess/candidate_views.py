@@ -12,8 +12,8 @@ from camcal.geometry.picture import in_picture
 from camcal.model.camera import Camera
 from camcal.model.placement import AWAY, STEP_RANGE, Spread
 from camcal.model.pose import Poses
-from camcal.solve.board import common_points
 from camcal.solve.calibration import Calibration
+from camcal.solve.common_points import common_points
 
 Array = np.ndarray
 

@@ -25,8 +25,8 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
 from camcal.records import dataclass
-from camcal.solve.board import common_points
 from camcal.solve.calibration import RigCalibration
+from camcal.solve.common_points import common_points
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.rig_cameras import within
 

@@ -22,9 +22,10 @@ from camcal.model.pose import Array, Poses
 from camcal.peers import refinement
 from camcal.peers.base import LEAST_POINTS, Entry, NotComparableError, Result, Task, entry
 from camcal.peers.calibrate_camera import answer, begin, camera_of, criteria, refusals, rms_of, where
-from camcal.solve.board import common_points, settle
+from camcal.solve.board import settle
 from camcal.solve.board_points import on_board
 from camcal.solve.calibration import Calibration
+from camcal.solve.common_points import common_points
 from camcal.solve.refine import How
 
 NAME = "cv2.calibrateCameraRO"

@@ -29,9 +29,10 @@ from camcal.schema import report as schema
 from camcal.schema.camera import Camera as Section
 from camcal.schema.kinds import UNSET
 from camcal.schema.views import BoardShape, Shape, Target, View
-from camcal.solve.board import KINDS, Board, BoardProblem, common_points, make_board
+from camcal.solve.board import KINDS, Board, BoardProblem, make_board
 from camcal.solve.board_points import by_number, on_board, shaped_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
+from camcal.solve.common_points import common_points
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.refine import cameras_of, placed_boards, residuals, rig_poses
 from camcal.solve.several_boards import Several

@@ -18,18 +18,15 @@ import numpy as np
 from camcal.data.observations import View
 from camcal.errors import UsageError
 from camcal.geometry import rotations
-from camcal.geometry.numbers import TINY
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 from camcal.solve.cameras import Assembly
+from camcal.solve.common_points import common_points
 from camcal.solve.groups import Group
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.several_boards import LEAST_POINTS, LEAST_VIEWS, Several, kinds_of, places, shapes
 from camcal.solve.state import Blocks, State
-
-#: part of the largest coordinate by which two points may differ and be one: the rounding of printed coordinates
-SAME_NUMBER = 1e-9
 
 
 @dataclass(frozen=True)
@@ -102,30 +99,6 @@ def point_slots(coordinates: Array, points: int) -> tuple[Array, Array, Array]:
     of_point: Array = slots.reshape(points, 3)
     rows, columns = np.broadcast_arrays(of_point[:, :, None], of_point[:, None, :])
     return rows, columns, (rows >= 0) & (columns >= 0)
-
-
-def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | None:
-    """The target's points (M, 3) and the ids of each view's rows; None where views disagree on a point.
-
-    Rows belong together by `point_ids` where all views have them, else by equal coordinates.
-    """
-    xyz = np.concatenate([v.xyz for v in views])
-    if all(v.point_ids is not None for v in views):
-        labels = np.concatenate([v.point_ids for v in views])
-        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        points = xyz[first]
-        if np.abs(points[inverse] - xyz).max(initial=0.0) > SAME_NUMBER * np.abs(xyz).max(initial=1.0):
-            return None
-    else:
-        grid = np.round(xyz / (SAME_NUMBER * max(np.abs(xyz).max(), TINY))).astype(np.int64)
-        rows = np.lexsort(grid.T)  # np.unique takes ten times as long for rows
-        new = np.r_[True, (grid[rows[1:]] != grid[rows[:-1]]).any(1)]
-        first, inverse = rows[new], np.empty(len(rows), int)
-        inverse[rows] = np.cumsum(new) - 1
-        order = np.argsort(first)  # in the order in which they first appear
-        points, inverse = xyz[first[order]], np.argsort(order)[inverse]
-    ends = np.cumsum([len(v) for v in views])[:-1]
-    return points, tuple(np.split(inverse.reshape(-1), ends))
 
 
 def _unit(points: Array) -> Array:

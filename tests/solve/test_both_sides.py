@@ -9,8 +9,8 @@ import pytest
 from camcal.data.observations import Observations, View
 from camcal.model.pose import Pose
 from camcal.solve import (
-    board,
     board_points,
+    common_points,
     groups,
     linear,
     outliers,
@@ -57,10 +57,10 @@ def test_the_rounding_of_a_board_s_points():
     largest = np.abs(xyz).max()
     for share, one in ((LESS, True), (MORE, False)):
         other = xyz.copy()
-        other[5, 2] = share * board.SAME_NUMBER * largest
+        other[5, 2] = share * common_points.SAME_NUMBER * largest
         ids = np.arange(len(xyz))
         views = [View("a", xyz, xyz[:, :2], None, ids), View("b", other, xyz[:, :2], None, ids)]
-        assert (board.common_points(views) is not None) == one
+        assert (common_points.common_points(views) is not None) == one
 
 
 def test_a_point_that_is_one_of_the_board_s():
