@@ -18,7 +18,7 @@ parameters, so that an F test says whether the ratio differs from 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -255,10 +255,10 @@ def bias_ratio(design: Design) -> BiasRatio | None:
         xyz = design.views[rows.view].xyz
         board = xyz.tobytes()
         if board not in of_boards:
-            of_boards[board] = list(cut(xyz))
-        for piece in of_boards[board]:
-            left, spare = _without_pose(rows, piece)
-            square, freedom, pieces = square + left, freedom + spare, pieces + 1
+            of_boards[board] = _by_size(cut(xyz))
+        for same in of_boards[board]:
+            left, spare = _without_poses(rows, same)
+            square, freedom, pieces = square + left, freedom + spare, pieces + len(same)
     own = redundancy(design.calibration)
     if not pieces or freedom < LEAST_FREEDOM or own <= freedom or covered <= 0:
         return None
@@ -282,11 +282,18 @@ def cut(xyz: Array, least: int = PIECE) -> Iterator[Array]:
         stack += [order[: len(order) // 2], order[len(order) // 2 :]]
 
 
-def _without_pose(rows: Rows, piece: Array) -> tuple[float, int]:
-    """The sum of squares of a piece after fitting its own pose, and its degrees of freedom."""
-    basis, _ = np.linalg.qr(
-        rows.pose[piece].reshape(-1, 6) / np.linalg.norm(rows.pose.reshape(-1, 6), axis=0)
-    )
-    r = rows.residuals[piece].ravel()
-    taken = basis.T @ r
-    return float(r @ r - taken @ taken), len(r) - 6
+def _by_size(pieces: Iterable[Array]) -> list[Array]:
+    """Pieces (N,) of the same number of points as (K, N), for each number."""
+    found: dict[int, list[Array]] = {}
+    for piece in pieces:
+        found.setdefault(len(piece), []).append(piece)
+    return [np.stack(same) for same in found.values()]
+
+
+def _without_poses(rows: Rows, pieces: Array) -> tuple[float, int]:
+    """The sum of squares of pieces (K, N) after fitting a pose to each, and their degrees of freedom."""
+    scaled = rows.pose / np.linalg.norm(rows.pose.reshape(-1, 6), axis=0)
+    basis, _ = np.linalg.qr(scaled[pieces].reshape(len(pieces), -1, 6))
+    r = rows.residuals[pieces].reshape(len(pieces), -1)
+    taken = np.einsum("kni,kn->ki", basis, r)
+    return float(np.square(r).sum() - np.square(taken).sum()), r.size - 6 * len(pieces)

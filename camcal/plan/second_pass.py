@@ -52,14 +52,14 @@ def _applies(progress: Progress) -> bool:
 
 def _second_pass(progress: Progress) -> Change:
     first, found = progress.fit, progress.given
-    window, points, current = _in_best_windows(progress)
+    window, points, current, after = _in_best_windows(progress)
     rounds, change = 1, _projections_moved(first, current)
     while rounds < ROUNDS and change > SETTLED:
         points, rounds = _again(points, found, current, (window,))[0], rounds + 1
         new = _refitted(current, points, progress)
-        change, current = _projections_moved(current, new), new
+        change, current, after = _projections_moved(current, new), new, None
     keep_none()  # pictures are not needed further
-    before, after = hold_out(first, progress.how), hold_out(current, progress.how)
+    before, after = hold_out(first, progress.how), after or hold_out(current, progress.how)
     kept, why = True, "asked for"
     if progress.options.refine_points is None:
         kept, why = better(Candidate(current, after), Candidate(first, before))
@@ -79,12 +79,13 @@ def _second_pass(progress: Progress) -> Change:
     if not kept:
         return Change(stage=stage, notes={"second_pass": notes})
     return Change(
-        fit=Candidate(current), instead=True, given=points, stage=stage, notes={"second_pass": notes}
+        fit=Candidate(current, after), instead=True, given=points, stage=stage, notes={"second_pass": notes}
     )
 
 
-def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibration]:
-    """The window size that is better than the default, or the default; its points, and the fit to them.
+def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibration, HoldOut | None]:
+    """The window size that is better than the default, or the default; its points, the fit to them, and its hold-out
+    where that is known.
 
     It is chosen on a part of the views where these are many.
     """
@@ -99,11 +100,11 @@ def _in_best_windows(progress: Progress) -> tuple[float, Observations, Calibrati
         if other is best or better(other[3], best[3])[0]:
             best = other
             break
-    window, points, fit = best[:3]
-    if part:
-        points = _again(found, found, whole, (window,))[0]
-        fit = _refitted(whole, points, progress)
-    return window, points, fit
+    window, points, fit, candidate = best
+    if not part:
+        return window, points, fit, candidate.holdout
+    points = _again(found, found, whole, (window,))[0]
+    return window, points, _refitted(whole, points, progress), None
 
 
 def _of_some_views(whole: Calibration, progress: Progress) -> Calibration:
