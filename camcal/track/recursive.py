@@ -89,7 +89,9 @@ class Recursive(Estimator):
 
     # ------------------------------------------------------------------ the first estimate
     def _wait(self, frame: Frame) -> TrackState:
-        """Collect frames until their points determine a camera."""
+        """Collect frames until their points determine a camera; those before the first points do not count."""
+        if not self.waiting and not len(frame):
+            return TrackState(frame.number, "waiting", points=0)
         self.waiting.append(frame)
         joined = join(self.waiting)
         try:

@@ -154,6 +154,15 @@ def test_waits_for_enough_points(method):
     assert statuses == ["waiting", "waiting", "started", "updated", "updated", "updated"]
 
 
+def test_frames_before_the_first_points_are_passed_over(method):
+    """A film often begins before the target is held up: with more frames than an estimator waits for."""
+    frames, _ = sequence("static", 16)
+    estimator = make(method)
+    empty = [with_points(f, slice(0, 0)) for f in frames[:14]]
+    statuses = [estimator.update(f).status for f in (*empty, *frames[14:])]
+    assert statuses[:14] == ["waiting"] * 14 and statuses[14] == "started"
+
+
 def test_a_plane_in_one_view_is_refused(method):
     frames, _ = sequence("static", 20, thickness=0)
     estimator = make(method)
