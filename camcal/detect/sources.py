@@ -6,6 +6,7 @@ are counted from 0. Whoever has the name can read the picture again.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import mmap
 import re
@@ -72,9 +73,10 @@ def keep(sha256: str, gray: Array) -> None:
     processes = sys.modules.get("multiprocessing")  # a process that was started by it has it
     alone = processes is None or processes.parent_process() is None
     if alone and gray.size and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
-        own = np.frombuffer(mmap.mmap(-1, gray.nbytes), gray.dtype).reshape(gray.shape)
-        own[:] = gray
-        _kept[sha256] = own
+        with contextlib.suppress(OSError):  # there is no memory for it: it is decoded again
+            own = np.frombuffer(mmap.mmap(-1, gray.nbytes), gray.dtype).reshape(gray.shape)
+            own[:] = gray
+            _kept[sha256] = own
 
 
 def keep_none() -> None:

@@ -208,6 +208,16 @@ def test_a_board_that_two_pictures_agree_on_is_not_searched_for_markers(tmp_path
     )  # two to agree; one without the board, in three ways, each with a second look
 
 
+def test_without_memory_no_picture_is_kept(monkeypatch):
+    def full(*_):
+        raise OSError(12, "Cannot allocate memory")
+
+    sources.keep_none()
+    monkeypatch.setattr(sources.mmap, "mmap", full)
+    sources.keep("one", np.zeros((200, 240), np.uint8))
+    assert not sources._kept
+
+
 def test_decoded_pictures_are_kept_within_their_limit(folder, monkeypatch):
     found = detect_images([folder], jobs=1, cache=False)
     path, sha256 = Path(found.files[0]["path"]), found.files[0]["sha256"]
