@@ -17,6 +17,7 @@ from camcal.report.routes import document, warning
 from camcal.routes.line_geometry import Lines
 from camcal.routes.read_lines import TABLES, read_gray, read_lines
 from camcal.routes.scene import at_infinity, estimate
+from camcal.routes.scene_bend import WITH_DISTORTION, with_distortion
 from camcal.routes.scene_fit import Scene
 
 KINDS = {1: "one", 2: "two", 3: "three"}
@@ -41,7 +42,26 @@ def report(
         found.camera, dict(zip(names, sigmas.tolist(), strict=True)), found.start.values, fixed
     )
     sections = {"scene": section(found, lines), "fit": {"rms_line": found.rms}}
-    return document(command, entry, sections, (), _warnings(found))
+    bent = None
+    if model == "pinhole" and "fx" not in fix:
+        bent = with_distortion(found, lines, fix, seed, picture)
+    return document(command, entry, sections, (), [*_warnings(found), *_bent(bent)])
+
+
+def _bent(other: Scene | None) -> list[dict[str, str]]:
+    """The warning about lines that are bent, with what a lens with distortion has for the focal length."""
+    if other is None:
+        return []
+    f, sigma = float(other.camera.params[0]), float(np.sqrt(other.covariance[0, 0]))
+    return [
+        warning(
+            "lines-bent",
+            f"the lines are bent as by a lens with distortion. With it the focal length is {f:.5g} ± {sigma:.2g} px, "
+            "which the interval without distortion does not hold.",
+            f"Try: -m {WITH_DISTORTION}",
+            "wrong",
+        )
+    ]
 
 
 def section(found: Scene, lines: Lines) -> dict[str, Any]:

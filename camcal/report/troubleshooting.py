@@ -252,6 +252,10 @@ REMEDIES: dict[str, tuple[str, str]] = {
     "one-direction": ("All lines have the same direction.", "Pictures with lines in other directions."),
     "undetermined": ("Lines do not determine these parameters.", "`--fix` them, or use another model."),
     "principal-point-assumed": ("The data leave it undetermined.", "Give it: `--fix cx=VALUE,cy=VALUE`."),
+    "lines-bent": (
+        "A lens with distortion, taken for a pinhole camera.",
+        "`-m division:1`, or undistort the picture first.",
+    ),
     "views-left-out": ("Views that share too few points.", "More tracks."),
     "points-twice": ("Two images of a point in one view.", "Give each point its own id."),
     "instants-left-out": (
@@ -277,6 +281,7 @@ FOUND = {
     "one-direction": "`camcal lines`: all lines have one direction",
     "undetermined": "`camcal lines`: parameters that lines do not determine",
     "principal-point-assumed": "`camcal scene`, `selfcalib`, `wand`: the middle of the picture is assumed",
+    "lines-bent": "`camcal scene`: lines are bent, and with distortion the focal length is outside its interval",
     "views-left-out": "`camcal selfcalib`: views that could not be added",
     "points-twice": "`camcal selfcalib`, `camcal wand`: a point twice in one view",
     "instants-left-out": "`camcal wand`: instants that are not used",

@@ -122,7 +122,8 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
     if "fx" in fix:
         return scene
     sigma = float(np.sqrt(scene.covariance[0, 0]))
-    if len(scene.directions) < 2 or not sigma <= FOCAL * scene.camera.params[0]:
+    far = all(at_infinity(scene, i, width) for i in scene.directions)  # then what bends the lines makes f up
+    if len(scene.directions) < 2 or far or not sigma <= FOCAL * scene.camera.params[0]:
         raise _undetermined(scene, sigma, width)
     return _with_centre(lines, scene, unknown, fix, seen)
 
@@ -183,6 +184,8 @@ def _undetermined(scene: Scene, sigma: float, width: int) -> EstimationError:
         )
     far = [i for i in scene.directions if at_infinity(scene, i, width)]
     known = f"{sigma / scene.camera.params[0]:.0%}" if np.isfinite(sigma) else "nothing"
+    if len(far) == len(scene.directions):
+        known = "nothing"
     what = (
         f"{len(far)} of {len(scene.directions)} vanishing points are at infinity"
         if far

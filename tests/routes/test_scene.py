@@ -16,6 +16,7 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.routes.line_geometry import Lines
 from camcal.routes.scene import estimate
+from camcal.routes.scene_bend import BENT, LEAST_POINTS, common_bend, with_distortion
 from camcal.routes.scene_vote import Seen, families
 
 SIZE = (640, 480)
@@ -101,6 +102,41 @@ def test_what_is_undetermined_is_refused_by_name():
         estimate(room(CORNER, families=(0,)), PINHOLE.lens, KNOWN)
     with pytest.raises(DataError, match="4 lines"):
         estimate(room(CORNER, families=(0, 1), count=2), PINHOLE.lens, KNOWN)
+
+
+@pytest.mark.parametrize(("k", "bent", "off"), [(0.0, False, False), (-0.1, True, False), (-0.3, True, True)])
+def test_lines_that_a_lens_bends_are_named(k, bent, off):
+    """With -0.1 the interval without distortion still holds the focal length that distortion has."""
+    lens = lenses.make("division:1")
+    camera = Camera(
+        lens, lens.from_values({"fx": 800.0, "fy": 800.0, "cx": 331.0, "cy": 236.0, "l1": k}), SIZE
+    )
+    lines = room(CORNER, noise=0.05, camera=camera, points=15)
+    found = estimate(lines, PINHOLE.lens, {})
+    assert (abs(common_bend(lines, found.camera.params[2:4])) > BENT) == bent
+    other = with_distortion(found, lines, {}, 0, False)
+    assert (other is not None) == off
+    if other is not None:
+        assert abs(other.camera.params[0] - 800) < 4 * sigmas(other)[0] < 10
+
+
+def test_lines_of_few_points_say_nothing_of_a_bend():
+    assert np.isnan(common_bend(room(CORNER, points=LEAST_POINTS - 1), PINHOLE.params[2:4]))
+    assert np.isfinite(common_bend(room(CORNER, points=LEAST_POINTS), PINHOLE.params[2:4]))
+
+
+def test_a_grid_parallel_to_the_picture_is_refused_whatever_bends_its_lines():
+    """A bend of 15 px made up a focal length of 7621 ± 330 px for 1000."""
+    lens, size = lenses.make("division:1"), (1280, 960)
+    values = {"fx": 1000.0, "fy": 1000.0, "cx": 639.5, "cy": 479.5, "l1": -0.2}
+    camera = Camera(lens, lens.from_values(values), size)
+    rng, x, y = np.random.default_rng(1), np.linspace(-0.6, 0.6, 15), np.linspace(-0.45, 0.45, 12)
+    level = [np.c_[x, np.full(15, -0.45 + 0.08 * i), np.ones(15)] for i in range(12)]
+    upright = [np.c_[np.full(12, -0.6 + 0.085 * i), y, np.ones(12)] for i in range(15)]
+    uv = [camera.project(line) + rng.normal(0, 0.1, (len(line), 2)) for line in level + upright]
+    lines = Lines.of(uv, [str(i) for i in range(len(uv))], size)
+    with pytest.raises(EstimationError, match="2 of 2 vanishing points are at infinity"):
+        estimate(lines, PINHOLE.lens, {})
 
 
 def test_segments_of_a_picture_are_where_the_edges_are():
