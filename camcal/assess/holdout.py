@@ -83,7 +83,9 @@ class HoldOut:
         return dict(zip(self.view_ids, means, strict=True))
 
 
-def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | None:
+def hold_out(
+    calibration: Estimate, how: How, folds: int = FOLDS, design: Design | None = None
+) -> HoldOut | None:
     """Hold out every view once, in `folds` rounds of every so-many-th view.
 
     Parameters
@@ -92,6 +94,8 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
         Its used points are those that every fold uses, too.
     how : How
         How it was made.
+    design : Design, optional
+        Of the calibration, where others use it, too.
 
     Returns
     -------
@@ -104,9 +108,10 @@ def hold_out(calibration: Estimate, how: How, folds: int = FOLDS) -> HoldOut | N
     found: list[Array] = [np.zeros((0, 2))] * count
     fits, trained = [], []
     data = as_designed(calibration)
-    design = None
     if isinstance(calibration, Calibration) and calibration.board is None:
-        design = Design(calibration)
+        design = design or Design(calibration)
+    else:
+        design = None
     for fold in range(folds):
         test = np.arange(fold, count, folds)
         train = np.flatnonzero(np.arange(count) % folds != fold)

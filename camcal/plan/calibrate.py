@@ -13,6 +13,7 @@ from camcal.assess import causes
 from camcal.assess import outliers as foreign
 from camcal.assess.checks import check
 from camcal.assess.conditioning import with_conditioning
+from camcal.assess.design import Design
 from camcal.assess.fold_difference import difference_of_folds
 from camcal.assess.holdout import described, folds_wanted, hold_out
 from camcal.data.observations import Observations
@@ -254,10 +255,11 @@ def assessed(solution: Solution, progress: Progress) -> Solution:
     solution = replace(solution, observations=data, warnings=(*solution.warnings, *said))
     folds = folds_wanted(solution, asked.holdout)
     how = replace(progress.how, board=solution.board.kind if solution.board else "flat")
-    held = hold_out(solution, how, folds) if folds else None
+    design = Design(solution)
+    held = hold_out(solution, how, folds, design) if folds else None
     if held is not None:
         solution = replace(solution, holdout=described(held, difference_of_folds(solution, held)))
-    warnings = (*check(solution, solution.warnings, solution.holdout, found), *as_designed(progress))
+    warnings = (*check(solution, solution.warnings, solution.holdout, found, design), *as_designed(progress))
     if asked.start_camera is None:
         warnings = (*warnings, *held_at_start(asked.fix, solution.camera))
     solution = replace(solution, warnings=warnings)

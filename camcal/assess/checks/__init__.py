@@ -30,6 +30,7 @@ from camcal.assess.checks import (
     views,
 )
 from camcal.assess.checks.facts import Facts
+from camcal.assess.design import Design
 from camcal.assess.warning import CalibrationWarning
 from camcal.solve.calibration import Calibration
 
@@ -94,6 +95,7 @@ def check(
     known: Sequence[CalibrationWarning] = (),
     holdout: Mapping[str, Any] | None = None,
     found: Found | None = None,
+    design: Design | None = None,
 ) -> tuple[CalibrationWarning, ...]:
     """All warnings about a calibration, the most severe kinds first.
 
@@ -108,8 +110,10 @@ def check(
         The report's figures on views held out.
     found : Found, optional
         What all views have in common, `camcal.assess.causes.find`.
+    design : Design, optional
+        The linearised problem of the solution, where it is known already.
     """
-    facts = Facts(solution, holdout, found)
+    facts = Facts(solution, holdout, found, design)
     codes = {w.code for w in known}
     if "weak-geometry" in codes and parameters.focal_known(facts):
         known = [w for w in known if w.code != "weak-geometry"]

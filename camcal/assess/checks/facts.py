@@ -33,8 +33,9 @@ class Facts:
         solution: Calibration,
         holdout: Mapping[str, Any] | None = None,
         found: Found | None = None,
+        design: Design | None = None,
     ):
-        self.solution, self.holdout, self.found = solution, holdout, found
+        self.solution, self.holdout, self.found, self._design = solution, holdout, found, design
         self.camera = solution.camera
         self.views = solution.observations.views
         self.image_size = solution.camera.image_size or solution.observations.image_size
@@ -54,7 +55,7 @@ class Facts:
     @cached_property
     def design(self) -> Design | None:
         """The linearised problem; None if a used point lies outside the lens's domain or nothing was estimated."""
-        design = Design(self.solution)
+        design = self._design or Design(self.solution)
         if not design.transform.shape[1]:
             return None
         try:
