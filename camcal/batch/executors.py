@@ -71,12 +71,19 @@ class Local:
 def _context() -> BaseContext:
     """How processes are started: by a server process on Linux.
 
-    Windows has no fork, and the frameworks of macOS do not survive one.
+    Windows has no fork, and the frameworks of macOS do not survive one. The server is reached by a socket in the folder
+    of temporary files, the path of which may be too long for one.
     """
     if sys.platform != "linux" or "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(NEEDED))
+    from multiprocessing.forkserver import ensure_running
+
+    try:
+        ensure_running()
+    except OSError:
+        return multiprocessing.get_context("spawn")
     return context
 
 

@@ -1,6 +1,8 @@
 """Jobs over processes: failures, lost workers, what is kept, and what a second run does."""
 
 import importlib
+import multiprocessing.forkserver
+import multiprocessing.util
 import os
 import sys
 from concurrent.futures import Future
@@ -251,6 +253,18 @@ def test_a_real_process_that_ends(monkeypatch):
     monkeypatch.setattr(running, "run_jobs", deadly)
     rows = {row["name"]: row["status"] for row in running._rows(named(6), "out", Local(2))}
     assert rows == {f"j{n}": "failed" if n == 1 else "done" for n in range(6)}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a server process starts the workers on Linux alone")
+def test_workers_start_where_the_folder_of_temporary_files_has_a_long_path(tmp_path, monkeypatch):
+    """The socket of the server process would be there, and its path may have 107 bytes."""
+    folder = tmp_path / ("x" * 120)
+    folder.mkdir()
+    assert executors._context().get_start_method() == "forkserver"
+    server = multiprocessing.forkserver.ForkServer()
+    monkeypatch.setattr(multiprocessing.forkserver, "ensure_running", server.ensure_running)
+    monkeypatch.setattr(multiprocessing.util, "get_temp_dir", lambda: str(folder))
+    assert executors._context().get_start_method() == "spawn"
 
 
 def test_compact_reports_hold_the_same_camera(tmp_path):
