@@ -9,6 +9,7 @@ from camcal.detect.corners import edge_normals
 from camcal.detect.fit import Fits
 from camcal.detect.windows import Windows
 
+LESS, MORE = 0.999, 1.001
 COUNT, SIDE, HALF = 9, 20.0, 0.4
 
 
@@ -51,36 +52,36 @@ def scaled(which, value):
 @pytest.mark.parametrize(
     ("word", "inside", "outside"),
     [
-        ("border", scaled(4, 0.76), scaled(4, 0.74)),
+        ("border", scaled(4, MORE * corners.LEAST_INSIDE), scaled(4, LESS * corners.LEAST_INSIDE)),
         (
             "contrast",
-            sets(0, model.CONTRAST, -1.05),
-            sets(0, model.CONTRAST, -0.95),
+            sets(0, model.CONTRAST, -MORE * corners.LEAST_CONTRAST),
+            sets(0, model.CONTRAST, -LESS * corners.LEAST_CONTRAST),
         ),
         (
             "blurred",
-            sets(0, model.BLUR, 0.29 * SIDE),
-            sets(0, model.BLUR, 0.31 * SIDE),
+            sets(0, model.BLUR, LESS * corners.MOST_BLUR * SIDE),
+            sets(0, model.BLUR, MORE * corners.MOST_BLUR * SIDE),
         ),
         (
             "neighbours",
-            sets(0, model.DX, 0.49 * HALF * SIDE),
-            sets(0, model.DX, 0.51 * HALF * SIDE),
+            sets(0, model.DX, LESS * corners.MOST_SHIFT * HALF * SIDE),
+            sets(0, model.DX, MORE * corners.MOST_SHIFT * HALF * SIDE),
         ),
         (
             "follow",
-            turned(0.34),
-            turned(0.36),
+            turned(LESS * corners.MOST_TURN),
+            turned(MORE * corners.MOST_TURN),
         ),
         (
             "like a corner",
-            scaled(2, 60 * 0.215),
-            scaled(2, 60 * 0.225),
+            scaled(2, 60 * LESS * corners.MOST_MISFIT),
+            scaled(2, 60 * MORE * corners.MOST_MISFIT),
         ),
         (
             "uncertain",
-            scaled(1, 0.34**2 * np.eye(2)),
-            scaled(1, 0.36**2 * np.eye(2)),
+            scaled(1, (LESS * corners.MOST_SIGMA) ** 2 * np.eye(2)),
+            scaled(1, (MORE * corners.MOST_SIGMA) ** 2 * np.eye(2)),
         ),
         ("uncertain", lambda *_: None, scaled(3, False)),
         ("uncertain", lambda *_: None, scaled(1, np.nan)),
@@ -98,13 +99,13 @@ def test_a_noisy_picture_is_judged_by_its_own_noise():
 
         return change
 
-    assert reason(noisy(20 * 2.9)) == ""
-    assert "like a corner" in reason(noisy(20 * 3.1))
+    assert reason(noisy(20 * LESS * corners.RARE)) == ""
+    assert "like a corner" in reason(noisy(20 * MORE * corners.RARE))
 
 
 def test_small_windows_may_move_by_a_pixel_and_a_half():
     sides = np.broadcast_to(4.0 * np.eye(2), (1, 2, 2))
-    for shift, good in ((1.45, True), (1.55, False)):
+    for shift, good in ((LESS * corners.START_ERROR, True), (MORE * corners.START_ERROR, False)):
         params = np.array([[shift, 0, *edge_normals(sides)[0], 120, 60, 0.5]])
         windows = Windows(np.zeros((1, 2)), *(np.zeros((1, 1)) for _ in range(3)), np.ones(1))
         fits = Fits(params, 1e-4 * np.eye(2)[None], np.ones(1), np.ones(1, bool))

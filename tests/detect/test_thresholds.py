@@ -30,8 +30,11 @@ LESS, MORE = 0.999, 1.001
 RADIUS = 20.0
 
 
-def judged(change, last=0.0):
-    """What is said of the last of nine discs; `change(params, inside)` is made before."""
+def judged(change, last=0.0, others=0.0):
+    """What is said of the last of nine discs; `change(params, inside)` is made before.
+
+    `last` and `others` are what their fits leave, grey levels.
+    """
     count = 9
     x, y = np.meshgrid(np.arange(-30.0, 31), np.arange(-30.0, 31))
     params = np.zeros((count, disc_model.COUNT))
@@ -45,6 +48,7 @@ def judged(change, last=0.0):
     value = exact.copy()  # predicted less measured, of measured values 0: the model itself
     signs = np.where(np.arange(x.size) % 2, 1.0, -1.0)
     value[-1] += last * signs
+    value[:-1] += others * signs
     band = disc_model.Band(*flat, value, np.ones((count, x.size), bool), inside, 255.0)
     discs = Discs(np.full((count, 2), 40.0), np.repeat([RADIUS * np.eye(2)], count, 0))
     return disc_fit._judged(band, discs, params, 255.0).reasons[-1]
@@ -102,11 +106,18 @@ def test_the_misfit_of_a_disc():
         assert ("like a disc" in judged(lambda *_: None, share * disc_fit.MOST_MISFIT * 100)) == said
 
 
+def test_the_noise_of_most_discs():
+    """Where most discs leave more than a disc may, the others are compared with them."""
+    for share, said in ((0.99, False), (1.01, True)):
+        assert ("like a disc" in judged(lambda *_: None, share * disc_fit.RARE * 50, 50)) == said
+
+
 def test_discs_that_are_a_board():
     full = np.arange(20).reshape(4, 5)
-    for hidden, board in ((4, True), (5, False)):  # a fifth
+    seen = round(20 * disc_grid.FULL)
+    for count, board in ((seen, True), (seen - 1, False)):
         index = full.copy()
-        index.reshape(-1)[[6, 8, 11, 13, 7][:hidden]] = -1
+        index.reshape(-1)[[6, 8, 11, 13, 7][: 20 - count]] = -1
         assert disc_grid._Layout(index, False).full == board
     assert disc_grid._Layout(full[:2, :3], False).full
     assert not disc_grid._Layout(full[:1, : disc_grid.LEAST_DISCS - 1], False).full
@@ -148,9 +159,10 @@ def test_a_chain_that_continues_another(good, bad):
 
 
 def test_the_straighter_of_two_continuations():
-    """8 px farther and straight, against 0.8 px aside."""
+    """8 px farther and straight, against a part of that aside."""
     straight = chain((20, 0))
-    for aside, taken in ((0.79, 2), (0.81, 1)):
+    limit = 8 / line_chains.STRAIGHTER
+    for aside, taken in ((0.99 * limit, 2), (1.01 * limit, 1)):
         assert pairs_of(FIRST, straight, chain((12, aside)))[0] == [0, taken]
 
 
@@ -180,8 +192,13 @@ class Points(SimpleNamespace):
 
 def test_the_next_point_of_a_chain():
     tree = line_chains.cKDTree
-    for gap, degrees, found in ((2.19, 0, True), (2.21, 0, False), (1.0, 24.9, True), (1.0, 25.1, False)):
-        turn = np.radians(degrees)
+    far, most = line_chains.STEP + line_chains.REACH, np.arccos(line_chains.NEXT)
+    for gap, turn, found in (
+        (LESS * far, 0, True),
+        (MORE * far, 0, False),
+        (1.0, LESS * most, True),
+        (1.0, MORE * most, False),
+    ):
         points = Points(np.array([[0.0, 0], [gap, 0]]), np.array([[1.0, 0], [np.cos(turn), np.sin(turn)]]))
         assert (line_chains._neighbour(points, tree(points.uv), points.along)[0] == 1) == found
 
@@ -281,12 +298,14 @@ def marker(wrong=0, bright=0):
 
 
 def test_bits_of_a_marker_that_are_corrected():
-    """Three of the five bits that the code corrects: with more, squares of other patterns are read as markers."""
-    for wrong, read in ((0, [0]), (3, [0]), (4, [])):
+    """A part of the five bits that the code corrects: with more, squares of other patterns are read as markers."""
+    most = int(quads.CORRECTED * 5)
+    for wrong, read in ((0, [0]), (most, [0]), (most + 1, [])):
         assert quads.decode(*marker(wrong), "APRILTAG_36h11", BORDER)[0].tolist() == read
 
 
 def test_the_border_of_a_marker():
-    """28 cells, a fifth of which may be bright."""
-    for bright, read in ((5, [0]), (6, [])):
+    """Of 28 cells."""
+    most = int(28 * quads.BAD_BORDER)
+    for bright, read in ((most, [0]), (most + 1, [])):
         assert quads.decode(*marker(bright=bright), "APRILTAG_36h11", BORDER)[0].tolist() == read

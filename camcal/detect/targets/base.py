@@ -34,6 +34,9 @@ clock = time.thread_time
 #: reasons of a `Miss` where a picture shows nothing like the target, as far as its grey values tell
 NOTHING = frozenset({"none", "too-dark", "too-bright", "too-blurred"})
 LEAST_POINTS = 4  #: of a detection: the eight coordinates that determine the homography of a plane
+LEAST_UNASKED = (
+    12  #: points or squares; a smaller grid is accepted only where its size was asked for: chance makes it
+)
 #: times as long as a picture of half its sides may take: its pixels are four times as many, and a quarter to spare
 LARGER = 5.0
 MOST_GAP = 5.0  #: sides of a tag or square between two of them; beyond, most of the board is empty paper

@@ -13,6 +13,7 @@ from camcal.detect.squares import oriented
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     LEAST_POINTS,
+    LEAST_UNASKED,
     Detection,
     Miss,
     Pattern,
@@ -23,7 +24,6 @@ from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 
-LEAST_UNASKED = 12  #: corners; a smaller grid is accepted only where its size was asked for
 SURE = 0.75  #: share of its corners that must pass the tests of the fit
 LEAST_GOOD = 0.5  #: share of the corners that must pass the tests of the fit
 #: of a step; grids in 300 pages of small text have 0.10 to 0.18. Boards of all real sets have at most 0.06; boards of

@@ -26,6 +26,7 @@ from camcal.detect.pyramid import grey_span, noise, reduced, reductions, to_8_bi
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     LEAST_POINTS,
+    LEAST_UNASKED,
     Detection,
     Miss,
     Pattern,
@@ -45,7 +46,6 @@ ENOUGH = 0.8  #: share of the discs that must be seen
 #: of the contrast; standard deviation around a disc. For four fifths of the discs of all real sets it is at most 0.14,
 #: for half of the small squares between tags at least 0.86
 PLAIN = 0.35
-LEAST_UNASKED = 12  #: discs; a smaller grid is accepted only where it was asked for
 #: length over width; discs of 3 px radius are measured to 1.2, windows of a house reach 1.4
 LONGISH = 1.25
 #: of the contrast; what the fits leave besides the noise of the picture. Discs of real sets have at most 0.08; windows

@@ -20,6 +20,7 @@ from camcal.detect.targets import outlined
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     LEAST_POINTS,
+    LEAST_UNASKED,
     Detection,
     Miss,
     Pattern,
@@ -39,7 +40,6 @@ EXAMPLE = "squares:8x8:12.7mm:0.78"
 UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  #: corners of a square, row by row
 CLOCKWISE = np.array([0, 1, 3, 2])  #: which of them come one after the other; the same the other way round
 ENOUGH = 0.8  #: share of the squares that must be seen and fitted
-LEAST_UNASKED = 12  #: squares; a smaller grid is accepted only where it was asked for
 LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; what targets of this kind have
 
 
