@@ -1,1 +1,1 @@
-"""From pictures to observations: targets, their detection in a picture, and their points with sub-pixel accuracy."""
+"""From pictures to observations: targets, their detection, and the sub-pixel location of their points."""

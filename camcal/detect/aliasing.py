@@ -11,10 +11,10 @@ from camcal.detect.windows import Windows
 
 Array = np.ndarray
 
-#: share of a window's pixels with grey values between black and white. The area of a pixel alone makes an edge
-#: 1 px wide, of the 4 to 5 px of the band of a first fit; with less the picture has no anti-aliasing
+#: least share of a window's pixels with grey values between black and white. Averaging over the area of a pixel alone
+#: makes an edge 1 px wide, in the 4 to 5 px band of a first fit; a smaller share means that there is no anti-aliasing
 BETWEEN = 0.05
-SAMPLING = 0.29  #: px; 1/sqrt(12), of an edge that lies anywhere between two rows of pixels
+SAMPLING = 0.29  #: px; 1/sqrt(12): an edge is equally likely anywhere between two rows of pixels
 
 
 def white_level(gray: Array) -> float:
@@ -23,7 +23,7 @@ def white_level(gray: Array) -> float:
 
 
 def is_aliased(gray: Array, windows: Windows) -> bool:
-    """Return whether hardly any pixel of the windows is between black and white."""
+    """Return whether hardly any pixel of the windows lies between black and white."""
     between = windows.counts & (windows.value > 0) & (windows.value < white_level(gray))
     return bool(between.sum() < BETWEEN * windows.counts.sum())
 
@@ -31,7 +31,7 @@ def is_aliased(gray: Array, windows: Windows) -> bool:
 def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
     """Grey values at which a picture is clipped: pixels there are at least as dark or as bright.
 
-    Without anti-aliasing the measured black and white are right, and the limits are beyond them.
+    Without anti-aliasing, black and white themselves are exact, not clipped, and the limits lie beyond them.
     """
     high = white_level(gray)
     return (-1.0, high + 1.0) if is_aliased(gray, windows) else (0.0, high)

@@ -1,8 +1,8 @@
-"""The black fraction of a small box of the board: the exact area, not a count of samples.
+"""The black fraction of a small box of the board, computed from exact areas instead of samples.
 
-A pattern of axis-aligned rectangles (checkerboards, tags) is looked up in the integral of its blackness,
-which is bilinear between the rectangles' edges, so that four readings give the exact mean over a box. Discs
-and polygons of other shapes are taken as half-planes at the scale of the box.
+For a pattern of axis-aligned rectangles (checkerboards, tags) the integral of the blackness is tabulated. It is
+bilinear between the edges of the rectangles, so that four look-ups give the exact mean over a box. The outlines of
+discs and of other polygons are approximated by half-planes at the scale of the box.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Array = np.ndarray
 
 
 class BlackArea:
-    """The blackness of a pattern, ready to be averaged over boxes."""
+    """The blackness of a pattern, prepared for averaging over boxes."""
 
     def __init__(self, pattern: Pattern):
         self.pattern = pattern
@@ -27,7 +27,7 @@ class BlackArea:
         self.tree = Neighbours(self.circles[:, :2]) if len(self.circles) else None
 
     def mean(self, xy: Array, width: Array) -> Array:
-        """Mean blackness, 0 to 1, of boxes of the board.
+        """Mean blackness of boxes of the board, from 0 to 1.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class BlackArea:
 
 
 def _ramp(inside: Array, width: Array) -> Array:
-    """The fraction of a box of that width on the inner side of an edge at distance `inside` from its centre."""
+    """The fraction of a box of width `width` on the inner side of an edge at distance `inside` from its centre."""
     return np.clip(0.5 + inside / np.maximum(width, 1e-300), 0.0, 1.0)
 
 
@@ -77,11 +77,11 @@ def is_rectangle(polygon: Array) -> bool:
 
 
 class RectangleIntegral:
-    """The integral of the blackness of axis-aligned rectangles from the lower left, a bilinear table."""
+    """The cumulative integral of the blackness of axis-aligned rectangles, tabulated for bilinear interpolation."""
 
     def __init__(self, rectangles: list[Array]):
         corners = np.array([[*np.min(r, 0), *np.max(r, 0)] for r in rectangles])
-        # edges that meet may differ by rounding; a cell of such a width would only cost time
+        # coincident edges may differ by rounding; cells of such a width would only cost time
         self.x = _distinct(corners[:, [0, 2]])
         self.y = _distinct(corners[:, [1, 3]])
         i0, i1 = _index(self.x, corners[:, 0]), _index(self.x, corners[:, 2])

@@ -1,6 +1,6 @@
-"""Anisotropic blur, as motion causes it: a coordinate change that makes it isotropic.
+"""A change of coordinates that makes anisotropic blur, such as motion blur, isotropic.
 
-Blur of covariance S becomes round in coordinates A q with A = |S|^(1/4) S^(-1/2); straight edges stay straight.
+Blur of covariance S becomes isotropic in the coordinates A q with A = |S|^(1/4) S^(-1/2); straight edges stay straight.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from camcal.detect.windows import FAR, Windows
 
 Array = np.ndarray
 
-ROUND = (
-    1.3  #: ratio of the blurs across the two kinds of edges up to which it is taken for round: noise and lens
-)
+ROUND = 1.3  #: largest ratio of the blurs across the two kinds of edges that noise and the lens alone explain
 
 
 def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
@@ -26,7 +24,7 @@ def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
     Parameters
     ----------
     blurs : (float, float)
-        Across the edges along the columns and along the rows, px.
+        Standard deviations across the edges along the columns and along the rows, px.
     sides : (K, 2, 2) array
         Steps along columns and rows, px.
     """
@@ -36,7 +34,7 @@ def shape_of(blurs: tuple[float, float], sides: Array) -> Array | None:
     n = np.stack([[-step[0, 1], step[0, 0]], [-step[1, 1], step[1, 0]]])  # normals of both kinds of edges
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     cosine = n[0] @ n[1]
-    # N S Nᵀ has the squares of the blurs on its diagonal; a round blur has the product beside it
+    # the diagonal of N S Nᵀ holds the squared blurs; its other elements are those of an isotropic blur
     across = np.outer(blurs, blurs) * np.array([[1, cosine], [cosine, 1]])
     inverse = np.linalg.inv(n)
     values, vectors = np.linalg.eigh(inverse @ across @ inverse.T)
@@ -52,7 +50,7 @@ def rounded(windows: Windows, sides: Array, shape: Array | None) -> tuple[Window
 
 
 def as_seen(fits: Fits, shape: Array | None) -> Fits:
-    """Fits in the coordinates A q, converted to the picture; their blur is the geometric mean over the directions."""
+    """Convert fits from the coordinates A q to the picture; their blur is the geometric mean over all directions."""
     if shape is None:
         return fits
     inverse, params = np.linalg.inv(shape), fits.params.copy()

@@ -1,7 +1,7 @@
 """Prediction of the points of a board in a picture from those already known.
 
-No lens is assumed: a point's place comes from the homography of its nearest known neighbours, which holds
-closely enough through a wide angle and on a bent sheet.
+No lens model is assumed: a point is predicted by the homography of its nearest known neighbours, which is accurate
+enough with wide-angle lenses and on bent sheets.
 """
 
 from __future__ import annotations
@@ -18,22 +18,20 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-LOCAL_POINTS = (
-    12  #: known points whose homography gives another's place: a block of 3x4, three times what it needs
-)
+LOCAL_POINTS = 12  #: known points whose homography predicts another: a block of 3x4, three times the minimum
 LEAST_GAP = (
-    1e-3  #: of a homography's equations (its second singular value); below it the points are collinear
+    1e-3  #: least second singular value of a homography's equations; below it the points are collinear
 )
 LEAST_ROOM = (
-    1.5  #: px; a point nearer to its prediction is no other corner: the innermost ring of a candidate is 3 px
+    1.5  #: px; a point this near to its prediction cannot be another corner: the innermost ring is 3 px
 )
-STRAY = 0.5  #: of the space around a point; a fitted point that is farther off is another corner
-SUPPORT = 4  #: markers whose corners give a point's place: those around it
+STRAY = 0.5  #: of the distance to the next corner; a fitted point farther off is another corner
+SUPPORT = 4  #: markers whose corners predict a point: those around it
 
 
 @dataclass
 class Known:
-    """The current knowledge of each point of a board: arrays over all M points, valid where `good`."""
+    """What is known so far of the M points of a board: arrays over all points, valid where `good`."""
 
     good: Array
     uv: Array
@@ -75,7 +73,7 @@ class Known:
         return int(good.sum())
 
     def drop_strays(self, points: Array, room: float) -> None:
-        """Reject points that differ from their neighbours' prediction; `room` is the distance to other corners."""
+        """Reject points far from where their neighbours predict them; `room` is the distance to other corners."""
         rows = np.flatnonzero(self.good)
         if len(rows) <= LOCAL_POINTS:
             return
@@ -108,7 +106,7 @@ def board_from_pixel(points: Array, uv: Array) -> Callable[[Array], Array]:
 
 
 def strays(points: Array, uv: Array, room: float) -> Array:
-    """A mask (N,) of the points that are not where their neighbours predict them.
+    """Mask (N,) of the points that are too far from where their neighbours predict them.
 
     Parameters
     ----------
@@ -117,7 +115,7 @@ def strays(points: Array, uv: Array, room: float) -> Array:
     uv : (N, 2) array
         Their images, px.
     room : float
-        How far a point may be off, in the unit of the board; in the picture no less than `LEAST_ROOM`.
+        Largest permitted deviation, in the unit of the board; in the picture it is at least `LEAST_ROOM`.
     """
     predicted, jacobian, certain = from_points(points, points, uv, leave_out=True)
     limit = np.maximum(room * np.linalg.norm(jacobian, axis=1).min(1), LEAST_ROOM)
@@ -134,14 +132,14 @@ def from_points(at: Array, points: Array, uv: Array, leave_out: bool = False) ->
     points, uv : (K, 2) arrays
         Known points and their images.
     leave_out : bool
-        Whether `at` is `points`, and each is to be mapped by the others only.
+        Map each point by the other points only; requires that `at` is `points`.
 
     Returns
     -------
     uv : (N, 2) array
     jacobian : (N, 2, 2) array
     certain : (N,) bool array
-        Where the nearest points determine a homography: not where they stand in a row.
+        Where the nearest points determine a homography; they do not if they are collinear.
     """
     skip = int(leave_out)
     count = min(LOCAL_POINTS, len(points) - skip)
@@ -162,7 +160,7 @@ def transfer(h: Array, at: Array) -> tuple[Array, Array]:
 
 
 def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[Array, Array, Array]:
-    """The pixels of points near known markers, by local homographies.
+    """Predict the positions in the picture of points near known markers, by local homographies.
 
     Parameters
     ----------
@@ -185,7 +183,7 @@ def locate(points: Array, board: Array, corners: Array, reach: float) -> tuple[A
     distance, near = Neighbours(board.mean(1)).query(points, k=count)
     ids = np.flatnonzero(distance[:, 0] < reach)
     near, distance = near[ids], distance[ids]
-    weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest decides
+    weights = np.repeat(np.exp(-((distance / distance[:, :1]) ** 2)), 4, axis=1)  # the nearest dominates
     h = homography.homographies(
         board[near].reshape(len(ids), -1, 2), corners[near].reshape(len(ids), -1, 2), weights, steps=1
     )

@@ -1,7 +1,7 @@
-"""A cache of detections and second passes, keyed by the hash of the picture and all that the result depends on.
+"""A cache of detections and second passes, keyed by a hash of the picture and of everything the result depends on.
 
-An entry is an npz file with plain arrays and a text; one that cannot be read is ignored and rewritten. Once a day, the
-entries that were used longest ago are removed until the rest take at most `LIMIT`.
+An entry is an npz file with plain arrays and a text; an unreadable one is ignored and rewritten. Once a day the least
+recently used entries are removed until the rest take at most `LIMIT`.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from camcal.errors import CamcalError
 from camcal.system.reading import read_file
 from camcal.system.writing import atomic_write
 
-LARGEST = 64 << 20  #: bytes of an entry: a board of 1000 x 1000 points, four arrays of two numbers each
-#: bytes of all entries: a picture of a board takes about 10 kB for each search and each second pass, so that 10,000
-#: pictures with all of theirs find room
+LARGEST = 64 << 20  #: bytes of the largest entry: 1000 x 1000 points, four arrays of two numbers each
+#: bytes of all entries: a picture of a board takes about 10 kB for each search and each second pass, so that all
+#: entries of 10,000 pictures fit
 LIMIT = 512 << 20
-KEPT = 0.9  #: of the limit, that entries take after older ones were removed, so that the next day has room for more
-PRUNED = "pruned"  #: file whose time is that of the last look at the size
-INTERVAL = 86400.0  #: s between two looks: one takes some 10 ms for every 1,000 entries
+KEPT = 0.9  #: share of the limit that remains in use after pruning, so that there is space for new entries
+PRUNED = "pruned"  #: file whose modification time is that of the last pruning
+INTERVAL = 86400.0  #: s between two prunings: one takes some 10 ms for every 1,000 entries
 #: rooms of the package whose code decides what is found in a picture
 ROOMS = ("detect", "geometry", "least_squares", "model")
 
@@ -45,14 +45,14 @@ def default_folder() -> Path | None:
 
 
 def use(folder: Path | None) -> None:
-    """State where the results of this search, and of the second pass over its pictures, are kept; None for nowhere."""
+    """Set the folder in which this search and the second pass over its pictures keep their results; None for none."""
     _used[:] = [folder]
     if folder is not None:
         _prune_daily(folder)
 
 
 def in_use() -> Path | None:
-    """The folder of the last search."""
+    """The folder set by the last search."""
     return _used[0]
 
 
@@ -69,12 +69,12 @@ def _prune_daily(folder: Path) -> None:
 
 
 def prune(folder: Path, limit: int = LIMIT) -> int:
-    """Remove the entries that were used longest ago if all together take more than `limit` bytes.
+    """Remove the least recently used entries if all together take more than `limit` bytes.
 
     Returns
     -------
     int
-        How many were removed: as many as leave `KEPT` of the limit.
+        How many were removed; the others take at most `KEPT` of the limit.
     """
     entries = []
     for path in folder.glob("??/*.npz"):
@@ -95,7 +95,7 @@ def prune(folder: Path, limit: int = LIMIT) -> int:
 
 @functools.cache
 def code() -> str:
-    """A hash of the sources on which a detection depends, so that entries become invalid when the code changes."""
+    """A hash of the source files that a detection depends on, so that a change of the code invalidates the entries."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for room in ROOMS:
@@ -105,7 +105,7 @@ def code() -> str:
 
 
 def entry(folder: Path, picture_sha256: str, detector: str) -> Path:
-    """The file of a picture under one set of options; `detector` names the options and the code."""
+    """The file of the entry of a picture with one set of options; `detector` names the options and the code."""
     options = hashlib.sha256(detector.encode()).hexdigest()[:16]
     return folder / picture_sha256[:2] / f"{picture_sha256[2:]}-{options}.npz"
 
@@ -124,7 +124,7 @@ def load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
 
 
 def store(path: Path, arrays: Mapping[str, np.ndarray], values: Mapping[str, Any]) -> str | None:
-    """Write an entry atomically; return the reason if that fails."""
+    """Write an entry atomically; return the reason on failure."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, values=np.array(json.dumps(values)), **arrays)
     try:

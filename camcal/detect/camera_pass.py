@@ -1,8 +1,7 @@
-"""The second pass: corners fitted again on edges that the camera predicts.
+"""The second pass: corners fitted again, with the shape of their edges predicted by the camera.
 
-The camera and the pose of a view state where each pixel lies on the board; there the edges are straight, whatever
-the lens. Only the shape of the edges is taken from the camera, not where the corner is: the fit stays a
-measurement.
+The camera and the pose of a view map each pixel to the board, where the edges are straight whatever the lens. Only the
+shape of the edges is taken from the camera, not the position of the corner, so that the fit remains a measurement.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from camcal.detect.corners import Corners
 
 Array = np.ndarray
 
-NO_AREA = 1e-12  #: squares a px²; a pixel of a board of 1e6 x 1e6 squares: below lies rounding alone
-STEP = 0.5  #: px; of the differences that give the board's directions in the picture
-#: half-widths of the windows that are tried, of a square. Where board and print are perfect the widest has the least
-#: noise; on sheets of paper the middle ones are best, and at .9 the next edge would be inside for a blur of 2 px
+NO_AREA = 1e-12  #: squares per px²; a pixel of a board of 1e6 x 1e6 squares: smaller values are rounding
+STEP = 0.5  #: px; step of the finite differences that give the board's directions in the picture
+#: half-widths of the windows tried, in squares. Where board and print are perfect, the widest has the least noise; on
+#: sheets of paper the middle ones are best; at .9 the window would include the next edge for a blur of 2 px
 WINDOWS = (0.35, 0.5, 0.65, 0.8, 0.9)
 LARGEST = 60  #: px; half the side of the largest window, three times that of a first pass: .6 of its sigma
 
@@ -42,20 +41,20 @@ def refine_in_windows(
     view : View
         With the corners found so far.
     board_from_pixel : callable
-        From pixels (..., 2) to coordinates (..., 2) on the board, in the unit of the board; NaN where the
+        Maps pixels (..., 2) to coordinates (..., 2) on the board, in the unit of the board; NaN where the
         ray misses it.
     cell : float
         Side of a square in that unit.
     halves : sequence of float or (N,) array
-        Half-widths of the windows, of a square, ascending; see `saddle.wider_halves`.
+        Half-widths of the windows, in squares, ascending; see `saddle.wider_halves`.
     blur : float, optional
-        Width (sigma) of the edges in the picture, px; left out, it is found by a fit of the first pass.
+        Width (sigma) of the edges in the picture, px; by default it is found by a fit as in the first pass.
 
     Returns
     -------
     list of View
-        For each size the view with new `uv` and `sigma`. A corner that cannot be fitted in windows of a size has
-        what it had in the smaller ones; one that cannot be fitted at all keeps what it had.
+        For each size the view with new `uv` and `sigma`. A corner that cannot be fitted at one size has the values
+        of the next smaller size; one that cannot be fitted at all keeps its original values.
     """
     sides, known = _sides(view.uv, board_from_pixel, cell)
     rows = np.flatnonzero(known)

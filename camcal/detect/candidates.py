@@ -1,8 +1,8 @@
-"""Candidates for corners of four squares: saddles of the grey values with four sectors.
+"""Candidates for corners where four squares meet: saddles of the grey values with four sectors.
 
 A saddle has a Hessian of negative determinant; the ring of pixels around it changes between bright and dark
-exactly four times, opposite sectors alike. The second test is that of Bennett & Lasenby, ChESS (2014), taken
-here as a count of sign changes, which also yields the directions of the two edges.
+exactly four times, and opposite sectors are alike. The second test is that of Bennett & Lasenby, ChESS (2014),
+implemented here as a count of sign changes, which also yields the directions of the two edges.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-BLUR = 1.2  #: px; of the picture before its second derivatives
+BLUR = 1.2  #: px; blur of the picture before its second derivatives are taken
 NEIGHBOURHOOD = 5  #: px; one candidate in each such square
-MOST = 2500  #: candidates that are examined, the strongest first: a board of 45x45 and as many others
-SINGLE = 3.5  #: px; candidates so close together are one corner, as rings of 3 px need squares of 4 px
+MOST = 2500  #: candidates examined, the strongest first: a board of 45x45 and as many others
+SINGLE = 3.5  #: px; candidates this close together are one corner, as rings of 3 px need squares of 4 px
 LEAST_CONTRAST = 0.9  #: grey levels of 255 by which a sector differs from the mean; rounding alone gives 0.2
 RINGS = (3.0, 4.5, 7.0)  #: px; radii of the rings, the innermost must always fit between two corners
-MARGIN = int(RINGS[0]) + 1  #: px to the border: the innermost ring and a px for interpolation
-#: px along each axis from the pixel of a maximum to the maximum itself; at .5 px corners of squares of 4 px are lost,
-#: from .7 to 8 px none
+MARGIN = int(RINGS[0]) + 1  #: px to the border: the innermost ring and 1 px for interpolation
+#: px along each axis, largest distance from the pixel of a maximum to the interpolated maximum; at .5 px corners of
+#: squares of 4 px are lost, from .7 to 8 px none
 MOST_STEP = 1.5
 SPACING = 1.5  #: px; largest distance of samples on a ring, not much more than the blur
 OPPOSITE = 0.3  #: least correlation of opposite halves of a ring
-LEAST_SECTOR = 0.2  #: rad; a square so narrow is seen at 80 degrees
-MOST_BEND = 0.6  #: rad; by which two neighbouring sectors may differ from half a turn
+LEAST_SECTOR = 0.2  #: rad; a square seen at an angle of 80 degrees is as narrow
+MOST_BEND = 0.6  #: rad; by which the sum of two neighbouring sectors may differ from half a turn
 SPREAD = 4.0  #: ratio of the contrasts of neighbours: a shadow across the board
 
 
@@ -40,10 +40,10 @@ class Candidates:
     Attributes
     ----------
     marks : Marks
-        Their rays are the four half-edges; the sector that follows an even ray is bright. Their size is half the
-        difference of bright and dark, grey levels.
+        Their rays are the four half-edges; the sector after an even ray is bright. Their size is half the
+        difference between bright and dark, grey levels.
     weak : (M, 2) array
-        All saddles, those without four sectors included, px.
+        All saddles, including those without four sectors, px.
     """
 
     marks: Marks
@@ -71,7 +71,7 @@ def find_candidates(gray: Array) -> Candidates:
 
 
 def _single(xy: Array, contrast: Array) -> Array:
-    """A mask (N,) that keeps the best of candidates so close that they are one corner, split by noise or motion."""
+    """Mask (N,) that keeps the best of several candidates at one corner, which noise or motion has split."""
     kept = np.ones(len(xy), bool)
     if len(xy):
         pairs = Neighbours(xy).pairs(SINGLE)
@@ -135,7 +135,7 @@ def _sectors(smooth: Array, xy: Array, radius: float) -> tuple[Array, Array, Arr
     before, after = values[rows, index], values[rows, (index + 1) % samples]
     rays = (index + before / (before - after)) * (2 * np.pi / samples)
     dark_first = after[:, 0] < 0
-    rays[dark_first] = np.roll(rays[dark_first], -1, 1)  # let the sector behind ray 0 be bright
+    rays[dark_first] = np.roll(rays[dark_first], -1, 1)  # make the sector after ray 0 bright
     width = np.diff(np.c_[rays, rays[:, 0]], axis=1) % (2 * np.pi)
     kept = np.abs(width[:, :2] + width[:, 1:3] - np.pi).max(1) < MOST_BEND
     kept &= width.min(1) > LEAST_SECTOR

@@ -15,16 +15,16 @@ Array = np.ndarray
 LEAST_INSIDE = 0.75  #: share of the window that must lie in the picture: one of its four edges may be missing
 #: grey levels of 255, half the difference of black and white; at less, rounding to whole levels decides
 LEAST_CONTRAST = 1.0
-MOST_BLUR = 0.3  #: of a square; from there on a window of half a square shows no level part of either colour
-#: of the window; a fit that moves farther has reached another corner. Small windows may move by START_ERROR
+MOST_BLUR = 0.3  #: of a square; with more blur a window of half a square has no uniform part of either colour
+#: of the window; a fit that moves farther has reached another corner. In small windows START_ERROR is permitted
 MOST_SHIFT = 0.5
-START_ERROR = 1.5  #: px; by which a corner may be off before it is fitted
+START_ERROR = 1.5  #: px; largest error of a corner before it is fitted
 MOST_TURN = 0.35  #: rad (20 degrees); between a fitted edge and the board's direction
 #: residual as a share of the contrast: noise of 10 grey levels on a contrast of 60 gives 0.17. In a picture in which
 #: most corners have more, `RARE` times the median of the picture
 MOST_MISFIT, RARE = 0.22, 3.0
 MOST_SIGMA = (
-    0.35  #: px; with a larger one, a corner is known no better than by the uniform distribution over a pixel
+    0.35  #: px; a corner with a larger one is known no better than one distributed uniformly over a pixel
 )
 
 
@@ -39,7 +39,7 @@ class Corners:
     covariance : (K, 2, 2) array
         px².
     params : (K, 7) array
-        Of the fits, in the order of `edge_model`; the corner's own two are relative to `uv`, so 0.
+        Parameters of the fits, in the order of `edge_model`; those of the corner are relative to `uv`, hence 0.
     noise : (K,) array
         Standard deviation of the residuals, grey levels.
     reasons : tuple of str
@@ -81,7 +81,7 @@ class Corners:
         return np.abs(self.params[:, model.CONTRAST])
 
     def updated(self, new: Corners) -> Corners:
-        """Replace corners by the good ones of another fit of the same corners."""
+        """Replace corners by the good ones from another fit of the same corners."""
         good = new.good
 
         def either(theirs: Array, own: Array) -> Array:
@@ -114,7 +114,7 @@ def edge_normals(sides: Array) -> Array:
 
 
 def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span: float) -> Corners:
-    """The corners of fits; each failed fit has the first test that it failed as its reason.
+    """The corners of fits; the reason of a rejected one is the first test that it failed.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def tested(windows: Windows, fits: Fits, sides: Array, half: float | Array, span
     half : float or (K,) array
         Half-width of the windows, of a square.
     span : float
-        Grey levels from black to white that the picture could hold.
+        Grey levels from black to white that the picture can represent.
     """
     params = fits.params
     shift = np.hypot(params[:, 0], params[:, 1])

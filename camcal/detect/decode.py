@@ -1,8 +1,8 @@
-"""Decoding of pictures to grey arrays; any file gives a picture or a reason why it cannot be read.
+"""Decoding of picture files to grey arrays; a file gives either a picture or the reason why it cannot be read.
 
-The EXIF orientation is ignored on purpose: it is how the camera was held, not a property of its lens, and
-turned pixels would have another principal point. A picture without colour is read as it is; a colour
-picture becomes its luma. The mosaic of a raw colour picture is brought to one level (`mosaic.py`).
+The EXIF orientation is ignored on purpose: it records how the camera was held, which does not affect the lens, and
+rotated pixels would have another principal point. A grey picture is read as it is; a colour picture is converted to
+luma. The channels of a raw Bayer mosaic are equalised (`mosaic.py`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from camcal.detect.mosaic import evened, levels
 
 Array = np.ndarray
 
-#: a picture with more is not decoded: the largest cameras of one exposure have 151 million (2026), and finding a
-#: board takes about 20 bytes a pixel
+#: a picture with more is not decoded: the largest single-exposure cameras have 151 million (2026), and finding a
+#: board takes about 20 bytes per pixel
 MOST_PIXELS = 200_000_000
 JPEG = b"\xff\xd8"
 LONGEST_META = (
@@ -31,7 +31,7 @@ FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATI
 
 
 class UnreadableError(Exception):
-    """A file is not a picture, or is damaged; the text is the reason."""
+    """A file is not a picture, or is damaged; the message is the reason."""
 
 
 def decode_gray(data: bytes) -> Array:
@@ -44,7 +44,7 @@ def decode_gray(data: bytes) -> Array:
     Raises
     ------
     UnreadableError
-        With the reason in plain words.
+        If the file cannot be decoded; the message is the reason.
     """
     size = check_size(data)
     cut = _truncated(data)
@@ -57,7 +57,7 @@ def decode_gray(data: bytes) -> Array:
             raise UnreadableError("it is damaged" if size else "it is not a picture of a known format")
         picture = heic
     gray = as_gray(picture)
-    # JPEG would not keep a mosaic
+    # JPEG compression does not preserve a mosaic
     phases = levels(gray) if picture.ndim == 2 and not data.startswith(JPEG) else None
     return gray if phases is None else evened(gray, phases)
 
@@ -68,7 +68,7 @@ def decoded(data: Array, flags: int) -> Array | None:
     Raises
     ------
     UnreadableError
-        Where its decoder fails or there is not enough memory.
+        If its decoder fails or there is not enough memory.
     """
     try:
         return cv2.imdecode(data, flags)
@@ -79,17 +79,17 @@ def decoded(data: Array, flags: int) -> Array | None:
 
 
 def read_heic(data: bytes) -> Array | None:
-    """Decode a HEIC picture (ISO/IEC 23008-12, brands), as phones write them, with pillow-heif.
+    """Decode a HEIC picture (ISO/IEC 23008-12), the format of many phones, with pillow-heif.
 
     Returns
     -------
     (height, width) or (height, width, 3) array
-        As the sensor saw it, blue first; None for a file of another format.
+        In the orientation of the sensor, blue first; None for a file of another format.
 
     Raises
     ------
     UnreadableError
-        Where that is not installed, or cannot decode it.
+        If pillow-heif is not installed or cannot decode the file.
     """
     if data[4:8] != b"ftyp" or data[8:12] not in HEIC_BRANDS:
         return None
@@ -101,7 +101,7 @@ def read_heic(data: bytes) -> Array | None:
         ) from None
     try:
         picture = np.asarray(pillow_heif.open_heif(io.BytesIO(data), convert_hdr_to_8bit=False))
-    except Exception as error:  # of a decoder of damaged files: of any kind
+    except Exception as error:  # a decoder may raise anything on a damaged file
         reason = str(error)[:80].strip().rstrip(".")
         raise UnreadableError(
             f"it is a HEIC picture that pillow-heif cannot decode ({reason}): convert it to JPEG or PNG, or replace "
@@ -112,7 +112,7 @@ def read_heic(data: bytes) -> Array | None:
 
 
 def _quarter_turns(data: bytes) -> int:
-    """By how many quarters a HEIC picture is turned to the left for display (ISO/IEC 23008-12, 6.5.10, box `irot`)."""
+    """The number of left quarter turns for display of a HEIC picture (ISO/IEC 23008-12, 6.5.10, box `irot`)."""
     found = re.search(rb"\0\0\0\x09irot(.)", data[:LONGEST_META], re.DOTALL)
     return found[1][0] & 3 if found else 0
 
@@ -123,7 +123,7 @@ def check_size(data: bytes) -> tuple[int, int] | None:
     Raises
     ------
     UnreadableError
-        Where there is nothing, or more pixels than are decoded.
+        If the file is empty or the picture has more than `MOST_PIXELS`.
     """
     if not data:
         raise UnreadableError("the file is empty")
@@ -154,7 +154,7 @@ def _as_integers(picture: Array) -> Array:
 
 
 def _truncated(data: bytes) -> str | None:
-    """Return whether the end of a JPEG or PNG file is missing; decoders silently fill the gap with grey."""
+    """The reason if the end of a JPEG or PNG file is missing, else None; decoders silently fill the gap with grey."""
     if data.startswith(b"\xff\xd8"):
         whole = data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda") > 0
         return None if whole else "the JPEG file is cut off: its end marker is missing"

@@ -1,7 +1,7 @@
-"""Sub-pixel discs by fitting the grey values around each outline, all discs of a picture in one batch.
+"""Sub-pixel location of discs by fitting the grey values around each outline, all discs of a picture in one batch.
 
-The blurred edge counts, not a threshold on it, so that a slope of the shading moves the centre only slightly; unlike a
-centroid, it does not depend on where a window ends.
+A model of the blurred edge is fitted instead of applying a threshold, so that a gradient of the shading moves the
+centre only slightly; unlike a centroid, the result does not depend on the extent of a window.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ Array = np.ndarray
 
 ITERATIONS = 20  #: usual fits take 4 to 8
 SETTLED = 0.1  #: standard deviations of its parameters within which a fit stops; see `fit.SETTLED`
-BAND = 3.0  #: blurs to each side of the outline that are used: 0.1 % of the edge is left
-START_ERROR = 1.0  #: px; by which the band is wider, as the outlines may be off by as much
-MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is taken: the centre is known to .005 px
-DARK, BRIGHT = 15, 85  #: per cent of a band's pixels; beyond them lie the levels that a fit starts from
+BAND = 3.0  #: blurs used on each side of the outline: 0.1 % of the edge lies outside
+START_ERROR = 1.0  #: px; by which the band is widened, as the outlines may be off by as much
+MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is used: the centre is known to .005 px
+DARK, BRIGHT = 15, 85  #: percentiles of a band's pixels; the fit starts from the levels beyond them
 LEAST_BLUR, MOST_BLUR = 0.2, 10.0  #: px; less than a pixel's own area, and more than any band holds
 LEAST_INSIDE = 0.9  #: share of the band that must lie in the picture; both sides determine a centre
 LEAST_CONTRAST = 2.0  #: grey levels of 255; as for corners: rounding to whole levels leaves 15 % of it
 #: residual as a share of the contrast: noise of 10 grey levels on a step of 40. In a picture in which most discs have
 #: more, `RARE` times the median of the picture
 MOST_MISFIT, RARE = 0.25, 3.0
-SOFT = 0.5  #: of the radius; a more blurred disc has no level middle
-MOST_CHANGE = 0.5  #: of the area, and
-MOST_SHIFT = 0.3  #: of the radius and half a px, by which a second fit may differ from the first
+SOFT = 0.5  #: of the radius; a more blurred disc has no uniform middle
+MOST_CHANGE = 0.5  #: of the area by which a second fit may differ from the first
+MOST_SHIFT = 0.3  #: of the radius, plus half a px, by which its centre may differ
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,11 @@ def fit_discs(gray: Array, discs: Discs, blur: float = 1.0, scale: float = 255.0
     ----------
     gray : (height, width) array
     discs : Discs
-        Approximate, to a px or two or a tenth of the radius.
+        Approximate, to one or two px or a tenth of the radius.
     blur : float
         Blur to start from, px: at least the error of the outlines.
     scale : float
-        Grey levels from black to white, to judge the contrast by.
+        Grey levels from black to white, to which the contrast is compared.
     """
     band = _cut(gray, discs, BAND * blur + START_ERROR)
     params = _start(band, discs, blur)
@@ -177,7 +177,7 @@ class _DiscFits(Small):
 
 def _judged(band: Band, discs: Discs, params: Array, scale: float) -> FittedDiscs:
     pixels = band.counts.sum(1)
-    with np.errstate(all="ignore"):  # a fit that ran away to numbers whose squares are none
+    with np.errstate(all="ignore"):  # squares of a diverged fit may overflow
         normal = Normal.of(*residuals(band, params))
     lost = ~(np.isfinite(normal.matrix).all((1, 2)) & np.isfinite(normal.cost))
     cost = np.where(lost, np.inf, normal.cost)

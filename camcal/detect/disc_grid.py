@@ -16,10 +16,10 @@ Array = np.ndarray
 
 FULL = 0.8  #: share of a board's discs that must be seen; with more hidden ones its size is uncertain
 MOST_PIECES = 4  #: grids of a picture that are examined, the largest first
-LEAST_SIDE = 3  #: discs to each side of a board of unknown size
-LEAST_DISCS = 6  #: two rows of three: fewer may be a lattice by chance
-#: share of the next row that must lie outside the picture for the board to go on there, for all that is seen: half,
-#: as a tilted border leaves some of a row inside
+LEAST_SIDE = 3  #: discs along each side of a board of unknown size
+LEAST_DISCS = 6  #: two rows of three: fewer may form a grid by chance
+#: share of the next row that must lie outside the picture for the board possibly to continue there: half, as part of
+#: a row stays inside where the grid is tilted against the border
 OUTSIDE = 0.5
 
 
@@ -35,7 +35,7 @@ class Grid:
     columns, rows : int
     staggered : bool
     factor : float
-        How many px of the picture were one px where the discs were found.
+        Number of px of the picture per px of the reduced picture in which the discs were found.
     """
 
     ids: Array
@@ -47,7 +47,7 @@ class Grid:
 
     def leaves(self, shape: tuple[int, ...]) -> bool:
         """Return whether the next row or column beyond an edge would lie outside a picture of that shape, so that the
-        board may go on there.
+        board may continue there.
         """
         flat = np.full((self.rows * self.columns, 2), np.nan)
         flat[self.ids] = self.discs.centre
@@ -64,7 +64,7 @@ class Grid:
         return False
 
     def instead_of(self, columns: int, rows: int, what: str, shape: tuple[int, ...]) -> Miss:
-        """The reason why this grid is not the requested one of `columns` x `rows` discs or squares (`what`)."""
+        """State why this grid is not the requested one of `columns` x `rows` discs or squares (`what`)."""
         size, wanted = (self.columns, self.rows), (columns, rows)
         seen = "x".join(map(str, size))
         if self.leaves(shape) and part_of(size, wanted):
@@ -75,7 +75,7 @@ class Grid:
 
 
 def part_of(size: tuple[int, int], whole: tuple[int, int]) -> bool:
-    """Return whether a grid of a size fits into another one, in either direction."""
+    """Return whether a grid of one size fits into one of another, in either orientation."""
     return all(a <= b for a, b in zip(sorted(size), sorted(whole), strict=True))
 
 
@@ -99,16 +99,14 @@ class _Layout:
 
     @property
     def full(self) -> bool:
-        """Return whether it is a board: enough discs are present, and staggered rows have theirs in the right
-        places.
-        """
+        """Return whether it is a complete board: enough discs are present, and those of staggered rows alternate."""
         rows, columns = np.nonzero(self.index >= 0)
         if self.staggered and (((rows + columns) % 2).any() or self.index.shape[1] % 2):
             return False
         return len(rows) >= LEAST_DISCS and len(rows) / (self.size[0] * self.size[1]) >= FULL
 
     def rightward(self, discs: Discs) -> float:
-        """The alignment of the rows with the right of the picture: cosine of the angle."""
+        """The cosine of the angle between the rows and the u axis of the picture."""
         uv = Lattice.of(self.index, discs.centre).uv
         return Lattice(uv[:, ::2] if self.staggered else uv).rightward
 
@@ -125,8 +123,8 @@ def find_board(
 ) -> tuple[Grid | None, list[Grid]]:
     """Number the discs of a picture as the points of a board.
 
-    Of the orientations that fit, the one whose rows run most nearly to the right of the picture is taken; of a
-    board of unknown size the longer side is the columns.
+    Of the orientations that fit, the one whose rows are closest to the u axis of the picture is chosen; the longer
+    side of a board of unknown size is its width (the number of columns).
 
     Parameters
     ----------
@@ -142,7 +140,7 @@ def find_board(
     -------
     grid : Grid or None
     others : list of Grid
-        Of the boards of other kinds or sizes that were seen.
+        Boards of other kinds or sizes in the picture.
     """
     if len(discs) < LEAST_DISCS:
         return None, []

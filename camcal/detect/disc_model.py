@@ -2,7 +2,7 @@
 
     I(d) = (a + b Φ(s(d) / σ)) (1 + g·d),    s = (|L d| - 1) / |∇|L d||,    d = pixel - centre
 
-a is the black, b the step to the white, g the slope of the shading, in proportion to both, Φ the normal distribution
+a is the black level, b the step to white, g the relative gradient of the shading, Φ the normal distribution
 function, s the signed distance from the ellipse |L d| = 1 (to first order) and σ the blur. Ten parameters: centre (2),
 L symmetric (3), a, g (2), b, σ.
 """
@@ -23,7 +23,7 @@ COUNT = 10
 class Band:
     """Pixels around K outlines, padded to P: offsets (K, P) from the centres, values, and a validity mask.
 
-    `white` is the grey value at which the picture is cut off: a pixel there is at least as bright.
+    `white` is the grey value at which the picture is clipped: a pixel there is at least as bright.
     """
 
     x: Array
@@ -60,7 +60,7 @@ def matrix_of(params: Array) -> Array:
 
 def residuals(band: Band, params: Array) -> tuple[Array, Array]:
     """Residuals (K, P), model - value, and their derivatives (K, 10, P)."""
-    from scipy.special import erf  # imported here: it is slow, and most targets have no discs
+    from scipy.special import erf  # imported here: the import is slow, and most targets have no discs
 
     p = params[:, :, None]
     x, y = band.x - p[:, CX], band.y - p[:, CY]

@@ -1,8 +1,8 @@
 """Dark discs in a picture, as marks from which a grid is grown.
 
-A disc seen from the side is an ellipse, which states how the plane is foreshortened there: measured with the
-ellipse as its unit circle, the four neighbours of a disc are equally far and at right angles however the board is
-tilted.
+The image of a disc is an ellipse, which gives the local foreshortening of the plane: in the metric in which the
+ellipse is the unit circle, the four neighbours of a disc are equally distant and at right angles, however the board
+is tilted.
 """
 
 from __future__ import annotations
@@ -18,30 +18,26 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-LEAST_AREA = 20.0  #: px of the reduced picture; the pixel steps of a smaller disc are as large as its shape
-LEAST_OUTLINE = 12  #: px; the outline of such a disc
+LEAST_AREA = 20.0  #: px of the reduced picture; a smaller disc is distorted too much by the pixel grid
+LEAST_OUTLINE = 12  #: px; length of the outline of such a disc
 MOST_SLENDER = 6.0  #: ratio of the axes: a tilt of 80 degrees
-#: of the area of an outline, by which that of its ellipse may differ. It alone leaves out 1.6 % of the outlines that
-#: 40 pictures show; a square's area differs by .05, and ROUND leaves that out
+#: of the area of an outline, by which that of its ellipse may differ. It alone excludes 1.6 % of the outlines in 40
+#: pictures; the area of a square differs by .05, and ROUND excludes it
 AREA_TOLERANCE = 0.13
-ROUND = (
-    0.045  #: how far an outline may deviate from its ellipse, of the radius; that of a square deviates by 0.1
-)
-PIXEL = 0.3  #: px; by which the pixel steps make any outline deviate: 1 / sqrt(12)
-THRESHOLD = 8  #: grey levels of 255 by which a disc is darker than what is around it
-WINDOWS = (24, 8, 3)  #: the longer side of the picture, divided by the side of the surroundings looked at
-#: px; the side of these surroundings is no less: twice the width of the smallest disc; 4 to 24 find the same
+ROUND = 0.045  #: of the radius, by which an outline may deviate from its ellipse; a square's deviates by 0.1
+PIXEL = 0.3  #: px; deviation of any outline caused by the pixel grid: 1 / sqrt(12)
+THRESHOLD = 8  #: grey levels of 255 by which a disc is darker than its surroundings
+WINDOWS = (24, 8, 3)  #: the longer side of the picture divided by the window of the adaptive threshold
+#: px; least side of that window: twice the width of the smallest disc; 4 to 24 find the same
 LEAST_WINDOW = 10
-#: px; of the picture before its outlines are taken, against single pixels of noise; .3 to 2.4 find the same boards
+#: px; blur of the picture before outlines are extracted, to suppress single pixels of noise; .3 to 2.4 find the same
 BLUR = 0.8
 AROUND = 1.35  #: of the radius; where a disc's surroundings are sampled: half way to a touching neighbour
-MOST_DISCS = 3000  #: the largest are kept, which bounds the time on textures; boards have a few hundred
-CONCENTRIC = 0.3  #: of the smaller radius; two outlines with centres as close as that are one disc
-SPREAD = 1.8  #: ratio of the radii of neighbours: a wide angle halves a radius over several discs
-NEARBY = (
-    12  #: discs around one among which its neighbours are: the eight of the square around it, and four more
-)
-SAME = 1.25  #: ratio of distances of neighbours in the measure of a disc; the diagonal is 1.41 away
+MOST_DISCS = 3000  #: the largest are kept, which limits the time spent on textures; boards have a few hundred
+CONCENTRIC = 0.3  #: of the smaller radius; two outlines whose centres are closer are one disc
+SPREAD = 1.8  #: ratio of the radii of neighbours: a wide-angle lens halves a radius over several discs
+NEARBY = 12  #: nearest discs among which neighbours are searched: the eight surrounding ones, and four more
+SAME = 1.25  #: ratio of the distances of neighbours in the metric of a disc; the diagonal has 1.41
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ class Discs:
 
 
 def dark_outlines(smooth: Array) -> Iterator[Array]:
-    """Outlines (K, 1, 2) of what is darker than its surroundings in a uint8 picture, for each size of these."""
+    """Outlines (K, 1, 2) of regions darker than their surroundings in a uint8 picture, for each window size."""
     for part in WINDOWS:
         size = 2 * (max(max(smooth.shape) // part, LEAST_WINDOW) // 2) + 1
         mean, inverse = cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV
@@ -96,7 +92,7 @@ def find_discs(gray: Array) -> Discs:
 
 
 def ellipse_of(outline: Array) -> tuple[Array, Array] | None:
-    """The centre and shape of a closed outline if it is an ellipse, by its moments."""
+    """The centre and shape of a closed outline, from its moments; None if it is not an ellipse."""
     if len(outline) < LEAST_OUTLINE:
         return None
     m = cv2.moments(outline)
@@ -120,7 +116,7 @@ def ellipse_of(outline: Array) -> tuple[Array, Array] | None:
 
 
 def _dark_inside(gray: Array, discs: Discs) -> Array:
-    """Mask of those that are darker in the middle than all around."""
+    """Mask of the discs that are darker in the middle than all around."""
     if not len(discs):
         return np.zeros(0, bool)
     angle = np.arange(8) * np.pi / 4
@@ -135,7 +131,7 @@ def _dark_inside(gray: Array, discs: Discs) -> Array:
 
 
 def distinct(discs: Discs) -> Discs:
-    """Remove duplicates: of several outlines around one centre keep the largest, which is the disc's."""
+    """Remove duplicates: of several outlines with one centre keep the largest, which is that of the disc."""
     size = discs.radius
     order = np.argsort(-size)[:MOST_DISCS]
     discs, size = discs.take(order), size[order]
@@ -153,14 +149,14 @@ def distinct(discs: Discs) -> Discs:
 def links(discs: Discs) -> tuple[Array, Array]:
     """The links between neighbouring discs; see `grid.neighbours`.
 
-    In the measure of a disc its neighbours are the nearest ones, and at right angles: the mean of exp(4 i angle)
-    over them gives the cross, whose diagonals have the opposite sign. What is farther than the nearest, again in
-    the measure of both discs, is beyond a hidden disc or belongs to another board.
+    In the metric of a disc its neighbours are the nearest discs, at right angles: the mean of exp(4 i angle) over
+    them gives the directions of the cross; diagonals have the opposite sign. A disc farther away than the nearest,
+    in the metric of both discs, lies beyond a hidden disc or belongs to another board.
     """
     inverse = np.linalg.inv(discs.shape)
     near = Neighbours(discs.centre).query(discs.centre, k=min(NEARBY + 1, len(discs)))[1][:, 1:]
     step = discs.centre[near] - discs.centre[:, None]
-    flat = np.einsum("nij,nkj->nki", inverse, step)  # foreshortening undone
+    flat = np.einsum("nij,nkj->nki", inverse, step)  # without the foreshortening
     length = np.linalg.norm(flat, axis=2)
     like = np.abs(np.log(discs.radius[near] / discs.radius[:, None])) < np.log(SPREAD)
     length[~like] = np.inf

@@ -10,26 +10,26 @@ from camcal.detect.ranks import median
 
 Array = np.ndarray
 
-SAMPLES = 33  #: across an edge; the place of an edge between them is random, and means of many edges unbiased
-ACROSS = 0.45  #: of a square, to each side of an edge: the next edges are half a square farther
-LINEAR = 1 / 6  #: px²; the variance of linear interpolation, t (1 - t) on average
-MOST_EDGES = 400  #: of one kind that are examined; a board has some hundred
-ENDS = 5  #: samples at each end that show the colours of the squares
-LEAST_STEP = 0.1  #: of the median step from black to white; a fainter edge is covered
+SAMPLES = 33  #: across an edge; an edge lies at random between samples, so means over many are unbiased
+ACROSS = 0.45  #: of a square, to each side of an edge: the next parallel edges are farther away
+LINEAR = 1 / 6  #: px²; the variance that linear interpolation adds, t (1 - t) on average
+MOST_EDGES = 400  #: edges of one kind that are examined; a board has some hundred
+ENDS = 5  #: samples at each end from which the levels of the squares are taken
+LEAST_STEP = 0.1  #: of the median step from black to white; a fainter edge is occluded
 
 
 def edge_blur(gray: Array, lattice: Lattice) -> tuple[float, float]:
     """Standard deviation of the blur across the edges along the columns and along the rows, px.
 
-    Across an edge blurred by sigma the grey values, brought to 0 and 1 at both ends, are Φ(x / sigma), wherever the
-    edge is, and ∫ Φ (1 - Φ) dx = sigma / √π. The median over all edges between neighbouring corners is taken; 0
-    where there is none, or no blur beside the noise.
+    Across an edge blurred by sigma, the grey values normalised to 0 and 1 at the two ends are Φ(x / sigma), and
+    ∫ Φ (1 - Φ) dx = sigma / √π wherever the edge is. The result is the median over all edges between neighbouring
+    corners; 0 if there is none, or if the blur cannot be distinguished from noise.
 
     Parameters
     ----------
     gray : (height, width) array
     lattice : Lattice
-        Corners, px of that picture.
+        Corners, in px of `gray`.
     """
     uv, steps = lattice.uv, lattice.steps()
     along_columns = _blurs(gray, uv[:, :-1], uv[:, 1:], steps[:, :-1, 1], steps[:, 1:, 1])
@@ -38,7 +38,7 @@ def edge_blur(gray: Array, lattice: Lattice) -> tuple[float, float]:
 
 
 def _blurs(gray: Array, start: Array, end: Array, across_start: Array, across_end: Array) -> float:
-    """The median blur of edges between corners (..., 2), with the steps to the squares' other sides at both ends."""
+    """The median blur of edges between corners (..., 2), given the steps across the adjacent squares at both ends."""
     edge, across = end - start, 0.5 * (across_start + across_end)
     known = (np.linalg.norm(edge, axis=-1) > 0) & np.isfinite(across).all(-1)
     known &= np.arange(known.size).reshape(known.shape) % (1 + known.size // MOST_EDGES) == 0

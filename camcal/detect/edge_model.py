@@ -1,11 +1,10 @@
-"""The grey values around the corner of four squares, and their derivatives, for many corners at once.
+"""The grey values around corners where four squares meet, and their derivatives, for many corners at once.
 
     I(q) = a + b S(u1, u2),   u1 = n1·(q - d),   u2 = n2·(q - d)
 
-q are coordinates (px) in which both edges are straight, d the corner, n1 and n2 the normals of the edges. S
-is the product of signs sign(u1) sign(u2) under a Gaussian blur s: the product of error functions E(u1)
-E(u2) where the edges are at right angles. Where they are not, the blur acts on both with the correlation r
-= n1·n2, and
+q are coordinates (px) in which both edges are straight, d is the corner, n1 and n2 are the normals of the edges. S
+is sign(u1) sign(u2) under a Gaussian blur s: the product of error functions E(u1) E(u2) if the edges are at right
+angles. Otherwise the blurred u1 and u2 have the correlation r = n1·n2, and
 
     S = sum over k of r^k / k! s^2k E^(k)(u1) E^(k)(u2)
 
@@ -26,7 +25,7 @@ DX, DY, ANGLE1, ANGLE2, OFFSET, CONTRAST, BLUR = range(COUNT)
 ERF_ERROR = 2.5e-5
 _P = np.float32(0.47047)
 _C = tuple(np.float32(c) for c in (0.3480242, -0.0958798, 0.7478556))
-OBLIQUE = 0.2  #: |n1·n2| from which on the third term of the expansion is more than a tenth of a grey level
+OBLIQUE = 0.2  #: |n1·n2| above which the third term of the expansion exceeds a tenth of a grey level
 
 
 def step(u: Array, blur: Array) -> tuple[Array, Array]:
@@ -134,9 +133,9 @@ def residuals(
     value : (K, P) array
         Grey values.
     counts : (K, P) bool array
-        Which of them are to be looked at.
+        Mask of the pixels to use.
     limits : (low, high)
-        Grey values at which the picture is cut off: a pixel there says only that the value is at least so extreme.
+        Grey values at which the picture is clipped: the true value of a pixel there is at least as extreme.
     """
     model, jacobian = evaluate(q, params)
     residual = model - value

@@ -1,4 +1,4 @@
-"""The regularity of a grid: of its points, as a plane grid has it, and of its contrast, as a print has it."""
+"""Regularity of a grid: its points fit a regular grid on a plane, and its contrast is as uniform as that of a print."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
-BLOCK = 3  #: points to each side of a block
-LEAST_POINTS = 6  #: of the nine of a block; a homography takes four
-AROUND = 4  #: neighbours with whose contrast that of a disc or square is compared
-#: of the contrast; discs and squares of 28 real pictures have at most .028, also with noise of 5 grey levels; rendered
-#: windows of 6 houses at least .086
+BLOCK = 3  #: points along each side of a block
+LEAST_POINTS = 6  #: of the nine of a block; a homography needs four
+AROUND = 4  #: neighbours with which the contrast of a disc or square is compared
+#: of the contrast; discs and squares of 28 real pictures have at most .028, even with noise of 5 grey levels; windows
+#: of 6 rendered houses have at least .086
 UNLIKE_NEIGHBOURS = 0.05
 
 
@@ -28,7 +28,7 @@ def unevenness(uv: Array) -> float:
     Returns
     -------
     float
-        Median over the blocks of the standard deviation of their points, as a share of the median step; 0 where
+        Median over the blocks of the standard deviation of their points, relative to the median step; 0 if
         no block has enough points.
     """
     windows = np.lib.stride_tricks.sliding_window_view(uv, (BLOCK, BLOCK), axis=(0, 1))
@@ -49,12 +49,12 @@ def unevenness(uv: Array) -> float:
 def unevenly_dark(contrast: Array, centre: Array) -> bool:
     """Return whether discs or squares differ from their neighbours in contrast, as windows do and printed ones do not.
 
-    Shading changes the contrast of neighbours together, and a shadow's edge or a reflection that of few.
+    Shading changes the contrast of neighbours together; the edge of a shadow or a reflection affects only a few.
 
     Parameters
     ----------
     contrast : (K,) array
-        How much darker each is than what is around it.
+        How much darker each is than its surroundings, grey levels.
     centre : (K, 2) array
         px.
     """

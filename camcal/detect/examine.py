@@ -1,4 +1,4 @@
-"""Processing of one picture, from the file to its detections; runs in a worker process."""
+"""Processing of one picture, from its file to the detections; runs in a worker process."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Task:
     cache: Path | None
     gray: np.ndarray | None = None  #: the picture, where it has been decoded already (a frame of a film)
     expected: tuple[int, int] | None = (
-        None  #: plain board that other pictures show, where the target is not given
+        None  #: plain board that other pictures show, if the target is not given
     )
-    negative: bool = False  #: look for a target of any kind with black and white exchanged
+    negative: bool = False  #: search for a target of any kind with black and white exchanged
 
     @property
     def detector(self) -> str:
@@ -54,11 +54,11 @@ class Outcome:
         `found`, `not_found`, `unreadable`, or `rejected` for a frame that is not kept.
     size : (width, height) or None
     board : (columns, rows) or None
-        Size of the grid that was seen, where another one was requested.
+        Size of the grid that was found instead of the requested one.
     taken : Taken
-        What the file says of the camera.
+        Camera data stored in the file.
     sight : Sight or None
-        What the picture shows, where a target of any kind was looked for.
+        What the picture shows, if a target of any kind was searched for.
     """
 
     path: Path
@@ -98,7 +98,7 @@ def examine(task: Task) -> Outcome:
         return Outcome(task.path, "unreadable", "there is not enough memory for it", sha256)
     if (
         place is None or outcome.code == "time"
-    ):  # a time-out depends on the load of the machine and is not kept
+    ):  # a time-out depends on the load of the machine and is not cached
         return outcome
     return _into_cache(place, outcome)
 

@@ -10,11 +10,11 @@ from camcal.records import dataclass
 ORIENTATION, MAKE, MODEL, EXIF_IFD = 0x0112, 0x010F, 0x0110, 0x8769
 FOCAL_LENGTH, DIGITAL_ZOOM = 0x920A, 0xA404
 SIZES = {2: 1, 3: 2, 4: 4, 5: 8}  #: bytes of an ASCII character, a SHORT, a LONG, a RATIONAL
-LONGEST_BLOCK = 1 << 16  #: bytes; of a JPEG segment, in which the same data fit
-ORIENTATIONS = 8  #: values of the orientation, from 1 on: quarter turns, mirrored or not
-LARGEST = 1e6  #: of the numbers that are read (mm, factors); a larger one is damage
-MOST_ENTRIES = 512  #: of a directory; a damaged one claims more
-LONGEST_TEXT = 64  #: characters of a maker's or a model's name that are kept
+LONGEST_BLOCK = 1 << 16  #: bytes; a JPEG segment, which holds the same data, is no longer
+ORIENTATIONS = 8  #: values of the orientation, counted from 1: quarter turns, mirrored or not
+LARGEST = 1e6  #: of the numbers that are read (mm, factors); a larger one means damaged data
+MOST_ENTRIES = 512  #: entries of a directory; only a damaged one has more
+LONGEST_TEXT = 64  #: characters kept of the name of a maker or model
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Taken:
     zoom : float
         Digital zoom, 1 where there is none.
     orientation : int
-        1 is upright, 6 and 8 are turned by a quarter, 3 by half a turn; others are mirrored.
+        1 is upright, 6 and 8 are rotated by 90 degrees, 3 by 180 degrees; other values are mirrored.
     """
 
     camera: str = ""
@@ -92,7 +92,7 @@ def _block(data: bytes) -> bytes:
 
 
 def _directory(tiff: bytes, start: int, order: str) -> dict[int, str | int | float]:
-    """The entries of a directory, of the types that are used here: the first value of each."""
+    """The entries of a directory whose types are used here: the first value of each."""
     (count,) = struct.unpack(order + "H", tiff[start : start + 2])
     found: dict[int, str | int | float] = {}
     for i in range(min(count, MOST_ENTRIES)):

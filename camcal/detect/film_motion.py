@@ -1,7 +1,7 @@
 """The motion of the target in the kept frames of a film, from neighbouring frames.
 
-A rolling shutter displaces a point by the time at which its row is read times its velocity, so that it can be told
-from a camera's other errors where the velocities are known (`assess/checks/film.py`).
+A rolling shutter displaces a point by its velocity times the time at which its row is read. If the velocities are
+known, this displacement can be distinguished from other errors of a camera (`assess/checks/film.py`).
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from camcal.geometry.plane_flow import fit_flow
 
 Array = np.ndarray
 
-#: for whose motion further frames are searched; that of frames whose neighbours were searched anyway costs nothing
+#: frames for whose motion further frames are searched; if their neighbours were searched anyway, motion costs nothing
 MOST_FRAMES = 40
 
 
 def with_motion(
     outcomes: Sequence[Outcome], search: Callable[[list[Path]], list[Outcome]], searched: Sequence[Outcome]
 ) -> list[Outcome]:
-    """The outcomes; those of frames get `flow` in their quality: px per frame, see `geometry/plane_flow.py`.
+    """Add `flow` to the quality of the outcomes of frames: px per frame, see `geometry/plane_flow.py`.
 
     Parameters
     ----------
     outcomes : sequence of Outcome
         In the order of the film.
     search : callable
-        Gives the outcomes of further frames.
+        Returns the outcomes of further frames.
     searched : sequence of Outcome
-        All frames that were searched, also those that were not kept.
+        All frames that were searched, including those that were not kept.
     """
     kept = [i for i, o in enumerate(outcomes) if o.detection is not None and _number(o.path) is not None]
     known = {o.path: o for o in searched}
@@ -56,13 +56,13 @@ def _number(path: Path) -> int | None:
 
 
 def beside(path: Path, step: int) -> Path:
-    """The name of the frame that is so many frames after this one."""
+    """The name of the frame `step` frames after this one."""
     film, number = split(path)
     return film.with_name(f"{film.name}#{(number or 0) + step}")
 
 
 def _neighbours(outcome: Outcome, known: Mapping[Path, Outcome]) -> dict[int, Detection]:
-    """The detections in the frames before (-1) and after (1) it, if they show the target."""
+    """The detections in the previous (-1) and the next (1) frame, if they show the target."""
     number = _number(outcome.path) or 0
     found = {step: known.get(beside(outcome.path, step)) for step in (-1, 1) if number + step >= 0}
     return {
@@ -73,7 +73,7 @@ def _neighbours(outcome: Outcome, known: Mapping[Path, Outcome]) -> dict[int, De
 
 
 def _flow(outcome: Outcome, neighbours: Mapping[int, Detection]) -> list[float] | None:
-    """The mean of the motions from the previous frame and to the next, or the one that is known."""
+    """The mean of the motions from the previous and to the next frame, or whichever of them is known."""
     own, flows = outcome.detection, []
     if own is None or outcome.size is None:
         return None

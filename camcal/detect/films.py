@@ -1,8 +1,8 @@
-"""The selection of frames of a film: which to search, and which of those with the target to keep.
+"""Selection of the frames of a film: which to search, and which of those with the target to keep.
 
-A film is read once from its start to its end, a frame at a time. Of each stretch of frames the sharpest and
-stillest is searched for the target; of those that show it, the ones are kept that together make the camera best
-known (`view_information.py`).
+A film is read once from start to end, one frame at a time. In each interval of frames the sharpest frame with the least
+motion is searched for the target; of the frames that show it, those are kept that together determine the camera best
+(`view_information.py`).
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 MOST_SEARCHED = 240  #: frames of a film that are searched; a search takes about as long as decoding 50 frames
-JUDGED = 8  #: frames of a stretch whose sharpness is measured; the others are skipped
+JUDGED = 8  #: frames of an interval whose sharpness is measured; the others are skipped
 WIDTH = 320  #: px; sharpness is measured at about this width, where noise and compression have no effect
-#: px a frame; motion by which a frame counts as half as sharp as measured: a shutter is open for about half of it
+#: px per frame; motion that halves the sharpness of a frame in comparisons: a shutter is open for about half a frame
 HALF_AS_SHARP = 2.0
-#: how the reasons begin of frames that are good and not needed
+#: beginnings of the reasons of frames that are good but not needed
 REPEATED, SURPLUS = "it shows the target where ", "it adds less than "
-MOVED = 0.005  #: of the picture's diagonal; a target that moved by less in every point gives no new view
-#: times the sharper quarter's blur (that percentile of the frames); from there on the corners lose half of their
-#: accuracy
+MOVED = 0.005  #: of the diagonal; a target of which every point moved by less gives no new view
+#: times the blur of the sharpest quarter of the frames (their lower quartile); above it, corners are less than half as
+#: accurate
 BLURRED, SHARPER = 1.5, 25
-LEAST_BLUR = 1.0  #: px (sigma); narrower edges are sharper than a pixel, and no frame is left out for them
-#: of the motion from one frame to the next, px; the shift of points by a rolling shutter and by the exposure time
-#: that no pose explains, where rows are read in about half of a frame's time and a board covers half of them
+LEAST_BLUR = 1.0  #: px (sigma); narrower edges are sharper than a pixel; no frame is omitted for less
+#: of the motion from one frame to the next, px; the shift of points, by a rolling shutter and by the exposure time,
+#: that no pose explains if all rows are read in about half of the frame time and the board covers half of them
 UNEXPLAINED = 0.05
 
 
@@ -56,7 +56,7 @@ class Candidate:
     number : int
         Counted from 0.
     motion : float
-        px of the frame, from the frame before.
+        px, from the previous frame.
     """
 
     number: int
@@ -66,17 +66,17 @@ class Candidate:
 def candidates(
     path: Path, chosen: Range, on_progress: Callable[[int, int], object] = lambda done, count: None
 ) -> tuple[list[Candidate], int]:
-    """The frames of a film to be searched, and the number of its frames.
+    """The frames of a film to search, and the number of its frames.
 
-    With `every`, all of these; otherwise the best of each stretch, of which there are at most twice
-    `MOST_SEARCHED` (where the film does not say how long it is, stretches grow on the way).
+    With `every`, each `every`-th frame; otherwise the best of each interval, of which there are at most twice
+    `MOST_SEARCHED` (if the film does not state its length, intervals are merged as it is read).
 
     Raises
     ------
     UnreadableError
-        Where no decoder opens the film.
+        If no decoder opens the film.
     DataError
-        Where frames are chosen by time and the film does not say its rate.
+        If frames are selected by time and the film does not state its frame rate.
     """
     film = Film(path)
     first, last = _numbers(film, chosen)
@@ -88,7 +88,7 @@ def candidates(
             number = film.next
             place = number - first
             judged = chosen.every or max(1, length // JUDGED)
-            # to measure the motion of a frame, the one before it is read, too
+            # the previous frame is also read, to measure the motion
             if place < 0 or (place % judged and (chosen.every or (place + 1) % judged)):
                 if not film.skip():
                     break
@@ -127,7 +127,7 @@ def _numbers(film: Film, chosen: Range) -> tuple[int, int]:
 def _merged(
     best: dict[int, tuple[float, Candidate]], first: int, length: int
 ) -> dict[int, tuple[float, Candidate]]:
-    """The best of each interval of twice the length."""
+    """The best candidate of each interval after doubling the length of the intervals."""
     merged: dict[int, tuple[float, Candidate]] = {}
     for score, candidate in best.values():
         stretch = (candidate.number - first) // length
@@ -143,8 +143,8 @@ def _reduced(gray: Array) -> Array:
 
 
 def sharpness(small: Array) -> float:
-    """The sharpness of a picture: the energy of its second derivatives relative to its first; 0 for a uniform
-    picture.
+    """The sharpness of a picture: the energy of its second derivatives relative to that of its first; 0 for a
+    uniform picture.
     """
     along, across = np.diff(small, axis=1), np.diff(small, axis=0)
     first = float((along**2).mean() + (across**2).mean())
@@ -153,7 +153,7 @@ def sharpness(small: Array) -> float:
 
 
 def _motion(before: Array | None, now: Array) -> float:
-    """The approximate motion between pictures, px: change over gradient, both absolute sums."""
+    """The approximate motion between pictures, px: sum of absolute changes over sum of absolute gradients."""
     if before is None or before.shape != now.shape:
         return 0.0
     gradient = np.abs(np.diff(now, axis=1)).sum() + np.abs(np.diff(now, axis=0)).sum()
@@ -162,9 +162,9 @@ def _motion(before: Array | None, now: Array) -> float:
 
 @dataclass(frozen=True)
 class Shown:
-    """A frame that shows the target: where its points are on the board and in the picture.
+    """A frame that shows the target: its points on the board and in the picture.
 
-    `motion` is that of the frame, px.
+    `motion` is the motion of the frame, px.
     """
 
     name: str
@@ -182,7 +182,7 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
     shown : sequence of Shown
         In the order of the film.
     count : int
-        How many are kept at most.
+        Largest number of frames to keep.
     """
     reasons: dict[int, str] = {}
     blur = np.array([s.found.info.get("blur_px", np.nan) for s in shown])
@@ -204,7 +204,7 @@ def left_out(shown: Sequence[Shown], count: int) -> dict[int, str]:
 
 
 def _sigma(shown: Shown) -> float:
-    """The standard deviation of the points of a frame, px: from their fit and from motion."""
+    """The standard deviation of the points of a frame, px, from their fits and the motion."""
     fit = 0.1 if shown.found.sigma is None else float(np.median(shown.found.sigma))
     return float(np.hypot(fit, UNEXPLAINED * shown.motion))
 

@@ -1,4 +1,4 @@
-"""Fits of the grey values around many corners at once, by the least-squares loop."""
+"""Fits of the grey values around many corners at once, with the common least-squares loop."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 ITERATIONS = 25  #: usual fits take 3 to 8
-CACHED = 16_000  #: pixels that are worked on at a time: their arrays fit into a cache of half a megabyte
-#: standard deviations of its parameters within which a fit stops: adds half a percent to a corner's error
+CACHED = 16_000  #: pixels processed at a time: their arrays fit into a cache of half a megabyte
+#: standard deviations of its parameters within which a fit stops: this adds half a percent to a corner's error
 SETTLED = 0.1
 #: blurs; a Gauss-Newton step of that length, of the corner or of the blur, ends within half its square of the minimum:
 #: .001 of the blur, a tenth of the sigma of a corner without visible noise
 SHORT = 0.05
-LONG = 0.5  #: blurs; beyond such a step the derivatives at its start no longer describe the edges
-SLIGHT = 1e-8  #: damping of those steps, which keeps equations of windows without an edge solvable
-STILL = 0.01  #: px; a corner with less to move after the last iteration counts as converged
-ROUNDING = 0.29  #: grey levels; 1/sqrt(12), which whole numbers leave of a picture without noise
-#: px⁴, of the half-contrast over the blur⁴: what a square pixel leaves of an edge under Gaussian blur. Its fourth
+LONG = 0.5  #: blurs; for a longer step the derivatives at its start no longer describe the edges
+SLIGHT = 1e-8  #: damping of those steps, which keeps the equations of windows without an edge solvable
+STILL = 0.01  #: px; a corner whose next step is shorter after the last iteration has converged
+ROUNDING = 0.29  #: grey levels; 1/sqrt(12), the rounding error of integer grey values
+#: px⁴, of the half-contrast over the blur⁴: residual of a Gaussian edge averaged over a square pixel, whose fourth
 #: cumulant is 1/120 px⁴, which changes the edge 2 Φ - 1 by (1/120) / 24 times 2 He3 φ / s⁴; He3 φ is .36 (rms)
 SQUARE_PIXEL = 2.5e-4
-PRODUCTS = 1e-5  #: of a diagonal of 1; the rounding of a sum of some hundred products in float32
+PRODUCTS = 1e-5  #: of a diagonal of 1; the rounding error of a sum of some hundred products in float32
 LEAST_BLUR = 0.28  #: px; a pixel averages over its own area, which alone blurs by 1/sqrt(12)
 MOST_BLUR = 30.0  #: px
 
@@ -57,7 +57,7 @@ class Fits:
         return Fits(self.params[rows], self.covariance[rows], self.noise[rows], self.converged[rows])
 
     def replaced(self, rows: Array, new: Fits) -> Fits:
-        """With other fits of some corners."""
+        """Replace the fits of some corners."""
         if not len(rows):
             return self
         every = [a.copy() for a in (self.params, self.covariance, self.noise, self.converged)]
@@ -75,8 +75,7 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
     start : (K, 7) array
         Parameters to start from.
     limits : (low, high)
-        Grey values at which the picture is cut off: a pixel there says only that the value is at least so
-        extreme.
+        Grey values at which the picture is clipped: the true value of a pixel there is at least as extreme.
     settled : float
         Standard deviations of the parameters within which a fit stops.
     """
@@ -93,22 +92,22 @@ def fit(windows: Windows, start: Array, limits: tuple[float, float], settled: fl
 
 
 def _found(params: Array, normal: Normal, pixels: Array, converged: Array) -> Fits:
-    """Fits with the noise and the covariance that their equations of so many `pixels` (K,) show."""
+    """Fits with noise and covariance from their normal equations over `pixels` (K,) pixels each."""
     noise = _noise(normal.cost, pixels, params)
     covariance = _inverse(normal.matrix)[:, :2, :2] * (noise**2)[:, None, None]
     return Fits(params, covariance, noise, converged)
 
 
 def _noise(cost: Array, pixels: Array, params: Array) -> Array:
-    """Standard deviation (K,) of the residuals of so many pixels that leave this cost, grey levels."""
+    """Standard deviation (K,) of the residuals, grey levels, from their cost and the number of pixels."""
     shape = SQUARE_PIXEL * params[:, model.CONTRAST] / np.maximum(params[:, model.BLUR], LEAST_BLUR) ** 4
     return np.sqrt(np.maximum(2 * cost / np.maximum(pixels - model.COUNT, 1), ROUNDING**2 + shape**2))
 
 
 def approached(windows: Windows, start: Array, limits: tuple[float, float]) -> tuple[Array, Array]:
-    """Parameters (K, 7) one step nearer to the fit, and the noise (K,) that this step predicts.
+    """Parameters (K, 7) after one step towards the fit, and the noise (K,) that this step predicts.
 
-    Where the step is longer than `LONG`, the parameters are those of the start.
+    If the step is longer than `LONG`, the parameters remain those of the start.
     """
     problem = _Corners(windows, limits)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -119,23 +118,23 @@ def approached(windows: Windows, start: Array, limits: tuple[float, float]) -> t
 def fit_sizes(
     windows: Windows, sizes: Sequence[Inner], start: Array, limits: tuple[float, float]
 ) -> list[Fits]:
-    """Fit the model in windows of several sizes by one step, with the derivatives of the largest for all of them.
+    """Fit the model in windows of several sizes by one step, using the derivatives of the largest for all of them.
 
-    Corners whose step is longer than `SHORT` are fitted by iteration.
+    Corners whose step is longer than `SHORT` are fitted iteratively.
 
     Parameters
     ----------
     windows : Windows
         The largest.
     sizes : sequence of Inner
-        Ascending; the last stands for all pixels.
+        Ascending; the last comprises all pixels.
     start, limits
         As for `fit`.
     """
     problem = _Corners(windows, limits)
     count, begin = len(start), np.tile(start, (len(sizes), 1))
     pixels = np.concatenate([windows.counts[:, : s.columns].sum(1) for s in sizes])
-    # the sizes are solved together, as so many corners more
+    # all sizes are solved together, as if they were additional corners
     with np.errstate(over="ignore", invalid="ignore"):
         parts = _normal_equations(windows, start, limits, [s.columns for s in sizes])
         equations = Normal(*map(np.concatenate, zip(*parts, strict=True)))
@@ -159,7 +158,7 @@ def _stepped(problem: _Corners, state: Array, equations: Normal) -> tuple[Array,
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverses of JᵀJ (K, n, n), kept positive definite although the products are rounded to float32."""
+    """Inverses of JᵀJ (K, n, n), kept positive definite despite the float32 rounding of the products."""
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     both = scale[:, :, None] * scale[:, None, :]
@@ -171,7 +170,7 @@ class _Corners(Small):
 
     def __init__(self, windows: Windows, limits: tuple[float, float]):
         self.windows, self.limits, self.count = windows, limits, len(windows.q)
-        # the error of the model's approximation of erf: changes of this size are not in its derivatives
+        # the error of the erf approximation: its derivatives do not represent changes of this size
         self.rounding = 0.5 * windows.counts.sum(1) * (model.ERF_ERROR * limits[1]) ** 2
         self.left = np.arange(self.count), windows
 
@@ -183,7 +182,7 @@ class _Corners(Small):
         return _normal_equations(windows, state, self.limits, [windows.value.shape[1]])[0]
 
     def solve(self, state: Array, equations: Normal, damping: Array) -> tuple[Array, Array]:
-        """Solve for the steps; where the blur would fall below its minimum, it is removed from the equations."""
+        """Solve for the steps; if the blur would fall below its minimum, it is removed from the equations."""
         _, matrix, gradient = equations
         held = (state[:, model.BLUR] <= LEAST_BLUR) & (gradient[:, model.BLUR] > 0)
         if held.any():
@@ -227,9 +226,9 @@ def first_guess(windows: Windows, angles: Array, blur: Array) -> Array:
 def _normal_equations(
     windows: Windows, params: Array, limits: tuple[float, float], ends: Sequence[int]
 ) -> list[Normal]:
-    """The normal equations of r = model - value, of the first pixels up to each of `ends`.
+    """The normal equations of r = model - value over the pixels before each of `ends`.
 
-    A few windows at a time, so that the arrays stay in the processor's cache.
+    Few windows are processed at a time, so that the arrays stay in the processor's cache.
     """
     count, size = windows.value.shape
     parts = list(zip([0, *ends], ends, strict=False))

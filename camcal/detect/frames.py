@@ -1,4 +1,4 @@
-"""Frames of films by number, for every film that cv2's video reader opens."""
+"""Access to frames of films by number, for every film that cv2's video reader opens."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from camcal.detect.decode import UnreadableError, as_gray
 
 Array = np.ndarray
 
-#: endings that are taken for films without opening the file
+#: extensions that identify films without opening the file
 FILMS = (
     ".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mjpeg", ".mjpg", ".mpg", ".mpeg", ".m2v", ".mts",
     ".m2ts", ".ts", ".wmv", ".asf", ".flv", ".3gp", ".ogv", ".h264", ".264", ".hevc", ".y4m", ".gif", ".apng",
 )  # fmt: skip
 _NUMBERED = re.compile(r"%0?\d*d")
-SKIPPED = 30  #: frames; a nearer one is reached by reading on, which costs less than reopening the film
-#: frames a second; larger rates are what cv2 returns where a film or a camera has none (a time base, such as 90,000)
+SKIPPED = 30  #: frames; a nearer one is reached by reading forward, which costs less than seeking
+#: frames per second; cv2 returns larger rates (a time base, such as 90,000) if a film or a camera has none
 FASTEST = 10_000
-MOST_FRAMES = 1_000_000_000  #: counts above it, or below 0, are what cv2 returns where the film has none
+MOST_FRAMES = 1_000_000_000  #: cv2 returns counts above it, or below 0, if the film has none
 
 
 def is_film(path: Path) -> bool:
-    """Return whether a name is that of a film by its extension, or of numbered pictures such as `frame_%04d.png`."""
+    """Return whether a name has the extension of a film, or denotes numbered pictures such as `frame_%04d.png`."""
     return path.suffix.lower() in FILMS or (_NUMBERED.search(path.name) is not None and not path.exists())
 
 
@@ -36,7 +36,7 @@ class Film:
     Attributes
     ----------
     count : int
-        Frames by the film's own account, or 0 where it has none.
+        Number of frames that the film states, or 0 if it states none.
     rate : float
         Frames per second, or 0.
     """
@@ -65,7 +65,7 @@ class Film:
         return frame if done and frame is not None and frame.size else None
 
     def seek(self, number: int) -> bool:
-        """Go to a frame: by reading on if it is near, otherwise directly if the film allows it."""
+        """Go to a frame: by reading forward if it is near, otherwise directly if the film permits it."""
         if self.count and not 0 <= number - self.next <= SKIPPED:
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, number)
             if round(self._capture.get(cv2.CAP_PROP_POS_FRAMES)) == number:
@@ -119,12 +119,12 @@ def read_frame(path: Path, number: int, from_start: bool = False, colour: bool =
     number : int
         Counted from 0.
     from_start : bool
-        Read the film from its first frame on: some are entered at another frame than the one asked for.
+        Read the film from its first frame: seeking in some films leads to another frame than the requested one.
 
     Raises
     ------
     UnreadableError
-        Where the film cannot be opened or has no such frame.
+        If the film cannot be opened or has no such frame.
     """
     if not _last or _last[0].path != path:
         close_films()

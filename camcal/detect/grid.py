@@ -1,8 +1,8 @@
 """Grids of single marks (corners of squares, discs).
 
-Each mark has four rays, the directions in which its neighbours may lie. Two marks are neighbours where a ray
-of each leads to the other. The marks of a connected piece are then numbered by columns and rows. No lens and
-no plane is assumed, so that a grid is found through a fisheye and on a bent sheet as well.
+Each mark has four rays, the directions in which its neighbours may lie. Two marks are neighbours if a ray of
+each leads to the other. The marks of each connected component are then numbered by columns and rows. Neither a lens
+model nor a plane is assumed, so that grids are also found through fisheye lenses and on bent sheets.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 NEAREST = (
-    16  #: marks among which the neighbour on a ray is looked for: a tilt of 70 degrees puts six nearer ones
+    16  #: nearest marks searched for the neighbour on a ray: at a tilt of 70 degrees six others are nearer
 )
 #: rad (23 degrees), half of what separates a ray from the diagonal; how far a ray may point past the neighbour
 ANGLE = 0.40
-LEAST_NODES = 6  #: marks of a piece; two squares side by side
+LEAST_NODES = 6  #: marks of a component; two squares side by side
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))  #: of (column, row) along the rays, clockwise in the picture
 
 
@@ -39,11 +39,11 @@ class Marks:
     size : (N,) array
         A positive quantity that changes little from neighbour to neighbour: contrast, radius.
     spread : float
-        By what factor it may change.
+        The factor by which it may change.
     alternating : bool
-        Whether even rays lead to odd rays only, as bright and dark change sides from corner to corner.
+        Whether even rays lead to odd rays only, because bright and dark alternate from corner to corner.
     closed : bool
-        Whether only links that are sides of a closed square of four marks count, which chance does not make.
+        Whether only links that are sides of a closed square of four marks count; such squares do not arise by chance.
     """
 
     xy: Array
@@ -63,8 +63,8 @@ def neighbours(
     ----------
     marks : Marks
     shown : callable, optional
-        `shown(i, ray, j)` says for links (L,) from marks i along their rays to marks j whether the picture shows
-        them.
+        `shown(i, ray, j)` returns for links (L,) from marks i along their rays to marks j whether the picture
+        shows them.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def neighbours(
         first = here.argmax(1)
         other[:, r] = np.where(here[rows, first], near[rows, first], -1)
         back[:, r] = its_ray[rows, first]
-    other[other[other, back] != rows[:, None]] = -1  # both must agree; -1 looks up the last row and stays -1
+    other[other[other, back] != rows[:, None]] = -1  # links are mutual; -1 looks up the last row and stays -1
     if shown is not None:
         i, along = np.nonzero(other > rows[:, None])
         false = ~shown(i, along, other[i, along])
@@ -132,14 +132,14 @@ def _in_squares(other: Array, back: Array) -> Array:
 
 
 def grow(other: Array, back: Array) -> list[Array]:
-    """Number the marks of each connected piece of the graph; the largest piece first.
+    """Number the marks of each connected component of the graph; the largest component first.
 
-    A link that contradicts what is numbered already is passed over.
+    A link that contradicts the numbering so far is ignored.
 
     Returns
     -------
     list of (rows, columns) int arrays
-        Index of the mark at each place, -1 where there is none; columns to rows turn clockwise.
+        Index of the mark at each position, -1 if there is none; the turn from columns to rows is clockwise.
     """
     degree = (other >= 0).sum(1)
     seeds = np.argsort(-degree, kind="stable")

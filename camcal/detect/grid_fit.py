@@ -1,4 +1,4 @@
-"""The sub-pixel corners of a whole grid: first each independently, then with the shape of the grid known."""
+"""Sub-pixel corners of a whole grid: fitted first independently, then again with the known shape of the grid."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from camcal.detect.local_map import board_from_corners
 
 Array = np.ndarray
 
-LEAST_CORNERS = 4  #: fewer have no shape
-COARSE = 4.0  #: px; a picture reduced by more is fitted first itself, its error being too large for a window
-ERROR = 0.25  #: px of the reduced picture; of a corner before it is fitted
-LEAST_BLUR = 0.5  #: px; to start from, about that of a sharp lens and of a pixel's area
-LEAST_GOOD = 0.5  #: share of good first fits from which on the others are tried again
-FINAL = ("at the border of the picture", "too little contrast")  #: reasons for which there is no second trial
+LEAST_CORNERS = 4  #: fewer do not determine the shape of a grid
+COARSE = 4.0  #: factor; corners of a picture reduced by more are first fitted there: they are too inaccurate
+ERROR = 0.25  #: px of the reduced picture; error of a corner before it is fitted
+LEAST_BLUR = 0.5  #: px; initial value, about that of a sharp lens and of a pixel's area
+LEAST_GOOD = 0.5  #: least share of good first fits for the others to be tried again
+FINAL = ("at the border of the picture", "too little contrast")  #: reasons that exclude a second trial
 
 
 def sharp_corners(
@@ -32,7 +32,7 @@ def sharp_corners(
     lattice : Lattice
         px of that picture.
     factor : float
-        How many px of the picture are one px of the reduced one that the grid was found on.
+        Number of px of the picture per px of the reduced picture in which the grid was found.
     reduced : (h, w) array, optional
         That picture.
 
@@ -73,7 +73,7 @@ def sharp_corners(
 
 
 def _to_be_tried(first: Corners) -> Array:
-    """The good corners, and those whose fit may have diverged."""
+    """The good corners, and those whose fits may have diverged."""
     good = first.good
     if good.mean() < LEAST_GOOD if len(good) else True:
         return good

@@ -11,7 +11,7 @@ _WIDTH, _HEIGHT = 256, 257  #: tags of TIFF 6.0
 _SHORT, _LONG = 3, 4  #: types of TIFF 6.0
 MOST_ENTRIES = 1000  #: entries of a TIFF directory; files of cameras have some dozens
 BOXES = (b"meta", b"iprp", b"ipco", b"jp2h")  #: boxes of ISO/IEC 14496-12 and 15444-1 that hold boxes
-DEEPEST = 6  #: boxes inside each other; meta, iprp, ipco are three
+DEEPEST = 6  #: nested boxes; meta, iprp, ipco are three
 
 
 def header_size(data: bytes) -> Size | None:

@@ -42,8 +42,8 @@ from camcal.errors import DataError, UsageError
 from camcal.settings.detection import DEFAULT_FRAMES
 from camcal.settings.sizes import parse_grid
 
-SAME_FOCAL = 0.005  #: share by which focal lengths of one setting may differ; EXIF gives three digits
-CONFIRMED_IN = 6  #: pictures in which the markers are compared with the target that was asked for
+SAME_FOCAL = 0.005  #: relative difference of focal lengths that count as equal; EXIF gives three digits
+CONFIRMED_IN = 6  #: pictures in which the markers are compared with the requested target
 
 
 def detect_images(
@@ -67,13 +67,13 @@ def detect_images(
     paths : folders, files, patterns, zip archives, films, or `frame_%04d.png`
     target : str or Target, optional
         A spec such as `charuco:9x7:40mm:20mm:4X4_100`. Without it (and without `board`) the target is
-        recognised from all pictures together; of a checkerboard the longer side is the columns.
+        recognised from all pictures together; the longer side of a checkerboard is its columns.
     board : str or (columns, rows), optional
         Inner corners of a checkerboard.
     square : str or (value, unit), optional
-        Side of its squares; of a recognised target the length of its cell, all others in proportion.
+        Side of its squares; for a recognised target the length of its cell, which scales all other lengths.
     jobs : int, optional
-        Processes; one per processor where there is enough to do.
+        Number of processes; by default one per processor if there is enough work.
     seconds : float
         Time that one picture may take.
     on_event : callable, optional
@@ -81,24 +81,24 @@ def detect_images(
     cache : bool
         Whether results are kept and reused.
     keep_frames, every : int, optional
-        Frames of films kept at most (None: every one that shows the target); search every so many frames,
-        instead of the sharpest and stillest ones.
+        Largest number of frames kept of films (None: every one that shows the target); search every n-th frame
+        instead of the sharpest ones with the least motion.
     from_time, to_time : float, optional
         The part of a film that is searched, s.
 
     Returns
     -------
     Observations
-        A view for each picture with the target, the rest in `skipped`. All views are of the size that most
-        of them have; the others are `rejected`.
+        A view for each picture with the target, the rest in `skipped`. All views have the most frequent picture
+        size; pictures of other sizes are `rejected`.
 
     Raises
     ------
     DataError
-        Where there are no pictures, none shows the target, or they show a board of markers other than the one
-        asked for.
+        If there are no pictures, none shows the target, or they show a board of markers other than the requested
+        one.
     UsageError
-        Where the target is unknown or contradicts `board` or `square`.
+        If the target is unknown or contradicts `board` or `square`.
     """
     wanted = _wanted(target, board, square)
     part = Range(from_time or 0.0, np.inf if to_time is None else to_time, every)
@@ -121,12 +121,12 @@ def _opened(
     cache: bool,
     on_event: OnEvent | None,
 ) -> Search:
-    """The search of all files that the paths name, films opened.
+    """Start a search of all files that the paths name, with films opened.
 
     Raises
     ------
     DataError
-        Where there are none.
+        If there are none.
     """
     run = Search(
         list_pictures(paths), seconds, jobs, cache_files.default_folder() if cache else None, on_event
@@ -159,7 +159,7 @@ def _wanted(
 
 
 def _in_negative(run: Search, searched: list[Searched]) -> list[Searched]:
-    """What was found of the targets that were asked for; where that is nothing, what is found in negative."""
+    """What was found of the requested targets; if nothing, what is found with black and white exchanged."""
     if any(o.detection for each in searched for o in each.outcomes):
         return searched
     for each in searched:
@@ -174,12 +174,12 @@ def _in_negative(run: Search, searched: list[Searched]) -> list[Searched]:
 
 
 def _confirm(run: Search, searched: list[Searched]) -> None:
-    """Raise an error if a board of markers is not the one in the pictures.
+    """Raise an error if the pictures show a board of markers other than the requested one.
 
     Raises
     ------
     DataError
-        With the spec of the board that they show.
+        With the spec of the board in the pictures.
     """
     target = searched[0].target
     if isinstance(target, Checkerboard):
@@ -206,7 +206,7 @@ def _confirm(run: Search, searched: list[Searched]) -> None:
 
 
 def _tell_marked(run: Search, target: Checkerboard, outcomes: list[Outcome]) -> None:
-    """Report where a checkerboard that was asked for holds markers, by one picture."""
+    """Report if one of the pictures shows that the requested checkerboard holds markers."""
     found = next((o for o in outcomes if o.detection is not None), None)
     gray = None if found is None else run.read(found.path)
     if found is None or found.detection is None or gray is None:
@@ -219,7 +219,7 @@ def _tell_marked(run: Search, target: Checkerboard, outcomes: list[Outcome]) -> 
 
 
 def _kept(run: Search, searched: list[Searched], count: int | None) -> list[Searched]:
-    """The outcomes, without the detections of frames that are not kept, and the films that cannot be read."""
+    """The outcomes without the detections of frames that are not kept; films that cannot be read are added."""
     target, outcomes = searched[0].target, searched[0].outcomes
     shown, places = [], []
     for place, o in enumerate(outcomes):
@@ -283,14 +283,14 @@ def _commonest_camera(taken: list[Taken]) -> Taken | None:
 
 
 def _other_camera(taken: Taken, camera: Taken) -> bool:
-    """Return whether a picture has the data of another camera, focal length or zoom; one without data does not."""
+    """Return whether a picture has the data of another camera, focal length or zoom; False without data."""
     named = bool(taken.camera and camera.camera) and taken.camera != camera.camera
     focal = bool(taken.focal and camera.focal) and abs(taken.focal / camera.focal - 1) > SAME_FOCAL
     return named or focal or taken.zoom != camera.zoom
 
 
 def _tell_turned(run: Search, found: list[Outcome]) -> None:
-    """Report pictures that were held in another orientation; they are used as the sensor recorded them."""
+    """Report pictures taken with the camera rotated; they are used as the sensor recorded them."""
     turned = sum(o.taken.orientation != 1 for o in found)
     if turned:
         run.tell("turned", count=turned, of=len(found))
@@ -311,7 +311,7 @@ def _seen_instead(run: Search, target: Target) -> Answer | None:
     if best is None or (type(best.target) is type(target) and same_size(best.target, target)):
         return None
     shown, pictures = best.target.scaled(target.square, target.unit), best.pictures
-    if isinstance(shown, Checkerboard):  # among boards of several sizes it is the most frequent one
+    if isinstance(shown, Checkerboard):  # of boards of several sizes, the most frequent one
         size = shown.columns, shown.rows
         pictures = tuple(i for i in pictures if (looked[i].sight or Sight()).board == size)
     return Answer(shown, pictures)

@@ -1,4 +1,4 @@
-"""A grid of points as an array of rows and columns: its steps, gaps and sparse rows."""
+"""A grid of points as an array of rows and columns: steps, gaps and sparse rows."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: share of the usual number of points of a row; a row at the rim that holds fewer is not part of the board
+#: share of the usual number of points of a row; an outer row with fewer is not part of the board
 SPARSE = 0.5
-LEAST_SINE = 0.05  #: of the angle of rows and columns: a board seen at 87 degrees
-LEAST_SIDE = 2  #: rows that are left in any case
+LEAST_SINE = 0.05  #: of the angle between rows and columns: a board seen at 87 degrees
+LEAST_SIDE = 2  #: rows that are always kept
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Points in rows and columns, turning clockwise from columns to rows as in the printed board.
+    """Points in rows and columns; the turn from columns to rows is clockwise, as on the printed board.
 
     Attributes
     ----------
     uv : (rows, columns, 2) array
-        px; NaN where the picture shows no point.
+        px; NaN for missing points.
     """
 
     uv: Array
 
     @classmethod
     def of(cls, index: Array, xy: Array) -> Lattice:
-        """Make a lattice of points xy (N, 2) at the positions from `grid.grow`, an index or -1 at each."""
+        """Make a lattice from points xy (N, 2) and the array of `grid.grow`, with an index or -1 at each position."""
         return cls(np.where((index >= 0)[..., None], xy[index], np.nan))
 
     @property
@@ -39,12 +39,12 @@ class Lattice:
 
     @property
     def present(self) -> Array:
-        """Which points were found (rows, columns)."""
+        """Mask (rows, columns) of the points that were found."""
         return np.isfinite(self.uv[..., 0])
 
     @property
     def usable(self) -> Array:
-        """The points that were found with enough neighbours to determine two different directions (rows, columns)."""
+        """Mask (rows, columns) of the points with enough neighbours to determine two different directions."""
         steps = self.steps()
         area = np.abs(steps[..., 0, 0] * steps[..., 1, 1] - steps[..., 0, 1] * steps[..., 1, 0])
         return self.present & (area > LEAST_SINE * np.linalg.norm(steps, axis=-1).prod(-1))
@@ -52,8 +52,8 @@ class Lattice:
     def steps(self) -> Array:
         """Steps (rows, columns, 2, 2) to the next point along columns and rows, px; NaN if unknown.
 
-        Of a point itself where both of its neighbours there are known or one is; otherwise the mean of those of
-        the four points around it.
+        From the neighbours of a point itself if at least one is known in that direction; otherwise the mean of the
+        steps of the four points around it.
         """
         own = np.stack([_step(self.uv, 1), _step(self.uv, 0)], 2)
         if np.isfinite(own).all():
@@ -63,7 +63,7 @@ class Lattice:
         return np.where(np.isfinite(own), own, _mean(np.stack(around)))
 
     def turned(self, quarters: int) -> Lattice:
-        """Return the same points numbered from another end."""
+        """Return the same points numbered from another corner."""
         return Lattice(np.rot90(self.uv, quarters))
 
     def scaled(self, factor: float) -> Lattice:
@@ -80,7 +80,7 @@ class Lattice:
 
     @property
     def rightward(self) -> float:
-        """The alignment of the columns with the right of the picture: cosine of the angle."""
+        """The cosine of the angle between the direction of the columns and the u axis of the picture."""
         step = np.nanmean(np.diff(self.uv, axis=1).reshape(-1, 2), axis=0)
         return float(step[0] / np.linalg.norm(step))
 
@@ -111,7 +111,7 @@ def _mean(stack: Array) -> Array:
 
 
 def predicted(uv: Array, row: Array, column: Array) -> Array:
-    """The predicted positions of points, (N, 2) px: the mean over lines and parallelograms of neighbours; or NaN.
+    """Predicted positions of points, (N, 2) px: the mean over lines and parallelograms of neighbours; NaN without any.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def predicted(uv: Array, row: Array, column: Array) -> Array:
     guesses = [0.5 * (at(0, 1) + at(0, -1)), 0.5 * (at(1, 0) + at(-1, 0))]
     for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         a, b, c = (at(n * down, n * right) for n in (1, 2, 3))
-        straight, bent = 2 * a - b, 3 * a - 3 * b + c  # continued from two and from three points
+        straight, bent = 2 * a - b, 3 * a - 3 * b + c  # extrapolated from two and from three points
         guesses.append(np.where(np.isnan(bent), straight, 0.5 * (bent + straight)))
     for down, right in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         guesses.append(at(down, 0) + at(0, right) - at(down, right))
@@ -146,7 +146,7 @@ def trim(present: Array) -> tuple[slice, slice]:
         part = present[slice(*bounds[0]), slice(*bounds[1])]
         shares = np.ones(
             (2, 2)
-        )  # of the usual number: at the start and the end of the rows and of the columns
+        )  # share of the usual number: at the start and the end of the rows and of the columns
         for axis in (0, 1):
             number = part.sum(1 - axis)
             if len(number) > LEAST_SIDE:

@@ -11,23 +11,23 @@ from camcal.detect.line_points import LinePoints
 
 Array = np.ndarray
 
-#: px; the next point of a chain is looked for so far ahead, and within so much of there
+#: px; distance ahead at which the next point of a chain is searched, and radius of that search
 STEP, REACH = 1.2, 1.0
 #: the next point's direction is within 25 degrees: the noise of a direction at the threshold is about 10
 NEXT = np.cos(np.radians(25))
 #: px; shorter chains have no reliable direction
 SHORTEST = 12
-#: px at a chain's end that give its direction, and the longest gap to its continuation, px; of all chains ...
+#: px at a chain's end that give its direction, and the longest gap to its continuation, px; for all chains ...
 SHORT = (24.0, 24.0)
-#: ... and then of those that are long enough
+#: ... and then for those that are long enough
 LONG = (80.0, 80.0)
 #: how far from the extrapolated end its continuation may begin: px, plus a part of the distance
 BESIDE, ASIDE = 1.0, 0.05
 #: px; ends overlap by less: two points of a chain
 OVERLAP = 2.0
-#: px of a gap that count as much as 1 px aside: of two continuations the straighter one is taken
+#: px of a gap that count as much as 1 px of lateral offset: of two continuations the straighter one is taken
 STRAIGHTER = 10.0
-#: points that give the end of a chain its direction at least: two points of a curved or noisy line give any
+#: least number of points that give the direction of an end: that of two points of a curved or noisy line is arbitrary
 LEAST_POINTS = 3
 #: ... and how much it may turn
 STRAIGHT_ON = np.cos(np.radians(6))
@@ -41,7 +41,7 @@ def chains(points: LinePoints) -> list[Array]:
     ahead = _neighbour(points, tree, points.along)
     behind = _neighbour(points, tree, -points.along)
     index = np.arange(len(points))
-    # directions have no sign: a link counts where each is a neighbour of the other, either way
+    # directions have no sign: a link counts if each point is a neighbour of the other, in either direction
     links = [(i, j) for i, j in ((index, ahead), (index, behind))]
     start, end = (np.concatenate(part) for part in zip(*links, strict=True))
     known = end >= 0
@@ -52,7 +52,7 @@ def chains(points: LinePoints) -> list[Array]:
 
 
 def joined(points: LinePoints, parts: list[Array]) -> list[Array]:
-    """Chains joined where one continues another: across intersections, corners of a board, and small gaps."""
+    """Join chains that continue each other: across intersections, corners of a board, and small gaps."""
     for reach, gap in (SHORT, LONG):
         parts = [p for p in parts if reach == SHORT[0] or np.ptp(points.uv[p], 0).max() >= reach]
         while True:
@@ -83,7 +83,7 @@ def _components(start: Array, end: Array, count: int) -> list[Array]:
 
 
 def _ordered(uv: Array, members: Array) -> Array:
-    """Members sorted along their longest direction."""
+    """Members sorted along their direction of largest extent."""
     if len(members) < LEAST_POINTS:
         return members
     centred = uv[members] - uv[members].mean(0)

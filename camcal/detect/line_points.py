@@ -1,8 +1,9 @@
 """Sub-pixel points of edges and of thin lines, each with the direction of the line.
 
-Edges are maxima of the gradient along itself (Canny 1986), interpolated by a parabola (Devernay, A non-maxima
-suppression method for edge detection with sub-pixel accuracy, 1995). Thin lines are zeros of the first derivative
-across the direction of greatest curvature (Steger, An unbiased detector of curvilinear structures, 1998, eq. 5).
+Edges are maxima of the gradient along its own direction (Canny 1986), interpolated by a parabola (Devernay, A
+non-maxima suppression method for edge detection with sub-pixel accuracy, 1995). Thin lines are zeros of the first
+derivative across the direction of greatest curvature (Steger, An unbiased detector of curvilinear structures, 1998,
+eq. 5).
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ Array = np.ndarray
 
 #: px; widths of the Gaussian under the derivatives: twice the blur of a sharp edge, and lines 2 to 8 px wide
 EDGE_SIGMA, RIDGE_SIGMA = 1.0, 2.0
-#: A point counts where its response is above this many standard deviations of the noise's response: with some 1e6
-#: pixels, two of three such maxima of pure noise are left, too few to form a chain.
+#: A point counts if its response exceeds this many standard deviations of the response to noise: of some 1e6
+#: pixels, two or three such maxima of pure noise remain, too few to form a chain.
 NOISES = 5.0
-#: ... and above this part of the response that one point in ten exceeds (that quantile): texture and shading between
+#: ... and this fraction of the response that one point in ten exceeds (that quantile): texture and shading between
 #: the lines are weaker. Quantiles of .9 and .95 find the same ten lines of a building, .8 eleven, .99 nine
 WEAKEST, STRONG = 0.25, 0.9
 #: curvature along a thin line over that across it, above which it crosses another
 CROSSING = 0.3
 #: noise of a picture without any (rounding to 8 bits), grey levels
 ROUNDING = 1 / np.sqrt(12)
-#: px of the frame of the picture that filters do not reach: three widths of the larger one
+#: px; width of the border in which filters are incomplete: three widths of the larger filter
 MARGIN = 6
 
 
@@ -40,7 +41,7 @@ class LinePoints:
     ----------
     uv : (N, 2) array, px
     along : (N, 2) array
-        Unit vectors along the edge; their sign means nothing.
+        Unit vectors along the edge; their sign is arbitrary.
     strength : float
         The response that one point in ten exceeds.
     """
@@ -78,7 +79,7 @@ def ridges(gray: Array, dark: bool, sigma: float = RIDGE_SIGMA) -> LinePoints:
     gx, gy = _derivatives(smooth)
     gxx, gxy = _derivatives(gx)
     _, gyy = _derivatives(gy)
-    # the eigenvalue of the Hessian across a dark (bright) line is positive (negative), the larger by its size
+    # the eigenvalue of the Hessian across a dark (bright) line is positive (negative) and the larger in magnitude
     half, off = (gxx - gyy) / 2, np.hypot((gxx - gyy) / 2, gxy)
     middle = (gxx + gyy) / 2
     value = middle + off if dark else middle - off
@@ -109,7 +110,7 @@ def _strong(uv: Array, along: Array, response: Array) -> LinePoints:
 def noise(gray: Array) -> float:
     """The standard deviation of a picture's noise, grey levels, from the median of its second differences.
 
-    Immerkaer's mask (Fast noise variance estimation, 1996) takes planes and edges off; the median leaves out texture.
+    Immerkaer's mask (Fast noise variance estimation, 1996) removes planes and edges; the median ignores texture.
     """
     response = cv2.filter2D(gray.astype(np.float32), -1, MASK)[1:-1, 1:-1]
     return max(float(np.median(np.abs(response))) / (NORMAL_MEDIAN * MASK_NORM), ROUNDING)

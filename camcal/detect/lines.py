@@ -11,39 +11,40 @@ from camcal.least_squares.scales import MAD
 
 Array = np.ndarray
 
-#: a candidate is at least this part of the picture's diagonal long: shorter ones bend too little to be measured
+#: least length of a candidate, as a fraction of the picture's diagonal: shorter ones bend too little to be measured
 LEAST_LENGTH = 0.1
-#: Two candidates are one line where one smooth curve follows both as closely as each its own (this many times, and
-#: px), and the gap between them is at most this part of the shorter one.
+#: Two candidates are one line if one smooth curve fits both about as well as their own curves do (within this factor,
+#: and px), and the gap between them is at most this fraction of the shorter one.
 AS_CLOSE, CLOSE, LARGEST_GAP = 1.3, 0.02, 0.6
-#: cosine of the turn between two parts of one line that a lens bends: 30 degrees
+#: cosine of the largest angle between two parts of a line bent by distortion: 30 degrees
 BENT = 0.86
 #: px; an edge beside a thin line is that line's own border: four widths of the ridge filter
 BORDER = 4 * RIDGE_SIGMA
-#: order of the polynomial along a line that its points follow, whatever the lens
+#: order of the polynomial that fits the points along a line with any lens
 SMOOTH = 5
-#: px; scatter of a line's points about that polynomial: with more it is no single edge
+#: px; largest scatter of a line's points about that polynomial: with more it is not a single edge
 ROUGHEST = 1.0
-#: px; points of a line are averaged over runs of this length, which takes off most of their noise and moves them by
+#: px; points of a line are averaged over runs of this length, which removes most of their noise and moves them by
 #: 0.003 px where a line is bent to a radius of 1000 px (Tang et al., High-precision camera distortion measurements
 #: with a calibration harp, 2012, smooth and thin their edge points likewise)
 RUN = 8.0
-#: points of a run at least: half of those that an edge has there
+#: least number of points of a run: half of those that an edge has there
 LEAST_IN_RUN = 4
 #: robust standard deviations beyond which a point is not on the line
 FAR = 4.0
-ROUNDS = 3  #: of fitting a line and leaving out what is far from it; 1 to 3 find the same lines of a building
-ROUNDING = 1e-6  #: px; exact points are off by rounding alone, 1e-12 of 1e4 px and of a polynomial's powers
-#: share of both lines' lengths, and of their points, that a joint line keeps: two that lie beside one another
-#: are together no longer than the longer one. At .95 one more pair of a building's ten lines is joined, at .8 four
+ROUNDS = 3  #: of fitting a line and removing points far from it; 1 to 3 find the same lines of a building
+ROUNDING = 1e-6  #: px; rounding error of exact points, 1e-12 of 1e4 px and of a polynomial's powers
+#: share of both lines' lengths, and of their points, that a joint line keeps: two lines side by side are
+#: together no longer than the longer one. At .95 one more pair of a building's ten lines is joined, at .8 four
 WHOLE = 0.98
 
 
 def find_lines(gray: Array) -> list[Array]:
     """Points (N, 2) of each candidate, px, in order along it; the longest first.
 
-    Thin lines, dark or bright whichever there are more of, and edges that are not the border of one. Each is weighed by
-    its strength: in pictures without noise the foot of a dark line is a bright one of a thousandth of its strength.
+    The candidates are thin lines, either dark or bright (whichever are more numerous), and edges that are not the
+    border of one. Each is weighted by its strength: in pictures without noise a dark line has bright side lobes of a
+    thousandth of its strength.
     """
     least = LEAST_LENGTH * float(np.hypot(*gray.shape[:2]))
     either = [(_lines(points, least), points.strength) for points in (ridges(gray, d) for d in (True, False))]
@@ -62,7 +63,7 @@ def _lines(points: LinePoints, least: float) -> list[Array]:
 
 
 def _smooth(uv: Array) -> tuple[Array, float] | None:
-    """The points that follow one smooth curve, in order, and their robust deviation, px; None if they do not."""
+    """The points that follow one smooth curve, in order, and their robust deviation, px; None without such a curve."""
     centred = uv - uv.mean(0)
     main = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
     along, across = (centred @ main).T
@@ -105,7 +106,7 @@ def _joint(
         return None
     both = _smooth(np.concatenate([a, b])) if _lead_on(a, b) else None
     close = AS_CLOSE * max(sigma_a, sigma_b) + CLOSE
-    # all of both, end to end: beside one another they would be longer apart than together
+    # end to end: two lines side by side would be longer separately than together
     longer = both is not None and _extent(both[0]) >= WHOLE * (_extent(a) + _extent(b))
     if both is None or not longer or both[1] > close or len(both[0]) < WHOLE * (len(a) + len(b)):
         return None
@@ -113,7 +114,7 @@ def _joint(
 
 
 def _lead_on(a: Array, b: Array) -> bool:
-    """Return whether both chords and the line between their midpoints have roughly the same direction."""
+    """Return whether two chords and the line between their midpoints have roughly the same direction."""
     chords = [uv[-1] - uv[0] for uv in (a, b)] + [b.mean(0) - a.mean(0)]
     first, second, between = (c / max(np.linalg.norm(c), 1e-9) for c in chords)
     return bool(abs(first @ second) > BENT and abs(first @ between) > BENT)

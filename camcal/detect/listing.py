@@ -17,7 +17,7 @@ from camcal.detect.sources import ARCHIVES, RAW, exists
 from camcal.errors import DataError
 from camcal.system.text import listed, readable
 
-#: endings of the files that a folder is searched for
+#: extensions of the files that are read from a folder
 PICTURES = (
     ".jpg", ".jpeg", ".jpe", ".jfif", ".jp2", ".heic", ".heif", ".hif", ".png", ".tif", ".tiff", ".bmp", ".dib",
     ".webp", ".avif", ".pgm", ".ppm", ".pbm", ".pnm", ".pfm", ".exr", ".hdr", ".sr", ".ras",
@@ -25,20 +25,20 @@ PICTURES = (
 
 #: first bytes of JPEG, PNG, TIFF, BMP, binary PGM and PPM
 BEGINNINGS = (b"\xff\xd8\xff", b"\x89PNG\r\n", b"II*\0", b"MM\0*", b"BM", b"P5", b"P6")
-MOST_NAMED = 6  #: folders that an error names
+MOST_NAMED = 6  #: folders that an error message names
 
 
 def list_pictures(paths: Iterable[str | os.PathLike]) -> list[Path]:
     """The files that folders, patterns and names refer to, each once; folders in natural order.
 
-    A file that is named is taken whatever its ending; in a folder (or a zip archive) those with the ending of a
-    picture are, and where there is none, films. Of a TIFF file of several pages, and of an animated PNG, WebP or AVIF
-    file, each page is one picture.
+    A file that is named is taken whatever its extension; from a folder (or a zip archive) files with the extension of
+    a picture are taken, or films if there are none. Each page of a multi-page TIFF file, and each frame of an animated
+    PNG, WebP or AVIF file, is one picture.
 
     Raises
     ------
     DataError
-        Where a path does not exist, a pattern matches nothing, or a folder holds no picture.
+        If a path does not exist, a pattern matches nothing, or a folder holds no picture.
     """
     found: dict[Path, None] = {}
     for path in paths:
@@ -81,7 +81,7 @@ def _with_pages(files: list[Path]) -> list[Path]:
 
 
 def _pages(path: Path, count: int) -> list[Path]:
-    """The names of the pages of a file; its own where it has one."""
+    """The names of the pages of a file; its own name if it has only one."""
     return [path] if count == 1 else [path.with_name(f"{path.name}#{n}") for n in range(count)]
 
 
@@ -146,7 +146,7 @@ def _in_folder(folder: Path) -> list[Path]:
 
 
 def left_in_folders(paths: Iterable[str | os.PathLike]) -> list[Path]:
-    """The films and raw pictures that `list_pictures` leaves in folders and archives, because there are other
+    """The films and raw pictures that `list_pictures` skips in folders and archives because there are other
     pictures.
     """
     named = list(map(Path, paths))
@@ -159,7 +159,7 @@ def left_in_folders(paths: Iterable[str | os.PathLike]) -> list[Path]:
 
 
 def _begins_like_a_picture(path: Path) -> bool:
-    """Return whether a file without an extension is a picture by its first bytes."""
+    """Return whether the first bytes of a file without an extension are those of a picture."""
     if path.suffix:
         return False
     try:
@@ -204,7 +204,7 @@ def holds_pictures(folder: Path) -> bool:
 
 
 def view_ids(paths: list[Path]) -> list[str]:
-    """The id of each picture in the report: its name, with its folder if two have the same name."""
+    """The id of each picture in the report: its name, preceded by its folder if two have the same name."""
     names = [p.name for p in paths]
     twice = {name for name, count in Counter(names).items() if count > 1}
     return [readable(str(p) if p.name in twice else p.name) for p in paths]

@@ -1,10 +1,10 @@
-"""A second look at a picture in which the usual search found nothing: with its contrast evened out region by region.
+"""A second search, with locally equalised contrast, of pictures in which the usual search found nothing.
 
-A target of few grey levels beside something bright (a lamp, a window) has little of the picture's range, so that a
-stretch of the whole picture leaves it as it is. Equalising the histogram of each region (Pizer et al., Adaptive
-histogram equalization and its variations, 1987, with limited contrast and maps interpolated between regions) gives
-grey values a range by the area that they cover, whatever the brightest ones are. Only the search sees the evened
-picture: points are fitted in the picture itself.
+A low-contrast target beside something bright (a lamp, a window) occupies a small part of the grey-value range, so
+that stretching the whole picture does not help. Equalising the histogram of each region (Pizer et al., Adaptive
+histogram equalization and its variations, 1987, with limited contrast and maps interpolated between regions) assigns
+grey values a range according to the area that they cover, whatever the brightest ones are. Only the search uses the
+equalised picture: points are fitted in the original.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from camcal.detect.pyramid import WEAK_BLUR, as_float, grey_range, seen_as
 Array = np.ndarray
 T = TypeVar("T")
 
-#: regions along each side of a picture; a region has to hold light and dark squares of the board: with 4, boards of
-#: 4x3 corners that fill the picture have two squares in it
+#: regions along each side of a picture; a region must contain light and dark squares of the board: with 4, a board of
+#: 4x3 corners that fills the picture has two squares in each
 REGIONS = 4
-#: grey levels of the weakest contrast that is raised in full; the histogram is smoothed over as many, so that the
-#: space between the values of light and dark counts as theirs
+#: grey levels of the weakest contrast that is fully raised; the histogram is smoothed over as many, so that the gap
+#: between the values of light and dark is included
 WEAKEST = 4
-#: largest factor of the contrast: 4 grey levels become 64, the range from which on detectors need no stretch
+#: largest amplification of the contrast: 4 grey levels become 64, the range above which detectors need no stretching
 #: (`pyramid.WEAK`); noise of one level, half of it after the blur, becomes 8, as much as their lowest threshold
 MOST_GAIN = 16.0
-STEPS = 8  #: of a grey level that are told apart, which the blur makes of whole levels
+STEPS = 8  #: steps per grey level in the histogram; the blur produces fractional levels
 
 
 def evened(gray: Array) -> Array:
-    """The picture in 8 bits, blurred a little, with the histogram of each region equalised.
+    """The picture in 8 bits, slightly blurred, with the histogram of each region equalised.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def evened(gray: Array) -> Array:
 
 
 def _equalising(region: Array) -> Array:
-    """The map (256 STEPS,) float32 from the steps of a region to 0 to 255, its mean rise the share of the pixels."""
+    """The map (256 STEPS,) float32 from the steps of a region to 0 to 255: a cumulative histogram of limited slope."""
     share = np.bincount(region.ravel(), minlength=256 * STEPS) / max(region.size, 1)
     width = WEAKEST * STEPS
     rise = np.minimum(np.convolve(share, np.full(width, 1 / width), "same"), MOST_GAIN / (255 * STEPS))
@@ -63,7 +63,7 @@ def _equalising(region: Array) -> Array:
 
 
 def _between(edges: Array) -> list[tuple[int, int, tuple[int, Array], tuple[int, Array]]]:
-    """The parts of a side between middles of regions: start, end, and the two nearest regions with their weights."""
+    """Intervals of a side between centres of regions: start, end, and the two nearest regions with their weights."""
     middles = 0.5 * (edges[:-1] + edges[1:])
     bounds = [0, *middles.astype(int).tolist(), int(edges[-1])]
     parts = []
@@ -76,7 +76,7 @@ def _between(edges: Array) -> list[tuple[int, int, tuple[int, Array], tuple[int,
 
 
 def with_second_look(gray: Array, search: Callable[[], T], again: Callable[[T], bool]) -> T:
-    """The result of a search of a picture, or that of a search of the evened picture where the first found nothing.
+    """Search a picture; if nothing is found, search the picture with equalised contrast.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def with_second_look(gray: Array, search: Callable[[], T], again: Callable[[T], 
     search : callable
         The search of `gray`; see `pyramid.to_search`.
     again : callable
-        Whether a result is nothing, so that a second look is worth its time.
+        Returns whether a result is so empty that a second search is worthwhile.
     """
     first = search()
     if not again(first):

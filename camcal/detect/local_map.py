@@ -1,7 +1,7 @@
-"""Maps from the picture to the board in which the board's edges are straight, from the corners alone.
+"""Local maps from the picture to the board, fitted to the corners alone, under which the board's edges are straight.
 
-A homography carries the perspective; what is left, the lens and the bending of the sheet, varies so slowly
-that a polynomial of the fourth degree through the corners around each corner describes it well within half a square.
+A homography describes the perspective; the remainder, from the lens and a bent sheet, varies so slowly that a
+polynomial of the fourth degree fitted to the corners around each corner is accurate within half a square.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Array = np.ndarray
 #: from px (K, P, 2) near each of K corners to coordinates (K, P, 2) in which edges are straight, in squares
 BoardFromPixel = Callable[[Array], Array]
 
-#: corners to each side of the block from which a corner's map is made; a polynomial of the fourth degree needs 5, and
-#: with one more its corners' noise adds 1 % to that of the corner. A cubic left .003 px where squares are large and
-#: the lens is strong
+#: corners along each side of the block from which a corner's map is made; a polynomial of the fourth degree needs 5,
+#: and with one more the noise of these corners adds 1 % to that of the corner. A cubic left .003 px with large squares
+#: and strong distortion
 SPAN = 6
 STEEPEST = (
-    4.0  #: largest ratio of depths for which one homography is trusted: a board of its own length away has 2
+    4.0  #: largest ratio of depths for which a homography is used: a board at a distance of its length has 2
 )
-RIDGE = 1e-9  #: keeps the equations solvable where corners are missing in a line
-#: corners that a polynomial of that degree needs: 1.4 for each coefficient
+RIDGE = 1e-9  #: keeps the equations solvable if a whole line of corners is missing
+#: corners that a polynomial of that degree needs: 1.4 per coefficient
 FOR_QUARTIC, FOR_CUBIC, FOR_QUADRATIC = 21, 14, 8
 
 
@@ -94,7 +94,7 @@ def _polynomials(near: Array, board: Array, present: Array) -> tuple[Array, Arra
 
 
 def _terms(number: Array, side: int) -> Array:
-    """The number of monomials that so many corners, in a block of so many per side, determine."""
+    """The number of monomials determined by `number` corners in a block of `side` per side."""
     needed = ((QUARTIC, FOR_QUARTIC, 5), (CUBIC, FOR_CUBIC, 4), (QUADRATIC, FOR_QUADRATIC, 3))
     allowed = [(number >= corners) & (side >= least) for _, corners, least in needed]
     return np.asarray(np.select(allowed, [terms for terms, _, _ in needed], LINEAR))

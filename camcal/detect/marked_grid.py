@@ -1,8 +1,8 @@
-"""The position of a grid of corners on a ChArUco board, from all of its markers together.
+"""The position of a grid of corners on a ChArUco board, from all of its markers jointly.
 
-A marker of a few pixels cannot be read by itself. All together they can: the grey values of each white
-square are correlated with every marker the board holds, in four orientations, and the place of the grid on
-the board is the one for which the correlations add up to most.
+A marker of a few pixels cannot be read by itself, but all markers can be read jointly: the grey values of each white
+square are correlated with every marker of the board, in four orientations, and the position of the grid on the board
+is the one with the largest sum of correlations.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from camcal.geometry import homography
 
 Array = np.ndarray
 
-PER_CELL = 3  #: samples of a marker's cell along each side: a cell of 3 px is measured whole
-#: mean correlation of the best place; by chance that of a marker of 16 cells is 0 +- .25, that of 4 markers 0 +- .13
+PER_CELL = 3  #: samples along each side of a marker's cell: those of a 3 px cell cover all of its pixels
+#: mean correlation of the best position; by chance that of a marker of 16 cells is 0 ± .25, that of 4 markers 0 ± .13
 LEAST_MATCH = 0.45
-AHEAD = 0.15  #: by how much it must exceed every other: one such deviation
-LEAST_MARKERS = 2  #: that the grid holds; in noise, one marker looks like another
+AHEAD = 0.15  #: by which it must exceed every other: about one such standard deviation
+LEAST_MARKERS = 2  #: least number within the grid; in noise, single markers are confused
 
 
 def place_on_board(
     gray: Array, uv: Array, codes: Array, squares: Array, marker: float, size: tuple[int, int]
 ) -> tuple[Array, Array] | None:
-    """Find the place of a grid on its board.
+    """Find the position of a grid on its board.
 
     Parameters
     ----------
     gray : (height, width) array
     uv : (R, C, 2) array
-        Corners, px, turning clockwise from columns to rows; NaN where there is none.
+        Corners, px, the turn from columns to rows clockwise; NaN for missing ones.
     codes : (K, n, n) array
         The board's markers, 1 where bright and 0 where black.
     squares : (K, 2) int array
@@ -47,7 +47,7 @@ def place_on_board(
     ids : (N,) int array
         row * columns + column of each corner.
     uv : (N, 2) array
-        None is returned where no place explains the picture, or two do.
+        None is returned instead if no position or more than one explains the picture.
     """
     cells = sample_squares(gray, uv, marker, codes.shape[-1])
     flat = codes.reshape(len(codes), -1) - codes.reshape(len(codes), -1).mean(1, keepdims=True)
@@ -92,7 +92,7 @@ def _score(match: Array, where: dict[tuple[int, int], int], down: int, right: in
     for row, column in np.ndindex(match.shape[:2]):
         marker = where.get(
             (column + right + 1, row + down + 1)
-        )  # the square behind inner corner (row, column)
+        )  # the square after inner corner (row, column)
         if marker is not None and np.isfinite(match[row, column, marker]):
             values.append(match[row, column, marker])
     return (float(np.mean(values)) if values else 0.0), len(values)

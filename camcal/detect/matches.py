@@ -1,8 +1,9 @@
-"""Points that two pictures share, without a board: cv2's SIFT, matched both ways, then refined to a tenth of a pixel.
+"""Points common to two pictures, without a board: cv2's SIFT, matched both ways, then refined to a tenth of a pixel.
 
-SIFT's points scatter by 0.2 px and more. The second point of each pair is moved to where its surroundings fit those of
-the first one best (Lucas-Kanade, translation), and tracked back from there: on eight pairs of pictures of a calibrated
-stereo camera the median vertical disparity falls from 0.21 to 0.13 px by that, so smaller errors are seen.
+SIFT points scatter by 0.2 px and more. The second point of each pair is moved to where its neighbourhood best matches
+that of the first (Lucas-Kanade, translation only), and tracked back from there: on eight pairs of pictures from a
+calibrated stereo camera this reduces the median vertical disparity from 0.21 to 0.13 px, so that smaller errors are
+visible.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 #: the nearest descriptor is nearer than this part of the second nearest (D. Lowe, Distinctive image features, 2004,
-#: section 7.1: 0.8 leaves out nine wrong matches of ten, and one right one of twenty)
+#: section 7.1: 0.8 removes nine of ten wrong matches and one of twenty correct ones)
 RATIO = 0.8
-#: points of the strongest contrast in each picture; all pairs of them are compared: 25 million of 128 numbers, a second
+#: points of strongest contrast used in each picture; all pairs are compared: 25 million of 128 numbers, a second
 MOST = 5_000
-#: px; side of the surroundings that are compared: SIFT's own smallest descriptors are of 12
+#: px; side of the windows that are compared: the smallest SIFT descriptors cover 12
 WINDOW = 15
-#: px; sigma of the surroundings whose mean and contrast are taken off, half a window: cameras differ in exposure
+#: px; sigma of the region by whose mean and contrast pixels are normalised, half a window: exposures differ
 EVEN = 8.0
-#: grey values; contrast below that of the noise of 8-bit pictures is not raised further
+#: grey levels; contrast below the noise of 8-bit pictures is not amplified further
 CONTRAST = 4.0
-#: grey levels of 8 bits that one standard deviation of the surroundings becomes: 2.7 of them fit into each side of 128
+#: 8-bit grey levels that one local standard deviation becomes: 2.7 of them fit on each side of 128
 DEVIATION = 48.0
-#: px; a point that moves farther, ten times SIFT's scatter, is another one
+#: px; a point that moves farther, ten times the scatter of SIFT, is a different one
 FARTHEST = 2.0
-#: px; how far a point may be from its start after it was tracked there and back; perspective changes its surroundings
+#: px; largest distance from its start of a point tracked there and back; perspective changes its neighbourhood
 RETURN = 0.2
-#: below this part of points that can be placed so, pictures are turned or scaled against each other: SIFT's stay
+#: if a smaller share of points can be refined, the pictures differ in rotation or scale: SIFT positions are kept
 PLACED = 0.5
 
 
 @dataclass(frozen=True)
 class Points:
-    """SIFT's points of a picture: pixels (N, 2), descriptors (N, 128), sizes (N,) in px."""
+    """SIFT points of a picture: pixels (N, 2), descriptors (N, 128), sizes (N,) in px."""
 
     uv: Array
     descriptors: Array
@@ -64,7 +65,7 @@ def points_of(picture: Array) -> Points:
 
 
 def matched(first: Points, second: Points) -> Array:
-    """Pairs (N, 2) of points that are mutual nearest neighbours; a position with two orientations counts once."""
+    """Index pairs (N, 2) of mutual nearest neighbours; a position with two orientations counts once."""
     if min(len(first), len(second)) < 2:
         return np.zeros((0, 2), int)
     there, back = (_nearest(a.descriptors, b.descriptors) for a, b in ((first, second), (second, first)))
@@ -81,7 +82,7 @@ def matches(first: Array, second: Array) -> tuple[Array, Array]:
 
 
 def between(first: Array, second: Array, a: Points, b: Points) -> tuple[Array, Array]:
-    """The same, for pictures whose points are known."""
+    """As `matches`, for pictures whose SIFT points are known."""
     own = matched(a, b)
     if not len(own):
         return np.zeros((0, 2)), np.zeros((0, 2))
@@ -89,7 +90,7 @@ def between(first: Array, second: Array, a: Points, b: Points) -> tuple[Array, A
 
 
 def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Pairs whose second point could be located by its surroundings."""
+    """Pairs whose second point could be refined by its neighbourhood."""
     one, two = _even(first), _even(second)
     there, found = _tracked(one, two, a, b)
     back, returned = _tracked(two, one, there, a)
@@ -99,7 +100,7 @@ def _placed(first: Array, second: Array, a: Array, b: Array) -> tuple[Array, Arr
 
 
 def _tracked(one: Array, two: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """The positions in the other picture of the surroundings of points a (N, 2), starting at b, and which were
+    """Track points a (N, 2) into the other picture, starting at b; return their positions and which were
     found.
     """
     start, guess = (np.ascontiguousarray(p, np.float32).reshape(-1, 1, 2) for p in (a, b))

@@ -1,4 +1,4 @@
-"""Motion blur: its direction, from the blur across edges of many directions."""
+"""Motion blur: its extent and direction, from the blur across edges of many directions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Array = np.ndarray
 MOST_CORNERS = 24  #: of a picture; their blurs scatter by 2 %
 STEPS = 10  #: usual fits take 3 to 5
 SETTLED = 0.1  #: standard deviations within which a fit stops; see `fit.SETTLED`
-#: of the blur; a Gauss-Newton step of that length ends within half its square of the minimum, a quarter of what the
-#: blurs scatter by
+#: of the blur; a Gauss-Newton step of that length ends within half its square of the minimum, a quarter of the scatter
+#: of the blurs
 NEAR = 0.1
 LARGEST = 12  #: px; half the side of the largest window
-LEAST_VARIANCE = 0.05  #: of the mean; a smaller one along the narrow axis is noise
+LEAST_VARIANCE = 0.05  #: of the mean; a smaller variance along the narrow axis is noise
 
 
 def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[Array, Array]:
@@ -31,8 +31,8 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
 
         erf(u1 / √2 s1) erf(u2 / √2 s2) + n1ᵀ S n2 erf'(u1 / √2 s1) erf'(u2 / √2 s2)
 
-    (the tetrachoric series, Pearson 1901). The two edges alone do not show motion along the squares' diagonal.
-    These three numbers are fitted, from the common blur of the corners' fits.
+    (the tetrachoric series, Pearson 1901). The two variances alone do not reveal motion along the squares' diagonal.
+    The three numbers are fitted, starting from the isotropic blur of the corner's fit.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
     uv : (K, 2) array
         Corners, px.
     params : (K, 7) array
-        Of their fits, in the order of `edge_model`.
+        Parameters of their fits, in the order of `edge_model`.
     sides : (K, 2, 2) array
         Steps to the next corner along columns and rows, px.
 
     Returns
     -------
     directions : (N, 3, 2) array
-        Of the normals (n, m) of each product, radians: (n1, n1), (n2, n2), (n1, n2).
+        Directions of the normals (n, m) of each product, radians: (n1, n1), (n2, n2), (n1, n2).
     products : (N, 3) array
         nᵀ S m, px².
     """
@@ -66,8 +66,8 @@ def corner_blurs(gray: Array, uv: Array, params: Array, sides: Array) -> tuple[A
 
 
 def _fitted(problem: _Blurs, start: Array) -> Array:
-    """The three numbers (K, 3) of each corner: by one step where all steps are short, else by iteration."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a step to infinite values is not short
+    """The three numbers (K, 3) of each corner: by one step if all steps are short, otherwise by iteration."""
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite steps are not short
         equations = problem.linearise(start, np.arange(problem.count))
         step, _ = problem.solve(start, equations, np.full(problem.count, SLIGHT))
         blurs = start[:, :2]
@@ -79,7 +79,7 @@ def _fitted(problem: _Blurs, start: Array) -> Array:
 
 
 class _Blurs(Small):
-    """Corners with a blur across each edge and a covariance between the two, (K, 3); all else is fixed."""
+    """Corners with a blur across each edge and a covariance of the two, (K, 3); all else is fixed."""
 
     def __init__(self, windows: Windows, u: Array, params: Array):
         self.windows, self.u, self.count = windows, u, len(params)
@@ -109,12 +109,12 @@ class _Blurs(Small):
 
 
 def blur_ellipse(directions: Array, products: Array) -> tuple[float, float] | None:
-    """The ratio of the axes of a blur, and the direction of the longer axis.
+    """The ratio of the axes of an anisotropic blur, and the direction of the longer axis.
 
     Parameters
     ----------
     directions : (..., 2) array
-        Of the unit vectors n, m, radians.
+        Directions of the unit vectors n, m, radians.
     products : (...) array
         nᵀ S m of the blur's covariance S, px².
 

@@ -11,12 +11,12 @@ from camcal.detect.targets.base import Miss
 Array = np.ndarray
 
 LEAST_PIXELS = 16  #: to each side
-LONG_SIDE = 640  #: px; what the picture is reduced to
-DARK, BRIGHT = 30.0, 240.0  #: grey levels of 255 below or above which nearly the whole picture lies
-#: percentiles of the grey values that count as the darkest and the brightest: a reflection, or the dark frame of a
-#: lens, covers less than 1 or 2 % of a picture that shows anything else
+LONG_SIDE = 640  #: px; length to which the longer side of the picture is reduced
+DARK, BRIGHT = 30.0, 240.0  #: grey levels of 255; a picture almost all below (above) is too dark (bright)
+#: percentiles of the grey values that count as the darkest and the brightest: a reflection, or the dark corners of a
+#: lens, cover less than 1 or 2 % of a picture that shows anything else
 RANGE = (2, 99)
-#: least share of the picture's contrast by which 1 pixel in 200 (that percentile) differs from its surroundings of 2 px
+#: share of the picture's contrast by which 1 pixel in 200 (that percentile) differs from its neighbourhood of 2 px
 SHARP, FINEST = 0.03, 99.5
 
 

@@ -1,9 +1,9 @@
 """Separate dark squares: their outlines in a picture, and their corners as intersections of fitted edges.
 
-A corner at which one dark square meets white is no saddle of grey value. Its place is where two straight edges
-cross: each edge is measured in profiles across it, where they reach the middle between dark and bright, and a
-line is fitted to the places. A lens bends the edges: by how much is known from the corners of all squares
-(`camcal.detect.targets.outlined`), and the line is then the chord of an arc.
+The corner of a single dark square is not a saddle of the grey values. It is located as the intersection of two
+straight edges: each edge is located in profiles across it, where they cross the middle between dark and bright, and a
+line is fitted to these points. Distortion bends the edges by an amount that is known from the corners of all squares
+(`camcal.detect.targets.outlined`); the line is then the chord of an arc.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 LEAST_SIDE = 6.0  #: px; in smaller squares blur reaches from edge to edge
-CORNER = 0.05  #: of the perimeter; how far an outline may leave the sides of its quadrilateral
+CORNER = 0.05  #: of the perimeter, by which an outline may deviate from its quadrilateral
 MOST_ANGLE = 0.85  #: |cosine| of the angle at a corner: a square seen at a slant of 60 degrees has less
-#: of a side, and px, at each end where no profile is taken: the blur of the other edge reaches there
+#: of a side, and px, at each end where no profile is taken because of the blur of the adjacent edge
 ENDS, ENDS_PX = 0.15, 2.5
-SPACING = 1.0  #: px between profiles; nearer ones share their pixels
+SPACING = 1.0  #: px between profiles; closer ones share pixels
 STEP = 0.5  #: px between the samples of a profile
-LONGEST, SHORTEST = 4.0, 2.0  #: px to each side that a profile reaches
-REACH = 0.45  #: of the room to the next edge that a profile uses
+LONGEST, SHORTEST = 4.0, 2.0  #: px that a profile extends to each side
+REACH = 0.45  #: of the distance to the next edge that a profile uses
 ROUNDS = 3  #: of measuring the edges from the corners found last
 LEAST_PROFILES = 3  #: of a side; fewer do not show how well a line fits
-STRAIGHT = 0.5  #: px; an edge whose places scatter by more is bent, or is not an edge
-#: a profile's outer fifths show the levels of both sides; with quarters to eighths the corners scatter by .011 to
-#: .012 px, or .048 to .053 where the blur is 1.5 px, with halves by .074
+STRAIGHT = 0.5  #: px; an edge whose points scatter by more is bent, or is not an edge
+#: the outer fifths of a profile give the levels of both sides; with quarters to eighths the corners scatter by .011 to
+#: .012 px, or .048 to .053 at a blur of 1.5 px; with halves by .074
 PLATEAUS = 5
 PLAIN = 0.1  #: of the contrast; largest standard deviation inside a printed square
-FLOOR = 0.02  #: px; least scatter of a place: that of interpolation and 8 bits without noise
+FLOOR = 0.02  #: px; least scatter of a point: that of interpolation and 8 bits without noise
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Squares:
     covariance : (K, 4, 2, 2) array
         px².
     good : (K,) bool array
-        Where all four edges could be measured.
+        Whether all four edges could be measured.
     contrast : (K,) array
         Half the difference of outside and inside, grey levels.
     blur : (K,) array
@@ -109,8 +109,8 @@ def as_discs(quads: Array) -> Discs:
 
 
 def plain_inside(gray: Array, quads: Array) -> tuple[Array, Array]:
-    """The squares that are uniformly dark inside (K,), as windows with a view and tags are not, and the contrast of
-    each (K,), grey levels.
+    """Mask (K,) of the squares that are uniformly dark inside, unlike windows and tags, and the contrast (K,) of
+    each, grey levels.
     """
     at = np.linspace(-0.6, 0.6, 7)
     x, y = np.meshgrid(at, at)
@@ -129,7 +129,7 @@ def plain_inside(gray: Array, quads: Array) -> tuple[Array, Array]:
 
 
 def _dark_inside(gray: Array, quads: Array) -> Array:
-    """A mask of the squares that are darker in the middle than beside all but one of their corners."""
+    """Mask of the squares that are darker in the middle than outside at least three of their corners."""
     centre = quads.mean(1, keepdims=True)
     at = np.concatenate([centre, centre + (1 + CONCENTRIC) * (quads - centre)], 1).astype(np.float32)
     value = cv2.remap(gray, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -146,13 +146,13 @@ def refine_squares(
     ----------
     gray : (height, width) uint8 or uint16 array
     quads : (K, 4, 2) array
-        Corners to start from, clockwise, right to a px or two.
+        Initial corners, clockwise, accurate to one or two px.
     room : (K,) array
         Distance from an edge to the next one, inside or outside, px.
     bows : (K, 4) array, optional
-        How far the middle of the edge from each corner to the next stands out of the square, px; straight without.
+        Outward displacement of the middle of the edge from each corner to the next, px; straight by default.
     rounds : int
-        Of measuring the edges from the corners found last.
+        Number of times that the edges are measured, each time from the latest corners.
     """
     picture = gray.astype(np.float32)
     count = len(quads)
@@ -189,7 +189,7 @@ class _Edge:
     normal: Array
     distance: float
     along: Array  #: unit vector
-    middle: float  #: mean of the profiles' places along the line
+    middle: float  #: mean position of the profiles along the line
     spread: float  #: their sum of squared distances from it
     count: int
     variance: float
@@ -203,16 +203,16 @@ class _Edge:
 
 
 def _acuteness(corners: Array) -> Array:
-    """The cotangent (4,) of acute angles at corners, otherwise 0; a profile soon meets the next edge there."""
+    """The cotangent (4,) of acute angles at corners, otherwise 0; profiles near them soon meet the next edge."""
     before, after = np.roll(corners, 1, 0) - corners, np.roll(corners, -1, 0) - corners
     cross = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
     return np.maximum((before * after).sum(1), 0.0) / np.maximum(cross, 1e-9)
 
 
 def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array, bow: float) -> _Edge | None:
-    """The chord of the edge between two corners, dark on its right (inside), whose middle stands out by `bow` px.
+    """The chord of the edge between two corners, dark on its right (inside), whose middle is `bow` px farther out.
 
-    `ends` px at the corners are skipped.
+    The first and last `ends` px are skipped.
     """
     side = stop - start
     length = float(np.hypot(*side))
@@ -234,7 +234,7 @@ def _edge(picture: Array, start: Array, stop: Array, reach: float, ends: Array, 
     if usual <= 0 or kept.sum() < LEAST_PROFILES:
         return None
     value, total, place, at = value[kept], total[kept], place[kept], at[kept]
-    # of an edge of width sigma the slope in its middle is the whole rise over sigma sqrt(2 pi)
+    # the slope in the middle of an edge of width sigma is its total rise over sigma sqrt(2 pi)
     slope = np.abs(np.diff(value, axis=1)).max(1) / STEP
     width = total / (np.sqrt(2 * np.pi) * np.maximum(slope, 1e-9))
     design = np.c_[np.ones(len(at)), at - at.mean()]
@@ -260,7 +260,7 @@ def _crossings(value: Array, offset: Array) -> tuple[Array, Array]:
     Returns
     -------
     rise, place : (P,) arrays
-        The difference of the ends, and the offset; NaN where the middle is not reached.
+        The difference between the ends, and the offset; NaN if the middle is not reached.
     """
     ends = max(1, len(offset) // PLATEAUS)
     dark, bright = value[:, :ends].mean(1), value[:, -ends:].mean(1)

@@ -1,4 +1,4 @@
-"""Pages of pictures: of multi-page TIFF files, and frames of animated PNG, WebP and AVIF files, counted from 0."""
+"""Pages of multi-page TIFF files and frames of animated PNG, WebP and AVIF files, counted from 0."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from camcal.system.reading import is_file
 Array = np.ndarray
 
 PNG = b"\x89PNG\r\n\x1a\n"
-#: bytes of decoded frames that are kept. A frame of an animation is decoded from the first one on, so that a block
-#: of them is decoded at a time; this is 27 frames of 640x480 in four channels
+#: bytes of decoded frames that are kept. Decoding a frame of an animation requires all frames before it, so that a
+#: block of frames is decoded at a time; this is 27 frames of 640x480 in four channels
 BLOCK = 32 << 20
-MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that claims more is not unpacked
+MOST_UNPACKED = 1 << 30  #: bytes; an entry of an archive that states a larger size is not unpacked
 
 
 def page_count(path: Path) -> int:
-    """The number of pages of a file; 1 where it is no picture of several, or cannot be read."""
-    if not is_file(path):  # a pipe would be waited for
+    """The number of pages of a file; 1 if it has no pages or cannot be read."""
+    if not is_file(path):  # reading a pipe would block
         return 1
     try:
         with path.open("rb") as stream:
@@ -37,7 +37,7 @@ def page_count(path: Path) -> int:
 
 
 def page_count_in(archive: zipfile.ZipFile, entry: str) -> int:
-    """The number of pages of an entry of an archive; 1 where it is no picture of several, or cannot be read."""
+    """The number of pages of an entry of an archive; 1 if it has no pages or cannot be read."""
     try:
         if archive.getinfo(entry).file_size > MOST_UNPACKED:
             return 1
@@ -56,7 +56,7 @@ def _count(stream: BinaryIO | IO[bytes], path: Path | None) -> int:
         return 1
     if path is not None:
         return _counted(path)
-    with TemporaryDirectory(prefix="camcal-") as folder:  # cv2 counts the pages of files only
+    with TemporaryDirectory(prefix="camcal-") as folder:  # cv2 counts pages only in files on disk
         copy = Path(folder, "pages")
         copy.write_bytes(head + stream.read())
         return _counted(copy)
@@ -70,7 +70,7 @@ def _counted(path: Path) -> int:
 
 
 def read_page(data: bytes, number: int, flags: int = FLAGS) -> Array:
-    """One page (height, width) or (height, width, channels); frames of animations come as they are stored.
+    """One page (height, width) or (height, width, channels); frames of animations as they are stored.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def read_page(data: bytes, number: int, flags: int = FLAGS) -> Array:
         The file.
     number : int
     flags : int
-        Of `cv2.imdecodemulti`, for TIFF files.
+        Flags of `cv2.imdecodemulti`, for TIFF files.
 
     Raises
     ------
     UnreadableError
-        Where there is no such page, or it is damaged.
+        If there is no such page, or it is damaged.
     """
     check_size(data)
     try:
@@ -100,14 +100,14 @@ def read_page(data: bytes, number: int, flags: int = FLAGS) -> Array:
 
 
 def _is_animation(head: bytes) -> bool:
-    """Whether a file begins like an animated WebP (RFC 9649, 2.7) or AVIF (brand `avis`) file."""
+    """Return whether a file begins like an animated WebP (RFC 9649, 2.7) or AVIF (brand `avis`) file."""
     return (head[:4] == b"RIFF" and head[8:12] == b"WEBP" and b"ANIM" in head) or head[4:12] == b"ftypavis"
 
 
 def _png_frames(stream: BinaryIO | IO[bytes]) -> int:
     """The number of frame control chunks of an animated PNG file (PNG, third edition, 11.3.6); 0 if it is none.
 
-    They are counted because the number that the file states may be anything.
+    They are counted because the number stated in the file is unreliable.
     """
     count, animated, at = 0, False, len(PNG)
     while True:
@@ -124,7 +124,7 @@ def _png_frames(stream: BinaryIO | IO[bytes]) -> int:
 
 
 class _Block(NamedTuple):
-    """Consecutive frames of the animation with this SHA-256."""
+    """Consecutive frames of an animation, identified by its SHA-256."""
 
     sha256: bytes
     start: int
@@ -135,7 +135,7 @@ _block = [_Block(b"", 0, ())]
 
 
 def _frame(data: bytes, number: int) -> Array | None:
-    """A frame of an animation; None where there is none."""
+    """A frame of an animation; None if it does not exist."""
     if not hasattr(cv2, "imdecodeanimation"):
         raise UnreadableError(
             "this version of OpenCV reads no animations: upgrade it, or convert the file to pictures"

@@ -1,4 +1,4 @@
-"""Reduced versions of a picture for the first search, with grey values stretched to the range that occurs."""
+"""Reduced versions of a picture for the first search, with grey values stretched to their range."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from camcal.least_squares.scales import NORMAL_MEDIAN
 Array = np.ndarray
 
 FIRST_PIXELS = 1.5e6  #: size to which a picture is reduced for the first search
-SAMPLES = 100_000  #: pixels from which the range of a picture is taken
-#: per cent; the darkest and the brightest pixels of 16 bits, which are not counted: a sensor of a megapixel has
-#: some hundred dead ones
+SAMPLES = 100_000  #: pixels from which the grey-value range of a picture is estimated
+#: per cent of the darkest and the brightest 16-bit pixels that are ignored: a sensor of one megapixel has
+#: some hundred defective ones
 OUTLIERS = 0.1
 #: grey levels of 255; a smaller range is stretched for detectors, whose thresholds (8 levels around discs, 30 within
 #: markers) are made for pictures that use most of the scale
 WEAK = 64.0
-#: px; of a picture before it is stretched: it removes half of the noise. Markers of 3 px a cell are read at .6 in 6 of
-#: 8 rendered pictures of 4 grey levels, at .8 in 4
+#: px; blur of a picture before it is stretched: it removes half of the noise. Markers with cells of 3 px are read with
+#: .6 in 6 of 8 rendered pictures of 4 grey levels, with .8 in 4
 WEAK_BLUR = 0.6
-#: ratio of the range of the blurred picture to the noise from which on there is more than noise to stretch: of noise
-#: alone the range is 2.9 times its standard deviation
+#: least ratio of the range of the blurred picture to its noise for stretching: the range of noise alone is 2.9 times
+#: its standard deviation
 SOMETHING = 5.0
-#: Immerkaer's mask (Fast noise variance estimation, 1996), which takes off planes and edges; its norm is the factor by
-#: which it enlarges independent noise
+#: Immerkaer's mask (Fast noise variance estimation, 1996), which removes planes and edges; its norm is the factor by
+#: which it amplifies independent noise
 MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 MASK_NORM = float(np.linalg.norm(MASK))
 
@@ -38,7 +38,7 @@ _instead: ContextVar[tuple[Array, Array] | None] = ContextVar("instead", default
 
 @contextmanager
 def seen_as(gray: Array, picture: Array) -> Iterator[None]:
-    """Let every search of `gray`, of this array and no other, see a uint8 picture of the same size in its place."""
+    """Make every search of `gray` (this array object only) use a uint8 picture of the same size instead."""
     token = _instead.set((gray, picture))
     try:
         yield
@@ -47,7 +47,7 @@ def seen_as(gray: Array, picture: Array) -> Iterator[None]:
 
 
 def to_search(gray: Array) -> tuple[Array, tuple[float, float]]:
-    """What a search sees of a picture, and its range of grey values."""
+    """The picture that a search uses, and its range of grey values."""
     other = _instead.get()
     if other is not None and other[0] is gray:
         return other[1], (0.0, 255.0)
@@ -77,7 +77,7 @@ def to_8_bits(gray: Array) -> Array:
 
 
 def _weak_stretched(gray: Array) -> Array:
-    """A picture of 8 bits; stretched where its grey values have a small range, and not only by noise."""
+    """An 8-bit picture, stretched if its grey values have a small range that is more than noise."""
     low, high = _percentiles(gray)
     if high - low >= WEAK:
         return gray
@@ -92,16 +92,16 @@ def _stretched(picture: Array, low: float, high: float) -> Array:
 
 
 def _percentiles(picture: Array) -> tuple[float, float]:
-    """The range of grey values without its outliers, of a sample of the pixels."""
+    """The range of grey values without outliers, from a sample of the pixels."""
     stride = max(1, int(np.sqrt(picture.size / SAMPLES)))
     low, high = percentiles(picture[::stride, ::stride], (OUTLIERS, 100 - OUTLIERS))
     return low, high
 
 
 def noise(gray: Array) -> float:
-    """Standard deviation of a picture's noise, grey levels, by the mask of Immerkaer (1996), which slopes do not reach.
+    """Standard deviation of a picture's noise, grey levels, by the mask of Immerkaer (1996), which ignores gradients.
 
-    The median is taken in place of the mean, so that edges do not count.
+    The median is used instead of the mean, so that edges have little influence.
     """
     stride = max(1, int(np.sqrt(gray.size / SAMPLES)))
     left = np.abs(cv2.filter2D(gray, cv2.CV_32F, MASK)[::stride, ::stride])
@@ -119,7 +119,7 @@ def reductions(shape: tuple[int, ...], enlarge: bool = False) -> list[float]:
 def reduced(picture: Array, factor: float) -> Array:
     """The picture `factor` times smaller; pixel u of it is (u + 0.5) factor - 0.5 of the picture.
 
-    For a whole factor what is left at the right and at the bottom is cut off, so that this holds exactly.
+    For an integer factor, remaining columns and rows at the right and bottom are cut off, so that this holds exactly.
     """
     if factor == 1:
         return picture

@@ -14,16 +14,16 @@ from camcal.detect.targets.base import Detection
 Array = np.ndarray
 
 MOTION_RATIO = (
-    1.5  #: ratio of the blurs in two directions from which on it is motion: lenses have 1.2 at their rim
+    1.5  #: ratio of the blurs in two directions above which it is motion: lenses reach 1.2 near the border
 )
-MOTION_PX = 1.2  #: px; a smaller blur is that of the sensor and the lens, and seldom round
-SOFT = 0.2  #: blur as a share of a square's side, from which on neighbouring edges overlap: 2.5 sigma each
-SOFT_PX = 2.5  #: px; blur at which the sigma of a corner has doubled against a blur of 0.6 px
+MOTION_PX = 1.2  #: px; a smaller blur is that of the sensor and the lens, and seldom isotropic
+SOFT = 0.2  #: blur as a share of a square's side above which neighbouring edges overlap: 2.5 sigma each
+SOFT_PX = 2.5  #: px; blur at which the sigma of a corner is twice that at a blur of 0.6 px
 SATURATED = 0.25  #: share of pixels at full scale: half of the white squares
-FLAT = 20.0  #: grey levels of 255; difference of black and white below which rounding is 1.5 % of it
-ROUGH = 0.15  #: residual as a share of half that difference: noise of 9 levels on a usual contrast of 60
-SAMPLES = 250_000  #: pixels that are counted; shares of them are known to 0.1 % (one standard deviation)
-SMALL = 0.02  #: share of the picture; a board that covers less is 1/7 as wide as it, and shows no distortion
+FLAT = 20.0  #: grey levels of 255; difference of black and white of which rounding is 1.5 %
+ROUGH = 0.15  #: residual relative to half that difference: noise of 9 levels at a typical contrast of 60
+SAMPLES = 250_000  #: pixels sampled; the standard deviation of a share is 0.1 %
+SMALL = 0.02  #: share of the picture; a smaller board is at most 1/7 as wide, and shows no distortion
 
 
 def measure(gray: Array, found: Detection) -> dict[str, Any]:
@@ -33,15 +33,15 @@ def measure(gray: Array, found: Detection) -> dict[str, Any]:
     ----------
     gray : (height, width) array
     found : Detection
-        With `blur_px`, `square_px`, `contrast` and `noise` in its info, where its detector gives them.
+        With `blur_px`, `square_px`, `contrast` and `noise` in its info, if its detector provides them.
 
     Returns
     -------
     dict
-        `blur_px`: width (σ) of the edges; `blur_ratio` and `blur_direction_deg`: of the widest against the narrowest
-        edges, and the direction of motion (0 = along x, clockwise), where the corners show them; `saturated`,
+        `blur_px`: width (σ) of the edges; `blur_ratio` and `blur_direction_deg`: ratio of the largest to the smallest
+        blur, and direction of motion (0 = along x, clockwise), if the corners show them; `saturated`,
         `black`: shares of pixels at full scale and at 0 around the board; `contrast`, `noise`: grey levels of 255;
-        `square_px`; `coverage`: share of the picture that the points' hull covers; `warnings`: list of words.
+        `square_px`; `coverage`: share of the picture inside the points' convex hull; `warnings`: list of texts.
     """
     info = found.info
     names = {"blur_px": "blur_px", "square_px": "square_px", "contrast": "contrast", "noise": "residual"}
@@ -76,7 +76,7 @@ def _exposure(gray: Array, uv: Array) -> dict[str, float]:
 
 
 def warnings(figures: Mapping[str, Any]) -> list[str]:
-    """The warnings that the figures of `measure` give rise to."""
+    """The warnings that follow from the figures of `measure`."""
     said = []
     blur, square = figures.get("blur_px"), figures.get("square_px")
     if blur is not None and square is not None and (blur > SOFT_PX or blur > SOFT * square):

@@ -1,4 +1,4 @@
-"""Ranks among a few hundred numbers; numpy's functions take 20 µs each, and a picture needs about twenty."""
+"""Order statistics of a few hundred numbers; numpy's take 20 µs each, and a picture needs about twenty."""
 
 from __future__ import annotations
 

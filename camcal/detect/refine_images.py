@@ -1,4 +1,4 @@
-"""A second reading of the pictures of a calibration, which refines the corners with its camera."""
+"""A second pass over the pictures of a calibration, which refines the corners using its camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from camcal.version import __version__
 
 Array = np.ndarray
 
-#: called with (what happens, details) as the work goes on
+#: called with (event, details) as the work proceeds
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 #: side of a square, blur (px) of the picture, whether black and white are exchanged, half-widths of windows (squares)
 How = tuple[float, float | None, bool, list[float | Array]]
@@ -38,22 +38,22 @@ def refine_images(
     on_event: OnEvent | None = None,
     windows: Sequence[float] = (INNER_HALF,),
 ) -> list[Observations]:
-    """Fit the corners of all pictures again, reading each picture once; see `camera_pass`.
+    """Fit the corners of all pictures again, reading each picture once more; see `camera_pass`.
 
     Parameters
     ----------
     found : Observations
-        As `detect_images` gives them, `files` included.
+        From `detect_images`, including `files`.
     camera : Camera
     poses : mapping of view id -> Pose
-        cam_from_board; a view without one stays as it is.
+        cam_from_board; a view without one remains unchanged.
     cell : float, optional
-        Side of a square in the unit of the board; that of the target where left out.
+        Side of a square in the unit of the board; by default that of the target.
     on_event : callable, optional
-        Called with `("refined", {id, moved_px})`, and with `("unrefined", {id, reason})` where a picture
-        has gone or changed; its view stays as it is.
+        Called with `("refined", {id, moved_px})`, and with `("unrefined", {id, reason})` if a picture
+        is missing or has changed; its view remains unchanged.
     windows : sequence of float
-        Half-widths of the windows, of a square, ascending; `camera_pass.WINDOWS` are worth a trial.
+        Half-widths of the windows, in squares, ascending, such as `camera_pass.WINDOWS`.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def refine_images(
 
 
 def _refined(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> list[View]:
-    """The view with its corners fitted again, once for each window; from the cache where it was done before.
+    """The view with its corners fitted again, once for each window; from the cache if it is there.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def rms_move(before: Array, after: Array) -> float:
 
 def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
     """The intersections of the rays of pixels (..., 2) with the plane z = 0 of a board, (..., 2) in its unit; NaN
-    off the plane.
+    without an intersection.
     """
     rays = camera.unproject(pixels) @ cam_from_board.rotation
     origin = cam_from_board.centre
@@ -119,7 +119,7 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
 
 
 def _place(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> Path | None:
-    """The entry of the cache for a view's second pass; None without a cache."""
+    """The cache entry of a view's second pass; None without a cache."""
     folder = cache.in_use()
     if folder is None or file is None:
         return None
@@ -141,7 +141,7 @@ def _into_cache(place: Path, views: Sequence[View]) -> None:
 
 
 def _from_cache(place: Path, view: View, count: int) -> list[View] | None:
-    """The views of a second pass that was made before, one for each window size; None if there is none."""
+    """The views of a cached second pass, one for each window size; None if there is none."""
     stored = cache.load(place)
     if stored is None:
         return None
@@ -155,19 +155,19 @@ def _from_cache(place: Path, view: View, count: int) -> list[View] | None:
 
 
 def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array:
-    """Half-widths of the windows, in squares; squares at the border of a checkerboard may be cut."""
+    """Half-widths of the windows, in squares; smaller at the border of a checkerboard, whose squares may be cut."""
     if target.get("kind") != "checkerboard" or view.point_ids is None:
         return min(window, WIDER_HALF)
     return wider_halves(target["columns"], target["rows"], window)[view.point_ids]
 
 
 def _read_again(file: Mapping[str, str] | None, negative: bool) -> Array:
-    """The picture of a view, black and white exchanged where its corners come from a negative.
+    """The picture of a view, with black and white exchanged if its corners come from a negative.
 
     Raises
     ------
     UnreadableError
-        Where it cannot be read, or is no longer what the corners came from.
+        If it cannot be read, or has changed since the corners were found.
     """
     if file is None:
         raise UnreadableError("it has no picture")

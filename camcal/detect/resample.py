@@ -1,4 +1,4 @@
-"""Pictures resampled through a map and written, preserving colours and bit depth."""
+"""Resampling of pictures through a map, and writing of the result, preserving colours and bit depth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ INTERPOLATIONS = {
     "cubic": cv2.INTER_CUBIC,
     "lanczos": cv2.INTER_LANCZOS4,
 }
-#: endings in which pictures are written as they were read; others become PNG
+#: formats that are also written; pictures of other formats become PNG
 WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 
@@ -33,8 +33,8 @@ def read_pictures(
 ) -> Iterator[tuple[Path, Array | UnreadableError]]:
     """The pixels (height, width) or (height, width, channels) of pictures as stored, or the reason why not.
 
-    With `size`, a picture whose header states another one is not decoded.
-    In place of a film comes each of its frames, as `movie.mp4#123`.
+    With `size`, a picture whose header states another size is not decoded. Each frame of a film is a picture of its
+    own, as `movie.mp4#123`.
     """
     for path in files:
         try:
@@ -83,7 +83,7 @@ def resample(picture: Array, u: Array, v: Array, interpolation: str = "linear") 
         One of `INTERPOLATIONS`.
     """
     outside = (u == -1) & (v == -1)
-    # the border is repeated for the half pixel between the outermost centres and the edge of the picture
+    # the border is replicated for the half pixel between the outermost pixel centres and the edge of the picture
     out = cv2.remap(picture, u, v, INTERPOLATIONS[interpolation], borderMode=cv2.BORDER_REPLICATE)
     out[outside] = 0
     return out
@@ -103,7 +103,7 @@ def write_picture(path: Path, picture: Array, force: bool = False) -> None:
     Raises
     ------
     DataError
-        Where the format cannot hold these pixels.
+        If the format cannot hold these pixels.
     """
     try:
         done, data = cv2.imencode(path.suffix, picture)

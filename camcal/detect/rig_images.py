@@ -1,4 +1,4 @@
-"""The pictures of the cameras of a rig: listed, searched for one target, and grouped into instants."""
+"""The pictures of the cameras of a rig: listing, search for one target, and grouping into instants."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from camcal.detect.listing import list_pictures, view_ids
 from camcal.errors import CamcalError, DataError
 
 OnEvent = Callable[[str, Mapping[str, Any]], None]
-#: a name is taken apart into text and whole numbers
+#: splits a name into text and integers
 NUMBER = re.compile(r"\d+")
-#: two cameras with more than this part of their pictures in common have copies; single ones may be black in both
+#: two cameras that share more than this fraction of their pictures have copies; single ones may be black in both
 SAME = 0.5
 
 
@@ -32,15 +32,15 @@ def detect_rig(
     ----------
     folders : mapping of camera -> folders, files, patterns
     on_event : callable, optional
-        As of `detect_images`.
+        As for `detect_images`.
     **options
-        Those of `detect_images`. A target that is to be recognised is the one that the first camera shows.
+        Those of `detect_images`. Without a target, the one in the pictures of the first camera is used for all.
 
     Raises
     ------
     DataError
-        As `detect_images`, with the camera named; where pictures of different cameras cannot be told to be of the
-        same instant.
+        As `detect_images`, naming the camera; if it cannot be determined which pictures of different cameras are of
+        the same instant.
     """
     listed = {name: _listed(name, paths) for name, paths in folders.items()}
     spec: list[str] = []
@@ -53,7 +53,7 @@ def detect_rig(
 
     parts: dict[str, Observations] = {}
     for name, paths in folders.items():
-        if spec:  # what the first camera shows
+        if spec:  # the target of the first camera
             options = {**options, "target": spec[0], "board": None, "square": None}
         try:
             parts[name] = detect_images(paths, **options, on_event=listen)
@@ -72,7 +72,7 @@ def detect_rig(
 
 
 def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
-    """Raise a DataError if two cameras were given the same pictures, by their content."""
+    """Raise a DataError if two cameras were given pictures of the same content."""
     contents = {name: {f["sha256"] for f in part.files} for name, part in parts.items()}
     for a, b in combinations(contents, 2):
         same = len(contents[a] & contents[b])
@@ -84,7 +84,7 @@ def _check_own_pictures(parts: Mapping[str, Observations]) -> None:
 
 
 def _searched(listed: Sequence[str], shown: Sequence[str], part: Observations) -> list[str]:
-    """The searched pictures, in the order of the list; frames of films, which it does not contain, by number."""
+    """The searched pictures, in the order of the list; frames of films, which are not in it, by number."""
     found = [*shown, *(s.id for s in part.skipped)]
     if set(found) <= set(listed):
         return [n for n in listed if n in set(found)]
@@ -101,13 +101,13 @@ def _listed(name: str, paths: Sequence[str | os.PathLike]) -> list[str]:
 def match(pictures: Mapping[str, Sequence[str]]) -> dict[str, dict[str, str]]:
     """The instant of each picture, by camera and name.
 
-    Pictures are of the same instant where their names are the same; else where the names have the same numbers at
-    the place at which the numbers of a camera's names differ; else in their order, where all cameras have as many.
+    Pictures are of the same instant if their names are equal; otherwise if the numbers that vary within the names of
+    each camera are equal; otherwise by their order, if all cameras have the same number of pictures.
 
     Raises
     ------
     DataError
-        Where none of these holds.
+        If none of these applies.
     """
     for key in (_by_name, _by_numbers):
         keys = {camera: key(names) for camera, names in pictures.items()}

@@ -1,4 +1,4 @@
-"""The pictures that the cameras of a rig take of anything, instant by instant, and the points that they share."""
+"""Pictures of arbitrary scenes by the cameras of a rig, instant by instant, and the points that they share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from camcal.detect.sources import read_gray
 from camcal.errors import DataError
 
 Array = np.ndarray
-#: (camera, camera) -> pixels (N, 2) of either that show the same points
+#: (camera, camera) -> pixels (N, 2) of corresponding points in each
 Shared = Mapping[tuple[str, str], tuple[Array, Array]]
 
 
@@ -28,23 +28,23 @@ def shared_points(
     every: int | None = None,
     on_progress: Callable[[int, int], object] = lambda done, count: None,
 ) -> Iterator[tuple[str, Shared]]:
-    """(instant, matches of each two cameras) of pictures, or of one film for each camera, in the order of time.
+    """Yield (instant, matches of each pair of cameras) of pictures, or of one film per camera, in order of time.
 
     Parameters
     ----------
     folders : mapping of camera -> folders, files, patterns
-        Pictures are sorted into instants by their names as `detect_rig` does; films are read side by side.
+        Pictures are grouped into instants by name as by `detect_rig`; films are read in parallel.
     sizes : mapping of camera -> (width, height) or None
-        That their pictures have to have.
+        Required size of their pictures.
     every : int, optional
-        Every so many frames of films, or instants of pictures.
+        Use every n-th frame of films, or instant of pictures.
     on_progress : callable
-        With the instants that are done, and how many there are, or 0 where films do not say it.
+        Called with the number of instants done and their total, or 0 if films do not state it.
 
     Raises
     ------
     DataError
-        Where pictures cannot be read, are of another size, or cannot be sorted into instants.
+        If pictures cannot be read, have another size, or cannot be grouped into instants.
     """
     listed = {name: list_pictures(paths) for name, paths in folders.items()}
     films = {name: [p for p in own if is_film(p)] for name, own in listed.items()}

@@ -1,7 +1,7 @@
 """Sub-pixel corners where four squares meet, by fitting the grey values around each corner.
 
 The model is that of `edge_model`; all corners of a picture are fitted in one batch. Each fit yields a covariance
-from its own residuals, and a corner that does not look like one is rejected with its reason.
+from its own residuals, and a fit that is not a corner is rejected with a reason.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from camcal.detect.windows import LARGEST, Windows, cut, limited, nested, straig
 Array = np.ndarray
 
 HALF = 0.35  #: of a square; half-width of the window of the first fit, small enough for curved edges
-WIDER_HALF = 0.5  #: of a square; where the curvature of the edges is known. Outer squares may be cut narrower
-INNER_HALF = 0.65  #: of a square; the same for corners that are not at the rim of the board
-SEEN = 2.0  #: blurs; pixels farther from both edges contribute little to their places: erf is 1 there to 5 %
+WIDER_HALF = 0.5  #: of a square; if the curvature of the edges is known. Outer squares may be cut narrower
+INNER_HALF = 0.65  #: of a square; the same for corners that are not at the border of the board
+SEEN = 2.0  #: blurs; pixels farther from both edges contribute little to their positions: erf is 1 to 5 %
 FIRST_LARGEST = 7  #: px; half the side of the largest window of a first fit
-FIRST_SEEN = 3.0  #: blurs; the same where the picture is blurred
+FIRST_SEEN = 3.0  #: blurs; the same if the picture is blurred
 LEAST_PX = 4.5  #: px; a window of small squares is widened towards that half-width
 START_BLUR = 1.0  #: px
-MOST_START = 0.2  #: of a square; with a larger blur at the start the two edges are not separated
-#: pixels of a window from which its start is found: 1/16 of the noise is left in each of its seven numbers
+MOST_START = 0.2  #: of a square; with a larger initial blur the two edges are not separated
+#: pixels of a window from which the initial values are found: each of the seven keeps 1/16 of the noise
 ENOUGH = 256
-ROUGH = 2.0  #: standard deviations within which a first fit stops: the second begins there
-CLEAR = 2.5  #: blurs that a window keeps away from the next edge: 1 % of that edge is left
+ROUGH = 2.0  #: standard deviations within which a first fit stops: the second starts from it
+CLEAR = 2.5  #: blurs between a window and the next edge: 1 % of that edge lies within
 LEAST_HALF = 0.25  #: of a square
 
 
@@ -59,13 +59,13 @@ def refine(
     sides : (K, 2, 2) array
         Steps to the next corner along columns and rows, px.
     half : float or (K,) array, optional
-        Half-width of the windows, of a square; left out, that of a first fit on a checkerboard.
+        Half-width of the windows, in squares; by default that of a first fit on a checkerboard.
     blur : float
-        Blur to start from, px: at least half the error of `uv`.
+        Initial blur, px: at least half the error of `uv`.
     span : float, optional
-        Grey levels from black to white, to judge the contrast by; those of the picture where left out.
+        Grey levels from black to white, to which the contrast is compared; by default those of the picture.
     shape : (2, 2) array, optional
-        Of the blur, as `blur_shape.shape_of` gives it; left out, it is the same in all directions.
+        Shape of the blur, from `blur_shape.shape_of`; isotropic by default.
     """
     if not len(uv):
         return Corners.none()
@@ -85,7 +85,7 @@ def refine(
 def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
     """Half-widths (rows * columns,) of the windows of a second fit on a checkerboard, in squares.
 
-    Corners at the rim have at most `WIDER_HALF`, as outer squares may be cut narrower.
+    Corners at the border have at most `WIDER_HALF`, as outer squares may be cut narrower.
     """
     half = np.full((rows, columns), min(inner, WIDER_HALF))
     half[1:-1, 1:-1] = inner
@@ -93,9 +93,9 @@ def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
 
 
 def placed(uv: Array, sides: Array, blur: float) -> Corners:
-    """Corners for `sharpen_sizes` that have not been fitted, at places (K, 2) known to a fraction of the blur, px.
+    """Corners for `sharpen_sizes` that have not been fitted, at positions (K, 2), px, known to a fraction of the blur.
 
-    Their grey values are to be found; `sides` as for `refine`.
+    Their grey levels are still to be found; `sides` as for `refine`.
     """
     params = np.full((len(uv), model.COUNT), np.nan)
     params[:, :2] = 0
@@ -110,7 +110,7 @@ def with_guesses(known: Corners, uv: Array, sides: Array, parity: Array) -> Corn
     Parameters
     ----------
     uv : (K, 2) array
-        Where the corners should be, px.
+        Predicted corners, px.
     sides : (K, 2, 2) array
         As for `refine`.
     parity : (K,) array
@@ -141,18 +141,18 @@ def sharpen(
     shape: Array | None = None,
     largest: float = LARGEST,
 ) -> Corners:
-    """Fit corners again, with the curvature of the edges and the slope of the shading known.
+    """Fit corners again, given the curvature of the edges and the gradient of the shading.
 
     Parameters
     ----------
     known : Corners
-        Of an earlier fit, all of them good, or as `placed`.
+        From an earlier fit, all of them good, or from `placed`.
     sides : (K, 2, 2) array
         Steps to the next corner along columns and rows, px.
     board_from_pixel : callable
-        From px (K, P, 2) around the K corners to coordinates in which the edges are straight.
+        Maps px (K, P, 2) around the K corners to coordinates in which the edges are straight.
     half : float or (K,) array
-        Half-width of the windows, of a square.
+        Half-width of the windows, in squares.
     shape : (2, 2) array, optional
         As for `refine`.
     largest : float
@@ -174,12 +174,12 @@ def sharpen_sizes(
 ) -> list[Corners]:
     """As `sharpen`, in windows of several sizes at once.
 
-    A step in windows of the usual size shows the shading; with that known, another leads to the corners of each size.
+    One step in windows of the usual size gives the shading; with it, a second step gives the corners of each size.
 
     Parameters
     ----------
     halves : sequence of float or (K,) arrays
-        Half-widths of the windows, of a square, ascending.
+        Half-widths of the windows, in squares, ascending.
     """
     if not len(known):
         return [known for _ in halves]
@@ -192,7 +192,7 @@ def sharpen_sizes(
     start = known.params.copy()
     if shape is not None:
         start[:, model.ANGLE1 : model.ANGLE2 + 1] = edge_normals(seen)
-    if np.isnan(start).any():  # not fitted before: a step for the grey values and the blur
+    if np.isnan(start).any():  # not fitted before: one step for the grey levels and the blur
         start = first_guess(straight, start[:, model.ANGLE1 : model.ANGLE2 + 1], start[:, model.BLUR])
         start, _ = approached(straight, start, limits)
     start, noise = approached(straight, start, limits)
@@ -209,6 +209,6 @@ def sharpen_sizes(
 
 
 def _with_errors(windows: Windows, fits: Fits, axes: Array, limits: tuple[float, float]) -> Fits:
-    """Fits whose covariance holds what the model leaves out: shading within a window, and coarse sampling."""
+    """Fits whose covariance includes what the model omits: shading within a window, and coarse sampling."""
     fits = with_slopes(windows, fits, limits)
     return with_sampling(fits, axes) if limits[0] < 0 else fits

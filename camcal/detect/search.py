@@ -1,4 +1,4 @@
-"""Coarse-to-fine search for a checkerboard; most are found on a tenth of a megapixel."""
+"""Coarse-to-fine search for a checkerboard; most are found in a picture of 0.1 megapixels."""
 
 from __future__ import annotations
 
@@ -18,25 +18,23 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: px; what the longer side of the picture is reduced to, in the order of trial. 250 and 130 find boards of large,
-#: blurred squares, 1600 and 3200 those of small ones
+#: px; lengths to which the longer side of the picture is reduced, in the order of trial. 250 and 130 find boards with
+#: large, blurred squares, 1600 and 3200 those with small ones
 LONG_SIDES = (400, 800, 250, 130, 1600, 3200)
 ENLARGED = 1000  #: px; a picture of no longer side is enlarged twice at last, for squares of a few px
-SLOWER = 2.0  #: how much longer a pixel may take than at the level before
-LEAST_PIXELS = 16  #: to each side; a smaller picture is not looked at
+SLOWER = 2.0  #: by which the time per pixel may exceed that of the previous level
+LEAST_PIXELS = 16  #: along each side; a smaller picture is not searched
 MOST_PIECES = 4  #: grids of a picture that are examined, the largest first
-LEAST_SIDE = 3  #: corners; a smaller grid is no board
-SEED = 0.4  #: share of a board's corners that must be linked for the others to be looked for
+LEAST_SIDE = 3  #: corners; a smaller grid is not a board
+SEED = 0.4  #: share of a board's corners that must be linked for the others to be searched
 ENOUGH = 0.8  #: share of a board's corners that must be seen
-HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, that are more than chance
+HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, above which they are not chance
 ALTERNATING = 0.9  #: share of the neighbouring squares that must differ as black and white
-#: of the area of the largest grid; a smaller one is what a screen behind it shows, or chance
+#: of the area of the largest grid; a smaller one is on a screen in the background, or chance
 BACKGROUND = 0.1
-NEARLY_ALL = 0.75  #: share of the corners of a side that shows where the board ends
-BORDER = 2  #: px; a corner so close to the border of the picture cannot be seen
-BEYOND = (
-    0.3  #: share of a row beyond the board that lies outside the picture, so that the board may go on there
-)
+NEARLY_ALL = 0.75  #: share of the corners of a side that must be found for the board to end there
+BORDER = 2  #: px; a corner this close to the border of the picture cannot be detected
+BEYOND = 0.3  #: share of a row beyond the board outside the picture for the board possibly to continue there
 
 
 @dataclass(frozen=True)
@@ -48,10 +46,10 @@ class Found:
     lattice : Lattice
         In px of the full picture.
     factor : float
-        How many px of the picture are one px of the reduced picture it was found on: its error is a share
-        of that.
+        Number of px of the picture per px of the reduced picture in which it was found; the error of the
+        corners is proportional to it.
     open_ended : bool
-        Whether the board may go on beyond the picture's border, or beyond a row that is half hidden.
+        Whether the board may continue beyond the picture's border, or beyond a half-hidden row.
     picture : (H, W) float32 array
         The reduced picture.
     """
@@ -71,7 +69,7 @@ class Found:
 
     @property
     def area(self) -> float:
-        """The area of the grid, px²; a board in front is preferred to its image on a screen behind."""
+        """The area of the grid, px²; a board in front is preferred to its image on a screen in the background."""
         steps, present = self.lattice.steps(), self.lattice.present
         step = steps[present & np.isfinite(steps).all((-1, -2))]
         if not len(step):
@@ -80,8 +78,8 @@ class Found:
         return float(present.sum() * abs(median(square)))
 
     def fits(self, size: tuple[int, int] | None) -> bool:
-        """Return whether it is a board of that size (columns, rows), in either orientation; without a size, a
-        whole board.
+        """Return whether it is a board of that size (columns, rows), in either orientation; without a size, whether
+        it is a whole board.
         """
         if size is None:
             return self.whole
@@ -96,9 +94,9 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
     ----------
     gray : (height, width) uint8 or uint16 array
     seconds : float
-        Time it may take; a level that may not fit into it is left out.
+        Time it may take; a level that may exceed it is skipped.
     size : (columns, rows), optional
-        Either way round.
+        In either orientation.
     """
     began = clock()
     picture, limits = to_search(gray)
@@ -149,8 +147,8 @@ def _at_level(picture: Array, factor: float, size: tuple[int, int] | None) -> li
 
 
 def _in_the_background(found: Found, largest: Found) -> bool:
-    """Return whether a grid is so much smaller than another whole one that it is not the board held up to the
-    camera.
+    """Return whether a grid is so much smaller than another whole one that it is not the board held in front of
+    the camera.
     """
     return found is not largest and largest.whole and found.area < BACKGROUND * largest.area
 
@@ -169,7 +167,7 @@ def _open_ended(found: Lattice, shape: tuple[int, ...]) -> bool:
 
 
 def _half_rows(full: Lattice, cut: Lattice) -> bool:
-    """Return whether a trimmed row has too many points to be chance; the board may continue there, hidden."""
+    """Return whether a trimmed row has too many points to be chance, so that the board may continue there, hidden."""
     extra = full.present.sum() - cut.present.sum()
     return bool(extra > HALF_HIDDEN * min(cut.size))
 

@@ -1,4 +1,4 @@
-"""The pictures of one search: their frames and names, their processing, and progress reports."""
+"""The pictures of one search: frames, names, processing, and progress reports."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from camcal.detect.targets.base import Target
 from camcal.detect.workers import map_unordered
 from camcal.errors import DataError
 
-#: Called with what happens and its details as the work goes on:
+#: Called with an event and its details as the work proceeds:
 #:
 #: - `("pictures", {count})`, and `("searched", {done, count})` as they are searched;
 #: - `("film", {path, done, count})` as a film is read, `("frames", {path, frames, searched})` after it;
-#: - `("left", {files})` where folders of pictures contain films or raw pictures, which are not used;
-#: - `("no-film", {})` where a part of the films was asked for and there is none;
-#: - `("target", {spec, words, pictures, of, noun, whole, others})` where the target was recognised;
-#: - `("marked", {words, spec})` where the requested checkerboard is a board of markers;
-#: - `("negative", {spec})` where the requested target is found with black and white exchanged;
-#: - `("turned", {count, of})` where pictures have an EXIF orientation (they are used as the sensor recorded them);
+#: - `("left", {files})` if folders of pictures contain films or raw pictures, which are not used;
+#: - `("no-film", {})` if a part of a film was requested and there is no film;
+#: - `("target", {spec, words, pictures, of, noun, whole, others})` if the target was recognised;
+#: - `("marked", {words, spec})` if the requested checkerboard is a board of markers;
+#: - `("negative", {spec})` if the requested target is found with black and white exchanged;
+#: - `("turned", {count, of})` if pictures have an EXIF orientation (they are used as the sensor recorded them);
 #: - `("picture", {id, status, reason, done, count, cached})` for each at the end;
-#: - `("cache", {reason})` where the cache cannot be written.
+#: - `("cache", {reason})` if the cache cannot be written.
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
@@ -55,12 +55,12 @@ class Search:
         cache_files.use(cache)
 
     def open_films(self, chosen: Range) -> None:
-        """Replace films by their frames to be searched.
+        """Replace films by their frames that are to be searched.
 
         Raises
         ------
         DataError
-            Where no frame is in the range.
+            If no frame is in the range.
         """
         files = []
         for path in self.files:
@@ -150,7 +150,7 @@ class Search:
             self.tell("picture", id=ids[o.path], done=done, count=len(outcomes), **values)
 
     def read(self, path: Path, negative: bool = False) -> Any:
-        """A picture in grey (black and white exchanged in negative), or None if it cannot be read."""
+        """A picture in grey (with black and white exchanged if `negative`), or None if it cannot be read."""
         try:
             gray = read_gray(path)[0]
             return ~gray if negative else gray

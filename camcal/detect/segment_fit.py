@@ -1,9 +1,9 @@
-"""Segments of a picture to sub-pixel accuracy: the maxima of the gradient across each of them, and a straight line.
+"""Sub-pixel line segments: a straight line fitted to the maxima of the gradient across each segment.
 
-A detector of segments groups pixels of one gradient direction and takes their middle, which depends on where the
-group ends. The maxima of the gradient across a segment (as for edges: Canny 1986, the maximum by a parabola) do not; a
-line is fitted to them with weights that fall with their distance from it (Tukey's biweight), so that corners,
-crossings and neighbouring edges under the segment have no say.
+A segment detector groups pixels of one gradient direction and takes their middle, which depends on the extent of the
+group. The maxima of the gradient across a segment (as for edges: Canny 1986, interpolated by a parabola) do not depend
+on it. A line is fitted to them with weights that decrease with their distance from it (Tukey's biweight), so that
+corners, crossings and neighbouring edges have no influence.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from camcal.least_squares.scales import MAD, TUKEY
 
 Array = np.ndarray
 
-#: px; of the Gaussian under the derivatives
+#: px; sigma of the Gaussian derivatives
 BLUR = 1.0
-#: px; how far beside the segment a maximum is looked for: ends are off by up to about one, and twice that is tried
+#: px; range beside the segment in which a maximum is searched: twice the error of the ends, about one
 REACH = 2.5
 STEP = 0.25  #: px between samples across a segment
-#: px that are left out at either end, where an edge bends round a corner
+#: px that are omitted at either end, where an edge is rounded near a corner
 TRIM = 2.0
-#: maxima of a segment at least: with fewer the detector's ends stay
+#: least number of maxima of a segment: with fewer the detector's ends are kept
 LEAST = 8
-ROUNDS = 2  #: the second samples at right angles to the line that the first has found
-WEIGHTINGS = 6  #: of the fit of a line
-#: px; the standard deviation of maxima is no less: samples every 0.25 px and 8 bits
+ROUNDS = 2  #: the second samples at right angles to the line found by the first
+WEIGHTINGS = 6  #: reweightings of the fit of a line
+#: px; lower limit of the standard deviation of maxima: samples every 0.25 px, and 8 bits
 FINEST = 0.02
 
 
 def refined(gray: Array, ends: Array) -> Array:
-    """End points (N, 2, 2), px, of the lines nearest to the edges under segments with the ends given."""
+    """Refine the end points (N, 2, 2), px, of segments: those of the lines fitted to the edges under them."""
     smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR)
     gradient = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     out = np.array(ends, float)
@@ -54,7 +54,7 @@ def _moved(gradient: tuple[Array, Array], segment: Array) -> Array | None:
     u, v = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
     gx, gy = (cv2.remap(g, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for g in gradient)
     slope = gx * across[0] + gy * across[1]
-    # edges of one sense: that of most of the segment's own pixels
+    # edges of one polarity: that of most of the segment's own pixels
     slope = slope * (1 if np.median(slope[:, len(offsets) // 2]) >= 0 else -1)
     top = slope.argmax(1)
     rows = np.flatnonzero((top > 0) & (top < len(offsets) - 1))
@@ -68,7 +68,7 @@ def _moved(gradient: tuple[Array, Array], segment: Array) -> Array | None:
 
 
 def _line(place: Array, off: Array, strength: Array) -> tuple[float, float]:
-    """Offset at 0 and slope of off (N,) over place (N,); the variance of a maximum is that of grey by its strength."""
+    """Offset at 0 and slope of `off` (N,) over `place` (N,); the noise of a maximum decreases with its strength."""
     columns = np.stack([np.ones(len(place)), place], 1)
     weight = strength
     for _ in range(WEIGHTINGS):

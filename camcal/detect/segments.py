@@ -10,7 +10,7 @@ from camcal.detect.segment_fit import refined
 
 Array = np.ndarray
 
-#: px; the direction of shorter segments is uncertain: half a pixel at either end is 3 degrees and more
+#: px; the direction of shorter segments is uncertain: half a pixel at either end makes 3 degrees or more
 SHORTEST = 20.0
 
 

@@ -1,6 +1,6 @@
-"""Several boards of markers in the same pictures; each one that a picture shows is a separate view.
+"""Several boards of markers in the same pictures; each board in a picture is a separate view.
 
-Where the boards stand to each other is not asked, so that they may be moved between pictures.
+The relative poses of the boards are not used, so that they may be moved between pictures.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from camcal.detect.targets.base import Target
 from camcal.detect.targets.tag_board import TagBoard
 from camcal.records import dataclass
 
-#: px; corners of two boards so near are one corner, found twice to some hundredths
+#: px; corners of two boards closer than this are one corner, found twice to some hundredths
 SAME_CORNER = 1.0
-LEAST_PICTURES = 2  #: that show a further board: markers of one picture may be misread
+LEAST_PICTURES = 2  #: least number that show a further board: markers in one picture may be misread
 
 Array = np.ndarray
 
@@ -62,9 +62,9 @@ def merged(searched: Sequence[Searched]) -> list[Outcome]:
 
 
 def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View]:
-    """The views of one picture; if it shows several boards, their number in the list follows the name."""
+    """The views of one picture; if it shows several boards, the number of the board is appended to the name."""
     shown = _apart([None if (d := s.outcomes[picture].detection) is None else d.uv for s in searched])
-    first = np.cumsum([0, *(len(s.target.points) for s in searched)])  # ids of different boards differ
+    first = np.cumsum([0, *(len(s.target.points) for s in searched)])  # distinct ids for all boards
     views = []
     for k in shown:
         d, target = searched[k].outcomes[picture].detection, searched[k].target
@@ -75,10 +75,10 @@ def views_of(searched: Sequence[Searched], picture: int, name: str) -> list[View
 
 
 def _apart(seen: Sequence[Array | None]) -> list[int]:
-    """The boards of a picture that have corners of their own.
+    """The boards of a picture that do not duplicate the corners of others.
 
-    One marker that is read as another's makes a second board of the corners of the first: of two that share most of the
-    smaller one's corners the larger stays.
+    A misread marker may make a second board of the corners of the first: of two boards that share most corners of the
+    smaller one, the larger is kept.
     """
     order = sorted((k for k, uv in enumerate(seen) if uv is not None), key=lambda k: -len(seen[k]))  # type: ignore[arg-type]
     kept: list[int] = []
@@ -88,7 +88,7 @@ def _apart(seen: Sequence[Array | None]) -> list[int]:
             (np.linalg.norm(own[:, None] - np.asarray(seen[j]), axis=2).min(1) < SAME_CORNER).mean()
             for j in kept
         )
-        if all(s < 0.5 for s in shared):  # most
+        if all(s < 0.5 for s in shared):  # 0.5: most
             kept.append(k)
     return sorted(kept)
 

@@ -1,8 +1,8 @@
-"""Shading: the variation of the board's white and black over a picture, from the fits of its corners.
+"""Shading: the variation of the board's white and black levels over a picture, from the fits of its corners.
 
-A slope of the shading across a corner's window pulls the corner towards the brighter side: 10 % over a
-picture of 640 px and a blur of 1.2 px make about 0.003 px. One corner does not separate such a slope from a
-shift; all of them together can.
+A gradient of the shading across a corner's window shifts the corner towards the brighter side: 10 % over a
+picture of 640 px shift it by about 0.003 px at a blur of 1.2 px. A single corner cannot distinguish such a gradient
+from a shift; all of them together can.
 """
 
 from __future__ import annotations
@@ -18,31 +18,29 @@ from camcal.detect.windows import Windows
 
 Array = np.ndarray
 
-#: times the lower quartile of a picture's corners; larger residuals show what the model does not hold. In photographs
-#: nine corners of ten have 1.2 to 1.5
+#: times the lower quartile of a picture's corners; larger residuals indicate errors of the model. In photographs
+#: nine of ten corners have 1.2 to 1.5
 UNUSUAL = 1.5
-SIGNIFICANT = 5.0  #: sigmas by which a slope of the shading must move a corner to count; JPEG blocks make 4
+SIGNIFICANT = 5.0  #: least shift of a corner by a shading gradient, in sigmas; JPEG blocks cause 4
 LEAST_CORNERS = (
-    12  #: for a quadratic surface, two a coefficient; fewer carry a plane, fewer than half of it nothing
+    12  #: corners for a quadratic surface, two per coefficient; fewer give a plane, less than half of it none
 )
 RIDGE = 1e-9  #: of the diagonal; keeps the equations solvable where the corners are collinear
-ROUNDS = 3  #: of least squares and new weights; the weights of a glare settle in two
-#: of a corner's own range from black to white, which is a divisor: shading reduces it no further; .01 to .8 find the
-#: same corners
+ROUNDS = 3  #: of reweighted least squares; the weights near a glare converge in two
+#: of a corner's own range from black to white: lower limit of the shading's range, by which values are divided; .01 to
+#: .8 find the same corners
 LEAST_RANGE = 0.2
-INSIDE = (
-    1e-3  #: grey levels; how far a value is kept from the limits, at which the picture would count as cut off
-)
-HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) from which on a corner counts less
+INSIDE = 1e-3  #: grey levels; distance kept from the limits, at which the picture would count as clipped
+HUBER = 2.0  #: median deviations (1.35 sigma, Huber 1964) above which a corner has less weight
 
 
 def unusual(noise: Array) -> Array:
-    """The corners (K,) whose residuals are larger than the model of a corner usually leaves."""
+    """Mask (K,) of the corners whose residuals are unusually large for the model."""
     return noise > UNUSUAL * lower_quartile(noise)
 
 
 def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
-    """Slopes (K, 2, 2) of the white (0) and of the black (1) at each corner, grey levels per px.
+    """Gradients (K, 2, 2) of the white level (0) and of the black level (1) at each corner, grey levels per px.
 
     Parameters
     ----------
@@ -51,7 +49,7 @@ def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
     offset, contrast : (K,) arrays
         a and |b| of the corners' fits.
     sound : (K,) bool array
-        Corners from which the shading is taken; others may be beside a glare.
+        Corners from which the shading is estimated; others may be near a glare.
     """
     count = int(sound.sum())
     if count < LEAST_CORNERS // 2:
@@ -70,7 +68,7 @@ def slopes(uv: Array, offset: Array, contrast: Array, sound: Array) -> Array:
 
 
 def _robust_fits(design: Array, values: Array) -> Array:
-    """Least squares (P, L) of the columns of values (N, L) with Huber's weights; the scale is the median deviation."""
+    """Least squares (P, L) of the columns of values (N, L) with Huber weights; the scale is the median deviation."""
     weights, diagonal = np.ones(values.T.shape), np.arange(design.shape[1])
     for _ in range(ROUNDS):
         weighted = design.T * weights[:, None]
@@ -86,15 +84,15 @@ def _robust_fits(design: Array, values: Array) -> Array:
 def evened(
     windows: Windows, slope: Array, offset: Array, contrast: Array, limits: tuple[float, float]
 ) -> Windows:
-    """The windows corrected to the shading of their corners everywhere.
+    """Correct the windows to the shading at their corners.
 
     Parameters
     ----------
     slope : (K, 2, 2) array
-        As `slopes` gives them.
+        From `slopes`.
     offset, contrast : (K,) arrays
     limits : (low, high)
-        Values at which the picture is cut off; they stay what they are.
+        Values at which the picture is clipped; pixels at these values remain unchanged.
     """
     position = np.where(windows.counts[:, None], windows.q, 0)
     white, black = (np.einsum("kc,kcp->kp", slope[:, i], position) for i in (0, 1))
@@ -109,12 +107,12 @@ def evened(
 
 
 def with_slopes(windows: Windows, fits: Fits, limits: tuple[float, float]) -> Fits:
-    """Fits whose covariance includes the effect of a shading slope within a window, for example beside a glare.
+    """Fits whose covariance includes the effect of a shading gradient within a window, for example near a glare.
 
-    Only corners with unusual residuals are looked at. The slope g that these show is that of least squares over the
-    fit's own parameters and two more: with residuals r, derivatives J, the pixels' coordinates G and X = (J Jᵀ)⁻¹ J Gᵀ
+    Only corners with unusual residuals are examined. Their gradient g is found by least squares over the fit's
+    parameters and two more: with residuals r, derivatives J, the pixels' coordinates G and X = (J Jᵀ)⁻¹ J Gᵀ
 
-        (G Gᵀ - G Jᵀ X) g = -G r,    the corner moves by the first two rows of -X g
+        (G Gᵀ - G Jᵀ X) g = -G r,    and the first two rows of -X g are the shift of the corner
 
     Parameters
     ----------
@@ -122,7 +120,7 @@ def with_slopes(windows: Windows, fits: Fits, limits: tuple[float, float]) -> Fi
     fits : Fits
         Of the windows.
     limits : (low, high)
-        Grey values at which the picture is cut off.
+        Grey values at which the picture is clipped.
     """
     rows = np.flatnonzero(unusual(fits.noise))
     if not len(rows):

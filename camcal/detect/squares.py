@@ -1,4 +1,4 @@
-"""Alternating black and white squares: whether the grey values of a picture agree with a grid of corners."""
+"""Alternating black and white squares: agreement between the grey values of a picture and a grid of corners."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: of a square; how far from its prediction a missing corner may lie. Neighbouring corners are 1 away, saddles
-#: of a blurred edge between them .5
+#: of a square; largest distance of a missing corner from its prediction. Neighbouring corners are 1 away, saddles on a
+#: blurred edge between them .5
 REACH = 0.25
-ROUNDS = 6  #: of completing a grid: so many rows may be missing at one side
-CLEAR = 0.4  #: share of the contrast of the corners beside it that an edge, or another corner, must have
+ROUNDS = 6  #: of completing a grid: at most so many rows may be missing on one side
+CLEAR = 0.4  #: least contrast of an edge, or of another corner, relative to that of the adjacent corners
 UNLIKE = 0.25  #: share of the median difference by which neighbouring squares must differ
-#: px; no less than this beside it, where the blur of the edge ends; .3 to 3 px find the same corners of boards with
-#: squares of 4 to 12 px
+#: px; least distance from an edge at which its two sides are sampled, beyond its blur; .3 to 3 px find the same corners
+#: of boards with squares of 4 to 12 px
 BESIDE_PX = 1.5
-BESIDE = 0.17  #: of an edge's length; where its two sides are looked at, between the edge and the next one
-MOST_AT_ONCE = 30_000  #: places that are looked up; cv2.remap counts rows in 16 bits
+BESIDE = 0.17  #: of an edge's length; distance at which its two sides are sampled, before the next edge
+MOST_AT_ONCE = 30_000  #: positions sampled at a time; cv2.remap counts rows in 16 bits
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Squares:
 
     @property
     def sign(self) -> float:
-        """The median of the squares with the parity of the first, minus that of the others, grey levels.
+        """The median of the squares with the parity of the first minus that of the others, grey levels.
 
-        Negative where the square between corners (0, 0) and (1, 1) is black; 0 with nothing to compare.
+        Negative if the square between corners (0, 0) and (1, 1) is black; 0 if there is nothing to compare.
         """
         even = np.indices(self.value.shape).sum(0) % 2 == 0
         known = np.isfinite(self.value)
@@ -61,7 +61,7 @@ class Squares:
         return median(one) - median(other) if len(one) and len(other) else 0.0
 
     def alternation(self) -> float:
-        """The fraction of neighbouring squares that differ as the colours of a checkerboard should."""
+        """The fraction of neighbouring squares that alternate as on a checkerboard."""
         value = (
             self.value * np.where(np.indices(self.value.shape).sum(0) % 2 == 0, 1, -1) * np.sign(self.sign)
         )
@@ -82,7 +82,7 @@ def _sample(gray: Array, at: Array) -> Array:
 
 
 def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Array:
-    """Return whether the picture is brighter on the right side all along the edges from corners i to corners j, (L,).
+    """Return whether the picture is brighter on the correct side all along the edges from corners i to corners j, (L,).
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Ar
     """
     start, step = marks.xy[i], marks.xy[j] - marks.xy[i]
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    normal = np.c_[-step[:, 1], step[:, 0]] / length  # clockwise of the step, y points down
+    normal = np.c_[-step[:, 1], step[:, 0]] / length  # clockwise from the step, y points down
     side = np.maximum(BESIDE_PX, BESIDE * length) * normal
     along = start[:, None] + np.linspace(0.2, 0.8, 5)[None, :, None] * step[:, None]
     bright, dark = _sample(gray, np.stack([along + side[:, None], along - side[:, None]]))
@@ -103,22 +103,22 @@ def shown_edges(gray: Array, marks: Marks, i: Array, ray: Array, j: Array) -> Ar
 
 
 def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
-    """Search for corners that are missing inside the grid or one step outside it.
+    """Search for missing corners inside the grid and one step outside it.
 
-    Each is predicted from its neighbours and taken where a saddle lies near the prediction and the four squares
-    around it alternate as they should.
+    Each is predicted from its neighbours, and accepted if a saddle lies near the prediction and the four squares
+    around it alternate correctly.
 
     Parameters
     ----------
     gray : (height, width) float32 array
     lattice : Lattice
     found : Candidates
-        Of the picture.
+        Candidates in the picture.
     """
     sign = Squares.of(gray, lattice).sign
     if not sign:
         return lattice
-    tree, origin = Neighbours(found.weak), 0  # parity of the place that was the first corner
+    tree, origin = Neighbours(found.weak), 0  # parity of the original first corner
     lattice = lattice.padded(1, 1, 1, 1)
     for _ in range(ROUNDS):
         present = lattice.present
@@ -144,7 +144,7 @@ def complete(gray: Array, lattice: Lattice, found: Candidates) -> Lattice:
 
 
 def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
-    """The brightness of the squares down-right and up-left minus that of the two others; 0 if unclear."""
+    """The brightness of the squares at the lower right and upper left minus that of the other two; 0 if unclear."""
     a, b = 0.3 * steps[..., 0, :], 0.3 * steps[..., 1, :]
     values = _sample(gray, np.stack([uv + a + b, uv - a - b, uv + a - b, uv - a + b]))
     plus, minus = values[:2], values[2:]
@@ -155,8 +155,8 @@ def _corner_contrast(gray: Array, uv: Array, steps: Array) -> Array:
 def oriented(gray: Array, lattice: Lattice, columns: int, rows: int) -> Lattice | None:
     """Rotate a grid so that it has the requested columns and rows and its first outer square is black.
 
-    Where that leaves more than one way, the columns run as nearly to the right of the picture as they can: a
-    board whose sides are both odd or both even looks the same after half a turn. None where the size does not
+    If more than one orientation remains, the one whose columns are closest to the u axis of the picture is chosen: a
+    board whose sides are both odd or both even looks the same after half a turn. None if the size does not
     match.
     """
     ways = [w for w in map(lattice.turned, range(4)) if w.size == (columns, rows)]

@@ -1,4 +1,4 @@
-"""The target that pictures show where none was asked for, and what was found of it in each."""
+"""Recognition of the target if none was specified, and its detection in each picture."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from camcal.detect.targets.circles import Circles
 from camcal.errors import DataError
 from camcal.settings.sizes import parse_length
 
-MOST_REASONS = 3  #: that are named where no picture shows the target
-FIRST_LOOK = 12  #: pictures, spread over all, in which every kind of target is looked for at first
-#: pictures looked at before these, the first and one of the middle: where both show one whole plain board, no markers
-#: are looked for beside it in others. That takes a third of the time of a picture, and a board of markers beside the
-#: first would have to be out of both pictures
+MOST_REASONS = 3  #: that are named if no picture shows the target
+FIRST_LOOK = 12  #: pictures, spread over all, that are first searched for every kind of target
+#: pictures searched before these, the first and one in the middle: if both show one whole plain board, the others are
+#: not searched for markers. That search takes a third of the time of a picture, and an additional board of markers
+#: would have to be outside both pictures
 AGREEING = 2
-ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be asked
+ENOUGH_VOTES = 3  #: pictures that must show a target of markers or discs for the others not to be consulted
 
 
 def recognised(run: Search, square: str | tuple[float, str] | None) -> list[Searched]:
-    """The target that most pictures show, and the detections of it in each; then further boards of markers.
+    """The target that most pictures show and its detections in each; then further boards of markers.
 
-    A few pictures are looked at first. Where these agree on markers or discs, the others are searched for that
-    target only; a checkerboard's size is decided by all of them.
+    A few pictures are examined first. If they agree on markers or discs, the others are searched for that
+    target only; the size of a checkerboard is decided by all of them.
     """
     first = spread(run.files, AGREEING)
     outcomes = {o.path: o for o in run.examine_all(first, None)}
@@ -75,13 +75,13 @@ def recognised(run: Search, square: str | tuple[float, str] | None) -> list[Sear
 
 
 def _agreed(sights: list[Sight | None]) -> tuple[int, int] | None:
-    """The size of the plain board that all of some pictures show whole, with no marker beside it."""
+    """The size of the plain board that is whole in each of some pictures, none of which shows markers."""
     boards = {s.board if s is not None and s.plain else None for s in sights}
     return boards.pop() if len(boards) == 1 and len(sights) == AGREEING else None
 
 
 def _recognised_in_negative(run: Search, square: str | tuple[float, str] | None) -> list[Searched] | None:
-    """The target that some pictures show with black and white exchanged, and what was found of it in each."""
+    """The target that some pictures show with black and white exchanged, and its detections in each."""
     outcomes = run.examine_all(spread(run.files, FIRST_LOOK), None, negative=True)
     best = best_of(outcomes)
     if best is None or isinstance(best.target, Checkerboard):  # a checkerboard is its own negative
@@ -161,12 +161,12 @@ def spread(files: list[Path], count: int) -> list[Path]:
 
 
 def with_length(target: Target, square: str | tuple[float, str] | None) -> Target:
-    """The target with the length of its cell, where that is known."""
+    """The target with the length of its cell, if that is known."""
     return target if square is None else target.scaled(*length_of(square))
 
 
 def length_of(square: str | tuple[float, str] | None) -> tuple[float, str]:
-    """Value and unit of the length of a cell; 1 square where it is not known."""
+    """Value and unit of the length of a cell; 1 square if it is not known."""
     if square is None:
         return 1.0, "square"
     value, unit = parse_length(square) if isinstance(square, str) else square
@@ -184,7 +184,7 @@ def nothing_found(what: str, outcomes: list[Outcome], seen: Answer | None, run: 
         if isinstance(seen.target, Checkerboard):
             option = f"--board {seen.target.columns}x{seen.target.rows}"
         return DataError(message, f"{shown} Try: {option}")
-    # reasons of one code differ in figures; those of files that cannot be read have no code
+    # messages of one reason code differ in figures; those of unreadable files have no code
     example = {o.code or o.reason: o.reason for o in reversed(outcomes)}
     kinds = Counter(o.code or o.reason for o in outcomes).most_common(MOST_REASONS)
     said = "; ".join(f"{number} of {len(outcomes)}: {example[kind]}" for kind, number in kinds)

@@ -1,8 +1,8 @@
-"""The information of views about a camera before it is known, for the selection of frames.
+"""The information that views carry about a camera before it is calibrated, for the selection of frames.
 
 The criterion is that of `camcal next` (the information of a view with its pose eliminated,
-`assess/next_view.py`), for a camera of an ordinary field of view, as no calibration has been made. Views are
-chosen one by one so that the determinant of their information grows most (D-optimal design; Fedorov, Theory of
+`assess/next_view.py`), for a camera with an ordinary field of view, as there is no calibration yet. Views are
+chosen one by one, each maximising the determinant of the total information (D-optimal design; Fedorov, Theory of
 Optimal Experiments, 1972).
 """
 
@@ -16,14 +16,14 @@ from camcal.geometry import homography, rotations
 
 Array = np.ndarray
 
-FOCAL = 1.0  #: of the longer side; the field of view of an ordinary lens is 45 to 65 degrees
-#: relative standard deviation of each parameter before any view: nothing is known
+FOCAL = 1.0  #: of the longer side; ordinary lenses have fields of view of 45 to 65 degrees
+#: prior relative standard deviation of each parameter: virtually unknown
 PRIOR = 1.0
-LEAST_POINTS = 6  #: of a view; of fewer, the pose (six numbers) takes up more than half of the coordinates
+LEAST_POINTS = 6  #: of a view; with fewer, the pose (six numbers) takes up more than half of the coordinates
 
 
 def information(points: Array, uv: Array, sigma: float, size: tuple[int, int]) -> Array:
-    """Information (5, 5) of a view about fx, fy, cx, cy (in focal lengths) and k1, its pose eliminated.
+    """Information (5, 5) of a view about fx, fy, cx, cy (in focal lengths) and k1, with its pose eliminated.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def information(points: Array, uv: Array, sigma: float, size: tuple[int, int]) -
     Returns
     -------
     (5, 5) array
-        Zero where the points do not determine a pose.
+        Zero if the points do not determine a pose.
     """
     focal, centre = FOCAL * max(size), (np.array(size) - 1) / 2
     h, gap, _ = homography.solve(points[None], ((uv - centre) / focal)[None], steps=1)
@@ -70,16 +70,16 @@ def chosen_views(
     gains : sequence of (P, P) arrays
         Information of each view.
     count : int
-        How many are chosen at most.
+        Largest number of views to choose.
     same : callable
-        Whether two views show the same, so that the second is not needed.
+        Returns whether two views show the same, so that the second is not needed.
 
     Returns
     -------
     chosen : list of int
         The most informative first.
     repeated : dict
-        View that is left out -> the chosen one that shows the same.
+        Omitted view -> the chosen one that shows the same.
     """
     if not len(gains):
         return [], {}

@@ -1,8 +1,8 @@
-"""The pixels around each corner that take part in its fit.
+"""The pixels around each corner that are used in its fit.
 
-A window is a parallelogram in the picture, a share of a square to each side of the corner along the board's
-own directions, so that it holds no other edge however the board is tilted. Of a large window only the
-pixels near its two edges are kept: the others do not depend on where the edges are.
+A window is a parallelogram in the picture that extends a fraction of a square to each side of the corner along the
+directions of the board, so that it contains no other edge however the board is tilted. Of a large window only the
+pixels near its two edges are kept, as the others do not depend on the positions of the edges.
 """
 
 from __future__ import annotations
@@ -17,23 +17,21 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-LARGEST = (
-    20  #: px; half the side of the largest window: the Cramér-Rao bound is .01 px there at a noise of 5 %
-)
-#: of a window's half-width, along an edge: places where the map to the board is asked for. A polynomial of the fifth
-#: degree needs 6; a cubic left .001 px in windows of 60 px
+LARGEST = 20  #: px; half the side of the largest window: its Cramér-Rao bound is .01 px at a noise of 5 %
+#: of a window's half-width, along an edge: positions at which the map to the board is evaluated. A polynomial of the
+#: fifth degree needs 6; a cubic left .001 px in windows of 60 px
 ALONG = np.linspace(-1, 1, 7)
-BESIDE = 0.02  #: of a window's half-width; of the differences across an edge
-#: of the scale at the corner; where a window's far end has less, the board is seen so obliquely that an edge is no
-#: curve of a low degree; a map of no plane has any scale
+BESIDE = 0.02  #: of a window's half-width; step of the differences across an edge
+#: of the scale at the corner; if the far end of a window has less, the board is seen so obliquely that an edge is not
+#: a curve of low degree; a map that is not of a plane may have any scale
 LEAST_SCALE = 0.3
-MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends by a tenth of it, and a wrong map by more
-UNUSED = np.float32(1)  #: the grey value of pixels that do not count, which is at no limit
-TILE = 4  #: px; side of the squares in which pixels near an edge are looked for
+MOST_BEND = 1.0  #: of a window's half-width; a fisheye bends edges by a tenth of it, a wrong map by more
+UNUSED = np.float32(1)  #: grey value of unused pixels, which is not a clipping limit
+TILE = 4  #: px; side of the tiles in which pixels near an edge are searched
 IN_TILE = (np.stack(np.divmod(np.arange(TILE**2), TILE)[::-1]) - 0.5 * (TILE - 1)).astype(
     np.float32
 )  #: px (x, y)
-FAR = np.float32(1e4)  #: px; where pixels that do not count are put: both edges are flat there
+FAR = np.float32(1e4)  #: px; coordinates of unused pixels, where the model of both edges is constant
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,9 @@ class Windows:
     Attributes
     ----------
     origin : (K, 2) array
-        Where q = 0 is, px of the picture.
+        Position of q = 0, px of the picture.
     q : (K, 2, P) float32 array
-        Pixels relative to the origin; `FAR` where they do not count.
+        Pixels relative to the origin; `FAR` for unused ones.
     value : (K, P) float32 array
         Grey values.
     counts : (K, P) bool array
@@ -69,18 +67,18 @@ class Windows:
         return Windows(self.origin, q, value, counts, size.inside)
 
     def thinned(self, most: int) -> Windows:
-        """The windows with every second, third, ... of their pixels, so that no more than `most` or so are left."""
+        """The windows with every second, third, ... pixel, so that about `most` or fewer are left."""
         step = slice(None, None, max(1, round(self.value.shape[1] / most)))
         return replace(self, q=self.q[..., step], value=self.value[:, step], counts=self.counts[:, step])
 
 
 class Inner(NamedTuple):
-    """Smaller windows inside those of K corners: the first of their pixels.
+    """Smaller windows inside those of K corners, consisting of their first pixels.
 
     Attributes
     ----------
     columns : int
-        How many.
+        Number of these pixels.
     inside : (K,) array
         Share of the smaller window that lies in the picture.
     """
@@ -128,7 +126,7 @@ def nested(
     Windows
         The largest.
     list of Inner
-        One for each of `shares`; the last stands for all pixels.
+        One for each of `shares`; the last comprises all pixels.
     """
     base = np.rint(uv).astype(int)
     shift = (base - uv).astype(np.float32)
@@ -158,7 +156,7 @@ def _near_edges(
 ) -> tuple[Array, Array, Array, Array]:
     """The pixels of windows that are near one of their edges, corner by corner.
 
-    Tiles that hold none are left out first: most of a large window.
+    Tiles without such pixels, the greater part of a large window, are excluded first.
 
     Parameters
     ----------
@@ -178,7 +176,7 @@ def _near_edges(
     dx, dy : (M,) float32 arrays
         From the middle of the box, px.
     farther : (M,) float32 array
-        Distance from the farther edge, of the half-width of the window.
+        Distance from the farther edge, in half-widths of the window.
     """
     inverse = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32)
     within = (np.reshape(reach, (-1, 1)) * np.linalg.norm(inverse, axis=2)).astype(np.float32)
@@ -207,13 +205,13 @@ def _near_edges(
 def _packed(
     corner: Array, of_pixels: tuple[Array, ...], window: Array, sizes: int, count: int
 ) -> tuple[list[Array], Array, list[int]]:
-    """Values (M,) of pixels as (K, P), those of smaller windows first; padded with 0 for each of `sizes`.
+    """Arrange values (M,) of pixels as (K, P), those of smaller windows first; padded with 0 for each of `sizes`.
 
     Returns
     -------
     packed : list of (K, P) float32 arrays
     counts : (K, P) bool array
-        Which are no padding.
+        False for padding.
     columns : list of int
         How many columns belong to the windows of each size.
     """
@@ -241,17 +239,18 @@ def limited(half: Array | float, sides: Array, largest: float = LARGEST) -> Arra
 def straightened(
     windows: Windows, sides: Array, half: Array | float, board_from_pixel: BoardFromPixel, blur: Array | float
 ) -> Windows:
-    """Replace the pixels' coordinates by ones in which the board's edges are straight and distances are the picture's.
+    """Replace the pixels' coordinates by ones in which the board's edges are straight and distances are those in px.
 
-    With s and t the coordinates along a window's axes and a(s, t) the board's coordinate across an edge, that edge is
-    the curve where a does not change,
+    Let s and t be the coordinates along a window's axes and a(s, t) the board coordinate across an edge. That edge is
+    the curve of constant a,
 
         s = σ(t) = (a(0, 0) - a(0, t)) / a_s(0, t)
 
-    and s is replaced by the distance from the curve, s - σ(t), without the linear part of σ, which is a direction of
-    the edge; t likewise by that from the other edge. Distances stay those of the picture because blur is the same
-    there at both sides of an edge, which it is not on a board seen obliquely. The map is asked for points of each
-    edge, and a polynomial through these gives the others. Windows in which the map has no value are left as they are.
+    and s is replaced by the distance from the curve, s - σ(t), without the linear part of σ, which is the direction
+    of the edge; t is likewise replaced by the distance from the other edge. Distances remain those in the picture,
+    because there the blur is equal on both sides of an edge, unlike on a board seen obliquely. The map is evaluated
+    at points of each edge, and a polynomial interpolates between them. Windows in which the map is undefined remain
+    unchanged.
 
     Parameters
     ----------
@@ -266,11 +265,11 @@ def straightened(
         sides * np.broadcast_to(half, len(sides))[:, None, None]
     )  # of a window: half its width along columns and rows
     cross = np.stack([np.stack(np.meshgrid([-BESIDE, BESIDE], ALONG, indexing="ij"), -1)] * 2)
-    cross[1] = cross[1, ..., ::-1]  # (edge, side, place, 2): (s, t) beside the two edges
+    cross[1] = cross[1, ..., ::-1]  # (edge, side, position, 2): (s, t) beside the two edges
     board = board_from_pixel(windows.origin[:, None] + cross.reshape(-1, 2) @ axes)
     board = board.reshape(-1, *cross.shape)
     square = np.square(axes).sum(2)
-    # the foot of a pixel on an edge: its coordinate along it, where the axes are not at right angles
+    # the projection of a pixel onto an edge: its coordinate along it, if the axes are not at right angles
     lean = (axes[:, 0] * axes[:, 1]).sum(1)[:, None] / square
     spread = np.square(np.broadcast_to(blur, len(axes)))[:, None] / square
     place = np.linalg.inv(axes.transpose(0, 2, 1)).astype(np.float32) @ windows.q
@@ -284,12 +283,12 @@ def straightened(
 
 
 def _curve(beside: Array) -> Array:
-    """The coefficients (K, 4) of t² to t⁵ of the curve that an edge is; 0 where the map has no value or is none.
+    """The coefficients (K, 4) of t² to t⁵ of the curve of an edge; 0 where the map is undefined or implausible.
 
     Parameters
     ----------
     beside : (K, 2, N) array
-        The board's coordinate across the edge, at `BESIDE` to either side of its tangent and the places `ALONG`.
+        The board coordinate across the edge, at `BESIDE` to either side of its tangent and at the positions `ALONG`.
     """
     slope, middle = (beside[:, 1] - beside[:, 0]) / (2 * BESIDE), beside.mean(1)
     centre = slope[:, [len(ALONG) // 2]]
@@ -302,10 +301,10 @@ def _curve(beside: Array) -> Array:
 
 
 def _bend(curve: Array, variance: Array, along: Array) -> Array:
-    """How far (K, P) edges are from their tangents at places (K, P) along them, as blur shows them; against s.
+    """Distances (K, P) of blurred edges from their tangents at positions (K, P) along them; positive towards -s.
 
-    Blur moves a curved edge towards the centre of its curvature: each power of t becomes its mean over a Gaussian of
-    the blur's variance (K,), t² + v in place of t² and so on.
+    Blur moves a curved edge towards its centre of curvature: each power of t becomes its mean over a Gaussian with
+    the variance v (K,) of the blur, such as t² + v instead of t².
     """
     two, three, four, five = curve.T
     v = variance

@@ -1,4 +1,4 @@
-"""Processing of many pictures in several processes, which end with the program and on ^C."""
+"""Processing of many pictures in several processes, which end with the program and on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from camcal.system.processes import THREADS, start_worker
 
-if TYPE_CHECKING:  # what starts processes is imported with the first of them
+if TYPE_CHECKING:  # the modules that start processes are imported when the first is started
     from concurrent.futures import Future
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-ALONE = 0.4  #: s; work of one process before others are started
-WORTH_IT = 1.5  #: s; starting processes costs about a third of that
-AHEAD = 3  #: items to a process that wait or are worked on; each may hold a picture
-MANY = 10**6  #: a number of items that is not known
-ENDED = 5.0  #: s; how long a process is waited for that was asked to end
+ALONE = 0.4  #: s; time that one process works before others are started
+WORTH_IT = 1.5  #: s; least remaining work; starting processes costs about a third of it
+AHEAD = 3  #: items per process that are queued or in progress; each may hold a picture
+MANY = 10**6  #: stands for an unknown number of items
+ENDED = 5.0  #: s; time allowed for a process to end when requested
 
 
 def map_unordered(
@@ -35,23 +35,23 @@ def map_unordered(
 ) -> Iterator[tuple[int, R]]:
     """Apply a function to items, in other processes if there is enough work.
 
-    Items are taken as they are needed, so that no more than a few at a time are held.
+    Items are taken as they are needed, so that only a few are held at a time.
 
     Parameters
     ----------
     function : callable
-        Importable, as the processes are started afresh.
+        Must be importable, as the processes are new interpreters.
     items : iterable
     jobs : int or None
         Number of processes; None for one per processor.
     crashed : callable
-        What stands for the result of an item that kills its process.
+        Returns the result to use for an item that has killed its process.
     count : int, optional
-        Number of items, where these have no length.
+        Number of items, if `items` has no length.
 
     Yields
     ------
-    index, result : in the order in which they are done
+    index, result : in the order of completion
     """
     jobs = jobs or usable_processors()
     total = count if count is not None else len(items) if isinstance(items, Sized) else MANY
@@ -70,14 +70,14 @@ def map_unordered(
         for (
             index,
             item,
-        ) in lost:  # one of these killed its process: each alone, so that no other is lost with it
+        ) in lost:  # one of these killed its process: retried singly, so that no other is lost with it
             again = yield from _in_pool(function, iter([(index, item)]), 1)
             if again is not None:
                 yield index, crashed(item)
 
 
 def _worth_others(spent: float, done: int, count: int) -> bool:
-    """Return whether the remaining work justifies other processes, by the time that the first items took."""
+    """Return whether the remaining work justifies other processes, judging by the time of the first items."""
     left = spent / max(done, 1) * (count - done)
     return count - done > 1 and spent > ALONE and left > WORTH_IT
 
@@ -88,7 +88,7 @@ def usable_processors() -> int:
 
 
 def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
-    """Yield (index, result); return the items that a broken pool has lost, or None if all are done."""
+    """Yield (index, result); return the items lost in a broken pool, or None if all are done."""
     import multiprocessing
     from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
     from concurrent.futures.process import BrokenProcessPool
@@ -96,7 +96,7 @@ def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs
     before = set(multiprocessing.active_children())
     try:
         pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
-    except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all is done here
+    except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all work is done here
         for index, item in numbered:
             yield index, function(item)
         return None
@@ -123,15 +123,15 @@ def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs
                 yield running.pop(future)[0], result
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
-        if not finished:  # ^C, a broken pool, or the caller has stopped: nothing is left running
+        if not finished:  # Ctrl-C, a broken pool, or the caller has stopped: leave nothing running
             _end_children(before)
 
 
 def _end_children(before: set[Any]) -> None:
     """End the processes that were started since, and wait until they have exited.
 
-    The pool's own thread waits for the same processes: whichever of the two sees the end first, the other may
-    for a moment hold a process for alive that is not, so that `join` alone is not enough.
+    The pool's own thread waits for the same processes. Whichever of the two notices the end first, the other may
+    briefly regard a process as alive that has ended, so that `join` alone is not sufficient.
     """
     import multiprocessing
 
@@ -151,9 +151,9 @@ def _of_main(work: object) -> bool:
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Keep processes that start meanwhile from running the user's script again.
+    """Prevent processes that start meanwhile from running the user's script again.
 
-    A new process imports the script that started it. One that calls camcal on its top level, without asking for
+    A new process imports the script that started it. A script that calls camcal at its top level, without checking
     `__name__ == "__main__"`, would search the pictures there as well.
     """
     main = sys.modules["__main__"]

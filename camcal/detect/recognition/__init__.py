@@ -1,5 +1,5 @@
-"""Recognition of the target that pictures show, from all of them together.
+"""Recognition of the target in a set of pictures, from all of them jointly.
 
-`look` says what one picture shows (markers, discs, a checkerboard), `layout` turns markers into a board, and
-`decide` makes one answer of what all pictures show.
+`look` determines what one picture shows (markers, discs, a checkerboard), `layout` derives a board from markers, and
+`decide` combines the results of all pictures into one answer.
 """

@@ -1,4 +1,4 @@
-"""The joint decision about all pictures: the target, how many show it, and what else was seen."""
+"""The joint decision over all pictures: the target, how many show it, and what else was found."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-ROUGHLY = 0.04  #: share by which a proportion by the outlines of markers may be off for no closer look
-CLOSELY = 0.1  #: share by which a measured one may be: calipers on a print are off by less
-#: share of the pictures with a checkerboard that must show its whole size for the votes to count
+ROUGHLY = 0.04  #: relative difference of a proportion, from marker outlines, below which it is not measured
+CLOSELY = 0.1  #: the same for a measured proportion: calipers on a print are more accurate
+#: least share of the pictures with a checkerboard that must show all of it for the votes to count
 LEAST_VOTES = 0.35
-AGREEING = 0.6  #: share of them that must show a part of the same size, where none shows the end of the board
+AGREEING = 0.6  #: share that must show a part of the same size if none shows the whole board
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A target that pictures show.
+    """A target found in pictures.
 
     Attributes
     ----------
     target : Target
-        Its lengths in squares, tags or distances. A checkerboard's size is a guess until `board_size` is asked.
+        With lengths in squares, tags or disc spacings. The size of a checkerboard is provisional; see `board_size`.
     pictures : tuple of int
         Indices of the pictures that show it.
     whole : bool
-        Whether a picture shows the end of a grid of discs or squares on all sides.
+        Whether a picture shows all four borders of a grid of discs or squares.
     """
 
     target: Target
@@ -51,9 +51,9 @@ class Answer:
 
 
 def answers(sights: Sequence[Sight]) -> list[Answer]:
-    """The targets that pictures show, the most frequent first.
+    """The targets found in pictures, the most frequent first.
 
-    A picture whose squares hold markers, or on which a board of markers was found, does not count as one of a
+    A picture whose squares hold markers, or in which a board of markers was found, does not count as one of a
     checkerboard.
     """
     found = [Answer(f.board, f.pictures) for f in _boards(sights)]
@@ -75,9 +75,9 @@ def answers(sights: Sequence[Sight]) -> list[Answer]:
 def _whole_grids(
     sights: Sequence[Sight], sizes: Sequence[tuple[int, int] | None]
 ) -> list[tuple[tuple[int, int], tuple[int, ...], bool]]:
-    """The sizes of grids, the pictures that show them, and whether the end is seen on all sides in one.
+    """The sizes of grids, the pictures that show them, and whether one of these shows all four borders.
 
-    A grid that leaves every picture that shows it, and is a part of one that is seen whole, is no other board.
+    A grid that is cut off in every picture, and fits into another that is seen whole, is not a separate board.
     """
     ends = {size for s, size in zip(sights, sizes, strict=True) if size and s.whole}
     shown = {size: tuple(i for i, other in enumerate(sizes) if other == size) for size in sizes if size}
@@ -89,7 +89,7 @@ def _whole_grids(
 
 
 def _boards(sights: Sequence[Sight]) -> list[Found]:
-    """Boards of markers, of every family that was read."""
+    """The boards of markers of every family that was read."""
     found = []
     families = [f for s in sights for f in (s.family, *(f for f, _ in s.more)) if f]
     for family in dict.fromkeys(families):
@@ -112,11 +112,11 @@ def board_size(sights: Sequence[Sight]) -> tuple[tuple[int, int], bool, int] | N
     -------
     size : (columns, rows), the longer side first
     whole : bool
-        Whether pictures show the board's end; otherwise it is the part of it that most of them show.
+        Whether pictures show the borders of the board; otherwise the size is that of the part that most of them show.
     votes : int
         How many pictures show that size.
 
-    None is returned where they do not agree.
+    None is returned instead if the pictures do not agree.
     """
     seen = [s for s in sights if s.board and not s.marked]
     ends = Counter(s.board for s in seen if s.whole)
@@ -133,15 +133,15 @@ def board_size(sights: Sequence[Sight]) -> tuple[tuple[int, int], bool, int] | N
 def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Array]) -> Target | None:
     """The board that the markers show, if it differs from the requested one.
 
-    Only boards of markers are compared; a board that is partly visible is not another board. The lengths of the
-    answer are in the unit of `target`.
+    Only boards of markers are compared; a partly visible board does not count as different. The lengths of the
+    result are in the unit of `target`.
 
     Parameters
     ----------
     target : Target
     sights : sequence of Sight
     pictures : sequence of (height, width) arrays
-        Of each sight.
+        Picture of each sight.
     """
     if not isinstance(target, TagBoard):
         return None
@@ -149,7 +149,7 @@ def contradiction(target: Target, sights: Sequence[Sight], pictures: Sequence[Ar
     if not found:
         return None
     own = family_of(target.dictionary, target.border)
-    # where boards of several dictionaries are visible, the requested one is compared
+    # if boards of several dictionaries are visible, the requested one is compared
     own_first = sorted(
         found, key=lambda f: (family_of(f.board.dictionary, f.board.border) != own, -len(f.pictures))
     )

@@ -16,8 +16,8 @@ Array = np.ndarray
 #: name of a dictionary and width of the black border in cells
 Family = tuple[str, int]
 
-#: The largest dictionary of each family holds the smaller ones as its beginning. Tags come with a border of
-#: one cell or, as Kalibr prints them, of two. The commonest first.
+#: The largest dictionary of each family begins with the smaller ones. Tags have a border of one cell or, as
+#: Kalibr prints them, of two. The most common first.
 FAMILIES: tuple[Family, ...] = (
     ("4X4_1000", 1),
     ("5X5_1000", 1),
@@ -33,7 +33,7 @@ FAMILIES: tuple[Family, ...] = (
     ("ARUCO_MIP_36h12", 1),
     ("ARUCO_ORIGINAL", 1),
 )
-LEAST_MARKERS = 4  #: a smaller number is read in clutter now and then, and does not give a layout
+LEAST_MARKERS = 4  #: fewer are occasionally read in clutter, and do not determine a layout
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Marker:
 def read_markers(
     gray: Array, first: Family | None = None, closely: bool = False
 ) -> tuple[Family | None, list[Marker]]:
-    """Read the markers of a picture, of the family with the most readable ones.
+    """Read the markers of a picture, of the family with most readable markers.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ def read_markers(
     first : (dictionary, border), optional
         The family that is tried before the others.
     closely : bool
-        Look at full size, and at a small picture enlarged, even where the reduced picture shows nothing like
+        Search at full size, and enlarge a small picture, even if the reduced picture shows nothing like
         a marker.
 
     Returns
     -------
     family : (dictionary, border) or None
-        None where fewer than `LEAST_MARKERS` were read of every family.
+        None if fewer than `LEAST_MARKERS` were read of every family.
     markers : list of Marker
         In px of the picture.
     """
@@ -90,7 +90,7 @@ def read_others(
     ----------
     gray : (height, width) uint8 or uint16 array
     family, markers
-        As read by `read_markers`: what they cover is not read again.
+        Result of `read_markers`: what these markers cover is not read again.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def read_others(
 
 
 def _covered(quads: Array, markers: Array) -> Array:
-    """The quadrilaterals (K, 4, 2) whose centre lies within half a width of a marker's (M, 4, 2)."""
+    """The quadrilaterals (K, 4, 2) whose centres lie within half the width of a marker (M, 4, 2) from its centre."""
     if not len(markers) or not len(quads):
         return np.zeros(len(quads), bool)
     middle = markers.mean(1)
@@ -136,7 +136,7 @@ def stem(name: str) -> str:
 
 
 def smallest(name: str, needed: int) -> str:
-    """The smallest dictionary of a family with so many markers; the first markers are the same in all."""
+    """The smallest dictionary of a family with at least `needed` markers; the first markers are the same in all."""
     kin = [n for n in names() if name[0].isdigit() and stem(n) == stem(name) and marker_count(n) >= needed]
     return min(kin, key=marker_count) if kin else name
 

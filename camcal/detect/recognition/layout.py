@@ -1,8 +1,8 @@
 """The layout of a board of markers, from the positions and ids of its markers.
 
-Each marker spans a small frame of its own, in which its neighbours are at whole multiples of one step:
-along the diagonals on a ChArUco board, along the rows in a grid of tags. So every marker gets a column and
-a row, and the ids, which count up row by row, say how long a row is.
+Each marker defines a local frame, in which its neighbours are at integer multiples of one step: along the
+diagonals on a ChArUco board, along rows and columns in a grid of tags. This gives each marker a column and a row, and
+the ids, which increase row by row, give the length of a row.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5  #: a marker's corners in its own frame
-NEAREST = 8  #: markers around one among which its neighbours are looked for
-LEAST_SQUARES = 3  #: columns and rows of a ChArUco board: with two, all corners are on a line
-#: sides of a marker in squares, and gaps between tags in sides (of Kalibr's at most LARGEST_OF_KALIBR), that a layout
-#: begins with; what is farther out comes of spoilt outlines, and `measure` finds the value from there
+NEAREST = 8  #: nearest markers among which neighbours are searched
+LEAST_SQUARES = 3  #: columns and rows of a ChArUco board: with two, all corners are collinear
+#: initial range of a marker's side in squares, and of gaps between tags in sides (Kalibr's at most LARGEST_OF_KALIBR);
+#: values beyond it come from inaccurate outlines, and `measure` refines the value from there
 MARKER, GAP, LARGEST_OF_KALIBR = (0.1, 0.95), (0.05, MOST_GAP), 0.9
-#: ratio of the smaller to the larger component of a step to a neighbour in the marker's own frame: 1 along a diagonal,
+#: ratio of the smaller to the larger component of the step to a neighbour in the marker's frame: 1 along a diagonal,
 #: 0 along a row or column; .1 to .95 and .05 to .9 give the same boards in 19 sets of pictures
 DIAGONAL, STRAIGHT = 0.7, 0.25
-FARTHEST = 1 + MOST_GAP  #: sides of a marker to its nearest neighbour, as far apart as a board may have them
-#: times the shortest distance of neighbours (that percentile of them: the shortest of all can be misread), below which
-#: a distance is a single step: the next one is twice as long. Markers are lost at 1.2 and at 0 %, none at 1.6 to 3 and
-#: at 2 to 50 %
+FARTHEST = 1 + MOST_GAP  #: largest permitted distance to the nearest neighbour, in sides of a marker
+#: factor on the shortest distance between neighbours (taken at that percentile, as the very shortest may be misread)
+#: below which a distance is a single step: the next is twice as long. Markers are lost with 1.2 and with 0 %, none with
+#: 1.6 to 3 and with 2 to 50 %
 SINGLE, SHORTEST = 1.4, 10
-EVEN = 0.3  #: of a step; how far a neighbour may be from a whole multiple
-FEWEST_STEPS = 3  #: distances of neighbours in all pictures; of fewer, the median is that of a single one
+EVEN = 0.3  #: of a step; largest deviation of a neighbour from an integer multiple
+FEWEST_STEPS = 3  #: least number of distances in all pictures; with fewer, a single one decides the median
 LONGEST_ROW = 40  #: longest row of squares or tags that is tried; the largest dictionary holds 1000 markers
 LEAST_AGREEING = 0.8  #: share of the markers that a layout must explain; the rest are misread
-LEAST_PLACED = 3  #: markers that neighbours link; fewer do not determine a layout
-LEAST_EXPLAINED = 6  #: markers that a layout must explain over all pictures: four can be chance
+LEAST_PLACED = 3  #: linked markers; fewer do not determine a layout
+LEAST_EXPLAINED = 6  #: markers that a layout must explain in all pictures together: four may be chance
 
 Place = tuple[int, int]  #: column and row
-Cell = Callable[[int], Place]  #: where a layout puts the marker of an id
+Cell = Callable[[int], Place]  #: the place of a marker id in a layout
 
 
 @dataclass(frozen=True)
 class Patch:
-    """The markers of one picture that are linked by neighbours: positions by id, from an arbitrary origin."""
+    """A connected set of neighbouring markers in one picture: positions by id, relative to an arbitrary origin."""
 
     picture: int
     places: dict[int, Place]
@@ -61,16 +61,16 @@ class Patch:
 
 @dataclass(frozen=True)
 class Found:
-    """A board of markers that pictures show.
+    """A board of markers found in pictures.
 
     Attributes
     ----------
     board : TagBoard
-        Its lengths in squares, or in sides of a tag.
+        With lengths in squares, or in sides of a tag.
     pictures : tuple of int
         Indices of the pictures that show it.
     markers : int
-        How many markers it explains in them.
+        How many markers in them it explains.
     """
 
     board: TagBoard
@@ -79,10 +79,10 @@ class Found:
 
 
 def find_boards(views: Sequence[Sequence[Marker]], family: Family) -> list[Found]:
-    """The boards of the markers of some pictures, the one with the most markers first.
+    """The boards formed by the markers of some pictures, the one with most markers first.
 
-    Markers that are linked in some picture are on one board; so several boards in one picture are told
-    apart by their ids.
+    Markers that are linked in any picture belong to one board, so that several boards in one picture are
+    distinguished by their ids.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def find_boards(views: Sequence[Sequence[Marker]], family: Family) -> list[Found
 
 
 def explains(board: TagBoard, views: Sequence[Sequence[Marker]]) -> float:
-    """Share of the markers of some pictures that stand on a board where it says they do.
+    """The share of the markers of some pictures that are at their places on a board.
 
-    Markers of other ids count against it only where their neighbours are on the board.
+    Markers with other ids count against the board only if their neighbours are on it.
     """
     places = _places(board)
     patches, _ = _patches(views, isinstance(board, Charuco))
@@ -129,7 +129,7 @@ def _places(board: TagBoard) -> dict[int, Place]:
 
 
 def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
-    """The ChArUco board, with a square of 1, that explains the positions of markers."""
+    """The ChArUco board, with squares of side 1, that explains the positions of markers."""
     ids = _ids(patches)
     if not ids:
         return None
@@ -139,13 +139,13 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set
         for start in (1, 0)  # the first square is black, or holds a marker
         for origin in _origins(ids, foreign)
     ]
-    cell = max(cells, key=lambda c: _agreeing(patches, c))  # of equals the first
+    cell = max(cells, key=lambda c: _agreeing(patches, c))  # the first of equals
     count, (columns, start, origin) = _agreeing(patches, cell), cell.keywords.values()
     rows = cell(_last(patches, cell))[1] + 1
     legacy = start == 0
     rows += (
         legacy and rows % 2
-    )  # the first square of an odd number of rows is always black: a row is not seen
+    )  # with an odd number of rows the first square is always black: a row is missing
     needed = origin + columns * rows // 2
     if not _enough(count, len(ids)) or rows < LEAST_SQUARES or needed > marker_count(family[0]):
         return None
@@ -155,10 +155,10 @@ def _charuco(patches: Sequence[Patch], step: float, family: Family, foreign: set
 
 
 def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign: set[int]) -> Found | None:
-    """The grid of separate markers, with a side of 1, that explains the positions of markers.
+    """The grid of separate markers, with sides of 1, that explains the positions of markers.
 
-    Kalibr's ids go up from the lower left, cv2's down from the upper left. The spacing is only rough: small squares
-    at the tags' corners make their outlines inaccurate.
+    Kalibr's ids start at the lower left and go up, cv2's start at the upper left and go down. The spacing is only
+    approximate: small squares at the tags' corners make their outlines inaccurate.
     """
     name, border = family
     ids = _ids(patches)
@@ -187,7 +187,7 @@ def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign
 
 
 def _origins(ids: Sequence[int], foreign: set[int]) -> Sequence[int]:
-    """The possible first ids: 0, unless another board's markers have ids from there on, or the smallest."""
+    """The possible first ids: the smallest, and 0 unless another board has ids below the smallest."""
     first = min(ids)
     return list(dict.fromkeys((first,) if any(0 <= f < first for f in foreign) else (0, first)))
 
@@ -210,9 +210,9 @@ def _pictures(patches: Sequence[Patch]) -> tuple[int, ...]:
 
 
 def _kalibr_cell(marker: int, columns: int, first: int = 0) -> Place:
-    """The column and row of a tag in cv2's frame of it, rotated by 180 degrees relative to Kalibr's.
+    """The column and row of a tag in its cv2 frame, which is rotated by 180 degrees relative to Kalibr's.
 
-    Kalibr's ids go to the right and up, so in that frame to the left and down.
+    Kalibr's ids increase to the right and up, hence in that frame to the left and down.
     """
     marker -= first
     return -(marker % columns), marker // columns
@@ -234,12 +234,12 @@ def _charuco_cell(marker: int, columns: int, start: int, first: int = 0) -> Plac
 
 
 def _agreeing(patches: Sequence[Patch], cell: Cell) -> int:
-    """The number of markers whose positions differ as the layout predicts."""
+    """The number of markers whose relative positions agree with the layout."""
     return sum(len(_explained(patch, cell)) for patch in patches)
 
 
 def _explained(patch: Patch, cell: Cell) -> list[int]:
-    """The ids of a patch at the positions of a layout, for the best choice of its origin."""
+    """The ids of a patch whose positions agree with a layout, for the best choice of its origin."""
     offset = {m: (x - cell(m)[0], y - cell(m)[1]) for m, (x, y) in patch.places.items()}
     best = Counter(offset.values()).most_common(1)[0][0]
     return [m for m, o in offset.items() if o == best]
@@ -259,7 +259,7 @@ def _boards_apart(patches: Sequence[Patch]) -> Iterator[list[Patch]]:
 
 
 def _on_one_plane(board: TagBoard, views: Sequence[Sequence[Marker]]) -> bool:
-    """Return whether markers without linked neighbours are where one board would have them."""
+    """Return whether markers without linked neighbours are consistent with one board."""
     own = {int(tag): k for k, tag in enumerate(board.tag_ids)}
     right = total = 0
     for view in views:
@@ -287,7 +287,7 @@ def _patches(views: Sequence[Sequence[Marker]], diagonal: bool) -> tuple[list[Pa
 
 
 def _frames(view: Sequence[Marker]) -> tuple[Array, Array]:
-    """The nearest markers (K, n) of each, and their centres (K, n, 2) in its own frame."""
+    """The nearest markers (K, n) of each marker, and their centres (K, n, 2) in its frame."""
     corners = np.array([m.corners for m in view]).reshape(-1, 4, 2)
     h = homography.homographies(corners, np.broadcast_to(UNIT, corners.shape), steps=0)
     centre = corners.mean(1)
@@ -297,7 +297,7 @@ def _frames(view: Sequence[Marker]) -> tuple[Array, Array]:
 
 
 def _steps(offset: Array, diagonal: bool) -> Array:
-    """The distance of the nearest neighbours, along both axes or along one, in marker sides."""
+    """The distances to the nearest neighbours, along both axes or along one, in marker sides."""
     a = np.abs(offset).reshape(-1, 2)
     large, small = a.max(1), a.min(1)
     if diagonal:
@@ -312,14 +312,14 @@ def _nearest(lengths: Array) -> Array:
 
 
 def _walk(near: Array, offset: Array, diagonal: bool) -> Iterator[dict[int, Place]]:
-    """The positions of each set of markers that neighbours link by whole steps, the most reliable link first.
+    """The positions of each set of markers linked by integer steps, following the most reliable links first.
 
-    A short step is more reliable than a long one: the frame of a small marker is inaccurate at a distance.
+    A short step is more reliable than a long one, because errors of a marker's frame grow with distance.
     """
     whole = np.rint(offset).astype(int)
     miss, length = np.abs(offset - whole).max(-1), np.abs(whole).max(-1)
     fits = (miss < EVEN) & (length > 0) & (length <= 2)
-    if diagonal:  # a marker's square and its neighbours' have one colour
+    if diagonal:  # the squares of neighbouring markers have the same colour
         fits &= whole.sum(-1) % 2 == 0
     left = set(range(len(near)))
     while left:

@@ -29,16 +29,16 @@ class Sight:
     board : (columns, rows) or None
         Inner corners of a checkerboard.
     whole : bool
-        Whether the picture shows the end of that board (of the discs, of the squares) on all sides, so that its size is
+        Whether the picture shows all four borders of that board (of the discs, of the squares), so that its size is
         certain.
     marked : bool
-        Whether the board's squares hold markers (read or not): it is no plain checkerboard.
+        Whether the board's squares hold markers (read or not), so that it is not a plain checkerboard.
     discs : (columns, rows, staggered) or None
         A grid of discs.
     squares : (columns, rows, spacing) or None
         A grid of separate squares.
     more : tuple of (family, markers)
-        Of further families, where boards of several are shown.
+        Of further families, if boards of several families are visible.
     mirrored : bool
         Whether the markers are mirror images.
     """
@@ -71,7 +71,7 @@ class Sight:
 def look(
     gray: Array, seconds: float, expected: tuple[int, int] | None = None
 ) -> tuple[Sight, Detection | Miss]:
-    """Look for every kind of target in a picture.
+    """Search for every kind of target in a picture.
 
     Parameters
     ----------
@@ -79,13 +79,13 @@ def look(
     seconds : float
         Processor time that each search may take.
     expected : (columns, rows), optional
-        Inner corners of a plain board. Where the picture shows it whole, no markers are looked for.
+        Inner corners of a plain board. If the picture shows all of it, no markers are searched for.
 
     Returns
     -------
     sight : Sight
     found : Detection or Miss
-        The corners of a plain checkerboard, or why there are none.
+        The corners of a plain checkerboard, or the reason why there are none.
     """
     free = find_any(gray, seconds) if expected else None
     if (

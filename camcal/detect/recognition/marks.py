@@ -12,15 +12,15 @@ from camcal.geometry.homography import within_quads
 Array = np.ndarray
 
 SAMPLES = 12  #: along each side of a square
-MIDDLE = 0.15  #: of a square; what lies nearer to its edges is left out, as blur and a bad corner reach there
+MIDDLE = 0.15  #: of a square; samples nearer to its edges are omitted because of blur and corner errors
 #: of the difference of black and white: median over the squares of one colour. Plain squares of ten real sets
-#: have at most 0.06, markers of 7 px behind a blur of 2 px still 0.11; a logo or OpenCV's three dots fill a few
+#: have at most 0.06, markers of 7 px with a blur of 2 px still 0.11; a logo or OpenCV's three dots occupy few squares
 LEAST_SPREAD = 0.08
-#: of the spread of the other colour. Blur and glare reach into the middle of both: up to 1.4 times in the same
-#: sets where the spread is above 0.05; those markers have 1.9
+#: ratio to the spread of the other colour. Blur and glare affect the middle of both: up to 1.4 in the same sets where
+#: the spread is above 0.05; those markers have 1.9
 LEAST_RATIO = 1.6
-LEAST_SQUARES = 4  #: of each colour; the median of fewer is decided by single squares
-LEAST_SIDE = 6.0  #: px of a square; in smaller ones there is no middle without blur
+LEAST_SQUARES = 4  #: of each colour; single squares would decide the median of fewer
+LEAST_SIDE = 6.0  #: px; smaller squares have no middle that is free of blur
 
 
 def squares_hold_marks(gray: Array, found: Detection, size: tuple[int, int]) -> bool:
@@ -55,7 +55,7 @@ def _middles(gray: Array, corners: Array) -> tuple[Array, Array]:
     at = MIDDLE + (1 - 2 * MIDDLE) * (np.arange(SAMPLES) + 0.5) / SAMPLES
     low = np.maximum(
         np.floor(corners.min((0, 1))).astype(int) - 1, 0
-    )  # of a large picture the part with the board
+    )  # only the part with the board, if the picture is large
     high = np.ceil(corners.max((0, 1))).astype(int) + 2
     part = gray[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     u, v = (a.reshape(len(corners), -1).astype(np.float32) for a in within_quads(corners - low, at))

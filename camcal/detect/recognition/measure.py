@@ -1,7 +1,7 @@
-"""Proportions of a board of markers, measured in pictures with its fitted corners.
+"""Proportions of a board of markers, measured in pictures by means of its fitted corners.
 
-The outlines of small markers are off by a px or so, so that a layout knows the size of the markers and the gap
-between tags only roughly.
+The outlines of small markers are off by about a px, so that a layout gives the size of the markers and the gap
+between tags only approximately.
 """
 
 from __future__ import annotations
@@ -27,21 +27,19 @@ Array = np.ndarray
 
 Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid | TagGrid)
 
-MOST_PICTURES = 3  #: that are measured; the figures agree to a per cent from one picture on
-AROUND = 0.2  #: share by which a marker's size by its outline may be wrong
-#: of the gap as a share of the side: what can be printed, and read
+MOST_PICTURES = 3  #: pictures that are measured; the values of single pictures agree to one per cent
+AROUND = 0.2  #: relative error of a marker's size taken from its outline
+#: range of the gap in sides that can be printed and read
 BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, MOST_GAP), "aruco-grid": (0.05, MOST_GAP)}
-#: side of a marker in squares: what is printed leaves some white around it
+#: range of a marker's side in squares: printed markers have some white around them
 MARKER = (0.1, 0.98)
-#: multiples that people choose for the side of a marker (in squares) and for a gap (in sides), and how near a measured
-#: value is taken for one: six and eight of ten values are
+#: usual multiples for the side of a marker (in squares) and for a gap (in sides), and the distance within which a
+#: measured value is rounded to one: six and eight of ten values are
 MARKER_STEP, MARKER_NEAR = 0.05, 0.015
 GAP_STEP, GAP_NEAR = 0.01, 0.004
-SOLVED = 1e-3  #: how near the minimum is searched for: a marker in squares; a gap to a tenth of it, as it is stated
-ROUNDS = 2  #: of measuring the gap: the second one has corners that the first guess did not lead to
-GROSS = (
-    10.0  #: times the median misfit from which on a block of tags holds a wrong corner, and does not decide
-)
+SOLVED = 1e-3  #: accuracy of the minimum: of a marker in squares; of a gap a tenth of this
+ROUNDS = 2  #: of measuring the gap: the second uses corners that the first value did not reach
+GROSS = 10.0  #: times the median misfit above which a block of tags contains a wrong corner and is ignored
 
 
 def measured(board: Target, pictures: Sequence[Array]) -> Target:
@@ -60,7 +58,7 @@ def _measured_marker(board: Charuco, pictures: Sequence[Array]) -> Charuco:
         ratio = board.marker
         bounds = (max(MARKER[0], (1 - AROUND) * ratio), min(MARKER[1], (1 + AROUND) * ratio))
         cost = partial(_decorrelation, seen=seen, codes=_codes(board), squares=_squares(board))
-        from scipy import optimize  # for boards with markers alone: it takes long to import
+        from scipy import optimize  # needed for boards with markers only, and slow to import
 
         ratio = float(
             optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": SOLVED}).x
@@ -100,7 +98,7 @@ def _codes(board: Charuco) -> Array:
 
 
 def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Array, squares: Array) -> float:
-    """The negative mean correlation of the markers with the squares that hold them, for a marker size."""
+    """The negative mean correlation of the markers with their squares, for a given marker size."""
     values = []
     for gray, uv in seen:
         cells = sample_squares(gray, uv, ratio, codes.shape[-1])
@@ -111,7 +109,7 @@ def _decorrelation(ratio: float, seen: Sequence[tuple[Array, Array]], codes: Arr
 
 
 def _measured_spacing(grid: Spaced, pictures: Sequence[Array]) -> Spaced:
-    """The grid with the spacing for which blocks of four tags fit a plane's image best."""
+    """The grid with the spacing for which homographies fit blocks of four tags best."""
     from scipy import optimize  # as above
 
     for _ in range(ROUNDS):
@@ -155,6 +153,6 @@ def grid_with_spacing(grid: Spaced, spacing: float) -> Spaced:
 
 
 def rounded(value: float, step: float, near: float) -> float:
-    """The nearest multiple of a step, as people choose such values, if it is close; otherwise three digits."""
+    """Round to the nearest multiple of a step, a likely design value, if it is close; otherwise to three digits."""
     whole = round(round(value / step) * step, 6)
     return whole if abs(whole - value) < near else round(value, 3)

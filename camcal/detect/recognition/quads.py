@@ -1,7 +1,7 @@
 """Quadrilaterals that look like markers, and the markers of a dictionary among them.
 
-OpenCV finds the outlines. The cells are read here, since a call of OpenCV's detector for every dictionary
-would look for the same outlines again each time.
+OpenCV finds the outlines. The cells are read here because calling OpenCV's detector for every dictionary would
+search for the same outlines each time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from camcal.geometry.homography import within_quads
 
 Array = np.ndarray
 
-RIM = 10  #: samples along a side at which a rim is tested; no marker has more cells
+RIM = 10  #: samples along each side of the rim; no marker has more cells
 DARK_RIM = 0.15  #: share of the samples of the rim that may be bright
 LEAST_INSIDE, MOST_INSIDE = 0.1, 0.9  #: share of the samples inside that are bright in a marker
 LEAST_CONTRAST = 30.0  #: grey levels of 255 within a quadrilateral
@@ -26,7 +26,7 @@ CORRECTED = 0.6  #: of the bits that a dictionary can correct; OpenCV's default
 
 
 def marker_like(gray: Array) -> Array:
-    """Dark quadrilaterals (K, 4, 2), px, with a dark rim and something bright inside, clockwise."""
+    """Dark quadrilaterals (K, 4, 2), px, clockwise, with a dark rim and something bright inside."""
     found, _, others = detector("4X4_50", 1, max(gray.shape)).detectMarkers(gray)
     quads = np.asarray([*found, *others], np.float32).reshape(-1, 4, 2)
     cells = sampled(gray, quads, (np.arange(RIM) + 0.5) / RIM)
@@ -39,7 +39,7 @@ def marker_like(gray: Array) -> Array:
 
 
 def sampled(gray: Array, quads: Array, at: Array) -> Array:
-    """Grey values (K, n, n) of quadrilaterals at fractions `at` (n,) of their sides, mapped to squares."""
+    """Grey values (K, n, n) in quadrilaterals, at fractions `at` (n,) of the sides of the square that maps to each."""
     if not len(quads):
         return np.zeros((0, len(at), len(at)))
     u, v = (a.reshape(len(quads), -1).astype(np.float32) for a in within_quads(quads.astype(float), at))
@@ -74,7 +74,7 @@ def decode(gray: Array, quads: Array, name: str, border: int) -> tuple[Array, Ar
     bright = cells > 0.5 * (cells.min((1, 2)) + cells.max((1, 2)))[:, None, None]
     bits = bright[:, border:-border, border:-border]
     rim = (bright.sum((1, 2)) - bits.sum((1, 2))) / (n * n - side * side)
-    # (K, 4, M): bits that differ from each marker, turned by each quarter
+    # (K, 4, M): bits that differ from each marker in each of its four orientations
     flat = np.stack([np.rot90(bits, quarter, (1, 2)).reshape(-1, side * side) for quarter in range(4)], 1)
     same = flat.astype(np.float32) @ codes.T + (1 - flat.astype(np.float32)) @ (1 - codes).T
     wrong = side * side - same
@@ -82,7 +82,7 @@ def decode(gray: Array, quads: Array, name: str, border: int) -> tuple[Array, Ar
     quarter, marker = np.divmod(best, len(codes))
     least = wrong.reshape(len(quads), -1).min(1) if len(quads) else np.zeros(0)
     rows = np.flatnonzero((rim < BAD_BORDER) & (least <= int(CORRECTED * correctable)))
-    # turned by a quarter counter-clockwise, the upper right corner comes to the upper left
+    # a quarter turn counter-clockwise moves the upper right corner to the upper left
     order = (np.arange(4) + quarter[rows, None]) % 4
     corners = np.take_along_axis(quads[rows], order[..., None], 1)
     return marker[rows], corners

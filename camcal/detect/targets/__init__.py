@@ -42,7 +42,7 @@ def make_all(spec: str) -> list[Target]:
     Raises
     ------
     UsageError
-        As `make`; where several are not boards with markers of different ids.
+        As `make`; if several targets are not boards with markers of different ids.
     """
     made = [make(part) for part in spec.split(BOTH)]
     markers: set[tuple[str, int]] = set()
@@ -64,7 +64,7 @@ def make(spec: str) -> Target:
     Raises
     ------
     UsageError
-        Where the name is unknown or an argument is missing or wrong.
+        If the name is unknown or an argument is missing or wrong.
     """
     name, arguments, named = registry.split_spec(spec)
     plain = [a for a in arguments if a.lower() != "negative"]
@@ -73,9 +73,9 @@ def make(spec: str) -> Target:
 
 
 def find(target: Target, gray: np.ndarray, seconds: float) -> Detection | Miss:
-    """Look for a target in a grey picture (height, width), black and white exchanged where that is how it is shown.
+    """Search for a target in a grey picture (height, width), with black and white exchanged for a negative target.
 
-    Where nothing like it is seen, the search is repeated with the contrast evened out (`local_contrast.py`).
+    If nothing like it is found, the search is repeated with locally equalised contrast (`local_contrast.py`).
     """
     from camcal.detect.local_contrast import with_second_look
     from camcal.detect.targets.base import NOTHING

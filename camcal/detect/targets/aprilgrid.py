@@ -1,11 +1,10 @@
-"""AprilTag grids as Kalibr prints them: tags in rows, and a small black square at each crossing of the gaps.
+"""AprilTag grids as printed by Kalibr: tags in rows, and a small black square at each crossing of the gaps.
 
-`aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm whose gaps are 0.3 of that; `aprilgrid:FILE.yaml` is Kalibr's
-own file, its lengths in metres. Tag 0 is at the lower left, ids go to the right, then up; `family=t36h11`,
-`border=2` and `start=0` (id of the first tag) can follow. The frame is camcal's, x to the right and y down,
-its origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, from
-the lower left counter-clockwise, as Kalibr counts them. Each is the saddle between a tag and a small
-square.
+`aprilgrid:6x6:22mm:0.3` has 6x6 tags of 22 mm with gaps of 0.3 of that; `aprilgrid:FILE.yaml` reads Kalibr's
+file, with lengths in metres. Tag 0 is at the lower left; ids increase to the right, then up. `family=t36h11`,
+`border=2` and `start=0` (id of the first tag) may follow. The frame is camcal's, x to the right and y down, with
+its origin at the upper left corner of the upper left tag. Point 4 k + c is corner c of the k-th tag, counted
+counter-clockwise from the lower left, as in Kalibr. Each point is the saddle between a tag and a small square.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ Array = np.ndarray
 EXAMPLE = "aprilgrid:6x6:22mm:0.3"
 #: corners of a unit square, counter-clockwise from the lower left with y downward
 CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-#: where cv2's corners 0 to 3 are among them: Kalibr prints the tags rotated by 180 degrees against cv2
+#: which of them are cv2's corners 0 to 3: Kalibr prints tags rotated by 180 degrees relative to cv2
 CV2_CORNERS = np.array([1, 0, 3, 2])
 
 
@@ -43,7 +42,7 @@ class AprilGrid(TagBoard):
     """A grid of `columns` x `rows` tags; `square` is a tag's side, `spacing` the gap as a fraction of it."""
 
     kind = "aprilgrid"
-    first_half = second_half = 0.85  # of a small square, behind which nothing continues: no wider
+    first_half = second_half = 0.85  # of a small square, whose edges do not continue beyond it
 
     def __init__(
         self,
@@ -104,7 +103,7 @@ class AprilGrid(TagBoard):
 
     @property
     def clear(self) -> float:
-        """The distance to the bits behind the tag's black border, or to the small square's other edge."""
+        """The distance to the bits inside the tag's black border, or to the opposite edge of the small square."""
         cells = dictionary(self.dictionary).markerSize + 2 * self.border
         return self.square * min(self.spacing, self.border / cells)
 
@@ -128,9 +127,9 @@ class AprilGrid(TagBoard):
         Raises
         ------
         UsageError
-            Where an argument is missing, unknown or out of range.
+            If an argument is missing, unknown or out of range.
         DataError
-            Where the file cannot be read or describes something else.
+            If the file cannot be read or describes another target.
         """
         from_file = len(arguments) == 1 and arguments[0].lower().endswith((".yaml", ".yml"))
         plain = EXAMPLE.split(":")[1:] if from_file else arguments
@@ -163,7 +162,7 @@ def read_kalibr(path: Path) -> tuple[int, int, float, float]:
     Raises
     ------
     DataError
-        Where the file is missing, is not YAML, or is not about an aprilgrid.
+        If the file is missing, is not YAML, or does not describe an aprilgrid.
     """
     needed = "Kalibr's file is needed: target_type, tagCols, ..."
     found = parse_yaml(read_text(path, LARGEST, "Kalibr's description of a target", needed), path)

@@ -2,10 +2,10 @@
 
 A new target is one file with a subclass of `Target` and one line in the table of `targets/__init__.py`:
 
-1. `kind` and `point_kind` say what it is and which sub-pixel fit its points take;
+1. `kind` names it, and `point_kind` states which sub-pixel fit applies to its points;
 2. `points` lists every point of the target in the order of its ids;
-3. `find` looks for it in one grey picture and returns a `Detection` or a `Miss`; no picture makes it raise;
-4. `pattern` gives the black shapes, from which the target is rendered and printed;
+3. `find` searches for it in one grey picture and returns a `Detection` or a `Miss`; it never raises on a picture;
+4. `pattern` returns the black shapes from which the target is rendered and printed;
 5. `parse` reads the arguments of a spec such as `checkerboard:9x6:25mm`.
 """
 
@@ -29,17 +29,16 @@ from camcal.settings.sizes import UNITS
 
 Array = np.ndarray
 
-#: of this thread: a busy machine is to find the same boards as an idle one
+#: processor time of this thread, so that a busy machine finds the same boards as an idle one
 clock = time.thread_time
-#: reasons of a `Miss` where a picture shows nothing like the target, as far as its grey values tell
+#: reasons of a `Miss` for a picture in which nothing resembles the target
 NOTHING = frozenset({"none", "too-dark", "too-bright", "too-blurred"})
-LEAST_POINTS = 4  #: of a detection: the eight coordinates that determine the homography of a plane
-LEAST_UNASKED = (
-    12  #: points or squares; a smaller grid is accepted only where its size was asked for: chance makes it
-)
-#: times as long as a picture of half its sides may take: its pixels are four times as many, and a quarter to spare
+#: points or squares; a smaller grid may be chance, and is accepted only if its size was requested
+LEAST_UNASKED = 12
+LEAST_POINTS = 4  #: of a detection: their eight coordinates determine the homography of a plane
+#: largest ratio of the times for pictures with sides in the ratio of 2: four times the pixels, and a quarter more
 LARGER = 5.0
-MOST_GAP = 5.0  #: sides of a tag or square between two of them; beyond, most of the board is empty paper
+MOST_GAP = 5.0  #: largest gap, in sides of a tag or square; beyond it, most of the board is empty
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,8 @@ class Detection:
     sigma : (N,) array or None
         Standard deviation of each point in each coordinate, px.
     info : mapping
-        What else the search found: `rejected` ({id: reason}), `blur`, `square_px`, ...
-        Plain values and arrays only, so that it travels between processes and into the cache.
+        Further results of the search: `rejected` ({id: reason}), `blur`, `square_px`, ...
+        Plain values and arrays only, so that it can be passed between processes and cached.
     """
 
     point_ids: Array
@@ -77,9 +76,9 @@ class Miss:
     reason : str
         One of `none`, `time`, `too-dark`, `too-bright`, `too-blurred`, `too-small`, `other-size`, `cut-off`.
     message : str
-        The same in words, for the report.
+        The reason in words, for the report.
     info : mapping
-        What the search found all the same: `size` (columns, rows) for `other-size`.
+        Further results of the search: `size` (columns, rows) for `other-size`.
     """
 
     reason: str
@@ -98,7 +97,7 @@ class Pattern:
     circles : (C, 3) array
         Black discs: x, y, radius.
     extent : (x0, y0, x1, y1)
-        Bounds of the white sheet that the target needs, its quiet margin included.
+        Bounds of the white sheet that the target needs, including its quiet margin.
     """
 
     polygons: tuple[Array, ...]
@@ -112,12 +111,12 @@ class Target(ABC):
     Attributes
     ----------
     columns, rows : int
-        Size in the target's own cells: inner corners of a checkerboard, squares of a ChArUco board,
+        Size in cells of the target: inner corners of a checkerboard, squares of a ChArUco board,
         tags of an AprilTag grid, circles of a circle grid.
     square : float
-        Length of a cell (of a tag for a grid of tags, the distance of neighbours for circles), in `unit`.
+        Length of a cell (side of a tag for a grid of tags, distance between neighbours for circles), in `unit`.
     unit : str
-        `um`, `mm`, `cm`, `m`, `in`; `unit` for a bare number, `square` where no length is known.
+        `um`, `mm`, `cm`, `m`, `in`; `unit` for a bare number, `square` if no length is known.
     negative : bool
         Whether black and white are exchanged in print, or in the pictures; see `targets.find`.
     """
@@ -144,7 +143,7 @@ class Target(ABC):
         ----------
         gray : (height, width) uint8 or uint16 array
         seconds : float
-            Time the search may take; it plans its steps so as to stay below.
+            Time that the search may take; it plans its steps accordingly.
         """
 
     @abstractmethod
@@ -154,7 +153,7 @@ class Target(ABC):
     @classmethod
     @abstractmethod
     def parse(cls, arguments: list[str], named: dict[str, str]) -> Target:
-        """Make the target of a spec that `registry.split_spec` has split.
+        """Make the target from the parts of a spec, as split by `registry.split_spec`.
 
         Raises
         ------
@@ -164,7 +163,7 @@ class Target(ABC):
 
     @property
     def spec(self) -> str:
-        """The text from which `targets.make` makes this target."""
+        """The spec from which `targets.make` makes this target."""
         arguments = [self.kind, f"{self.columns}x{self.rows}", *self._arguments()]
         return ":".join(arguments + ["negative"] * self.negative)
 
@@ -194,7 +193,7 @@ class Target(ABC):
         return said | {"negative": True} if self.negative else said
 
     def as_negative(self, negative: bool = True) -> Target:
-        """The same target with black and white exchanged, or as designed."""
+        """The same target, with black and white exchanged if `negative`."""
         made = copy.copy(self)
         made.negative = negative
         return made
@@ -210,7 +209,7 @@ class Target(ABC):
 
 
 def time_for_next(spent: float, left: float) -> bool:
-    """Return whether a picture of twice the sides can be searched in the time left, s, after one that took `spent`."""
+    """Return whether a picture with sides twice as long can be searched within `left` s, if the last took `spent` s."""
     return LARGER * spent <= left
 
 
@@ -226,7 +225,7 @@ def checked_gap(gap: float, example: str) -> float:
 def check_arguments(
     kind: str, takes: str, plain: Sequence[str], named: Mapping[str, str], known: Sequence[str], example: str
 ) -> None:
-    """Raise a UsageError where a spec has unknown named arguments, or not as many plain ones as its example."""
+    """Raise a UsageError if a spec has unknown named arguments, or not as many plain ones as its example."""
     unknown = set(named) - set(known)
     if unknown:
         hint = f"Known: {', '.join(known)}. Try: {example}" if known else f"Try: {example}"
@@ -255,7 +254,7 @@ def whole_number(text: str, name: str) -> int:
     Raises
     ------
     UsageError
-        Where it is not a whole number of at least 0.
+        If it is not a non-negative integer.
     """
     if not re.fullmatch(r"\d{1,6}", text.strip()):
         raise UsageError(f"{name}={text} is not a whole number.", f"Write {name}=0, for example.")

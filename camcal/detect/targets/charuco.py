@@ -1,9 +1,9 @@
-"""ChArUco boards: a checkerboard whose white squares hold markers, so that every corner is identified.
+"""ChArUco boards: checkerboards whose white squares hold markers, so that every corner is identified.
 
-`charuco:9x7:40mm:20mm:4X4_100` has 9x7 squares of 40 mm with markers of 20 mm; `legacy` as a further argument
-is the layout of OpenCV before 4.6, which differs for an even number of rows, and `start=31` the id of the first
-marker (one of several boards in a picture). The frame is OpenCV's: origin at
-the outer corner of the upper left square; point ids are OpenCV's, row by row from 0 over the inner corners.
+`charuco:9x7:40mm:20mm:4X4_100` has 9x7 squares of 40 mm with markers of 20 mm. A further argument `legacy` selects
+the layout of OpenCV before 4.6, which differs for an even number of rows; `start=31` is the id of the first marker
+(for several boards in a picture). The frame is OpenCV's, with its origin at the outer corner of the upper left
+square; point ids are OpenCV's, row by row from 0 over the inner corners.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Charuco(TagBoard):
 
     def _board(self) -> Any:
         size = (self.columns, self.rows)
-        # lengths in squares: cv2 keeps float32, in which 0.04 is not 0.04
+        # lengths in squares: cv2 stores float32, which does not represent 0.04 exactly
         board = cv2.aruco.CharucoBoard(size, 1.0, self.marker / self.square, dictionary(self.dictionary))
         board.setLegacyPattern(self.legacy)
         return board
@@ -117,7 +117,7 @@ class Charuco(TagBoard):
         return float(np.sqrt(2)) * self.square
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Find the board by its markers; if few can be read, by its corners and all of its markers together."""
+        """Find the board by its markers; if few can be read, by its corners and all of its markers jointly."""
         start = clock()
         found = super().find(gray, seconds)
         if isinstance(found, Detection) and 2 * len(found) >= len(self.points):
@@ -163,7 +163,7 @@ class Charuco(TagBoard):
         Raises
         ------
         UsageError
-            Where an argument is missing, unknown or does not fit the others.
+            If an argument is missing, unknown or inconsistent with the others.
         """
         plain = [a for a in arguments if a.lower() != "legacy"]
         takes = "squares, side, marker and dictionary"

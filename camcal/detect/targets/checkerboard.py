@@ -27,17 +27,17 @@ Array = np.ndarray
 SURE = 0.75  #: share of its corners that must pass the tests of the fit
 LEAST_GOOD = 0.5  #: share of the corners that must pass the tests of the fit
 #: of a step; grids in 300 pages of small text have 0.10 to 0.18. Boards of all real sets have at most 0.06; boards of
-#: 5x4 corners close to a lens of 170 degrees have up to 0.16, so that this alone does not decide
+#: 5x4 corners close to a 170 degree lens have up to 0.16, so that this alone does not decide
 UNEVEN = 0.08
-#: of the contrast; what the fits of the corners leave. In the same text 0.32 to 0.55, on real boards at most 0.29
+#: of the contrast; residual of the corner fits. In the same text 0.32 to 0.55, on real boards at most 0.29
 UNLIKE = 0.3
 
 
 class Checkerboard(Target):
     """A board of `columns` x `rows` inner corners; its first (top left) square is black.
 
-    Point 0 touches that square, so that a board of one odd and one even side has one orientation only;
-    other boards are turned so that the columns run as nearly to the right of the picture as they can.
+    Point 0 touches that square, so that a board with one odd and one even side has a unique orientation; for
+    other boards the orientation whose columns are closest to the u axis of the picture is chosen.
     """
 
     kind = "checkerboard"
@@ -49,7 +49,7 @@ class Checkerboard(Target):
         return found if isinstance(found, Miss) else detection(gray, found, self.columns, self.rows)
 
     def pattern(self) -> Pattern:
-        """Black squares; half a square of white around them."""
+        """Black squares, with half a square of white around them."""
         s = self.square
         square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
         black = [
@@ -64,7 +64,7 @@ class Checkerboard(Target):
 
     @classmethod
     def parse(cls, arguments: list[str], named: dict[str, str]) -> Checkerboard:
-        """`checkerboard:9x6` or `checkerboard:9x6:25mm`."""
+        """Read `9x6` or `9x6:25mm`."""
         if not arguments or len(arguments) > 2 or named:
             raise UsageError(
                 "a checkerboard is given by its inner corners and the side of a square.",
@@ -82,7 +82,7 @@ def find_any(gray: Array, seconds: float = DEFAULT_SECONDS) -> tuple[tuple[int, 
     -------
     size : (columns, rows), the longer side first
     whole : bool
-        Whether the picture shows the board's end on all sides, so that the size is certain.
+        Whether the picture shows all four borders of the board, so that its size is certain.
     detection : Detection
         With the ids of a board of that size.
     """
@@ -93,16 +93,14 @@ def find_any(gray: Array, seconds: float = DEFAULT_SECONDS) -> tuple[tuple[int, 
     result = detection(gray, found, columns, rows)
     if isinstance(result, Miss):
         return result
-    if len(result) < max(
-        LEAST_UNASKED, SURE * columns * rows
-    ):  # windows of a house make a grid of nine as well
+    if len(result) < max(LEAST_UNASKED, SURE * columns * rows):  # windows of a house also form grids of nine
         return Miss("none", "no checkerboard was found")
     return (columns, rows), found.whole, result
 
 
 def by_chance(found: Detection, columns: int, rows: int) -> bool:
-    """Return whether corners are as unevenly placed, and as unlike corners of squares, as those of text and
-    foliage.
+    """Return whether corners are as irregularly placed, and as different from corners of squares, as those in text
+    and foliage.
     """
     uv = np.full((columns * rows, 2), np.nan)
     uv[found.point_ids] = found.uv

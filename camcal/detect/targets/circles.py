@@ -1,12 +1,12 @@
 """Grids of black discs, in rows (`circles:10x8:2.5mm`) or staggered (`asymmetric-circles:4x11:20mm`).
 
 `circles` has COLUMNSxROWS discs at the given distance. `asymmetric-circles` is OpenCV's grid: ROWS rows of
-COLUMNS discs, each second row moved by half a column; the given length is the distance of rows, half that
-of neighbours in a row. A further length is the diameter; where it is not given, it is measured in the
+COLUMNS discs, with every second row shifted by half a column; the given length is the distance between rows, half
+of that between neighbours in a row. A further length is the diameter; if it is omitted, it is measured in the
 pictures.
 
-The points are where the discs' centres are seen. The picture of a disc is not centred on them:
-`apparent_shift` says by how much, once a camera and a pose are known.
+The points are the images of the discs' centres. The image of a disc is not centred on this point; `apparent_shift`
+computes the difference, given a camera and a pose.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 
-STRAY = 0.2  #: of the distance; a disc farther from where its neighbours put it is another
+STRAY = 0.2  #: of the distance; a disc farther from where its neighbours predict it is another
 ENOUGH = 0.8  #: share of the discs that must be seen
-#: of the contrast; standard deviation around a disc. For four fifths of the discs of all real sets it is at most 0.14,
-#: for half of the small squares between tags at least 0.86
+#: of the contrast; standard deviation around a disc. It is at most 0.14 for four fifths of the discs of all real sets,
+#: and at least 0.86 for half of the small squares between tags
 PLAIN = 0.35
-#: length over width; discs of 3 px radius are measured to 1.2, windows of a house reach 1.4
+#: length over width; discs of 3 px radius measure up to 1.2, windows of a house up to 1.4
 LONGISH = 1.25
-#: of the contrast; what the fits leave besides the noise of the picture. Discs of real sets have at most 0.08; windows
-#: that pass for as long as wide have 0.14
+#: of the contrast; residual of the fits beyond the noise of the picture. Discs of real sets have at most 0.08; windows
+#: that pass as equally long and wide have 0.14
 UNLIKE = 0.12
-MOSTLY = 0.6  #: share of the discs; those at the rim of the sheet may have its edge around them
-CONTOUR = 64  #: points on an outline; its centroid then is that of the disc to 1e-6 of the shift
+MOSTLY = 0.6  #: share of the discs; those near the edge of the sheet may have it in their surroundings
+CONTOUR = 64  #: points on an outline; its centroid is then that of the disc to 1e-6 of the shift
 
 
 class Circles(Target):
@@ -61,7 +61,7 @@ class Circles(Target):
     kind = "circles"
     point_kind = "circle"
     staggered = False
-    printed_diameter = 0.6  #: of `square`, where none is given
+    printed_diameter = 0.6  #: of `square`, if none is given
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Circles(Target):
         return self.square * (np.sqrt(2) if self.staggered else 1.0)
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Look for the whole grid; up to a fifth of the discs may be hidden."""
+        """Search for the whole grid; up to a fifth of the discs may be hidden."""
         found, others = search(gray, seconds, self.staggered, (self.columns, self.rows))
         if found is not None:
             return self._fitted(gray, found)
@@ -121,7 +121,7 @@ class Circles(Target):
         return Detection(found.ids[order], fitted.discs.centre[order], sigma, info)
 
     def _strays(self, ids: Array, centre: Array) -> Array:
-        """A mask of the discs that are not where their neighbours predict them."""
+        """Mask of the discs that are not where their neighbours predict them."""
         points = self.points[ids, :2]
         if len(ids) <= LOCAL_POINTS or not np.isfinite(centre).all():
             return ~np.isfinite(centre).all(1)
@@ -132,9 +132,9 @@ class Circles(Target):
     ) -> Array:
         """The offset of the centroid of each disc's image from the image of its centre, (N, 2) px.
 
-        Subtract it from what `find` measured. The outline is projected point by point and the centroid
-        taken by Green's theorem, so that it holds for any lens; for a pinhole it is the formula of Heikkilä
-        (2000).
+        Subtract it from the result of `find`. The outline is projected point by point and the centroid
+        computed by Green's theorem, which is valid for any lens; for a pinhole it agrees with the formula of
+        Heikkilä (2000).
 
         Parameters
         ----------
@@ -142,7 +142,7 @@ class Circles(Target):
         cam_from_board : Pose
         point_ids : (N,) int array
         radius : float, optional
-            Of the discs, in `unit`; half the `diameter` where that is known.
+            Radius of the discs, in `unit`; by default half the `diameter`, if it is known.
         """
         if radius is None:
             radius = 0.5 * (self.diameter or self.printed_diameter * self.square)
@@ -237,7 +237,7 @@ def search(
     grid : Grid or None
         In px of the full picture.
     others : list of Grid
-        Of the complete grids that were seen, where none was as wanted.
+        The complete grids that were seen, if none was as requested.
     """
     began, picture = clock(), to_8_bits(gray)
     others: list[Grid] = []
@@ -256,9 +256,9 @@ def search(
 def find_any(gray: Array, seconds: float) -> Grid | None:
     """A grid of printed discs, if a picture shows one.
 
-    Windows of a house, a mesh, the small squares between the tags of an AprilTag grid are in rows as well: here
-    there is nothing around the discs, they are as dark as their neighbours, as long as they are wide in the grid,
-    and fitted as discs.
+    Windows of a house, meshes, and the small squares between the tags of an AprilTag grid also form rows. Printed
+    discs have nothing around them, are as dark as their neighbours, are as long as they are wide in the grid, and
+    are fitted well by discs.
     """
     grid, _ = search(gray, seconds, None, None)
     if grid is None or len(grid.ids) < LEAST_UNASKED:
@@ -274,7 +274,7 @@ def find_any(gray: Array, seconds: float) -> Grid | None:
 
 
 def _like_discs(gray: Array, found: Detection) -> bool:
-    """Whether fits leave little but the noise that the picture has everywhere."""
+    """Return whether the residuals of the fits hardly exceed the noise of the picture."""
     everywhere = np.hypot(noise(gray), ROUNDING) * 255 / grey_span(gray)
     more = found.info["noise"] ** 2 - everywhere**2
     return bool(more < (UNLIKE * found.info["contrast"]) ** 2)
@@ -291,8 +291,8 @@ def _elongation(target: Circles, grid: Grid) -> float:
 
 
 def _on_plain_ground(gray: Array, discs: Discs) -> tuple[Array, Array]:
-    """The discs with nothing around them half way to the nearest other one (K,), and the contrast of each (K,)."""
-    apart = (discs.centre[:, None] - discs.centre)[..., None]  # to each from each other
+    """Mask (K,) of the discs with nothing around them half way to the nearest other one, and their contrast (K,)."""
+    apart = (discs.centre[:, None] - discs.centre)[..., None]  # from each disc to each other one
     in_radii = np.linalg.norm((np.linalg.inv(discs.shape)[:, None] @ apart)[..., 0], axis=2)
     np.fill_diagonal(in_radii, np.inf)
     half = 0.5 * in_radii.min(1)
@@ -319,14 +319,14 @@ def centroid(outline: Array) -> Array:
 def relative_radius(target: Circles, ids: Array, discs: Discs) -> float:
     """The radius of the discs in the target's unit, from their images and the distances between them.
 
-    The affine map between neighbouring centres and the shape of an ellipse are foreshortened alike, so that
-    their ratio is the ratio of the areas on the board.
+    The parallelogram of neighbouring centres and the ellipse are foreshortened equally, so that the ratio of their
+    areas is that on the board.
     """
     grid = np.full((target.rows, target.columns, 2), np.nan)
     area = np.full((target.rows, target.columns), np.nan)
     grid.reshape(-1, 2)[ids] = discs.centre
     area.ravel()[ids] = np.abs(np.linalg.det(discs.shape))
-    # two rows on, a staggered grid repeats itself
+    # a staggered grid repeats after two rows
     down = 2 if target.staggered else 1
     a = (grid[down:-down, 2:] - grid[down:-down, :-2]) / 2
     b = (grid[2 * down :, 1:-1] - grid[: -2 * down, 1:-1]) / (2 * down)

@@ -14,17 +14,17 @@ from camcal.registry import suggestion
 
 Array = np.ndarray
 
-#: perimeter of a marker, of the longer side of the picture (15 px a side of 4,000): half of what cv2 asks for; in more
-#: than 2,400 px it leaves out more outlines than the next
+#: least perimeter of a marker, relative to the longer side of the picture (15 px per side in 4,000): half of cv2's
+#: default; above 2,400 px it excludes more outlines than `LEAST_PERIMETER`
 LEAST_RATE = 0.015
-LEAST_PERIMETER = 36.0  #: px of a marker: six cells of a px and a half on each side
+LEAST_PERIMETER = 36.0  #: px of a marker: six cells of 1.5 px on each side
 
 
 @cache
 def names() -> tuple[str, ...]:
     """The predefined dictionaries of cv2, such as `4X4_100` or `APRILTAG_36h11`, each family once."""
     found = {name[5:].lower(): name[5:] for name in sorted(dir(cv2.aruco)) if name.startswith("DICT_")}
-    return tuple(sorted(found.values()))  # of 36H11 and 36h11, the latter sorts last and stays
+    return tuple(sorted(found.values()))  # of 36H11 and 36h11, the latter sorts last and is kept
 
 
 def find_name(text: str) -> str:
@@ -33,7 +33,7 @@ def find_name(text: str) -> str:
     Raises
     ------
     UsageError
-        Where there is no such dictionary.
+        If there is no such dictionary.
     """
     plain = re.sub(r"^dict_", "", text.strip().lower())
     plain = re.sub(r"^(?:apriltag_?|tag_?|t)?(16h5|25h9|36h10|36h11)$", r"apriltag_\1", plain)
@@ -48,7 +48,7 @@ def find_name(text: str) -> str:
 
 @cache
 def dictionary(name: str) -> Any:
-    """cv2's dictionary of a name from `names()`."""
+    """The cv2 dictionary for a name from `names()`."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
 
 
@@ -95,11 +95,11 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Array:
 
 @cache
 def detector(name: str, border: int, longest: int) -> Any:
-    """A detector of the markers of a dictionary, for pictures of a given size (the longer side, px).
+    """A detector for the markers of a dictionary, for pictures of a given size (the longer side, px).
 
-    The windows of the adaptive threshold reach farther than cv2's own choice, so that large markers of
-    pictures with strong shading are closed outlines, too. Outlines too short to be read are left out: in a
-    picture of noise there are so many of them that cv2 takes minutes.
+    The windows of the adaptive threshold are larger than cv2's default, so that large markers have closed outlines
+    even under strong shading. Outlines too short to be read are ignored: a picture of noise has so many of them
+    that cv2 takes minutes.
     """
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = border

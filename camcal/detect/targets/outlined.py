@@ -1,4 +1,4 @@
-"""Targets of separate dark squares, plain or with markers: their corners are intersections of fitted edges."""
+"""Targets of separate dark squares, plain or with markers, whose corners are intersections of fitted edges."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from camcal.geometry import homography
 
 Array = np.ndarray
 
-#: degrees of the polynomials that describe how a lens bends a view, the highest that has three corners for each term
+#: degrees of the polynomials that describe distortion in a view; the highest with three corners per term is used
 DEGREES = (5, 3)
-STRAY = 0.1  #: of a side; a corner farther from where its neighbours put it is not of this target
+STRAY = 0.1  #: of a side; a corner farther from where its neighbours predict it is not part of this target
 
 
 def fit_squares(gray: Array, starts: Array, room: float, board: Array) -> tuple[Squares, Array]:
-    """The squares (K, 4, 2) that start clockwise at these corners, and their shortest sides (K,), px.
+    """Fit squares with clockwise initial corners (K, 4, 2); return them and their shortest sides (K,), px.
 
-    They are fitted twice: with straight edges, and with the arcs that the corners of all of them show.
+    They are fitted twice: with straight edges, and with the arcs that follow from the corners of all squares.
 
-    `room` is the distance from an edge to the next one, inside or outside, of a side; `board` (K, 4, 2) are the
+    `room` is the distance from an edge to the next one, inside or outside, in sides; `board` (K, 4, 2) are the
     corners on the board.
     """
     lengths = np.linalg.norm(np.roll(starts, -1, 1) - starts, axis=2)
     along, up = starts[:, 1] - starts[:, 0], starts[:, 3] - starts[:, 0]
     area = np.abs(along[:, 0] * up[:, 1] - along[:, 1] * up[:, 0])
-    # across a foreshortened square it is less far than along its sides
+    # the distance across a foreshortened square is less than along its sides
     across = area / lengths.max(1) * min(1.0, room)
     fitted = refine_squares(gray, starts, across)
     bent = bows(board, fitted)
@@ -43,11 +43,11 @@ def fit_squares(gray: Array, starts: Array, room: float, board: Array) -> tuple[
 
 
 def bows(board: Array, fitted: Squares) -> Array:
-    """How far the middles of the edges stand out of their squares (K, 4), px; zeros where too few corners show it.
+    """Outward displacements (K, 4) of the middles of the edges, px; zeros if there are too few corners.
 
     A homography maps lines to lines, and the middle of an edge from A to B to the mean of their images with weights
-    w(A) and w(B), the third homogeneous coordinates. What the corners are off from a homography, d(X), is taken for a
-    polynomial of the place X on the board; the middle then stands off the chord by
+    w(A) and w(B), the third homogeneous coordinates. The deviation of the corners from a homography, d(X), is modelled
+    as a polynomial in the position X on the board; the middle is then displaced from the chord by
 
         d((A + B) / 2) - (w(A) d(A) + w(B) d(B)) / (w(A) + w(B))
 
@@ -80,16 +80,16 @@ def bows(board: Array, fitted: Squares) -> Array:
 
 
 def in_place(points: Array, side: float, squares: Array, fitted: Squares) -> Array:
-    """A mask (K,) of the squares whose corners are where those of their neighbours predict them.
+    """Mask (K,) of the squares whose corners are where those of their neighbours predict them.
 
     Parameters
     ----------
     points : (4 S, 3) array
-        The target's; square k has points 4 k to 4 k + 3.
+        Points of the target; square k has points 4 k to 4 k + 3.
     side : float
-        Of a square.
+        Side of a square.
     squares : (K,) int array
-        Which ones were fitted.
+        Indices of the fitted ones.
     fitted : Squares
         Corners in the order of the points.
     """

@@ -1,6 +1,6 @@
 """Separate dark squares in rows, like Zhang's of 1998 and BoofCV's square grid: `squares:8x8:12.7mm:0.78`.
 
-COLUMNSxROWS squares of the given side; the gap between them is a share of it. Point 4 k + c is corner c of the
+COLUMNSxROWS squares of the given side; the gap between them is a fraction of it. Point 4 k + c is corner c of the
 k-th square, row by row: upper left, upper right, lower left, lower right. The origin is the upper left corner of
 the first square.
 """
@@ -38,9 +38,9 @@ Array = np.ndarray
 
 EXAMPLE = "squares:8x8:12.7mm:0.78"
 UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  #: corners of a square, row by row
-CLOCKWISE = np.array([0, 1, 3, 2])  #: which of them come one after the other; the same the other way round
+CLOCKWISE = np.array([0, 1, 3, 2])  #: their clockwise order; the permutation is its own inverse
 ENOUGH = 0.8  #: share of the squares that must be seen and fitted
-LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; what targets of this kind have
+LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; range of targets of this kind
 
 
 class SquareGrid(Target):
@@ -126,7 +126,7 @@ class SquareGrid(Target):
 def find_any(gray: Array, seconds: float) -> tuple[Grid, float] | None:
     """The grid and the spacing (to a few per cent) of a grid of separate squares, if a picture shows one.
 
-    Windows in a wall make such grids, too: here the squares have to be dark all over, as dark as their neighbours, and
+    Windows in a wall also form such grids: here the squares must be uniformly dark, as dark as their neighbours, and
     fit as closely as printed ones.
     """
     found, _ = search(gray, seconds, None)
@@ -138,7 +138,7 @@ def find_any(gray: Array, seconds: float) -> tuple[Grid, float] | None:
         return None
     place = np.c_[grid.ids % grid.columns, grid.ids // grid.columns].astype(float)
     _, jacobian, certain = from_points(place, place, grid.discs.centre)
-    area = np.abs(np.linalg.det(jacobian))  # of a cell of the grid, against that of the square in it
+    area = np.abs(np.linalg.det(jacobian))  # of a cell of the grid, compared with that of its square
     ratio = area / (4 * np.abs(np.linalg.det(grid.discs.shape)))
     spacing = float(np.sqrt(np.median(ratio[certain]))) - 1 if certain.any() else 0.0
     if not LEAST_SPACING < spacing < MOST_SPACING:
@@ -173,7 +173,7 @@ def search(
     found : (Grid, (K, 4, 2) array) or None
         The grid and its squares' outlines, in px of the full picture.
     others : list of Grid
-        Of the grids that were seen, where none was as wanted.
+        The grids that were seen, if none was as requested.
     """
     began, picture = clock(), to_8_bits(gray)
     others: list[Grid] = []

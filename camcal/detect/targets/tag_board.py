@@ -1,8 +1,8 @@
 """The common part of boards with markers: finding the markers, then every corner near them.
 
-The markers' own corners are only a start. Those that fit to their neighbours give local homographies (no lens
-is assumed, so a wide angle does no harm), these say where each corner of the board lies, also beside a marker
-that was not read, and the corners are then fitted as the saddles of grey value that they are.
+The corners of the markers are only initial values. Markers consistent with their neighbours give local homographies
+(no lens model is assumed, so that wide-angle lenses are no problem). These predict each corner of the board, including
+those near markers that were not read, and the corners are then fitted as saddles of the grey values.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from camcal.geometry.picture import in_picture
 
 Array = np.ndarray
 
-NEIGHBOURS = 8  #: markers around one that it is compared with
-WINDOW_SHARE = 0.85  #: of the space around a corner that its fit uses; the rest bears the error of the start
-BAND = 3.0  #: blurs to each side of an edge that a fit looks at
-START_BLUR = 1.5  #: px; the starts come from markers whose corners are off by a px or two
-ROUNDS = 8  #: of fitting the neighbours of what is known
-ENOUGH = 0.5  #: share of the points for which no finer picture is searched
-AGREE = 0.3  #: how far a marker may be from where its neighbour expects it, of their distance
-REACH = 1.2  #: pitches from a corner to the nearest marker that was read
+NEIGHBOURS = 8  #: nearest markers with which a marker is compared
+WINDOW_SHARE = 0.85  #: of the clear space around a corner that its fit uses; the rest is for initial errors
+BAND = 3.0  #: blurs to each side of an edge that a fit uses
+START_BLUR = 1.5  #: px; initial corners come from markers, which are off by one or two px
+ROUNDS = 8  #: of fitting the neighbours of known points
+ENOUGH = 0.5  #: share of the points above which no finer picture is searched
+AGREE = 0.3  #: largest deviation of a marker from the prediction of its neighbour, relative to their distance
+REACH = 1.2  #: pitches; largest distance from a corner to the nearest marker that was read
 
 
 class TagBoard(Target):
@@ -82,11 +82,11 @@ class TagBoard(Target):
         """The distance between neighbouring markers, in `unit`."""
 
     def find(self, gray: Array, seconds: float = DEFAULT_SECONDS) -> Detection | Miss:
-        """Search for the board; a part of it is enough."""
+        """Search for the board; a part of it is sufficient."""
         start = clock()
         picture = to_8_bits(gray)
         best: Detection | Miss = Miss("none", "no marker of this board was found")
-        for factor in reductions(picture.shape, enlarge=True):  # small markers that touch are distinguished
+        for factor in reductions(picture.shape, enlarge=True):  # enlarging separates small markers that touch
             began = clock()
             found = self._at_size(gray, picture, factor)
             if isinstance(best, Miss) or (isinstance(found, Detection) and len(found) > len(best)):
@@ -170,16 +170,16 @@ class TagBoard(Target):
         return saddle.refine(gray, uv, sides, self._half(sides, START_BLUR, self.first_half), START_BLUR)
 
     def _half(self, sides: Array, blur: Array | float, half: float) -> Array:
-        """Half-widths of the windows: long ones include pixels along the edges, which must be clear of others.
+        """Half-widths of the windows: long ones include pixels along the edges, which must be clear of other edges.
 
-        The edge may be `START_ERROR` nearer to them than it seems, and the fit looks as far beyond its band.
+        An edge may be `START_ERROR` nearer to others than predicted, and the fit uses as much beyond its band.
         """
         px = np.linalg.norm(sides, axis=2).min(1) * (self.clear / self.cell)
         clear = px > BAND * blur + 2 * START_ERROR
         return np.where(clear, half, np.minimum(half, WINDOW_SHARE * self.clear / self.cell))
 
     def _sharpen(self, gray: Array, known: Known) -> None:
-        """Fit the good points once more, with the perspective of their edges and the slope of the shading known."""
+        """Fit the good points once more, given the perspective of their edges and the gradient of the shading."""
         rows, found = known.rows, known.corners
         points = self.points[rows, :2]
         sides = np.swapaxes(known.jacobian[rows], 1, 2) * self.cell
@@ -189,7 +189,7 @@ class TagBoard(Target):
 
 
 def consistent(board: Array, corners: Array) -> Array:
-    """Indices of the largest set of markers that are where their neighbours predict them.
+    """Indices of the largest set of markers that are consistent with their neighbours.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def consistent(board: Array, corners: Array) -> Array:
     """
     if len(board) < 2:
         return np.zeros(0, int)
-    from scipy.sparse import csr_array  # for boards of markers alone: slow to import
+    from scipy.sparse import csr_array  # needed for boards of markers only, and slow to import
     from scipy.sparse.csgraph import connected_components
 
     h = homography.homographies(board, corners, steps=0)

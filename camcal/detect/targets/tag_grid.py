@@ -1,7 +1,7 @@
-"""Separate markers in rows, as cv2.aruco.GridBoard prints them: `aruco-grid:5x7:40mm:0.25:4X4_50`.
+"""Separate markers in rows, as printed by cv2.aruco.GridBoard: `aruco-grid:5x7:40mm:0.25:4X4_50`.
 
-COLUMNSxROWS markers of the given side; the gap between them is a share of it. The first marker (`start`, 0 by
-default) is at the upper left, ids go to the right, then down. Point 4 k + c is corner c of the k-th marker,
+COLUMNSxROWS markers of the given side; the gap between them is a fraction of it. The first marker (`start`, 0 by
+default) is at the upper left; ids increase to the right, then down. Point 4 k + c is corner c of the k-th marker,
 clockwise from the upper left. The origin is the upper left corner of the first marker.
 """
 
@@ -37,10 +37,10 @@ Array = np.ndarray
 
 EXAMPLE = "aruco-grid:5x7:40mm:0.25:4X4_50"
 UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])  #: corners of a marker, as cv2 finds them
-#: how much farther profiles reach than half way to the bits behind the border: to 0.63 of its width, which leaves a
-#: third of it, 1.3 px of the smallest markers, for the blur of the bits
+#: factor by which profiles extend beyond half the distance to the bits inside the border: to 0.63 of its width, which
+#: leaves a third of it, 1.3 px in the smallest markers, for the blur of the bits
 FARTHER = 1.4
-LEAST_MARKERS = 2  #: one alone could be anybody's
+LEAST_MARKERS = 2  #: a single one may belong to another object
 
 
 class TagGrid(TagBoard):
@@ -100,7 +100,7 @@ class TagGrid(TagBoard):
 
     @property
     def clear(self) -> float:
-        """The distance to the bits behind the black border, or to the next marker."""
+        """The distance to the bits inside the black border, or to the next marker."""
         return self.square * min(self.spacing, self._border_share)
 
     @property

@@ -9,12 +9,12 @@ import numpy as np
 from camcal.detect.targets.printing.sheet import LINE, NUMBER, Sheet
 
 POINTS = 72 / 25.4  #: per millimetre
-#: of the radius; handles of the Bézier curve nearest to a quarter of a circle, true to 2.7e-4 of the radius
+#: of the radius; handles of the Bézier curve closest to a quarter circle, accurate to 2.7e-4 of the radius
 HANDLE = 4 / 3 * (np.sqrt(2) - 1)
 
 
-SMALLEST_PAGE = 148.0  #: mm (A5); on a narrower sheet the instructions have no page of their own
-TEXT, LEADING, MARGIN = 3.5, 5.5, 15.0  #: mm: size of the letters, distance of the lines, edge of the page
+SMALLEST_PAGE = 148.0  #: mm (A5); a narrower sheet has no page of instructions
+TEXT, LEADING, MARGIN = 3.5, 5.5, 15.0  #: mm: size of the letters, line spacing, page margin
 WIDTH_OF_LETTERS = 0.5  #: of their size, on average, in Helvetica
 
 
@@ -55,7 +55,7 @@ def content(sheet: Sheet) -> str:
     """The page's drawing operators, in millimetres with y downward."""
     k = number(POINTS)
     out = [f"{k} 0 0 -{k} 0 {number(sheet.height * POINTS)} cm", "0 g"]
-    # one path for all: readers that smooth edges would show seams between shapes that are filled one by one
+    # one path for all: viewers with anti-aliasing would show seams between shapes filled separately
     for polygon in sheet.polygons:
         (x, y), *rest = np.asarray(polygon)
         out.append(
@@ -71,7 +71,7 @@ def content(sheet: Sheet) -> str:
 
 
 def text_at(text: str, x: float, y: float, size: float) -> str:
-    """The operators of one line of text, its base line beginning at (x, y)."""
+    """The operators of one line of text whose baseline begins at (x, y)."""
     held = text.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
     return f"BT /F1 {number(size)} Tf 1 0 0 -1 {number(x)} {number(y)} Tm ({held}) Tj ET"
 
@@ -103,5 +103,5 @@ def disc(x: float, y: float, r: float) -> str:
 
 
 def number(value: float) -> str:
-    """A number without an exponent, which PDF does not support."""
+    """Format a number without an exponent, which PDF does not support."""
     return f"{value:.5f}".rstrip("0").rstrip(".")

@@ -15,8 +15,8 @@ from camcal.errors import UsageError
 
 Array = np.ndarray
 
-MOST_PIXELS = 2e8  #: A0 at 300 dpi has 1.4e8; more is a slip of --dpi
-LETTERS = 22  #: px; height of the capital letters of that font at scale 1
+MOST_PIXELS = 2e8  #: A0 at 300 dpi has 1.4e8; more is a wrong --dpi
+LETTERS = 22  #: px; height of the font's capital letters at scale 1
 BAND = 64  #: rows drawn at a time
 
 
@@ -26,7 +26,7 @@ def write(sheet: Sheet, dpi: float = 300.0) -> bytes:
     Raises
     ------
     UsageError
-        Where the picture would be larger than 200 megapixels.
+        If the picture would be larger than 200 megapixels.
     """
     picture = draw(sheet, dpi)
     done, data = cv2.imencode(".png", picture)
@@ -48,7 +48,7 @@ def draw(sheet: Sheet, dpi: float) -> Array:
             "Use a lower --dpi, or write an SVG or a PDF.",
         )
     shapes = [RectangleIntegral([p for p in sheet.polygons if is_rectangle(p)])] if sheet.polygons else []
-    shapes += [RectangleIntegral([_thick(line)]) for line in sheet.lines]  # its ticks meet: one by one
+    shapes += [RectangleIntegral([_thick(line)]) for line in sheet.lines]  # its ticks overlap it: separately
     black = np.zeros((rows, columns), np.float32)
     x, y = np.arange(columns + 1) * size, np.arange(rows + 1) * size
     for start in range(0, rows, BAND):
@@ -66,7 +66,7 @@ def draw(sheet: Sheet, dpi: float) -> Array:
 
 
 def _write(picture: Array, text: str, at: tuple[float, float], height: float) -> None:
-    """Write a line of text; `at` is the left end of its base line, px."""
+    """Write a line of text; `at` is the left end of its baseline, px."""
     place = round(at[0]), round(at[1])
     cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, height / LETTERS, 0, 1, cv2.LINE_AA)
 

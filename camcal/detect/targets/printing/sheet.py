@@ -27,22 +27,22 @@ PAGES = {  # short and long side, mm
 OWN = "own"  #: name of a page that is as large as the target needs
 AUTO = "auto"  #: the first of `COMMON` on which the target fits
 COMMON = ("a4", "letter", "a3", "tabloid", "a2", "a1", "a0")
-#: mm at the edge of the paper that printers leave white: most leave 3 to 5, some 6.4 (a quarter of an inch) at one side
+#: mm of margin that printers cannot print: most leave 3 to 5, some 6.4 (a quarter of an inch) on one side
 UNPRINTED = 6.5
-#: of the quiet margin that the rulers leave white: its outer part is there for outlines near the edge of the paper,
-#: and no corner is fitted so far from it
+#: of the quiet margin that the rulers leave white: its outer part only separates outlines from the edge of the paper,
+#: and is beyond the windows of all corner fits
 CLEAR = 0.6
-ROUNDING = 1e-6  #: mm; by which a sheet may be larger than its page: the rounding of sums of lengths
-GAP = 5.0  #: mm from the target to a ruler at least
+ROUNDING = 1e-6  #: mm; by which a sheet may exceed its page: rounding of sums of lengths
+GAP = 5.0  #: mm; least distance from the target to a ruler
 TICK = 10.0  #: mm between the ticks of a ruler
 TICK_LENGTH = 2.0  #: mm; fits into the margin beside the target
-#: mm; a print that is 0.2 % too short is short by 0.2 mm on it, which a steel rule shows
+#: mm; on it, a scale error of 0.2 % makes 0.2 mm, which is visible on a steel rule
 LONGEST_RULER = 100.0
 LINE = 0.2  #: mm, width of the rulers' lines
-NUMBER = 1.7  #: mm; size of the letters of a ruler's numbers, whose digits fit between the ends of its ticks
-DIGIT = 0.556  #: of the size of the letters; width of a digit in Helvetica
-LETTER = 1.5  #: mm; width of a letter of the caption on average, which is 3 mm high
-CAPTION_DROP = 5.5  #: mm from the lower ruler to the base line of the caption
+NUMBER = 1.7  #: mm; type size of a ruler's numbers, whose digits fit between the ends of its ticks
+DIGIT = 0.556  #: of the type size; width of a digit in Helvetica
+LETTER = 1.5  #: mm; mean width of a letter of the caption, which is 3 mm high
+CAPTION_DROP = 5.5  #: mm from the lower ruler to the baseline of the caption
 #: mm from the white around the target to the edge of the strip: the ruler on the left, the lower one and the caption
 STRIPS = (TICK_LENGTH + 0.5, CAPTION_DROP + 0.5)
 
@@ -61,16 +61,16 @@ class Sheet:
     lines : tuple of (x0, y0, x1, y1)
         The rulers, `LINE` wide: first the one below the target, then the one on its left.
     numbers : tuple of (text, x, y)
-        Of the rulers' ticks, cm, each with the left end of its base line; the letters are `NUMBER` mm high.
+        Labels of the rulers' ticks, cm, each with the left end of its baseline; the letters are `NUMBER` mm high.
     caption : str
     caption_at : (x, y)
-        Left end of its base line.
+        Left end of its baseline.
     page : str
         Name of the paper.
     origin : (x, y)
-        Where the target's own origin is.
+        Position of the target's origin.
     instructions : tuple of str
-        How to print, measure and mount it: a paragraph each.
+        How to print, measure and mount it, one paragraph each.
     """
 
     width: float
@@ -89,26 +89,26 @@ class Sheet:
 def lay_out(target: Target, spec: str, page: str = OWN) -> Sheet:
     """Centre a target on a page, with a ruler below and one on the left.
 
-    Nothing that is printed comes nearer to the edge of the paper than `UNPRINTED`.
+    Nothing is printed closer to the edge of the paper than `UNPRINTED`.
 
     Parameters
     ----------
     target : Target
     spec : str
-        What the caption calls it.
+        Its name in the caption.
     page : str
-        A name of `PAGES` in either direction, `300x200` in mm, `own` for a sheet of the target's own size, or
+        A name of `PAGES` in either orientation, `300x200` in mm, `own` for a sheet of the target's own size, or
         `auto` for the smallest common page on which it fits.
 
     Raises
     ------
     UsageError
-        Where the target has no unit of length, is a negative, or does not fit on the page.
+        If the target has no unit of length, is a negative, or does not fit on the page.
     """
     polygons, circles, quiet = _shapes(target)
     width, height, right, above = _needed(quiet, _black(polygons, circles))
     name, (page_width, page_height) = _page(page, width, height)
-    # in the middle, as far as the rulers on the left and below stay printable
+    # centred, as far as the rulers on the left and below remain printable
     left = min(max(UNPRINTED, (page_width - width + UNPRINTED + right) / 2), page_width - width + UNPRINTED)
     top = max(above, min((page_height - height + UNPRINTED + above) / 2, page_height - height + above))
     shift = np.array([left + STRIPS[0], top]) - quiet[:2]
@@ -171,7 +171,7 @@ def _clear_of_rulers(quiet: Array, black: Array) -> Array:
 def _needed(quiet: Array, black: Array) -> tuple[float, float, float, float]:
     """The width and height of the paper, and the parts to the right of and above the quiet margin, mm.
 
-    The quiet margin (x0, y0, x1, y1) itself may lie where printers leave the paper white, black shapes may not.
+    The quiet margin (x0, y0, x1, y1) may extend into the unprintable margin of the paper, black shapes may not.
     """
     right = max(0.0, UNPRINTED - float(quiet[2] - black[:, 0].max()))
     above = max(0.0, UNPRINTED - float(black[:, 1].min() - quiet[1]))
@@ -180,7 +180,7 @@ def _needed(quiet: Array, black: Array) -> tuple[float, float, float, float]:
 
 
 def _page(page: str, width: float, height: float) -> tuple[str, tuple[float, float]]:
-    """The name and size of paper on which something of that size can be printed."""
+    """The name and size of the paper on which something of that size can be printed."""
     wanted = page.strip().lower()
     if wanted == OWN:
         return OWN, (width, height)
@@ -230,7 +230,7 @@ def _instructions(target: Target, lengths: tuple[float, float]) -> tuple[str, ..
 def ruler(
     start: tuple[float, float], length: float, downward: bool
 ) -> tuple[tuple[float, float, float, float], ...]:
-    """A line of that length to the right or downward with a tick every 10 mm."""
+    """A line of a given length to the right or downward, with a tick every 10 mm."""
     if length <= 0:
         return ()
     x, y = (float(v) for v in start)
@@ -245,15 +245,15 @@ def ruler(
 def numbers(
     lines: tuple[tuple[float, float, float, float], ...], downward: bool
 ) -> tuple[tuple[str, float, float], ...]:
-    """The numbers of a ruler's ticks, cm: to the left of each tick, or above it on a ruler that goes down.
+    """The labels of a ruler's ticks, cm: to the left of each tick, or above it on a vertical ruler.
 
     Parameters
     ----------
     lines : tuple of (x0, y0, x1, y1)
-        As `ruler` gives them: the ruler itself, then its ticks.
+        From `ruler`: the ruler itself, then its ticks.
     """
     found = []
-    for centimetres, (x, y, _, end) in enumerate(lines[2:], 1):  # the tick of 0 needs no number
+    for centimetres, (x, y, _, end) in enumerate(lines[2:], 1):  # the tick at 0 has no label
         text = str(centimetres)
         width = DIGIT * NUMBER * len(text)
         found.append((text, x + 2 * LINE, y - 2 * LINE) if downward else (text, x - width - 2 * LINE, end))
@@ -266,7 +266,7 @@ def page_size(page: str, width: float, height: float) -> tuple[float, float]:
     Raises
     ------
     UsageError
-        Where the name is unknown.
+        If the name is unknown.
     """
     named = re.fullmatch(r"([0-9.]+)x([0-9.]+)", page.strip().lower())
     if named:

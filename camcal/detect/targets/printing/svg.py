@@ -47,5 +47,5 @@ def write(sheet: Sheet, dpi: float = 0.0) -> bytes:
 
 
 def number(value: float) -> str:
-    """A length to a tenth of a micrometre, without trailing zeros."""
+    """Format a length to a tenth of a micrometre, without trailing zeros."""
     return f"{value:.4f}".rstrip("0").rstrip(".")
