@@ -25,6 +25,10 @@ ROUNDS = 10  #: of refitting to the matches that agree, at most
 FOCAL = np.geomspace(0.26, 6.0, 60)
 #: imaginary part of a root, beside the real one, that is taken for noise
 COMPLEX = 1e-3
+#: matches of two views, or of two cameras, at least: twice those of a sample, so that as many say whether it is right
+LEAST_MATCHES = 2 * LEAST
+#: rad; rays that meet at a smaller angle place no point: 1 degree, at which a px of f = 1000 px is 6 % of the distance
+LEAST_ANGLE = np.radians(1.0)
 #: sin² of the angle between two rays, which is a divisor: below it, 1e-8 rad, the angle is rounding
 PARALLEL = 1e-16
 

@@ -18,10 +18,8 @@ from camcal.routes.placed import PlacedCamera
 from camcal.routes.pose import find
 from camcal.routes.triangulate import linear, sorted_images
 
-#: matches of a pair at least, and known points of a view that is added
-LEAST_MATCHES, LEAST_KNOWN = 16, 8
-#: rad; rays that meet at a smaller angle place no point: 1 degree, at which a px of f = 1000 px is 6 % of the distance
-LEAST_ANGLE = np.radians(1.0)
+#: known points of a view that is added: twice those that determine its pose uniquely
+LEAST_KNOWN = 8
 #: rad; the first pair is the one with the most matches times the median angle of their rays, up to this
 WIDE = np.radians(20)
 #: pairs that are tried as the first
@@ -54,7 +52,7 @@ def pairs(tracks: Tracks, views: int, seed: int = 0, most: int = 30) -> list[Pai
     shared = [(len(rows[a].keys() & rows[b].keys()), a, b) for a in range(views) for b in range(a + 1, views)]
     found = []
     for count, a, b in sorted(shared, reverse=True)[:most]:
-        if count < LEAST_MATCHES:
+        if count < epipolar.LEAST_MATCHES:
             break
         points = sorted(rows[a].keys() & rows[b].keys())
         matches = np.array([[rows[a][p], rows[b][p]] for p in points])
@@ -90,9 +88,9 @@ def _placed(pair: Pair, camera: Camera, tracks: Tracks, bundle: Bundle) -> tuple
         ahead = np.isfinite(points).all(1)
         options.append((int(ahead.sum()), motion, points, angle))
     count, motion, points, angle = max(options, key=lambda o: o[0])
-    if count < LEAST_MATCHES // 2:
+    if count < epipolar.LEAST_MATCHES // 2:
         return None
-    ahead = np.isfinite(points).all(1) & (angle > LEAST_ANGLE)
+    ahead = np.isfinite(points).all(1) & (angle > epipolar.LEAST_ANGLE)
     if ahead.sum() < LEAST_KNOWN:
         return None
     r, t, p = bundle.rotations.copy(), bundle.translations.copy(), bundle.points.copy()
@@ -154,7 +152,7 @@ def with_points(bundle: Bundle, tracks: Tracks) -> Bundle:
     used = np.ones(len(images), bool)
     xyz, angle = linear(cameras, images, used, len(bundle.points))
     # the least eigenvalue of Σ (I - d dᵀ) is about sin²(angle) / 2 for two rays
-    xyz[angle < np.sin(LEAST_ANGLE) ** 2 / 2] = np.nan
+    xyz[angle < np.sin(epipolar.LEAST_ANGLE) ** 2 / 2] = np.nan
     fresh = np.where(bundle.known_points[:, None], bundle.points, xyz)
     return replace(bundle, points=_without_bad(replace(bundle, points=fresh), part))
 

@@ -24,12 +24,8 @@ from camcal.routes.straightness import undistorted
 from camcal.routes.triangulate import linear, sorted_images, triangulate
 from camcal.routes.wand_fit import Sightings, Wand
 
-#: markers that two cameras share, at least: eight fix a fundamental matrix
-LEAST_MATCHES = 16
 #: rad; pairs count by their matches times the median angle of their rays, up to this
 WIDE = np.radians(30)
-#: rad; rays that meet at a smaller angle place no marker
-LEAST_ANGLE = np.radians(1.0)
 #: bars seen whole by both cameras that say how long the bar is
 LEAST_BARS = 5
 #: part of the bar's length; spreads that are smaller are not distinguished: no markers are measured so well
@@ -69,7 +65,7 @@ def links(seen: Sightings, cameras: Sequence[Camera], seed: int) -> list[Link]:
             for c in (a, b)
         ]
         rows = np.array([[own[0][k], own[1][k]] for k in sorted(own[0].keys() & own[1].keys())], int)
-        if len(rows) < LEAST_MATCHES:
+        if len(rows) < epipolar.LEAST_MATCHES:
             continue
         uv = flat[a][rows[:, 0]], flat[b][rows[:, 1]]
         made = epipolar.fundamental(*uv, seed)
@@ -88,7 +84,7 @@ def placed(link: Link, cameras: Sequence[Camera], seen: Sightings) -> Placed | N
     good = [r[link.agree] for r in rays]
     options = [(m, *epipolar.two_view_points(m, *good)) for m in epipolar.motions(kb.T @ link.matrix @ ka)]
     motion, xyz, angle = max(options, key=lambda o: np.isfinite(o[1]).all(1).sum())
-    xyz[angle < LEAST_ANGLE] = np.nan
+    xyz[angle < epipolar.LEAST_ANGLE] = np.nan
     rows = link.rows[link.agree, 0]
     lengths = _lengths(seen, rows, xyz)
     if len(lengths) < LEAST_BARS:
@@ -161,8 +157,8 @@ def chained(made: Sequence[Placed], count: int, names: Sequence[str]) -> tuple[P
         if not ways:
             lost = [names[i] for i in range(count) if i not in poses]
             raise EstimationError(
-                f"camera{'s' * (len(lost) > 1)} {', '.join(lost)} cannot be placed: {LEAST_MATCHES} markers seen "
-                f"together with another camera, {LEAST_BARS} whole bars among them, and rays at an angle of a "
+                f"camera{'s' * (len(lost) > 1)} {', '.join(lost)} cannot be placed: {epipolar.LEAST_MATCHES} markers "
+                f"seen together with another camera, {LEAST_BARS} whole bars among them, and rays at an angle of a "
                 "degree are needed.",
                 "Move the bar through the volume that neighbouring cameras see together.",
             )
@@ -184,7 +180,7 @@ def with_bars(cameras: Sequence[Camera], poses: Sequence[Pose], seen: Sightings,
     images, _ = sorted_images(seen.camera, point, seen.uv)
     found = triangulate(known, images, len(names))
     xyz, across = found.xyz, linear(known, images, found.used, len(names))[1]
-    good = np.flatnonzero((across > np.sin(LEAST_ANGLE) ** 2 / 2) & np.isfinite(xyz).all(1))
+    good = np.flatnonzero((across > np.sin(epipolar.LEAST_ANGLE) ** 2 / 2) & np.isfinite(xyz).all(1))
     first = np.full(len(names), -1)
     first[point[::-1]] = np.arange(len(seen))[::-1]
     at, points, directions = _bars(seen, first[good], xyz[good], True)

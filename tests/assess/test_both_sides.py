@@ -283,3 +283,11 @@ def test_folds_that_are_made_unasked(good):
             free=good.free,
         )
         assert holdout.folds_wanted(large, None) == made
+    for size, made in ((holdout.CHEAP_PARAMETERS, holdout.FOLDS), (holdout.CHEAP_PARAMETERS + 1, 0)):
+        large = SimpleNamespace(
+            poses=good.poses,
+            observations=good.observations,
+            cameras=[SimpleNamespace(lens=SimpleNamespace(size=size))],
+            free=good.free,
+        )
+        assert holdout.folds_wanted(large, None) == made

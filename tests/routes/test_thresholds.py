@@ -192,8 +192,9 @@ def test_outlying_poses_and_few_poses():
             remarks._poses(SimpleNamespace(used=np.arange(used)), [str(i) for i in range(names)], (0, 0))
         )
 
-    assert of(8, 12) == [("hand-eye-outliers", "doubtful")]  # a third
-    assert of(7, 12) == [("hand-eye-outliers", "wrong")]
+    most = int(12 * remarks.MOST_OUTLIERS)
+    assert of(12 - most, 12) == [("hand-eye-outliers", "doubtful")]
+    assert of(12 - most - 1, 12) == [("hand-eye-outliers", "wrong")]
     few = remarks.LEAST_TO_TEST
     assert of(few, few) == [] and of(few - 1, few - 1)[0][0] == "hand-eye-few-poses"
 
