@@ -1,1 +1,1 @@
-"""Other ways to calibrate a camera: poses, triangulation, straight lines, vanishing points, self-calibration."""
+"""Other calibration methods: poses, triangulation, straight lines, vanishing points, self-calibration, rigs."""

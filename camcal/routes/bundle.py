@@ -15,7 +15,7 @@ from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
 
-#: of the largest eigenvalue of a normal matrix whose diagonal is 1: what its sums of some thousand rows are rounded by
+#: of the largest eigenvalue of a normal matrix with unit diagonal: rounding error of sums over some thousand rows
 ROUNDING = 1e-14
 
 
@@ -57,12 +57,12 @@ class Bundle:
 
     @property
     def known_views(self) -> Array:
-        """Which views (V,) have a pose."""
+        """Mask (V,) of the views with a pose."""
         return np.isfinite(self.translations).all(1)
 
     @property
     def known_points(self) -> Array:
-        """Which points (P,) have a position."""
+        """Mask (P,) of the points with a position."""
         return np.isfinite(self.points).all(1)
 
     def residuals(self, tracks: Tracks) -> Array:
@@ -83,11 +83,11 @@ def adjust(
     ----------
     start : Bundle
     tracks : Tracks
-        Images of known points in known views alone.
+        Images of known points in known views only.
     free : (P, F) array
         d parameters / d free parameters.
     scale : float, optional
-        px; residuals beyond it count as Cauchy's loss says, so that wrong tracks lose their weight.
+        px; scale of the Cauchy loss, by which wrong tracks lose their weight; least squares by default.
     """
     problem = _Problem(start, tracks, free, scale)
     return minimise(problem.linearise, problem.moved, start, iterations)
@@ -177,7 +177,7 @@ class _Problem:
 
 
 def freedom(tracks: Tracks, free: Array) -> int:
-    """The degrees of freedom of the residuals: the frame and the scale of the world are free. At least 1."""
+    """The degrees of freedom of the residuals, at least 1; the frame and the scale of the world are free."""
     views = int(np.count_nonzero(np.bincount(tracks.view)))
     points = int(np.count_nonzero(np.bincount(tracks.point)))
     return max(2 * len(tracks) - 3 * points - 6 * views - free.shape[1] + 7, 1)
@@ -186,10 +186,10 @@ def freedom(tracks: Tracks, free: Array) -> int:
 def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Array:
     """The covariance (P, P) of the camera's parameters.
 
-    Frame and scale of the world are free; they are fixed by holding the first view and the largest coordinate of
-    another view's translation, which does not change what is known of the camera. Directions that the images leave
-    undetermined, whose eigenvalues are rounding and may be negative, have the variance of an eigenvalue at the limit of
-    rounding: parameters that they move have very large sigmas.
+    The frame and scale of the world are free. They are fixed by holding the first view and the largest coordinate of
+    another view's translation, which does not affect the covariance of the camera. The eigenvalues of undetermined
+    directions are rounding errors and may be negative; they are replaced by the limit of rounding, so that the
+    parameters that depend on these directions have very large sigmas.
     """
     bundle = fitted.state
     views = np.flatnonzero(np.bincount(tracks.view, minlength=len(bundle.rotations)))

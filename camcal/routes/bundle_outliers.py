@@ -1,4 +1,4 @@
-"""The images of tracks that agree with a bundle: a test against the noise of those that are in."""
+"""Outlier rejection for bundles: a test of each image against the noise of the images in use."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from camcal.routes.reconstruct import usable, with_points
 from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.parameters import free_matrix
 
-#: px; images nearer than this to their points are never left out
+#: px; images nearer than this to their projected points are never removed
 LEAST_FAR = 0.5
-ROUNDS = 6  #: of adjusting and leaving out images, at most
+ROUNDS = 6  #: largest number of rounds of adjusting and removing images
 
 
 def adjusted(bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None]) -> tuple[Bundle, Array, int]:
@@ -44,30 +44,30 @@ def adjusted(bundle: Bundle, tracks: Tracks, fix: Mapping[str, float | None]) ->
 
 
 def farthest(bundle: Bundle, tracks: Tracks, sigma: float, left: float) -> Array:
-    """How far each image (N,) may be from its point, px: `reach`.
+    """Largest permitted distance of each image (N,) from its projected point, px: `reach`.
 
-    A point in two views has one residual left, across the epipolar lines, and each image half of its variance;
-    images of points in more views are taken to keep all of theirs, as some of them nearly do.
+    A point in two views leaves one residual, across the epipolar lines, with half of the variance in each image. For
+    points in more views, images are assumed to keep all of their variance, as some of them nearly do.
     """
     part = np.where(_seen(bundle, tracks) <= 2, np.sqrt(0.5), 1.0)
     return np.maximum(reach(len(tracks), sigma, left) * part, LEAST_FAR)
 
 
 def reach(images: int, sigma: float, left: float) -> float:
-    """How far an image may be from its point, px, for noise `sigma`, px, known from `left` degrees of freedom.
+    """Largest distance of an image from its point, px, for noise `sigma`, px, estimated with `left` degrees of freedom.
 
-    The F test at `LEVEL` over all images (Bonferroni), as for the pose of a known camera. A robust deviation in place
-    of `sigma` leaves out right images: the unknown points make the residuals of some small and those of others not.
+    The F test at `LEVEL` over all images (Bonferroni), as for the pose of a known camera. A robust deviation instead of
+    `sigma` would reject correct images, because the unknown points absorb the residuals of some images only.
     """
     level = LEVEL / images
     return sigma * float(np.sqrt(-2 * np.log(level) if np.isinf(left) else 2 * f_bound(level, 2, left)))
 
 
 def _first_sigma(bundle: Bundle, tracks: Tracks) -> float:
-    """The noise, px, from the median of the residuals of images of which some may be wrong.
+    """The noise, px, from the median of the residuals of images, some of which may be wrong.
 
-    Of the two coordinates of each of k images, their point takes 3 / 2k of the variance; two views leave a normal
-    variable with half of it in each.
+    A point absorbs 3 / 2k of the variance of the coordinates of its k images; two views leave one normal variable,
+    with half of its variance in each.
     """
     off, seen = np.linalg.norm(bundle.residuals(tracks), axis=1), _seen(bundle, tracks)
     median = np.where(
@@ -82,9 +82,10 @@ def _seen(bundle: Bundle, tracks: Tracks) -> Array:
 
 
 def _placed_again(bundle: Bundle, tracks: Tracks, used: Array, bound: Array) -> Bundle:
-    """The bundle with points of which images were left out placed by all of these, where all then agree.
+    """Triangulate the points with removed images again from all of their images, and keep those where all then agree.
 
-    Beside a point that moves with the others alone, an image misses by more than its noise, and would never come back.
+    A point fitted to the remaining images only is off for the removed image by more than noise, so that it would
+    never be restored.
     """
     count = len(bundle.points)
     outside = np.ones(len(tracks), bool)

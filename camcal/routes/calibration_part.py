@@ -4,8 +4,8 @@ A point X that minimises Σ w |r(X, θ)|² moves with the estimates θ of the ca
 
     dX/dθ = -(Σ w Aᵀ A)⁻¹ Σ w Aᵀ B,    A = ∂r/∂X,  B = ∂r/∂θ, to first order in r                  (1)
 
-and Cov X gains dX/dθ Cov θ (dX/dθ)ᵀ. That part is common to all points: more images of a point do not lessen it, and
-the distances of points from each other are known better than each by itself.
+which adds dX/dθ Cov θ (dX/dθ)ᵀ to Cov X. This part is common to all points: more images of a point do not reduce it,
+and distances between points are more accurate than their positions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from camcal.model.pose import Array
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import Images, Triangulated
 
-#: relative to the largest entry of dX/dθ; a direction that the data leave undetermined moves a point if above rounding
+#: relative to the largest entry of dX/dθ; rounding level above which an undetermined direction moves a point
 TOUCHED = 1e-9
 
 
@@ -31,11 +31,11 @@ def calibration_part(
     Parameters
     ----------
     moves : sequence of (Q + 6, F) arrays
-        Of each camera, d (its parameters, rotation on the left (rad), translation) / d the variables.
+        For each camera, d (its parameters, rotation on the left (rad), translation) / d variables.
     covariance : (F, F) array
         Of the variables.
     null : (F, K) array
-        Directions that the calibration left undetermined: points that move with them have infinite variances.
+        Directions that the calibration leaves undetermined; points that move with them have infinite variances.
     """
     count, variables = len(found.xyz), covariance.shape[0]
     normal, right = np.zeros((count, 3, 3)), np.zeros((count, 3, variables))

@@ -1,7 +1,7 @@
-"""How well a distance is known, and up to where its interval is one of a linear estimate.
+"""The uncertainty of a distance, and the limit up to which its linearised interval is reliable.
 
-Distances enter the images as 1 / z. Where one is known to a large part of itself, the estimate is far from linear in
-the noise, and intervals of a standard deviation to both sides hold too rarely.
+Images depend on distances as 1 / z. If the relative uncertainty of a distance is large, the estimate is far from
+linear in the noise, and symmetric intervals from the standard deviation contain the truth too rarely.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import numpy as np
 from camcal.least_squares.distributions import f_bound
 from camcal.model.pose import Array
 
-#: Half of a 95 % interval as a part of the distance, above which it is not relied on. In simulated poses of far, nearly
-#: flat points (400 runs a row) the intervals held in 94 and 95 % at .06 and .11, in 93 % at .22, in 85 to 86 % at .4;
+#: Half of a 95 % interval relative to the distance above which it is unreliable. In simulated poses of far, nearly
+#: flat points (400 runs each) the intervals held in 94 and 95 % at .06 and .11, in 93 % at .22, in 85 to 86 % at .4;
 #: of points from nearly parallel rays in 93, 94, 91 and 83 % at .17, .33, .8 and 1.6 (200 runs).
 LINEAR = 0.2
 
 
 def half_width(point: Array, covariance: Array, freedom: float) -> Array:
-    """Half of the 95 % interval of the distance of points (..., 3) from the origin, as a part of it.
+    """Half of the 95 % interval of the distance of points (..., 3) from the origin, relative to the distance.
 
     Parameters
     ----------
     point : (..., 3) array
     covariance : (..., 3, 3) array
     freedom : float
-        Degrees of freedom of the noise that scales it, infinite where it is known (Student's t).
+        Degrees of freedom of the noise that scales it (Student's t), infinite if the noise is known.
     """
     far = np.linalg.norm(point, axis=-1)
     along = point / far[..., None]

@@ -1,7 +1,7 @@
 """A lens whose distortion is given as a map of the picture, converted to another focal length.
 
-Lines give the distortion as a map of pixels to pixels without it; what remains is a pinhole camera. Coefficients are
-in focal lengths, so that the same map has other coefficients at another focal length.
+Lines determine the distortion as a map from pixels to undistorted pixels; what remains is a pinhole camera.
+Coefficients refer to focal lengths, so that the same map has different coefficients at another focal length.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from camcal.model.lenses.regress import regress
 from camcal.model.pose import Array
 from camcal.routes.straightness import undistorted
 
-#: px; the same map at another focal length is exact for models of series; others come within this, or are refused
+#: px; the map at another focal length is exact for series models; others must agree within this, or are refused
 EXACT = 0.01
-#: columns and rows of pixels on which the maps are compared
+#: columns and rows of the pixels at which the maps are compared
 GRID = (31, 23)
 
 
@@ -33,12 +33,12 @@ def without_distortion(camera: Camera, data: Correspondences) -> Correspondences
 
 
 def at_focal_length(camera: Camera, f: float) -> Camera:
-    """The same map of pixels for the focal length f, px; the principal point is unchanged.
+    """The camera with the same distortion map and focal length f, px; the principal point is unchanged.
 
     Raises
     ------
     EstimationError
-        Where the model cannot express the same map at another focal length within 0.01 px.
+        If the model cannot express the same map at another focal length within 0.01 px.
     """
     lens = camera.lens
     assert camera.image_size is not None

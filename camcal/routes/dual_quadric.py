@@ -1,12 +1,12 @@
-"""The focal length from the absolute dual quadric of three views and more, the intrinsics constant.
+"""The focal length from the absolute dual quadric of three or more views with constant intrinsics.
 
-With the cameras P of a projective reconstruction the dual image of the absolute conic is ω* = K Kᵀ ~ P Q Pᵀ, Q (4, 4)
-of rank 3 and the same for all views (B. Triggs, Autocalibration and the absolute quadric, CVPR 1997). Square pixels and
-the principal point in the middle make four linear equations in Q for each view (M. Pollefeys et al., Self-calibration
-and metric reconstruction in spite of varying and unknown internal camera parameters, IJCV 1999). Then f and the plane
-at infinity are estimated with one f in all views: all ω* agree with diag(f², f², 1).
+For the cameras P of a projective reconstruction the dual image of the absolute conic is ω* = K Kᵀ ~ P Q Pᵀ, where Q
+(4, 4) has rank 3 and is the same for all views (B. Triggs, Autocalibration and the absolute quadric, CVPR 1997). Square
+pixels and a principal point in the middle give four linear equations in Q per view (M. Pollefeys et al.,
+Self-calibration and metric reconstruction in spite of varying and unknown internal camera parameters, IJCV 1999). Then
+f and the plane at infinity are estimated with one f in all views: all ω* agree with diag(f², f², 1).
 
-Where the optical axes all meet, fundamental matrices do not determine f, and Q does from three views on.
+If all optical axes meet, fundamental matrices do not determine f, but Q does from three views on.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from camcal.routes.epipolar import FOCAL
 from camcal.routes.projective_views import bounded_depths, of_pairs
 from camcal.routes.reconstruct import Pair
 
-#: how far ω* of pixels in units of the picture's width may be from that of f = 1 (Pollefeys et al., Visual modeling
+#: expected deviation of ω*, in units of the picture's width, from that of f = 1 (Pollefeys et al., Visual modeling
 #: with a hand-held camera, IJCV 2004, (14)): f is known to a factor of three, the aspect to .1, the skew to .01 and
 #: the principal point to .1
 DOUBTS = np.array([9.0, 9.0, 0.2, 0.01, 0.1, 0.1])
 ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  #: of ω*
-WEIGHTINGS = 4  #: solutions with the equations scaled by the last ω*33
-#: of the least-squares fit: its limit of work; differences of log f and of the plane, a hundred times the root of the
-#: rounding; it ends where a step promises a smaller part of the sum of squares
+WEIGHTINGS = 4  #: solutions, each with the equations scaled by the last ω*33
+#: of the least-squares fit: limit of evaluations; finite-difference step of log f and the plane, a hundred times the
+#: root of the rounding error; relative decrease of the sum of squares at which it ends
 ITERATIONS, STEP, SETTLED = 30, 1e-6, 1e-8
 
 
 def focal(known: list[Pair], tracks: Tracks, size: tuple[int, int]) -> float | None:
-    """The focal length, px, of three views or more; None where there is no real one, or the views are degenerate."""
+    """The focal length, px, of three or more views; None if there is no real one, or the views are degenerate."""
     centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))
     try:
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             cameras = of_pairs(known, tracks, centre, width)
             found = None if cameras is None else constant(cameras)
-    except np.linalg.LinAlgError:  # cameras at no finite place, as of a picture that is there twice
+    except np.linalg.LinAlgError:  # cameras without a finite position, such as those of a picture given twice
         return None
     return None if found is None else width * found
 
 
 def constant(cameras: Array) -> float | None:
-    """f of cameras (V, 3, 4) about their principal point, in the unit of their pixels; None where f² < 0."""
+    """f of cameras (V, 3, 4) about their principal point, in the unit of their pixels; None if f² < 0."""
     quadric = linear(cameras)
     cones = cameras @ quadric @ np.swapaxes(cameras, 1, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -52,7 +52,7 @@ def constant(cameras: Array) -> float | None:
     f2 = float(np.nanmedian(squares))
     if not f2 > 0:
         return None
-    # Q = [[ω*, -ω* p], [-pᵀ ω*, pᵀ ω* p]] where the first camera is [I | 0]
+    # Q = [[ω*, -ω* p], [-pᵀ ω*, pᵀ ω* p]] if the first camera is [I | 0]
     to_first = _to_identity(cameras[0])
     moved = cameras @ to_first
     back = np.linalg.inv(to_first)
@@ -63,7 +63,7 @@ def constant(cameras: Array) -> float | None:
 
 
 def linear(cameras: Array) -> Array:
-    """Q (4, 4) of rank 3, positive where it can be, by the weighted linear equations."""
+    """Q (4, 4) of rank 3, positive semidefinite if possible, by the weighted linear equations."""
     upper = np.triu_indices(4)
     scale = np.ones(len(cameras))
     quadric = np.zeros((4, 4))
@@ -108,7 +108,7 @@ def _to_identity(camera: Array) -> Array:
 
 
 def _agreed(cameras: Array, start: Array) -> Array:
-    """(log f, plane) at which ω* of all views are most nearly diag(f², f², 1), both of norm 1."""
+    """(log f, plane) at which the ω* of all views are closest to diag(f², f², 1), both with norm 1."""
 
     def off(x: Array) -> Array:
         k = np.diag([np.exp(2 * x[0]), np.exp(2 * x[0]), 1.0])

@@ -1,4 +1,4 @@
-"""Two-view geometry: fundamental matrices, the focal length from them, and the motion.
+"""Two-view geometry: fundamental matrices, the focal length derived from them, and the motion.
 
 R. Hartley & A. Zisserman, Multiple view geometry (2003), chapters 9, 11 and 19.
 """
@@ -11,25 +11,25 @@ from camcal.geometry import projective, rotations
 from camcal.least_squares.scales import MAD, of_small_sample
 from camcal.model.pose import Array, Pose
 
-#: samples of eight: with three of ten matches wrong, one of them is without a wrong one in all but 1 of 1e4 pairs
+#: samples of eight: with three of ten matches wrong, at least one is free of them in all but 1 of 1e4 pairs
 SAMPLES = 150
 LEAST = 8  #: points of a sample: those of the linear eight-point algorithm
 FREEDOM = 7  #: parameters of a fundamental matrix: nine numbers, less scale and det F = 0
-#: matches are right within so many robust standard deviations of the Sampson distance, and no less than px
+#: robust standard deviations of the Sampson distance within which matches are inliers, and the least limit, px
 FAR, LEAST_FAR = 3.5, 0.5
-#: of the linear estimate to Sampson distances: without any, matches with .5 px of noise are left 1.5 times as far off;
-#: after the first nothing changes in five digits (40 pairs of 60 matches)
+#: reweightings of the linear estimate to Sampson distances: without any, the distances of matches with .5 px of noise
+#: are 1.5 times as large; after the first, five digits do not change (40 pairs of 60 matches)
 WEIGHTINGS = 3
-ROUNDS = 10  #: of refitting to the matches that agree, at most
-#: focal lengths that are tried, in widths of the picture: 10 to 125 degrees across
+ROUNDS = 10  #: largest number of refits to the matches that agree
+#: focal lengths tried, in widths of the picture: horizontal fields of view of 10 to 125 degrees
 FOCAL = np.geomspace(0.26, 6.0, 60)
-#: imaginary part of a root, beside the real one, that is taken for noise
+#: imaginary part of a root, relative to the real part, that counts as noise
 COMPLEX = 1e-3
-#: matches of two views, or of two cameras, at least: twice those of a sample, so that as many say whether it is right
+#: least number of matches of two views or cameras: twice those of a sample, so that as many verify the result
 LEAST_MATCHES = 2 * LEAST
-#: rad; rays that meet at a smaller angle place no point: 1 degree, at which a px of f = 1000 px is 6 % of the distance
+#: rad; least angle between rays that determine a point: 1 degree, at which 1 px at f = 1000 px is 6 % of the distance
 LEAST_ANGLE = np.radians(1.0)
-#: sin² of the angle between two rays, which is a divisor: below it, 1e-8 rad, the angle is rounding
+#: least sin² of the angle between two rays, a divisor: below it, 1e-8 rad, the angle is rounding error
 PARALLEL = 1e-16
 
 
@@ -38,8 +38,8 @@ def fundamental(
 ) -> tuple[Array, Array] | None:
     """F (3, 3) with x2ᵀ F x1 = 0 for matches (N, 2), and which of them agree (N,); None for fewer than eight.
 
-    Least median of squares over samples of eight, then the normalised eight-point algorithm (section 11.2) weighted
-    to Sampson distances (11.4), over the matches that agree.
+    Least median of squares over samples of eight, then the normalised eight-point algorithm (section 11.2), weighted
+    to approximate Sampson distances (11.4), over the matches that agree.
     """
     if len(first) < LEAST:
         return None
@@ -57,8 +57,8 @@ def agreeing(a: Array, b: Array, least: float, seed: int = 0, axes: int = 2) -> 
     Parameters
     ----------
     least : float
-        Pairs below this Sampson distance always agree: of the coordinates for `axes` = 2, an angle (rad) between unit
-        rays for `axes` = 3.
+        Pairs below this Sampson distance always agree; in the unit of the coordinates for `axes` = 2, an angle (rad)
+        between unit rays for `axes` = 3.
     """
     rng = np.random.default_rng(seed)
     count = len(a)
@@ -112,18 +112,17 @@ def _gradient(f: Array, a: Array, b: Array, axes: int) -> Array:
 def sampson(f: Array, a: Array, b: Array, axes: int = 2) -> Array:
     """Signed Sampson distances (H, N) of homogeneous points (N, 3) for matrices (H, 3, 3) (eq. 11.9).
 
-    With `axes` = 3 of unit rays, where they are angles: the component along a ray changes bᵀ F a by that value itself,
-    which is 0 to first order.
+    With `axes` = 3, for unit rays, they are angles: a change along a ray scales bᵀ F a, which is 0 to first order.
     """
     value = np.einsum("ni,hij,nj->hn", b, f, a)
     return value / np.maximum(_gradient(f, a, b, axes), 1e-300)
 
 
 def axes_apart(f: Array, centre: Array) -> float:
-    """The distance in px between the principal point and the epipolar line of the other one, the larger of the two.
+    """The distance, px, of a principal point from the epipolar line of the other one, the larger of the two.
 
-    Where it is 0 the optical axes meet (or are parallel in one plane), and F does not determine the focal length
-    (section 19.3, Bougnoux's formula becomes 0 / 0; Sturm, On focal length calibration from two views, 2001).
+    If it is 0, the optical axes meet (or are parallel), and F does not determine the focal length
+    (section 19.3, where Bougnoux's formula becomes 0 / 0; Sturm, On focal length calibration from two views, 2001).
     """
     p = np.array([*centre, 1.0])
     second, first = f @ p, f.T @ p
@@ -144,15 +143,15 @@ def focal_costs(matrices: Array, centre: Array, width: float) -> Array:
 
 
 def kruppa(matrices: Array, centre: Array, width: float) -> Array:
-    """The focal lengths (P,), px, that Kruppa's equations of each F (P, 3, 3) have; NaN where f² < 0.
+    """The focal lengths (P,), px, by Kruppa's equations for each F (P, 3, 3); NaN where f² < 0.
 
     With F = U diag(r, s, 0) Vᵀ about the principal point and ω* = diag(f², f², 1),
 
         r² v1ᵀω*v1 : r s v1ᵀω*v2 : s² v2ᵀω*v2 = u2ᵀω*u2 : -u1ᵀω*u2 : u1ᵀω*u1
 
     (R. Hartley, Kruppa's equations derived from the fundamental matrix, PAMI 1997; f alone: P. Sturm, On focal length
-    calibration from two views, CVPR 2001). The first and the last make a quadratic equation in f²; of its positive
-    roots that is taken which the middle one agrees with best.
+    calibration from two views, CVPR 2001). The first and last ratios give a quadratic equation in f²; of its positive
+    roots, the one that agrees best with the middle ratio is taken.
     """
     to_px = np.array([[width, 0, centre[0]], [0, width, centre[1]], [0, 0, 1]])
     u, d, vt = np.linalg.svd(to_px.T @ matrices @ to_px)
@@ -166,7 +165,7 @@ def kruppa(matrices: Array, centre: Array, width: float) -> Array:
         v11, v12, v22 = (form(right[j], right[k]) for j, k in ((0, 0), (0, 1), (1, 1)))
         quadratic = r**2 * np.polymul(v11, u11) - s**2 * np.polymul(v22, u22)
         roots = np.roots(quadratic)
-        # noise leaves a double root a pair of complex ones
+        # noise turns a double root into a complex pair
         real = roots.real[(roots.real > 0) & (np.abs(roots.imag) <= COMPLEX * np.abs(roots.real))]
         if len(real):
             middle = r * np.polymul(v11, u12) + s * np.polymul(v12, u22)
@@ -186,7 +185,7 @@ def motions(essential: Array) -> list[Pose]:
 
 
 def two_view_points(motion: Pose, first: Array, second: Array) -> tuple[Array, Array]:
-    """Points (N, 3) in the first camera's frame nearest to two rays each (N, 3), and the angles between them (N,)."""
+    """Points (N, 3) in the first camera's frame nearest to two rays (N, 3) each, and the angles (N,) between them."""
     d2 = second @ motion.rotation
     centre = -motion.rotation.T @ motion.translation
     dot = (first * d2).sum(1)

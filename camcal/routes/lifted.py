@@ -1,7 +1,7 @@
 """A lens with distortion from two views of unknown points: fundamental matrices of lifted pixels.
 
-With the lifted pixel χ = (u², uv, v², u, v, 1) and the rays d ~ A χ of a rational lens (`camcal.start.claus`), the
-images of a point in two views of one camera obey
+With lifted pixels χ = (u², uv, v², u, v, 1) and the rays d ~ A χ of a rational lens (`camcal.start.claus`), the
+images of a point in two views by one camera satisfy
 
     χ2ᵀ G χ1 = 0,  G = Aᵀ F A,  (6, 6), of rank 2                                                          (1)
 
@@ -9,11 +9,10 @@ images of a point in two views of one camera obey
 division model of one term, d = (u, v, 1 + λ ρ²) (A. Fitzgibbon, Simultaneous linear estimation of multiple view
 geometry and lens distortion, CVPR 2001), is the case of (1) with a known A for each λ.
 
-The linear estimate of the 36 entries of G is exact for exact pixels, and useless at 0.03 px of noise (f 600 px, 600
-matches). A is therefore estimated itself: the distances in px (Sampson) of the matches that agree are least over
-A = [Q, I], with the F of each pair that fits it best. The form [Q, I], rays of a pinhole camera to first order about
-the centre, takes up the homography that F leaves undetermined. The start is the division model, whose samples need
-eight matches.
+The linear estimate of the 36 entries of G is exact for exact pixels, but useless at 0.03 px of noise (f 600 px, 600
+matches). Instead, A itself is estimated: the Sampson distances in px of the matches that agree are minimised over
+A = [Q, I], with the best F for each pair. The form [Q, I], rays of a pinhole camera to first order about the centre,
+fixes the homography that F leaves undetermined. The start is the division model, whose samples need eight matches.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ from camcal.routes import epipolar
 from camcal.start.claus import FLATTEST, derivatives, lifted
 from camcal.start.of_rays import camera_of
 
-#: λ that are tried, in half diagonals: from a fisheye lens (-0.8 bends the corner's ray by 30 degrees and more) to
-#: pincushion; neighbours differ in straightness by less than finds its way in the adjustment
+#: λ tried, in half diagonals: from a fisheye lens (-0.8 bends the corner's ray by 30 degrees or more) to
+#: pincushion; neighbouring values are close enough for the adjustment to converge
 SHAPES = (-0.8, -0.6, -0.45, -0.3, -0.2, -0.12, -0.06, 0.0, 0.06, 0.12)
-#: pairs that are looked at
+#: pairs that are used
 PAIRS = 6
-#: a distortion is adopted where it takes off this part of the median distance (Sampson): noise alone takes off as much
-#: with one parameter in fifty matches
+#: a distortion is adopted if it reduces the median Sampson distance by this fraction: one parameter does as much by
+#: chance with fifty matches
 GAIN = 0.05
-#: parameters that the full model has beyond the single one of the division model, and the F of so many at which
-#: what they take off the sum of squares is no chance: the 99.9 % quantile for 200 and more degrees of freedom
+#: parameters of the full model beyond the single one of the division model, and the F value above which their reduction
+#: of the sum of squares is not chance: the 99.9 % quantile for 200 or more degrees of freedom
 MORE, F_WORTH = 8, 3.3
-#: of a fit of the rays: its limit of work; differences in units of half diagonals; it ends where a step promises a
-#: smaller part of the sum of squares
+#: of a fit of the rays: limit of evaluations; finite-difference step in half diagonals; relative decrease of the sum of
+#: squares at which it ends
 ITERATIONS, STEP, SETTLED = 20, 1e-5, 1e-5
-#: of the median gradient, by which distances are divided: near an epipole it is 0, and would be all that counts
+#: of the median gradient: lower limit of the divisor of distances, which is 0 at an epipole
 LEAST_GRADIENT = 1e-3
 
 
 @dataclass(frozen=True)
 class Rational:
-    """Rays A χ (3, 6) of pixels in half diagonals about the image's centre; what they were found with."""
+    """Rays A χ (3, 6) of pixels in half diagonals about the image's centre, and the model that they come from."""
 
     rays: Array
     kind: str  #: pinhole, division or rational
@@ -67,12 +66,12 @@ def of_matches(matches: list[tuple[Array, Array]], size: tuple[int, int], seed: 
     Returns
     -------
     Rational
-        `kind` is pinhole where no distortion is worth it.
+        `kind` is pinhole if no distortion is significant.
     """
     unit = [(_unit(a, size), _unit(b, size)) for a, b in matches[:PAIRS]]
     scale = float(np.hypot(*size)) / 2
     tried = {shape: [_robust(division(shape), *pair, scale, seed) for pair in unit] for shape in SHAPES}
-    # the product of medians: each pair has its own noise and its own share of wrong matches
+    # the product of medians, as each pair has its own noise and share of wrong matches
     score = {shape: float(np.exp(np.mean([np.log(m) for m, _ in each]))) for shape, each in tried.items()}
     best = min(score, key=lambda s: score[s])
     if score[best] > (1 - GAIN) * score[0.0]:
@@ -151,7 +150,7 @@ def _least_squares(rays: Array, along: Array, matches: list[tuple[Array, Array]]
 
 
 def undistorted(found: Rational, uv: Array, size: tuple[int, int]) -> Array:
-    """Pixels (N, 2) as a pinhole camera sees them; NaN beyond 84 degrees from the axis at f = half the diagonal."""
+    """Pixels (N, 2) of a pinhole camera for the same rays; NaN beyond 84 degrees at f = half the diagonal."""
     d = lifted(_unit(uv, size)) @ found.rays.T
     d[d[:, 2] <= FLATTEST] = np.nan
     return np.asarray((np.array(size) - 1) / 2 + np.hypot(*size) / 2 * d[:, :2] / d[:, 2:])

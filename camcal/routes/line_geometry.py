@@ -16,8 +16,8 @@ from camcal.model.lenses.inverse import InverseLens
 from camcal.model.pose import Array
 from camcal.records import dataclass
 
-#: cosine of the angle to x (53 degrees) above which a vector is crossed with y in place of x: either axis is then at
-#: least 37 degrees from the vector
+#: cosine of the angle to x (53 degrees) above which the cross product with y is used instead of x, so that the axis is
+#: at least 37 degrees from the vector
 NEAR_X = 0.6
 
 
@@ -29,7 +29,7 @@ class Lines:
     ----------
     uv : (N, 2) array, px
     line : (N,) int array
-        Rows of a line stand together.
+        Rows of one line are contiguous.
     names : tuple of str
     image_size : (width, height) or None
     """
@@ -67,7 +67,7 @@ class Nearest(NamedTuple):
     ----------
     uv : (N, 2) array, px
     weight : (N,) array
-        Px for a unit of n · d there.
+        Px per unit of n · d there.
     distance : (N,) array
         Of the observed points, px, with the sign of n · d.
     """
@@ -123,7 +123,7 @@ def slopes(at: tuple[Array, Array, Array], normals: Array) -> Array:
 
 
 def tangents(vectors: Array) -> Array:
-    """Two unit vectors (N, 3, 2) normal to each vector (N, 3) and to each other."""
+    """Two unit vectors (N, 3, 2) orthogonal to each vector (N, 3) and to each other."""
     helper = np.where(np.abs(vectors[:, :1]) < NEAR_X, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(vectors, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -136,7 +136,7 @@ def best_normals(camera: Camera, lines: Lines) -> Array:
 
 
 def plane_normals(rays: Array, line: Array, count: int) -> Array:
-    """The unit vectors (L, 3) most nearly normal to the rays (N, 3) of each line."""
+    """The unit vectors (L, 3) closest to orthogonal to the rays (N, 3) of each line."""
     scatter = np.zeros((count, 3, 3))
     np.add.at(scatter, line, rays[:, :, None] * rays[:, None])
     return np.linalg.eigh(scatter)[1][:, :, 0]

@@ -1,7 +1,7 @@
 """The start of a calibration from lines, and the candidates that are single straight lines in space.
 
-A division model is fitted first: its domain has no end for barrel distortion, and one coefficient bends lines as far
-as fisheye lenses do. The lens asked for is then regressed to its rays.
+A division model is fitted first: its domain is unlimited for barrel distortion, and one coefficient bends lines as
+much as fisheye lenses do. The requested lens is then fitted to its rays.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from camcal.routes.line_geometry import Lines, distances
 from camcal.routes.lines import LEAST_POINTS, LineFit, fit, held, nominal
 
 BRIDGE = "division:2"
-#: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Between
-#: neighbours the straightness changes so little that the fit finds its way from the best.
+#: First coefficients of the division model, f the longer side, from strong barrel to pincushion. Neighbouring
+#: values are close enough for the fit to converge from the best.
 SHAPES = (-4.0, -2.0, -1.0, -0.5, -0.25, -0.12, 0.0, 0.12, 0.25)
-#: A candidate is one straight line where its rms is below this many times the median of all. A term that the model
-#: lacks bends some lines three or four times as much as others, and these are the lines that determine it; curves
-#: of the scene bend by tens.
+#: A candidate is one straight line if its rms is below this many times the median of all. A term missing in the model
+#: bends some lines three or four times as much as others, and these lines determine it; curves in the scene bend tens
+#: of times as much.
 FAR = 5.0
-#: px; lines this straight are not distinguished: detected points have no less noise
+#: px; lines this straight are not distinguished: detected points have at least this noise
 FINE = 0.05
-ROUNDS = 6  #: of fitting and choosing lines, at most
+ROUNDS = 6  #: largest number of rounds of fitting and selecting lines
 
 
 def estimate(
     lines: Lines, lens: Lens, fix: Mapping[str, float | None], robust: bool, resistant: bool = False
 ) -> LineFit:
-    """The lens that makes the lines straightest, and with `robust` which of the candidates are straight.
+    """The lens that makes the lines straightest, and with `robust` a selection of the candidates that are straight.
 
-    `resistant`: the last fit is that of `fit`, in which points that lie on no line lose weight.
+    `resistant`: passed to `fit`, in which points that lie on no line lose weight.
 
     Raises
     ------
     DataError, EstimationError
-        As `fit`; where fewer than two candidates agree.
+        As `fit`; if fewer than two candidates agree.
     """
     assert lines.image_size is not None
     short = np.bincount(lines.line, minlength=len(lines)) < LEAST_POINTS
@@ -71,7 +71,7 @@ def estimate(
 
 
 def _held_for(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]:
-    """The held parameters of the division model: those the user holds that it has, too."""
+    """The held parameters of the division model: those held by the user that it also has."""
     return held(lens, {n: v for n, v in fix.items() if n in lens.names[:4]})
 
 
@@ -117,10 +117,10 @@ def _of_model(
                     params[lens.index(name)] = shift
                     rays[:, axis] += shift * rays[:, 2]
         keep = np.isfinite(rays).all(1) & used[lines.line]
-        # a model whose parameters say where its others are takes them from the picture
+        # a model whose parameters define the layout of others takes them from the picture
         begin = None if lens.shaped_by_data else params
         found = regress(lens, rays[keep], lines.uv[keep], lines.image_size, list(what), begin)
-        # a model that cannot bend so far begins without distortion
+        # a model that cannot bend as much starts without distortion
         start = Camera(lens, found.params if found.covered.all() else params, lines.image_size)
     return fit(lines.take(used), start, what)
 

@@ -1,14 +1,14 @@
 """A lens from images of straight lines: the rays of each line lie in a plane through the camera's centre.
 
 With the ray d(u, v; p) of a pixel and the unit normal n of a line's plane, n · d = 0. The distance of a point from
-the line's image is, to first order, (n · d) / |∂(n · d)/∂(u, v)| px (Sampson). Its sum of squares over the lens
-parameters p and all n is minimised, with the rays and derivatives of the points of the lines' images nearest to the
-observed ones, renewed from round to round: derivatives at the observed points share their noise with the residuals,
-which draws the lens to one side (Chojnacki et al., On the fitting of surfaces to data with covariances, 2000).
+the line's image is, to first order, (n · d) / |∂(n · d)/∂(u, v)| px (Sampson). Its sum of squares is
+minimised over the lens parameters p and all n. Rays and derivatives are those of the points of the lines' images
+nearest to the observed ones, updated in each round: derivatives at the observed points share their noise with the
+residuals, which biases the lens (Chojnacki et al., On the fitting of surfaces to data with covariances, 2000).
 
-Straight lines stay straight under every map of the plane onto itself that keeps lines, so that they say nothing
-on the focal length, the aspect and the skew of most models: these are held. The lens is then that of a camera of
-the focal length given (the longer side of the picture by default).
+Straight lines remain straight under every collineation, so that for most models they do not determine the focal
+length, the aspect and the skew, which are held. The lens is then that of a camera with the given focal length (by
+default the longer side of the picture).
 """
 
 from __future__ import annotations
@@ -37,35 +37,35 @@ from camcal.routes.line_geometry import (
 )
 from camcal.solve.parameters import apply_fixed, free_matrix
 
-LEAST_POINTS = 4  #: of a line: two fix it, the rest say whether it bends
+LEAST_POINTS = 4  #: of a line: two define it, the others show whether it is bent
 LEAST_LINES = 2  #: a single line is straight under infinitely many distortions
 #: distances beyond this many σ lose weight: 95 % efficiency on Gaussian noise (Huber, Robust estimation of a
 #: location parameter, 1964)
 HUBER = 1.345
-#: the root mean square exceeds the σ from the median by chance by less than this over sqrt(N): 4 standard
-#: deviations of the ratio, 1.17 / sqrt(N) for a median against a root mean square
+#: by chance the rms exceeds the σ from the median by less than this over sqrt(N): 4 standard deviations of the ratio
+#: of a median to an rms, 1.17 / sqrt(N)
 HEAVIER = 4.7
-#: rounds of renewed denominators, and the change of the lens in its standard deviations that ends them
+#: largest number of updates of the denominators, and the change of the lens, in standard deviations, that ends them
 ROUNDS, SETTLED = 12, 1e-3
-#: a direction of the parameters is undetermined where it moves the lines by less than this part of the direction
-#: that moves them most, each parameter in its own unit
+#: a direction of the parameters is undetermined if it moves the lines by less than this fraction of the direction that
+#: moves them most, each parameter in its own unit
 UNDETERMINED = 1e-7
-#: px; a parameter is undetermined where a change by its unit (1 px of the principal point, 1 of a coefficient, one
+#: px; a parameter is undetermined if a change by its unit (1 px of the principal point, 1 of a coefficient, one
 #: focal length of a centre) moves the lines by less than this, rms
 DEAD = 1e-6
-#: Weight, beside the distances, of how far a flexible model moves pixels in one round. Such a model holds nearly every
-#: map that keeps lines straight, among which the lines do not choose: without it the fit wanders there for a thousand
-#: steps. Each round starts where the last ended, so that what the lines determine, if only by a ten-thousandth of what
-#: they could, is still settled.
+#: Weight of the displacement of pixels by a flexible model in one round, added to the distances. Such a model contains
+#: nearly every map that keeps lines straight, between which lines cannot distinguish: without this term the fit drifts
+#: among them for a thousand steps. Each round starts where the last ended, so that even weakly determined directions
+#: (a ten-thousandth of the others) still converge.
 PROXIMAL = 0.01
-#: a parameter is undetermined where an undetermined direction moves it by more than this part of what it moves the
-#: parameter that it moves most: rounding leaves something in every one
+#: a parameter is undetermined if an undetermined direction changes it by more than this fraction of the parameter that
+#: changes most: rounding leaves a component in every one
 NOTICEABLE = 1e-3
-ROUNDING = 1e-12  #: of a parameter: a change that is rounding ends the rounds, too, as exact lines have σ = 0
-#: correlations of residuals are followed to a lag of this part of their number, and as long as this many pairs have
-#: the lag: of 30, a correlation is known to 1 / sqrt(30) = 0.18
+ROUNDING = 1e-12  #: of a parameter: a change at rounding level also ends the rounds: exact lines have σ = 0
+#: correlations of residuals are computed up to a lag of this fraction of their number, if at least this many pairs have
+#: the lag: with 30, the standard deviation of a correlation is 1 / sqrt(30) = 0.18
 LAGS, LEAST_PAIRS = 10, 30
-#: standard deviations, 1 / sqrt(pairs) (Bartlett 1946), above which a correlation is no chance: 2.5 %
+#: standard deviations, 1 / sqrt(pairs) (Bartlett 1946), above which a correlation is significant: 2.5 %
 SIGNIFICANT = 2.0
 
 
@@ -85,9 +85,9 @@ class LineFit:
     distances : (N,) array
         Of the points from the images of their lines, px.
     inflation : float
-        By which the variance of neighbours that share their noise exceeds that of independent points.
+        Factor by which correlated noise of neighbouring points increases the variance.
     used : (L,) bool array
-        Which lines of those given took part.
+        Mask of the lines that were used.
     iterations : int
     converged : bool
     fixed : tuple of str
@@ -133,15 +133,15 @@ def held(lens: Lens, fix: Mapping[str, float | None]) -> dict[str, float | None]
 def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant: bool = False) -> LineFit:
     """The lens that makes the lines straightest in px, from a start.
 
-    With `resistant`, points weigh by Huber's loss from the second round on where the distances are not Gaussian:
-    some lie on no line.
+    With `resistant`, points are weighted by Huber's loss from the second round on if the distances are not Gaussian,
+    because some points lie on no line.
 
     Raises
     ------
     DataError
-        Fewer than two lines of four points, or no image size.
+        If there are fewer than two lines of four points, or no image size.
     EstimationError
-        Where points lie outside the domain of the start, or there are fewer points than unknowns.
+        If points lie outside the domain of the start, or there are fewer points than unknowns.
     """
     _check(lines)
     lens = start.lens
@@ -159,7 +159,7 @@ def fit(lines: Lines, start: Camera, fix: Mapping[str, float | None], resistant:
     weight = np.ones(len(lines.uv))
     for number in range(ROUNDS):
         before = state.params
-        # what moves nothing at the start (the centre of a lens without distortion) waits for the rest
+        # parameters without effect at the start (the centre of a lens without distortion) are freed later
         fitted = _round(lines, lens, free if number or not len(moving) else free[:, moving], state, weight)
         if fitted is None:
             raise EstimationError(
@@ -236,7 +236,7 @@ def _round(lines: Lines, lens: Lens, free: Array, state: _State, weight: Array) 
     fitted = minimise(linearise, moved, state)
     if fitted is None:
         return None
-    # what is known of the parameters does not come from where the round began
+    # the information on the parameters excludes the proximal term of the round
     return replace(fitted, normal=replace(fitted.normal, shared=fitted.normal.shared - near_start))
 
 
@@ -252,7 +252,7 @@ def _proximal(lines: Lines, lens: Lens, free: Array, state: _State) -> Array:
 def _with_prior(
     normal: BlockNormal, lens: Lens, params: Array, free: Array, near_start: Array, step: Array
 ) -> BlockNormal:
-    """With the model's own regularisation, and that of a step (F,) from the start of the round."""
+    """Add the model's own regularisation, and the penalty of a step (F,) from the start of the round."""
     cost = normal.cost + 0.5 * float(step @ near_start @ step)
     shared, gradient = normal.shared + near_start, normal.gradient + near_start @ step
     prior = lens.prior(params)
@@ -323,7 +323,7 @@ def _finished(
 
 
 def inflation(residuals: Array, group: Array) -> float:
-    """The ratio of a mean's variance to that of independent residuals: 1 + 2 Σ correlation(lag).
+    """The ratio of the variance of a mean to that for independent residuals: 1 + 2 Σ correlation(lag).
 
     The sum ends at the first lag without a significant correlation; residuals of a group are in order.
     """

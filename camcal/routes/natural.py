@@ -1,10 +1,10 @@
 """Evaluation of a pair of cameras on arbitrary pictures: the vertical disparities of matches.
 
-Vertical disparity needs no board, so errors of a board do not affect it. Which matches are right is decided without
-the relative pose under test: a fundamental matrix is fitted to the matches themselves (after the lens distortion is
-removed), and those are kept that agree with it. It is free to take any rotation, translation, focal length and
-principal point, so a calibration that is wrong in those keeps its matches and shows its error in full. The limit of
-what agrees grows with the scatter of the matches, so that an error of the distortion does not remove them either.
+Vertical disparity needs no board, so that errors of a board do not affect it. Inliers are selected without the relative
+pose under test: a fundamental matrix is fitted to the matches themselves (after removing lens distortion), and matches
+that agree with it are kept. It may express any rotation, translation, focal length and principal point, so that a
+calibration with errors in these keeps its matches and shows the full error. The inlier limit grows with the scatter of
+the matches, so that errors of the distortion do not remove matches either.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from camcal.records import dataclass
 from camcal.routes.epipolar import LEAST, agreeing, fundamental
 
 #: px; matches nearer than this to their own epipolar line always count: five times the scatter of the points of
-#: `camcal.detect.matches`; of wrong matches, which are anywhere in the picture, fewer than one in a hundred is so near
+#: `camcal.detect.matches`; of wrong matches, which may be anywhere in the picture, fewer than 1 in 100 are as near
 NEAR = 1.0
-#: points whose mean is taken for what is not noise; with 50 matches they reach over a fifth of the picture
+#: neighbours whose mean estimates the systematic part; with 50 matches they extend over a fifth of the picture
 NEIGHBOURS = 8
-#: steps of the turn, which converge quadratically from some degrees, and rad of the differences: the cube root of eps
+#: steps of the rotation, which converge quadratically from some degrees; finite-difference step, rad: cube root of eps
 TURN_STEPS, TURN_STEP = 8, 1e-5
 
 
@@ -38,14 +38,14 @@ class Natural:
     Attributes
     ----------
     first, second : (N, 2) arrays, px
-        Of the pictures as taken.
+        In the original pictures.
     vertical, disparity : (N,) arrays, px of the rectified pictures
-        Across the baseline and along it, first less second.
+        Across the baseline and along it, first minus second.
     good : (N,) bool array
         Those that agree with each other.
     noise : (N,) array, px of the rectified pictures
-        How far each `vertical` is from the mean of its neighbours in picture and depth, scaled to the scatter of one:
-        what is random, while errors of the calibration change slowly. NaN where `good` is False.
+        Difference of each `vertical` from the mean of its neighbours in picture and depth, scaled to the scatter of a
+        single one: the random part, as calibration errors vary slowly. NaN where `good` is False.
     """
 
     first: Array
@@ -57,12 +57,12 @@ class Natural:
 
 
 def judge(pair: Rectification, first: Array, second: Array, name: str = "the pair") -> Natural:
-    """Vertical disparities of matches (N, 2) between the pictures as taken.
+    """Vertical disparities of matches (N, 2) between the original pictures.
 
     Raises
     ------
     DataError
-        Where fewer than eight matches lie in both rectified pictures or agree with each other.
+        If fewer than eight matches lie in both rectified pictures or agree with each other.
     """
     disparity, vertical = pair.disparities(first, second)
     shown = np.isfinite(vertical)
@@ -84,7 +84,7 @@ class Turn:
     Attributes
     ----------
     vector, sigma : (3,) arrays, rad
-        now_from_calibrated of the second camera, in its frame, with the scatter that the matches leave.
+        now_from_calibrated of the second camera, in its frame; sigma from the scatter of the matches.
     left : float
         Median size of the vertical disparities after it, px of the rectified pictures.
     """
@@ -97,7 +97,7 @@ class Turn:
 def turn_of(pair: Rectification, first: Array, second: Array) -> Turn:
     """The rotation of the second camera that minimises the vertical disparities of matches (N, 2).
 
-    Gauss-Newton steps on the vertical disparities v, by differences of the turn, with the weights of Tukey
+    Gauss-Newton steps on the vertical disparities v, with finite differences and the weights of Tukey
     (`scales.TUKEY`). Its sigmas are those of the matches alone, not of the calibration.
     """
     total, weight = np.zeros(3), np.ones(len(first))
@@ -129,13 +129,13 @@ def _vertical_and_slopes(
 
     ways = [(vertical(TURN_STEP * e) - vertical(-TURN_STEP * e)) / (2 * TURN_STEP) for e in np.eye(3)]
     v, j = vertical(np.zeros(3)), np.stack(ways, 1)
-    good = np.isfinite(v) & np.isfinite(j).all(1)  # a turn may take a point out of the rectified picture
+    good = np.isfinite(v) & np.isfinite(j).all(1)  # a rotation may move a point out of the rectified picture
     return np.where(good, v, 0.0), np.where(good[:, None], j, 0.0)
 
 
 def _agreeing(pair: Rectification, first: Array, second: Array) -> Array:
-    """The matches that agree: for perspective pictures by a fundamental matrix, for wide ones by the same relation
-    of unit rays.
+    """The matches that agree: with a fundamental matrix for perspective pictures, with the same relation between
+    unit rays for wide-angle ones.
     """
     if pair.projection == PERSPECTIVE:
         found = fundamental(pair.rectified(0, first), pair.rectified(1, second), least=NEAR)
@@ -149,8 +149,8 @@ def local_scatter(places: Array, values: Array) -> Array:
     """Each value minus the mean of its nearest points, over √(1 + 1/k): for pure noise, this has the noise's
     variance.
 
-    `places` (N, 3) are pixels and disparities, of which each column counts in units of its spread: a wrong translation
-    is felt by the depth.
+    `places` (N, 3) are pixels and disparities, each column in units of its spread: the effect of a wrong translation
+    depends on depth.
     """
     places = places / np.maximum(places.std(0), 1e-12)
     count = min(NEIGHBOURS, len(places) - 1)

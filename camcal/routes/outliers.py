@@ -1,4 +1,4 @@
-"""The points that agree on a pose: samples of three, least median of squares, then single tests."""
+"""The points that agree on a pose: samples of three, least median of squares, then individual tests."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from camcal.model.pose import Array, Pose
 from camcal.routes.pose_fit import refine_pose
 from camcal.solve import p3p
 
-#: below this many points outliers are not looked for: with four wrong ones among eight, eight points still
-#: leave the right pose two degrees of freedom
+#: below this many points outliers are not searched: with four wrong ones among eight, eight points still
+#: leave the correct pose two degrees of freedom
 LEAST = 8
-#: samples of three: with half of the points wrong, one of 130 is without a wrong one in all but 3 of 1e8 cases
+#: samples of three: with half of the points wrong, one of 130 is free of them in all but 3 of 1e8 cases
 SAMPLES = 130
 #: points on which the samples are scored
 SCORED = 400
-#: a right point is refused in one view of a hundred
+#: a correct point is rejected in one view of a hundred
 LEVEL = 0.01
-ROUNDING = 1e-18  #: px²; the noise is no less: the rounding of coordinates of 1e4 px
-ROUNDS = 10  #: of testing and refitting, at most
+ROUNDING = 1e-18  #: px²; lower limit of the noise: rounding of coordinates of 1e4 px
+ROUNDS = 10  #: largest number of rounds of testing and refitting
 
 
 def consensus(camera: Camera, view: View, rays: Array, seed: int = 0) -> Array:
     """The points (N,) that agree on one pose.
 
     The pose of the least median of squared residuals (Rousseeuw, Least median of squares regression, 1984)
-    gives a first scale; then points enter and leave by their residual against the scale of those that are in,
-    with an F test of (2, 2m - 6) degrees of freedom at `LEVEL` over all points (Bonferroni), until that settles.
+    gives an initial scale. Then points are included or excluded by comparing their residuals with the scale of the
+    included ones, by an F test with (2, 2m - 6) degrees of freedom at `LEVEL` over all points (Bonferroni), until the
+    selection is stable.
     """
     count = len(view)
     everybody = np.ones(count, bool)

@@ -1,8 +1,8 @@
 """Tracks of scene points over pictures: SIFT points matched between pairs of pictures and joined into tracks.
 
-Pairs of pictures that are matched in full are chosen by a vote of each picture's largest points, and neighbours
-in order. Matches that do not agree with the fundamental matrix of their pair are left out; the rest are joined
-(union-find), and a track with two points in one picture, some of whose matches are wrong, is left out.
+The pairs of pictures that are fully matched are neighbours in order, and those chosen by a vote of each picture's
+largest points. Matches that do not agree with the fundamental matrix of their pair are removed; the others are joined
+(union-find). A track with two points in one picture contains wrong matches and is removed.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from camcal.routes import epipolar
 from camcal.routes.bundle import Tracks
 from camcal.routes.read_lines import read_gray
 
-#: more make the matching of pairs too slow: 100 take some minutes
+#: largest number of pictures: matching the pairs of 100 takes some minutes
 MOST_PICTURES = 100
 #: pictures up to which all pairs are matched
 ALL_PAIRS = 12
-#: ... above it, for each picture: the next ones in order, and those that the vote says are most alike
+#: ... above it, for each picture: the next ones in order, and the most similar ones by the vote
 NEIGHBOURS, ALIKE = 3, 5
-#: points that vote, the largest of a picture: they are seen from far and near
+#: points that vote, the largest of a picture, which are visible from far and near
 VOTERS = 300
-#: matches of a pair that agree: fewer may do so by chance
+#: least number of matches of a pair that agree: fewer may do so by chance
 LEAST_MATCHES = 20
-#: points of a picture that become tracks, those in the most pictures: the adjustment takes the time of their square
-#: of views, and 300 points spread over a picture fix its pose to a part of a pixel
+#: points of a picture that become tracks, those in most pictures: the time of the adjustment grows with their number,
+#: and 300 points spread over a picture determine its pose to a fraction of a pixel
 MOST_TRACKS = 300
 
 
@@ -44,7 +44,7 @@ def of_pictures(
     Raises
     ------
     DataError
-        Fewer than two pictures or more than a hundred, different sizes, or no two that show the same scene.
+        If there are fewer than two or more than a hundred pictures, different sizes, or no two of the same scene.
     """
     files = list_pictures(paths)
     if not 2 <= len(files) <= MOST_PICTURES:

@@ -21,7 +21,7 @@ class PlacedCamera:
 
     @classmethod
     def of_matrix(cls, name: str, matrix: Array) -> PlacedCamera:
-        """The camera of a projection matrix (3, 4), with the handedness that makes depths positive for m34 > 0."""
+        """The camera of a projection matrix (3, 4), with the handedness for which depths are positive if m34 > 0."""
         k, rotation, translation, _ = projective.decompose(matrix)
         lens = lenses.make("pinhole", skew=True)
         return cls(name, Camera(lens, lens.from_matrix(k)), Pose(rotation, translation))

@@ -20,16 +20,16 @@ from camcal.solve import p3p
 from camcal.start import absolute_pose, shape
 
 LEAST = 3  #: points: Grunert's problem, which has up to four solutions
-#: A further minimum is reported where its sum of squares could be that of the same noise: unless an F test with
-#: the degrees of freedom of both refuses it at this level.
+#: A further minimum is reported if its sum of squares is consistent with the same noise: unless an F test with the
+#: degrees of freedom of both rejects it at this level.
 LEVEL = 0.999
-#: rad and part of the distance; refined minima nearer than this are one
+#: rad, and relative distance; refined minima closer than this are one
 SAME = 1e-5
-#: A pose is undetermined where a direction of its parameters, each in its own unit, moves the projections by less
-#: than this part of the direction that moves them most. Eigenvalues, which are the squares, are known to some 1e-15 of
-#: the largest: with a tenth of this, rounding would decide.
+#: A pose is undetermined if a direction of its parameters, each in its own unit, moves the projections by less
+#: than this fraction of the direction that moves them most. Eigenvalues, which are the squares, are known to some 1e-15
+#: of the largest: with a tenth of this, rounding would decide.
 UNDETERMINED = 1e-7
-#: points that choose the candidates; all take part in the refinement
+#: points used to select the candidates; all are used in the refinement
 SAMPLE = 2000
 
 
@@ -42,7 +42,7 @@ class Solution:
     pose : Pose
         cam_from_world.
     residuals : (N, 2) array, px
-        Predicted less observed, of all points; NaN outside the lens's domain.
+        Predicted minus observed, of all points; NaN outside the lens's domain.
     rms_point : float
         Over the points used.
     cost : float
@@ -74,7 +74,7 @@ class Found:
         return second / first if first > 0 else float("inf")
 
     def distance_half_width(self, view: View) -> float | None:
-        """Half of the 95 % interval of the distance of the used points' centroid, as a part of it, of the first pose;
+        """Half of the 95 % interval of the distance of the used points' centroid, relative to it, for the first pose;
         None without a covariance.
         """
         best, centre = self.solutions[0], view.xyz[self.used].mean(0)
@@ -94,16 +94,16 @@ def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Fou
     view : View
         Three points or more. With exactly three, every solution of Grunert's equations is returned.
     robust : {"auto", "none"}
-        `auto` looks for the largest set of points that agree on a pose and leaves the others out.
+        `auto` searches for the largest set of points that agree on a pose and excludes the others.
     seed : int
-        Of the samples that `auto` draws.
+        For the samples that `auto` draws.
 
     Raises
     ------
     DataError
-        Fewer than three points inside the lens's domain.
+        If fewer than three points lie inside the lens's domain.
     EstimationError
-        Points on a line or in one place: the pose is undetermined.
+        If the points are collinear or coincide, so that the pose is undetermined.
     """
     rays = camera.unproject(view.uv)
     inside = np.isfinite(rays).all(1)
@@ -122,10 +122,10 @@ def find(camera: Camera, view: View, robust: str = "auto", seed: int = 0) -> Fou
 
 
 def fits_mirrored(camera: Camera, view: View, found: Found) -> tuple[float, float] | None:
-    """rms_point of the points as they are and with v counted upwards, px, if only the latter fit.
+    """rms_point, px, of the points as given and with v counted upwards, if only the latter fit.
 
-    All points take part, and an F test refuses that both leave the same noise. A plane mirrored is seen from behind:
-    there both fit.
+    All points are used, and an F test must reject that both have the same noise. A mirrored plane is a plane seen from
+    behind, so that both fit.
     """
     turned = np.c_[view.uv[:, 0], 2 * camera.matrix[1, 2] - view.uv[:, 1]]
     try:
@@ -178,7 +178,7 @@ def _could_be(solution: Solution, best: Solution, count: int) -> bool:
     freedom = 2 * count - 6
     if freedom == 0:
         return True
-    # exact data: what is left is the rounding of the coordinates, to which no test applies
+    # exact data: the residuals are rounding of the coordinates, to which no test applies
     rounding = count * (1e-9) ** 2
     return solution.cost <= f_bound(1 - LEVEL, freedom, freedom) * max(best.cost, rounding)
 
@@ -197,7 +197,7 @@ def _refined(camera: Camera, view: View, used: Array, start: Pose) -> Solution |
     local = kept.xyz - centre
     roots = np.ones(len(kept)) if kept.sigma is None else 1 / kept.sigma
 
-    # about the points' centroid, where rotation and translation have little in common
+    # about the points' centroid, where rotation and translation are nearly uncorrelated
     centred = Pose(start.rotation, start.translation + start.rotation @ centre)
     fit = refine_pose(camera, local, kept.uv, roots, centred)
     if fit is None:

@@ -1,7 +1,7 @@
 """A projective reconstruction: cameras P (3, 4) of several views and points X (4,), up to a homography of space.
 
 R. Hartley & A. Zisserman, Multiple view geometry (2003): two cameras from F (result 9.14), points and further cameras
-by linear equations (12.2, 7.1), which are weighted to distances in the picture and solved in turns.
+by linear equations (12.2, 7.1), which are weighted to distances in the picture and solved alternately.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from camcal.model.pose import Array
 from camcal.routes.bundle import Tracks
 from camcal.routes.reconstruct import Pair
 
-#: views that are put together: the plane at infinity is found as well from a dozen, and more of them drift apart
+#: largest number of views used: a dozen determine the plane at infinity as well, and longer chains drift
 MOST_VIEWS = 12
-#: points that a further view shares: six determine a camera, and as many say whether it is right
+#: least number of points shared with a further view: six determine a camera, and as many verify it
 LEAST = 12
-#: samples of six: with three of ten images wrong, one is without a wrong one in all but 1 of 2e5 views
+#: samples of six: with three of ten images wrong, one is free of them in all but 1 of 2e5 views
 SAMPLES = 100
-#: rounds of solving for all cameras and points in turn
+#: rounds of solving alternately for all cameras and points
 ROUNDS = 12
-#: of the median depth: equations are divided by the depth of their point, which near the plane of the camera would
-#: otherwise outweigh all others
+#: of the median depth: lower limit of the depth by which equations are divided, so that points near the plane of the
+#: camera do not outweigh all others
 LEAST_DEPTH = 1e-3
-#: images are right within so many robust standard deviations, and no less than px
+#: robust standard deviations within which images are inliers, and the least limit, px
 FAR, LEAST_FAR = 3.5, 0.5
 
 
 def of_pairs(known: list[Pair], tracks: Tracks, centre: Array, unit: float) -> Array | None:
     """Cameras (V, 3, 4) of pixels (uv - centre) / unit, up to a homography; None for fewer than three views.
 
-    The pair that has the most matches off any plane begins; rows of the tracks with view -1 do not count.
+    The reconstruction starts from the pair with most matches off any plane; tracks with view -1 are ignored.
     """
     q = np.c_[(tracks.uv - centre) / unit, np.ones(len(tracks))]
     begin = max(known, key=lambda p: _off_plane(p, tracks))
@@ -87,7 +87,7 @@ class _State:
         self._place()
 
     def add(self) -> bool:
-        """Add the view with the most known points; whether there was one."""
+        """Add the view with most known points; return whether there was one."""
         known = np.isfinite(self.points).all(1)[self.point] & self.good & ~self.known[self.view.clip(0)]
         counts = np.bincount(self.view[known], minlength=len(self.cameras))
         counts[self.refused] = 0
@@ -112,7 +112,7 @@ class _State:
         return True
 
     def alternate(self, rounds: int) -> None:
-        """Cameras and points in turn, without the images that lie far off."""
+        """Solve alternately for cameras and points, without outlying images."""
         for _ in range(rounds):
             rows = np.flatnonzero(self._usable())
             weight = self._weights(rows)

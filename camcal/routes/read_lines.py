@@ -30,12 +30,12 @@ def read_lines(
     paths : sequence of path
         Tables `line,u,v[,view]`, or pictures of one size.
     image_size : (width, height), optional
-        Of the pictures that a table is about; by default the smallest that holds all points.
+        Of the pictures in which the points of a table were measured; by default the smallest that contains all points.
 
     Raises
     ------
     DataError
-        Where a file cannot be read, pictures differ in size, or no line is found.
+        If a file cannot be read, pictures differ in size, or no line is found.
     """
     if all(Path(p).suffix.lower() in TABLES for p in paths):
         return _of_tables(paths, image_size), False

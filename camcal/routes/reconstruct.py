@@ -18,16 +18,16 @@ from camcal.routes.placed import PlacedCamera
 from camcal.routes.pose import find
 from camcal.routes.triangulate import linear, sorted_images
 
-#: known points of a view that is added: twice those that determine its pose uniquely
+#: least number of known points of a view that is added: twice those that determine its pose uniquely
 LEAST_KNOWN = 8
-#: rad; the first pair is the one with the most matches times the median angle of their rays, up to this
+#: rad; the first pair has the largest product of matches and median angle of rays, limited to this
 WIDE = np.radians(20)
-#: pairs that are tried as the first
+#: pairs tried as the first
 PAIRS = 12
-#: part of the picture's width; an image farther from its point is left out while the views are put together: poses and
-#: focal length are rough then
+#: fraction of the picture's width; images farther from their points are excluded during the reconstruction, when poses
+#: and focal length are still approximate
 ROUGH = 0.02
-#: views between two adjustments of all
+#: views added between two adjustments of all
 EVERY = 4
 #: points of a view: three determine its pose, up to four solutions; the fourth decides
 LEAST_SEEN = 4
@@ -69,7 +69,7 @@ def _by_view(tracks: Tracks, views: int) -> list[Array]:
 def first_pair(
     known: list[Pair], camera: Camera, tracks: Tracks, bundle: Bundle
 ) -> tuple[float, Bundle] | None:
-    """The pair that begins, by matches and angle, with its points; None where none has an angle."""
+    """The initial pair, chosen by matches and angle, with its points; None if no pair has an angle."""
     best: tuple[float, Bundle] | None = None
     for pair in known[:PAIRS]:
         made = _placed(pair, camera, tracks, bundle)
@@ -108,7 +108,7 @@ def empty(camera: Camera, views: int, points: int) -> Bundle:
 
 
 def grow(bundle: Bundle, tracks: Tracks, free: Array) -> Bundle:
-    """Add views, always the one with the most known points, and the points that they determine."""
+    """Add views, always the one with most known points, and the points that they determine."""
     refused: set[int] = set()
     since = 0
     bundle = settled(bundle, tracks, free)
@@ -181,7 +181,7 @@ def usable(bundle: Bundle, tracks: Tracks, bound: float | Array) -> Array:
 
 
 def loose_scale(off: Array) -> float:
-    """The length of a residual, px, from which on it loses weight in a first adjustment: `LOOSE` of their medians."""
+    """The length of a residual, px, above which it loses weight in a first adjustment: `LOOSE` times their median."""
     return max(LOOSE * float(np.median(off)), LEAST_SCALE)
 
 

@@ -23,17 +23,17 @@ from camcal.routes.scene_start import frames
 from camcal.routes.scene_vote import LEAST_LINES, Seen, families, seen_lines
 from camcal.solve.parameters import apply_fixed
 
-#: The principal point is undetermined where its sigma exceeds this part of the picture's width: the middle of the
-#: picture is then the better guess, as real ones are within a twentieth of it.
+#: The principal point is undetermined if its sigma exceeds this fraction of the picture's width: the middle of the
+#: picture is then a better estimate, as real ones are within a twentieth of it.
 CENTRE = 0.05
-#: ... and the focal length where its sigma exceeds this part of it: 95 % intervals from half to double
+#: ... and the focal length if its relative sigma exceeds this: 95 % intervals from half to double
 FOCAL = 0.25
 #: rad; directions of buildings and rooms are out of square by about this, standard deviation (0.9 degrees: what twelve
 #: pictures of streets and rooms are off by)
 OUT_OF_SQUARE = 0.015
-#: of σ, while lines are chosen and fitted in turn: the directions of a start come from two lines each
+#: factor on σ while lines are alternately selected and fitted: initial directions come from two lines each
 WIDER = (2.0, 1.5, 1.0, 1.0, 1.0, 1.0)
-#: a direction is at infinity where its vanishing point is farther than so many widths of the picture
+#: a direction is at infinity if its vanishing point is farther away than this many picture widths
 INFINITY = 20.0
 
 
@@ -42,14 +42,15 @@ def estimate(
 ) -> Scene:
     """Estimate the camera and the three directions that most lines agree with.
 
-    Of a `picture`, edges are out of their directions, and these out of square; lines of tables are exact but for noise.
+    In a `picture`, edges deviate from their directions, and these from right angles; lines of tables are exact up to
+    noise.
 
     Raises
     ------
     DataError
         Too few lines.
     EstimationError
-        Where the focal length is undetermined: lines of one direction, or directions parallel to the picture.
+        If the focal length is undetermined: lines of one direction, or directions parallel to the picture.
     """
     if len(lines) < 2 * LEAST_LINES:
         raise DataError(
@@ -122,7 +123,9 @@ def _judged(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: S
     if "fx" in fix:
         return scene
     sigma = float(np.sqrt(scene.covariance[0, 0]))
-    far = all(at_infinity(scene, i, width) for i in scene.directions)  # then what bends the lines makes f up
+    far = all(
+        at_infinity(scene, i, width) for i in scene.directions
+    )  # then only the distortion would determine f
     if len(scene.directions) < 2 or far or not sigma <= FOCAL * scene.camera.params[0]:
         raise _undetermined(scene, sigma, width)
     return _with_centre(lines, scene, unknown, fix, seen)
@@ -151,7 +154,7 @@ def _with_centre(
 
 
 def _out_of_square(lines: Lines, scene: Scene, fix: Mapping[str, float | None], seen: Seen) -> Scene:
-    """The covariance with the doubt whether the scene's directions are orthogonal."""
+    """The covariance including the uncertainty of the angles between the scene's directions."""
     held = {**fix, **{n: scene.camera.values[n] for n in scene.assumed}}
     vote = families(seen, scene.camera, scene.rotation)
     covariance = scene.covariance.copy()

@@ -1,4 +1,4 @@
-"""Whether the lines of a picture are bent, as a lens with distortion bends them: towards its centre or away from it."""
+"""Detection of lens distortion from a common bend of the lines in a picture, towards its centre or away from it."""
 
 from __future__ import annotations
 

@@ -19,12 +19,12 @@ from camcal.solve.parameters import free_matrix
 
 SQUARE = np.eye(3)  #: orthogonal directions
 
-#: of the picture's width; lines of one direction that are nearer than this share their errors (one wall, one table, one
-#: pattern), the less the farther they are apart
+#: of the picture's width; lines of one direction closer than this share their errors (one wall, one table, one
+#: pattern), the less the farther apart they are
 REACH = 0.2
-#: renewals of the denominators of a fit on the way, and of the last one
+#: updates of the denominators in an intermediate fit, and in the final one
 RENEWALS, LAST = 1, 3
-#: steps of a fit: from a start within the bounds fewer than ten are taken where the lines determine anything
+#: steps of a fit: fewer than ten are needed from a plausible start if the lines determine anything
 STEPS = 25
 
 
@@ -80,7 +80,7 @@ class _State:
     params: Array
     rotation: Array
     angles: Array
-    square: Array  #: (3, 3) the directions in the scene, columns; the identity where they are orthogonal
+    square: Array  #: (3, 3) the directions in the scene, columns; the identity if they are orthogonal
 
 
 def fit_scene(
@@ -95,7 +95,7 @@ def fit_scene(
 ) -> Scene | None:
     """Camera, rotation and line angles from a start; None if a line leaves the domain of the lens.
 
-    `square` (3, 3) holds the directions in the scene as columns, where they are not orthogonal.
+    `square` (3, 3) holds the directions in the scene as columns, if they are not orthogonal.
     """
     chosen = np.flatnonzero(vote.family >= 0)
     own = lines.take(chosen)
@@ -127,7 +127,7 @@ def _angles(rays: Array, lines: Lines, state: _State, axes: Array) -> Array:
 
 
 def _basis(axes: Array, square: Array) -> tuple[Array, Array]:
-    """Two unit vectors (L, 3) of the scene at right angles to each line's direction and to each other."""
+    """Two unit vectors (L, 3) of the scene orthogonal to each line's direction and to each other."""
     across = tangents(square.T)
     return across[axes, :, 0], across[axes, :, 1]
 
@@ -218,12 +218,12 @@ def _clustered(
     roots: Array,
     growth: float,
 ) -> Array:
-    """The covariance of camera and rotation with the lines, not the points, as what is independent.
+    """The covariance of camera and rotation with independent lines instead of independent points.
 
-    A line that is not quite in its direction, or not quite straight, is off as a whole, and lines near to one another
-    are off together. The sandwich of the scores of the lines (White, Econometrica 50, 1982), with products of near ones
-    (Conley, Journal of Econometrics 92, 1999), holds whatever the errors inside a line; L / (L - p) corrects for the
-    parameters.
+    A line that deviates from its direction, or is not quite straight, deviates as a whole, and the deviations of
+    neighbouring lines are correlated. The sandwich of the scores of the lines (White, Econometrica 50, 1982), with
+    products of near ones (Conley, Journal of Econometrics 92, 1999), holds whatever the errors inside a line; L / (L -
+    p) corrects for the parameters.
     """
     weight = roots / slopes(at, n)
     reduced = np.linalg.pinv(normal.reduced(), hermitian=True)
@@ -235,16 +235,14 @@ def _clustered(
     residual = (n * d).sum(1) * weight
     squares = np.maximum(np.bincount(lines.line, own**2, len(lines)), np.finfo(float).tiny)
     gain = np.stack([np.bincount(lines.line, own * c, len(lines)) for c in shared.T], 1) / squares[:, None]
-    alone = (
-        shared - own[:, None] * gain[lines.line]
-    )  # what is left of the shared part beside the line's own angle
+    alone = shared - own[:, None] * gain[lines.line]  # the shared part after eliminating the line's own angle
     scores = np.stack([np.bincount(lines.line, residual * c, len(lines)) for c in alone.T], 1)
     factor = len(lines) / max(len(lines) - shared.shape[1], 1) / growth**2
     return factor * reduced @ (scores.T @ _shared(lines, axes) @ scores) @ reduced
 
 
 def _shared(lines: Lines, axes: Array) -> Array:
-    """How far two lines (L, L) share their errors: those of one direction that are near to one another."""
+    """The degree (L, L) to which two lines share their errors: those of one direction that are close to each other."""
     assert lines.image_size is not None
     counts = np.bincount(lines.line, minlength=len(lines))
     middle = np.stack([np.bincount(lines.line, x, len(lines)) / counts for x in lines.uv.T], 1)

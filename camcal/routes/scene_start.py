@@ -11,20 +11,20 @@ import numpy as np
 
 Array = np.ndarray
 
-#: samples: one of thirty is right where a fifth of the lines is clutter and no family has most of the rest
+#: samples: one in thirty is correct if a fifth of the lines is clutter and no family dominates the rest
 SAMPLES = 4000
-#: lines that vote, the longest
+#: lines that vote: the longest ones
 VOTERS = 250
 #: px; a line votes by exp(-e²/2 s²), e the distance of its ends from the line through its middle and the point
 SOFT = 1.0
-#: focal lengths in widths of the picture: 10 to 140 degrees across
+#: focal lengths in widths of the picture: horizontal fields of view of 10 to 140 degrees
 FOCAL = (0.18, 6.0)
-#: frames that are followed further
+#: frames that are refined
 KEPT = 5
-#: rad, and a part of the focal length: frames nearer to one another than this are one
+#: rad, and relative focal length: frames closer than this are one
 SAME, SAME_FOCAL = 0.05, 0.1
 SAMPLE = 4  #: lines of a sample: two meet in each of two vanishing points
-BLOCK = 200  #: samples whose votes are counted at a time: with 250 lines, 5 MB an array
+BLOCK = 200  #: samples whose votes are counted at a time: with 250 lines, 5 MB per array
 
 
 def frames(
@@ -42,7 +42,7 @@ def frames(
     width : float
         Of the picture, px.
     focal : float, optional
-        The focal length where it is known.
+        The focal length, if it is known.
     """
     own = (ends[:VOTERS] - centre) / width
     rng = np.random.default_rng(seed)
@@ -87,7 +87,7 @@ def _sampled(own: Array, rng: np.random.Generator, focal: float | None) -> tuple
     one /= np.linalg.norm(one, axis=1, keepdims=True)
     two -= one * (one * two).sum(1, keepdims=True)  # with a focal length given they need not be orthogonal
     norm = np.linalg.norm(two, axis=1)
-    # sin(30 degrees): the two directions are at least so far apart
+    # sin(30 degrees): least angle between the two directions
     keep = norm > 0.5
     one, two, f = one[keep], two[keep] / norm[keep, None], f[keep]
     return f, np.stack([one, two, np.cross(one, two)], 2)

@@ -1,9 +1,9 @@
 """Which lines of a picture belong to which of three directions, by a mixture of four sources.
 
-A line of direction i misses the vanishing point of i by m px at its ends, σ being what is expected of them; m / σ is
-distributed as Student's t, whose tails are the lines nearly in the direction. A line of no direction has any angle. The
-shares of the four sources are those of greatest likelihood (the EM algorithm; Dempster, Laird & Rubin 1977), so that no
-bound decides what belongs.
+A line of direction i misses the vanishing point of i by m px at its ends, with the expected deviation σ; m / σ follows
+Student's t, whose tails represent lines that are only nearly in the direction. A line of no direction has any angle.
+The shares of the four sources are those of maximum likelihood (the EM algorithm; Dempster, Laird & Rubin 1977), so that
+no threshold decides on membership.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines
 from camcal.routes.scene_start import misses
 
-#: lines of a direction at least: two always meet, the third says that they do so at one point
+#: least number of lines of a direction: two always meet, the third confirms the point
 LEAST_LINES = 3
 #: px; noise of the ends of lines: of points in a table, and of segments fitted to sub-pixel maxima (greatest
 #: likelihood over twelve pictures of streets and rooms, of 0.1, 0.2, 0.3)
 TABLE_NOISE, PICTURE_NOISE = 0.3, 0.2
-#: rad; by which edges of buildings and furniture are out of their direction beside that (greatest likelihood of 0.003
+#: rad; additional deviation of edges of buildings and furniture from their direction (greatest likelihood of 0.003
 #: and 0.006). Lines of tables are taken as exact.
 LOOSE = 0.003
 #: degrees of freedom of t (of 2 and 4, the greater likelihood)
 TAIL = 2.0
-#: a line is used where it belongs to its direction with this probability: all that is more likely than not
+#: a line is used if it belongs to its direction with at least this probability: more likely than not
 LIKELY = 0.5
 #: steps of EM; the shares of a few hundred lines no longer change in the third digit
 STEPS = 30
@@ -53,10 +53,10 @@ class Vote(NamedTuple):
     roots : (L,) array
         Of the weights.
     growth : float
-        How the scores grow with the residuals, beside what the weighted Jacobian says, as the weights fall:
+        Growth of the scores with the residuals relative to the weighted Jacobian, as the weights decrease:
         Σ ψ' / Σ w (Huber, Robust statistics, 1981, section 7.6).
     likelihood : float
-        Its logarithm, beside lines of no direction.
+        Its logarithm, relative to lines of no direction.
     """
 
     family: Array
@@ -66,7 +66,7 @@ class Vote(NamedTuple):
 
 
 def seen_lines(lines: Lines, picture: bool) -> Seen:
-    """What is expected of lines found in a picture, or given in a table."""
+    """Lines found in a picture or given in a table, with the expected deviations of their ends."""
     ends = line_ends(lines)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     noise = np.hypot(PICTURE_NOISE, LOOSE * length / 2) if picture else np.full(len(length), TABLE_NOISE)
@@ -74,12 +74,12 @@ def seen_lines(lines: Lines, picture: bool) -> Seen:
 
 
 def families(seen: Seen, camera: Camera, rotation: Array, wider: float = 1.0) -> Vote:
-    """The direction of each line, -1 where it probably has none, and its weight; `wider` multiplies σ."""
+    """The direction of each line, -1 if it probably has none, and its weight; `wider` multiplies σ."""
     ends, noise, length = seen
     flat = ends if camera.lens.name == "pinhole" else _flat(camera, ends)
     sigma = wider * noise
     miss = misses(flat, camera.params[2:4], float(camera.params[0]), rotation) / sigma[:, None]
-    # beside a line of no direction, whose ends miss by up to half its length, of every angle
+    # relative to a line of no direction, whose ends miss by up to half its length, at any angle
     ratio = _student(miss) * (np.pi * length / 2 / sigma)[:, None]
     share, chances = np.full(4, 0.25), ratio
     for _ in range(STEPS):

@@ -1,15 +1,15 @@
 """Self-calibration from tracks of unknown points: focal length from fundamental matrices, then bundle adjustment.
 
-1. The fundamental matrix of every pair of views with enough matches; of a lens that bends far, the lifted one
+1. The fundamental matrix of every pair of views with enough matches; for strong distortion the lifted one
    (`lifted`), after which pixels are undistorted.
 2. The focal length of the absolute dual quadric of a projective reconstruction of three views or more
-   (`dual_quadric`), and that with which all E = Kᵀ F K are most nearly essential matrices (Mendonça & Cipolla 1999),
-   the principal point in the middle, pixels square.
-3. The views put together one by one, then adjusted together with the focal length and the lens.
+   (`dual_quadric`), and that for which all E = Kᵀ F K are closest to essential matrices (Mendonça & Cipolla 1999), with
+   the principal point in the middle and square pixels.
+3. Incremental reconstruction of the views, then joint adjustment with the focal length and the lens.
 
 What the motion leaves undetermined (a critical motion: Sturm, Critical motion sequences for monocular self-calibration
-and uncalibrated Euclidean reconstruction, 1997) shows in the standard deviation of the focal length after the
-adjustment; two views are refused before that where their axes meet.
+and uncalibrated Euclidean reconstruction, 1997) appears in the standard deviation of the focal length after the
+adjustment; two views whose axes meet are refused before.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from camcal.routes.bundle_outliers import adjusted
 from camcal.routes.reconstruct import Pair, aligned, empty, first_pair, grow, pairs, usable, with_points
 from camcal.solve.parameters import apply_fixed, free_matrix
 
-#: Principal points of real cameras lie within this part of the picture's width of its middle. A single pair of views
-#: whose axes miss one another by less is critical; a principal point whose sigma is larger is undetermined.
+#: Principal points of real cameras lie within this fraction of the picture's width from its middle. A single pair of
+#: views whose axes miss each other by less is critical; a principal point with a larger sigma is undetermined.
 CENTRE = 0.05
-#: relative standard deviation of the focal length from which a motion counts as critical
+#: relative standard deviation of the focal length above which a motion is critical
 UNCERTAIN = 0.1
 #: added to 1 - σ2 / σ1 before its logarithm: what noise leaves of it at the right focal length
 SHARP = 1e-3
 LEAST_VIEWS = 2  #: one view has no parallax
-#: matches of a pair that determine the distortion: with fewer its one parameter more takes off as much by chance
+#: least matches of a pair to determine the distortion: with fewer, a further parameter gains as much by chance
 LEAST_BENT = 40
-#: times the distance of matches from epipolar lines that they have from where a homography sends them: for noise alone
-#: it is 2.5 (two coordinates of it in two pictures against one)
+#: ratio of the distances of matches from a homography's predictions to those from epipolar lines: 2.5 for noise alone
+#: (two coordinates in two pictures compared with one)
 PARALLAX = 5.0
-#: of log f: two starts nearer than this end in the same minimum; 20 % are four steps of the focal lengths of pairs
+#: of log f: two starts closer than this reach the same minimum; 20 % are four steps of the focal lengths of pairs
 SAME = 0.2
 
 
@@ -57,7 +57,7 @@ class SelfCalibration:
     Attributes
     ----------
     bundle : Bundle
-        In the frame of the first view, the points' root mean square distance 1.
+        In the frame of the first view, scaled to an rms distance of the points of 1.
     covariance : (P, P) array
         Of the camera's parameters.
     start : Camera
@@ -65,16 +65,16 @@ class SelfCalibration:
     fixed, assumed : tuples of str
         Parameters that were held, and those of them that the motion leaves undetermined.
     used : (N,) bool array
-        Which images it rests on.
+        Mask of the images used.
     pairs : tuple of Pair
     iterations : int
     converged : bool
     pixels : (N, 2) array, px
-        That the pairs' fundamental matrices are of: undistorted ones for a lens that bends far.
+        Pixels to which the fundamental matrices apply: undistorted ones for strong distortion.
     rays : str
-        What the pairs' fundamental matrices took the lens for: pinhole, division or rational.
+        Lens model behind the fundamental matrices: pinhole, division or rational.
     dual_quadric : float or None
-        The focal length of the absolute dual quadric, px; None for two views, or where it is no real number.
+        The focal length of the absolute dual quadric, px; None for two views, or if it is not real.
     """
 
     bundle: Bundle
@@ -105,9 +105,9 @@ def estimate(
     Raises
     ------
     DataError
-        Fewer than two views that share sixteen points.
+        If no two views share sixteen points.
     EstimationError
-        A critical motion.
+        If the motion is critical.
     """
     known = pairs(tracks, views, seed)
     if views < LEAST_VIEWS or not known:
@@ -149,12 +149,12 @@ def _focals(known: list[Pair], size: tuple[int, int], quadric: float | None) -> 
 def _best_start(
     focals: list[float], put_together: Callable[[float], tuple[Camera, Bundle]], tracks: Tracks
 ) -> tuple[Camera, Bundle]:
-    """The start with the smallest misses; of focal lengths that are the same, a further one only where the first fails.
+    """The start with the smallest residuals; a focal length equal to an earlier one is tried only if that one fails.
 
     Raises
     ------
     EstimationError
-        That of the first, where the views cannot be put together from any.
+        That of the first start, if the reconstruction fails from all.
     """
     made: list[tuple[float, tuple[Camera, Bundle]]] = []
     failed: EstimationError | None = None
@@ -174,13 +174,13 @@ def _best_start(
 
 
 def _misses(bundle: Bundle, tracks: Tracks) -> float:
-    """The median distance of images from their points, px, infinite for those without a place."""
+    """The median distance of images from their projected points, px, infinite for points without a position."""
     off = np.linalg.norm(bundle.residuals(tracks), axis=1)
     return float(np.median(np.where(np.isfinite(off), off, np.inf)))
 
 
 def _rotation_alone(known: list[Pair], uv: Array) -> bool:
-    """Whether a homography explains all pairs: what F and the distortion are then is chance."""
+    """Return whether homographies explain all pairs, so that F and the distortion are arbitrary."""
     for pair in known:
         rows = pair.matches[pair.agree]
         first, second = (uv[rows[:, i]] for i in (0, 1))
@@ -201,7 +201,7 @@ def _bent(
     fix: Mapping[str, float | None],
     seed: int,
 ) -> lifted.Rational | None:
-    """The rays of a lens that bends them so far that a pinhole camera is no start; None where it does not."""
+    """The rays of a lens whose distortion is too strong to start from a pinhole camera; None if it is not."""
     if all(n in fix or n in lens.default_fixed for n in lens.names[4:]):
         return None
     matches = [(tracks.uv[p.matches[:, 0]], tracks.uv[p.matches[:, 1]]) for p in known]
@@ -228,12 +228,12 @@ def _focal(known: list[Pair], size: tuple[int, int]) -> float:
             f"one another by {apart:.1f} px, and they are known to {CENTRE * width:.0f} px"
         )
     costs = epipolar.focal_costs(matrices, centre, width)
-    # the logarithm lets the pairs that are sharp at one focal length decide, and wrong ones count little
+    # with the logarithm, pairs with a sharp minimum dominate, and wrong ones have little weight
     return float(epipolar.FOCAL[int(np.log(costs + SHARP).mean(0).argmin())] * width)
 
 
 def kruppa_focal(found: SelfCalibration) -> float | None:
-    """The median of the focal lengths, px, that the pairs' Kruppa equations have, None where none has one."""
+    """The median of the focal lengths, px, from the pairs' Kruppa equations; None if there is none."""
     size = found.start.image_size
     assert size is not None
     centre, width = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2]), float(max(size))

@@ -1,4 +1,4 @@
-"""Straightness of lines, as pictured and after removing a lens's distortion."""
+"""Straightness of lines, in the original picture and after removing distortion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def before(lines: Lines) -> Straightness:
 def after(camera: Camera, lines: Lines) -> Straightness:
     """The straightness of the undistorted points, at the scale of the picture on the optical axis.
 
-    Where a ray is at 90 degrees or beyond, distances in the picture as it was taken are used instead.
+    If a ray is at 90 degrees or beyond, distances in the original picture are used instead.
     """
     flat = undistorted(camera, lines.uv)
     if np.isfinite(flat).all():

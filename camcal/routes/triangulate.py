@@ -15,14 +15,14 @@ from camcal.records import dataclass
 from camcal.routes.distance import half_width
 from camcal.routes.placed import PlacedCamera
 
-#: Rays are parallel where the least singular value of their normal matrix is below this part of the largest: the
+#: Rays are parallel if the least singular value of their normal matrix is below this fraction of the largest: the
 #: angle between them is then below 1e-6 rad, a thousandth of a pixel for a focal length of 1000 px.
 PARALLEL = 1e-12
-#: px; residuals of exact data are rounding, of which none is an outlier
+#: px; smaller residuals are rounding of exact data, never outliers
 ROUNDING = 1e-9
-#: A point's residuals are noise unless χ² at this level says otherwise: one good point of a thousand is looked into.
+#: A point's residuals are noise unless a χ² test at this level rejects it: one good point in a thousand is examined.
 LEVEL = 0.999
-#: degrees of freedom of a point that is tested: without one of its images, two numbers, it still has one
+#: least degrees of freedom of a tested point: without one of its images (two coordinates) it still has one
 LEAST_FREEDOM = 3
 
 
@@ -54,7 +54,7 @@ class Triangulated:
     Attributes
     ----------
     xyz : (P, 3) array
-        NaN where a point is undetermined.
+        NaN for undetermined points.
     covariance : (P, 3, 3) array
         Scaled by `sigma_hat`.
     residual : (P,) array
@@ -65,9 +65,9 @@ class Triangulated:
     sigma_hat : float or None
         Of the noise of an image coordinate, px (or of sigma), from the residuals of all points together.
     reason : tuple of str
-        Why a point is undetermined; empty where it is not.
+        Why a point is undetermined; empty if it is determined.
     cameras : tuple of PlacedCamera
-        As given, but turned over where the world's frame is left-handed.
+        As given, but mirrored if the world's frame is left-handed.
     """
 
     xyz: Array
@@ -86,8 +86,8 @@ class Triangulated:
 
 
 def far_half_widths(found: Triangulated, images: Images) -> Array:
-    """Half of the 95 % intervals (P,) of the distances of the points from the camera that knows them best, as a part of
-    the distance; NaN for points without a position.
+    """Half of the 95 % intervals (P,) of the distances of the points from the camera with the smallest interval,
+    relative to the distance; NaN for points without a position.
     """
     freedom = 2 * int(found.used[found.known[images.point]].sum()) - 3 * int(found.known.sum())
     best = np.full(len(found.xyz), np.inf)
@@ -102,14 +102,14 @@ def far_half_widths(found: Triangulated, images: Images) -> Array:
 def triangulate(cameras: Sequence[PlacedCamera], images: Images, count: int) -> Triangulated:
     """Triangulate `count` points.
 
-    Each point starts where the squared distances from its rays are least, and ends where Σ |r|² / sigma² is
-    least. A point whose residuals are too large for the common noise is tried without each of its images (with
-    three or more); the best such choice is kept if its residuals are noise.
+    Each point is initialised by least squares of the distances from its rays and refined by minimising
+    Σ |r|² / sigma². A point whose residuals are too large for the common noise is tried without each of its images
+    (if it has three or more); the best such choice is kept if its residuals are noise.
 
     Raises
     ------
     DataError
-        Where no point has two images.
+        If no point has two images.
     """
     views = np.bincount(images.point, minlength=count)
     if views.max(initial=0) < 2:
@@ -197,7 +197,7 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
 def _equations(cameras: Sequence[PlacedCamera], images: Images, xyz: Array) -> tuple[Array, Array]:
     """Residuals (N, 2), px, of all images and their Jacobians (N, 2, 3) by their points; NaN where undefined."""
     residual, jacobian = np.full((len(images), 2), np.nan), np.full((len(images), 2, 3), np.nan)
-    with np.errstate(invalid="ignore"):  # of points that are not known
+    with np.errstate(invalid="ignore"):  # unknown points are NaN
         for index, camera in enumerate(cameras):
             own = images.camera == index
             residual[own], jacobian[own] = camera.residuals(xyz[images.point[own]], images.uv[own])
@@ -242,7 +242,7 @@ def _without_outliers(
         return used
     best, choice = np.full(count, np.inf), np.full(count, -1)
     order = _order_within(images.point)
-    for nth in range(int(order.max()) + 1):  # the n-th image of every suspect is left out, all at once
+    for nth in range(int(order.max()) + 1):  # omit the n-th image of every suspect point at the same time
         rows = np.flatnonzero((order == nth) & suspects[images.point] & used)
         part = suspects[images.point] & used
         part[rows] = False
@@ -289,7 +289,7 @@ def sorted_images(camera: Array, point: Array, uv: Array, sigma: Array | None = 
     Raises
     ------
     DataError
-        Where a camera has two images of a point.
+        If a camera has two images of a point.
     """
     order = np.lexsort((camera, point))
     made = Images(camera[order], point[order], uv[order])

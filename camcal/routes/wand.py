@@ -1,13 +1,13 @@
 """Calibration of several cameras with a wand: a bar of known length moved through the volume they see.
 
 P. Theriault et al., A protocol and calibration method for accurate multi-camera field videography, Journal of
-Experimental Biology 217 (2014), describes the practice of the motion laboratories (easyWand). Here the bar's
-length is exact: a bar has five unknowns at every instant (`wand_fit`), in place of six and an equation for its
+Experimental Biology 217 (2014), describes the practice of motion laboratories (easyWand). Here the bar's
+length is exact: a bar has five unknowns at every instant (`wand_fit`), instead of six and an equation for its
 length.
 
-1. Relative poses of pairs of cameras, and the focal length where it is unknown (`wand_start`).
-2. All together by least squares in px, wrong images losing weight; then without them, the lens and last the principal
-   points freed.
+1. Relative poses of pairs of cameras, and the focal length if it is unknown (`wand_start`).
+2. Joint least squares in px with a robust loss; then without outliers, freeing the lenses and finally the principal
+   points.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from camcal.routes.wand_start import LEAST_BARS, chained, focal_part, links, pla
 from camcal.solve.losses import RAYLEIGH_MEDIAN
 from camcal.solve.parameters import apply_fixed, free_matrix
 
-#: part of the picture's width; images farther than this from their bar do not take part in the first adjustment
+#: fraction of the picture's width; images farther than this from their bar are excluded from the first adjustment
 ROUGH = 0.05
-#: part of the variance of the noise that is left in the residuals of two cameras: 3 of the 8 coordinates of a bar
+#: fraction of the noise variance that remains in the residuals of two cameras: 3 of the 8 coordinates of a bar
 KEPT = 3 / 8
 #: images for each camera: twelve coordinates, twice as many as its pose has numbers
 LEAST_IMAGES = 6
@@ -52,12 +52,12 @@ class WandCalibration:
     frees : tuple of (P, F) arrays
         d parameters / d free parameters of each camera.
     covariance : (S, S) array
-        Of the free parameters of all cameras, then the places (rotation on the left, rad, translation) of each but the
+        Of the free parameters of all cameras, then the poses (rotation on the left, rad, translation) of all but the
         first.
     assumed : tuple of str
         `camera.parameter` that were held because the bar leaves them undetermined.
     used : (N,) bool array
-        Which images it rests on.
+        Mask of the images used.
     iterations : int
     converged : bool
     """
@@ -89,7 +89,7 @@ class WandCalibration:
     def baseline(self, first: int, second: int) -> tuple[float, float]:
         """The distance of two cameras and its standard deviation.
 
-        The centre -Rᵀ t moves by -Rᵀ dt only: a turn exp(δ) on the left adds -Rᵀ [t] δ to first order.
+        The centre -Rᵀ t moves by -Rᵀ dt; a rotation exp(δ) on the left adds -Rᵀ [t] δ to first order.
         """
         centres, moves = [], []
         size = len(self.covariance)
@@ -124,17 +124,17 @@ def estimate(
     Parameters
     ----------
     cameras : sequence of Camera
-        Known ones, which are held, and unknown ones: their lens, with the principal point in the middle.
+        Known cameras, which are held, and unknown ones, given by their lens with the principal point in the middle.
     known : sequence of bool
     fix : mapping
-        What else is held of the unknown ones.
+        Further held parameters of the unknown ones.
 
     Raises
     ------
     DataError
-        No two cameras that see enough markers together.
+        If no two cameras see enough markers together.
     EstimationError
-        Cameras that cannot be placed; a focal length that the bar leaves undetermined.
+        If cameras cannot be placed, or the bar leaves a focal length undetermined.
     """
     unknown = [not k and "fx" not in fix for k in known]
     found = links(seen, cameras, seed)
@@ -250,7 +250,7 @@ def _settled(wand: Wand, seen: Sightings, held: Sequence[Held]) -> Wand:
 def _usable(seen: Sightings, off: Array, bound: float) -> Array:
     """The rows (M,) of images within a bound, px, of markers that two cameras see, of bars with two such markers.
 
-    The image of a marker that one camera alone sees fits whatever it is: the bar's length places the marker on its ray.
+    A marker seen by one camera only fits any image: the bar's length places the marker on its ray.
     """
     good = off <= bound
     key = seen.instant * len(seen.places) + seen.marker

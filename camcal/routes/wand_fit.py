@@ -27,7 +27,7 @@ class Sightings:
     camera, instant, marker : (N,) int arrays
     uv : (N, 2) array, px
     places : (M,) array
-        Of the markers along the bar, in the unit of the bar.
+        Positions of the markers along the bar, in the unit of the bar.
     """
 
     camera: Array
@@ -87,11 +87,11 @@ def adjust(
     Parameters
     ----------
     seen : Sightings
-        Of known bars alone.
+        Of known bars only.
     frees : tuple of (P, F) arrays
         d parameters / d free parameters of each camera.
     scale : float, optional
-        px; residuals beyond it count as Cauchy's loss says.
+        px; scale of the Cauchy loss; least squares by default.
     """
     problem = _Problem(start, seen, frees, scale)
     return minimise(problem.linearise, problem.moved, start, iterations)

@@ -1,7 +1,7 @@
 """The start of a wand calibration: relative poses of pairs of cameras, scaled by the bar, chained over the rig.
 
-An unknown focal length is the one with which the bar is most nearly of one length in all instants: it is found
-where the optical axes meet, too, where fundamental matrices do not determine it (`selfcalib`).
+An unknown focal length is the one for which the length of the bar varies least over all instants. This also determines
+it if the optical axes meet, when fundamental matrices do not (`selfcalib`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from camcal.routes.straightness import undistorted
 from camcal.routes.triangulate import linear, sorted_images, triangulate
 from camcal.routes.wand_fit import Sightings, Wand
 
-#: rad; pairs count by their matches times the median angle of their rays, up to this
+#: rad; pairs are ranked by matches times median angle of rays, limited to this
 WIDE = np.radians(30)
-#: bars seen whole by both cameras that say how long the bar is
+#: least number of bars seen whole by both cameras to determine its scale
 LEAST_BARS = 5
-#: part of the bar's length; spreads that are smaller are not distinguished: no markers are measured so well
+#: fraction of the bar's length; smaller spreads are not distinguished: markers are not measured that well
 FINEST = 1e-4
 
 
@@ -149,7 +149,7 @@ def chained(made: Sequence[Placed], count: int, names: Sequence[str]) -> tuple[P
     Raises
     ------
     EstimationError
-        Where a camera shares too few markers with the others.
+        If a camera shares too few markers with the others.
     """
     poses: dict[int, Pose] = {0: Pose(np.eye(3), np.zeros(3))}
     while len(poses) < count:

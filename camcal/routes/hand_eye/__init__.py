@@ -1,13 +1,13 @@
-"""Hand-eye calibration: a camera on a robot's hand, or one that watches the hand.
+"""Hand-eye calibration: a camera mounted on a robot's hand, or a stationary one that observes the hand.
 
-With the robot's pose B_i = base_from_hand and C_i = cam_from_board at view i, both set-ups are one equation:
+With the robot's pose B_i = base_from_hand and C_i = cam_from_board at view i, both set-ups obey one equation:
 
     G_i Z = X C_i                                                                                        (1)
 
 in-hand  G_i = B_i⁻¹   X = hand_from_camera   Z = base_from_board
 to-hand  G_i = B_i     X = base_from_camera   Z = hand_from_board
 
-Of two views, A = G_i G_j⁻¹ and B = C_i C_j⁻¹ are the motions of the robot and of the camera, and A X = X B.
+Between two views, the robot moves by A = G_i G_j⁻¹ and the camera by B = C_i C_j⁻¹, and A X = X B.
 
 The tables import nothing, so that help stays fast.
 """
@@ -36,7 +36,7 @@ CLOSED_FORM_SUMMARIES: dict[str, str] = {
 }
 
 SETUPS = ("in-hand", "to-hand")
-#: what X and Z are called in a report, by set-up
+#: names of X and Z in a report, by set-up
 NAMES = {
     "in-hand": ("hand_from_camera", "base_from_board"),
     "to-hand": ("base_from_camera", "hand_from_board"),

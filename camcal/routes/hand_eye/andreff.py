@@ -13,8 +13,8 @@ from camcal.routes.hand_eye.views import Views
 def solve(views: Views) -> tuple[Pose, Pose]:
     """X and Z; eq. (11): one linear system in the nine entries of the rotation and the translation.
 
-    (I − R_A ⊗ R_B) vec R = 0 and (I ⊗ t_Bᵀ) vec R + (I − R_A) t = t_A, with vec by rows. The matrix found is replaced
-    by the nearest rotation; the translation stays as the system gave it.
+    (I − R_A ⊗ R_B) vec R = 0 and (I ⊗ t_Bᵀ) vec R + (I − R_A) t = t_A, with vec by rows. The matrix is replaced by
+    the nearest rotation; the translation remains that of the system.
     """
     a, b = views.motions
     m = len(a)

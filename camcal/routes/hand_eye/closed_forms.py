@@ -22,9 +22,9 @@ class Method:
     Attributes
     ----------
     name, paper : str
-    x, z : Pose, or None where it failed
+    x, z : Pose, or None if it failed
     translation_rms, rotation_rms : float
-        Of what is left of the robot's poses, in the unit of the data and rad; NaN where it failed.
+        Rms residuals of the robot's poses, in the unit of the data and in rad; NaN if it failed.
     """
 
     name: str
@@ -36,8 +36,8 @@ class Method:
 
 
 def length_unit(views: Views) -> float:
-    """The rms of the translations, used as unit because Andreff's and Li's systems mix lengths with numbers near
-    1.
+    """The rms of the translations, used as unit because Andreff's and Li's systems mix lengths with numbers of
+    order 1.
     """
     t = np.concatenate([views.robot.translation, views.camera.translation])
     return float(np.sqrt(np.square(t).sum(1).mean())) or 1.0
@@ -71,13 +71,13 @@ def _method(name: str, own: Views, views: Views, setup: str, unit: float) -> Met
 
 
 def best(methods: list[Method]) -> Method:
-    """The closed form with the smallest residuals of the robot's poses: the product of both figures, which is free
-    of units.
+    """The closed form with the smallest product of both residuals of the robot's poses, whose order does not depend
+    on units.
 
     Raises
     ------
     EstimationError
-        Where all failed.
+        If all failed.
     """
     made = [m for m in methods if m.x is not None]
     if not made:
@@ -87,5 +87,5 @@ def best(methods: list[Method]) -> Method:
     return min(made, key=lambda m: (m.rotation_rms + _TINY) * (m.translation_rms + _TINY))
 
 
-#: keeps a figure of exactly 0 from hiding the other one
+#: prevents a residual of exactly 0 from hiding the other one
 _TINY = float(np.finfo(float).tiny) ** 0.25

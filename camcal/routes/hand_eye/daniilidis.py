@@ -17,7 +17,7 @@ def solve(views: Views) -> tuple[Pose, Pose]:
     Raises
     ------
     EstimationError
-        Where no combination of the null space is a unit dual quaternion.
+        If no combination of the null space is a unit dual quaternion.
     """
     a, b = views.motions
     (qa, da), (qb, db) = _dual(a), _dual(b)

@@ -20,13 +20,13 @@ from camcal.routes.hand_eye.variance import NUMBERS
 from camcal.routes.hand_eye.views import views_of
 from camcal.solve.problem import Problem
 
-#: The variances and the minimum are found in turn until no standard deviation changes by more than this part.
+#: The variances and the minimum are found in turn until no standard deviation changes by more than this fraction.
 SETTLED = 1e-3
 MOST_ROUNDS = 30  #: a limit of work
-#: A pose is an outlier below this probability, of any one of V: one false alarm in a thousand calibrations.
+#: A pose is an outlier below this probability, over all V poses: one false alarm in a thousand calibrations.
 OUTLIER = 1e-3
-#: Outliers are looked for among at least this many poses: of fewer, a wrong one raises the noise estimate so far that
-#: it passes.
+#: Outliers are searched among at least this many poses: among fewer, a wrong one raises the noise estimate so much
+#: that it passes.
 LEAST_TO_TEST = 7
 LEVEL = 0.95  #: probability of the intervals `interval_*`
 
@@ -41,30 +41,30 @@ class Estimate:
     x, z : Pose
         See `camcal.routes.hand_eye`.
     shared : (S, S) array
-        Covariance of X and Z: rotation (rad, on the left) and translation of each; of the offset, where that is
-        estimated; and of the camera's errors `camera`.
+        Covariance of X and Z (rotation (rad, on the left) and translation of each), of the offset if it is
+        estimated, and of the camera's errors `camera`.
     freedom : (12,) array
         Degrees of freedom of the variance of each of X and Z.
     noise : Noise
         Standard deviations of an image coordinate, of the robot's rotations about an axis and of a coordinate of its
         translations.
     relative : (3,) array
-        Standard deviation of each as a part of it.
+        Relative standard deviation of each of these.
     poses : Poses
         cam_from_board of the views used (V,).
     residuals : (V, 6) array
-        The robot's poses implied less measured: rotation, rad, in the base's frame, and translation.
+        Implied minus measured poses of the robot: rotation, rad, in the base's frame, and translation.
     misfit : (V,) array
     image_rms : float
         rms_point, px.
     methods : list of Method
     motions : Motions
     used : (V,) int array
-        Which of the views given these are; the others are outliers.
+        Indices of the views used; the others are outliers.
     camera : (K,) array
-        Errors of the camera that was given, in the unknowns of `Pictures.camera_root`.
+        Estimated errors of the given camera, in the unknowns of `Pictures.camera_root`.
     offset : float or None
-        s, to be added to the camera's time.
+        Clock offset, s, to be added to the camera's time.
     """
 
     setup: str
@@ -88,7 +88,7 @@ class Estimate:
 
     @property
     def covariance(self) -> Array:
-        """Of X and Z (12, 12)."""
+        """The covariance (12, 12) of X and Z."""
         return self.shared[:12, :12]
 
     @property
@@ -119,7 +119,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Start:
-    """The start of the joint estimate, and the quantities known before it."""
+    """The start of the joint estimate, and quantities computed before it."""
 
     problem: Problem
     image: Unknowns
@@ -142,18 +142,18 @@ def estimate(
     setup : {"in-hand", "to-hand"}
     pictures : Pictures
     robot : Poses, or function of an offset
-        base_from_hand of each view; a function where the poses are a stream.
+        base_from_hand of each view; a function if the poses are a stream.
     robust : bool
-        Leave out poses that do not agree with the others.
+        Exclude poses that do not agree with the others.
     offset : float, optional
-        Where the search for the offset of a stream begins, s.
+        Initial clock offset of a stream, s.
 
     Raises
     ------
     DataError
-        Fewer than three views.
+        If there are fewer than three views.
     EstimationError
-        Motions that turn about one axis.
+        If all motions rotate about one axis.
     """
     require_enough(len(pictures))
     everyone = np.arange(len(pictures))
@@ -243,7 +243,7 @@ def _estimate(setup: str, pictures: Pictures, robot: Robot, offset: float | None
 
 
 def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) -> Start:
-    """Poses of the views from the pictures alone, the best closed form, and rough noises."""
+    """Poses of the views from the pictures alone, the best closed form, and approximate noise levels."""
     seen = alone(pictures)
     views = views_of(setup, robot(offset or 0.0).poses, seen.poses)
     motions = measure(seen.poses, seen.rotation_covariance)
@@ -251,7 +251,7 @@ def start(setup: str, pictures: Pictures, robot: Robot, offset: float | None) ->
     methods = closed_forms.solve_all(views, setup)
     best = closed_forms.best(methods)
     assert best.x is not None and best.z is not None
-    # a coordinate's share of the root mean square length; rounding where the data are exact
+    # one coordinate of the rms length; rounding error if the data are exact
     rough = np.maximum(
         [best.rotation_rms, best.translation_rms], [ROUNDING, ROUNDING * closed_forms.length_unit(views)]
     )

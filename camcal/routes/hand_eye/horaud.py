@@ -8,7 +8,7 @@ from camcal.geometry import rotations as so3
 from camcal.model.pose import Array, Pose
 from camcal.routes.hand_eye.views import Views
 
-#: rad; the axis of a smaller turn is rounding
+#: rad; the axis of a smaller rotation is rounding error
 SMALLEST_TURN = 1e-9
 
 

@@ -2,13 +2,13 @@
 
     minimise  ½ Σ w |project(C_i x) − u|² / s² + ½ Σ |log(R_B R_Mᵀ)|² / s_r² + |t_B − t_M|² / s_t²            (1)
 
-over X, Z and every C_i, with B_i the robot's pose that they imply and M_i the measured one (see `equation`). The
-poses of the views are blocks that are eliminated first. With a stream of poses, the offset of its clock is an unknown
-besides: M_i is the stream at t_i + offset.
+over X, Z and every C_i, where B_i is the robot's pose that they imply and M_i the measured one (see `equation`). The
+poses of the views are blocks that are eliminated first. With a stream of poses, the offset of its clock is a further
+unknown: M_i is the stream at t_i + offset.
 
-A camera that was calibrated from the same pictures is estimated along. Its errors z, in units of what the pictures
-leave undecided (variance 1 each, `Pictures.camera_root`), move the pose that picture i says by S_i z, so that (1) holds
-with C_i moved so and gains ½ |z|²: the pictures' likelihood with the camera's parameters to first order.
+A camera that was calibrated from the same pictures is estimated jointly. Its errors z, scaled to variance 1 given the
+pictures (`Pictures.camera_root`), move the pose from picture i by S_i z. In (1), C_i is moved accordingly and ½ |z|² is
+added: to first order this is the pictures' likelihood including the camera's parameters.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from camcal.solve.problem import Problem, State
 
 
 class Noise(NamedTuple):
-    """Standard deviations of an image coordinate (px), of a rotation about an axis (rad), and of a translation
-    along one.
+    """Standard deviations of an image coordinate (px), of a rotation about one axis (rad), and of a translation
+    along one axis.
     """
 
     image: float
@@ -64,7 +64,7 @@ Robot = Callable[[float], Measured]
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The unknowns; the pictures' state holds the poses of the views."""
+    """The unknowns; the state of the pictures holds the poses of the views."""
 
     image: State
     x: Pose
@@ -75,20 +75,20 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Linear:
-    """Both parts of the problem, linearised, without weights.
+    """Both parts of the problem, linearised and unweighted.
 
     Attributes
     ----------
     residual : (V, 6) array
         Of the robot: rotation, rad, and translation.
     by_shared : (V, 6, F) array
-        Its derivatives by X, Z (rotation, translation of each), where that is unknown the offset, and the camera.
+        Its derivatives by X, Z (rotation, translation of each), the offset if it is unknown, and the camera.
     by_pose : (V, 6, 6) array
-        By the view's pose, in the coordinates of the pictures' problem.
+        Its derivatives by the view's pose, in the coordinates of the pictures' problem.
     image : (V, 7, 7) array
         Products of the pictures' rows: pose and residual.
     camera : (K,) array
-        z, of variance 1 each before the robot's poses are looked at; the last columns of `by_shared`.
+        z, of variance 1 each before the robot's poses are taken into account; the last columns of `by_shared`.
     """
 
     residual: Array
@@ -134,7 +134,7 @@ class Joint:
         return Linear(residual, np.concatenate(shared, 2), by_pose, image, at.camera)
 
     def poses(self, at: Unknowns) -> Poses:
-        """cam_from_board (V,) with the camera as it is estimated."""
+        """cam_from_board (V,) for the estimated camera."""
         c, step = self.pictures.poses(at.image), self.shifts @ at.camera
         centres = c.apply(self.pictures.offsets) + step[:, 3:]
         rotation = so3.exp(step[:, :3]) @ c.rotation
@@ -193,7 +193,7 @@ class _Equations:
 
 
 def prior(linear: Linear) -> tuple[Array, Array]:
-    """The information (F,) of the shared unknowns before the robot's poses, and the gradient (F,) of ½ |z|²."""
+    """The prior information (F,) on the shared unknowns without the robot's poses, and the gradient (F,) of ½ |z|²."""
     known, pulled = (np.zeros(linear.by_shared.shape[2]) for _ in range(2))
     begin = len(known) - len(linear.camera)
     known[begin:], pulled[begin:] = 1.0, linear.camera

@@ -14,6 +14,6 @@ def kron(a: Array, b: Array) -> Array:
 
 
 def spanned(vector: Array) -> Array:
-    """The matrices (..., 3, 3) of vectors (..., 9), rows one after the other, scaled to determinant 1."""
+    """The matrices (..., 3, 3) of vectors (..., 9), row by row, scaled to determinant 1."""
     matrix = vector.reshape(*vector.shape[:-1], 3, 3)
     return np.asarray(matrix / np.cbrt(np.linalg.det(matrix))[..., None, None])

@@ -11,10 +11,10 @@ from camcal.routes.hand_eye.views import Views
 
 
 def solve(views: Views) -> tuple[Pose, Pose]:
-    """X and Z; one linear system in the 24 entries of both, its section on the Kronecker product.
+    """X and Z; one linear system in the 24 entries of both, from the section on the Kronecker product.
 
     (R_G ⊗ I) vec R_Z − (I ⊗ R_Cᵀ) vec R_X = 0 and R_G t_Z − t_X − (I ⊗ t_Cᵀ) vec R_X = −t_G, with vec by rows. The
-    matrices found are replaced by the nearest rotations; the translations stay as the system gave them.
+    matrices are replaced by the nearest rotations; the translations remain those of the system.
     """
     g, c = views.robot, views.camera
     v = len(views)

@@ -1,4 +1,4 @@
-"""Whether the motions determine a hand-eye transformation: at least three poses, rotated about different axes."""
+"""Test that the motions determine a hand-eye transformation: at least three poses, rotated about different axes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from camcal.records import dataclass
 from camcal.routes.hand_eye import NAMES
 from camcal.routes.hand_eye.views import Views
 
-#: Two motions are needed, of three poses (Tsai & Lenz 1989, sec. II).
+#: Two motions, hence three poses, are needed (Tsai & Lenz 1989, sec. II).
 LEAST_VIEWS = 3
-#: Turns about a second axis count from this many times the noise of the camera's rotations on. They appear on both
-#: sides of A X = X B, so that noise of a part 1/k of them biases what they determine by 1/k²: a tenth at 3.
+#: Rotations about a second axis count if they exceed the noise of the camera's rotations by this factor. They appear on
+#: both sides of A X = X B, so that relative noise of 1/k biases what they determine by 1/k²: a tenth at 3.
 ABOVE_NOISE = 3.0
-#: rad; an axis this near to one of the coordinate axes is called by its letter; its direction is printed beside it
+#: rad; an axis this close to a coordinate axis is named by its letter in messages, followed by its direction
 ALONG = np.radians(5)
 
 
@@ -27,11 +27,11 @@ class Motions:
     Attributes
     ----------
     turns_deg : (3,) array
-        Root mean square rotation about the main axis and the two across it, over all pairs of views, degrees.
+        Root mean square rotation about the main axis and the two perpendicular ones, over all pairs of views, degrees.
     axes : (3, 3) array
         These axes in the camera's frame, as rows.
     noise_deg : (3,) array
-        Standard deviation that the pictures leave to the same figures.
+        Standard deviation of the same figures due to image noise.
     """
 
     turns_deg: Array

@@ -1,4 +1,4 @@
-"""Suggested additional poses: those that determine X best."""
+"""Suggestion of additional poses that determine X best."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from camcal.routes.hand_eye.estimate import Estimate
 from camcal.routes.hand_eye.joint import Joint, Measured, Unknowns
 from camcal.solve.problem import Problem
 
-#: Turns of the camera about the board's centroid, degrees about its axes, from where it stood at a view. 30 degrees is
-#: what most boards and wrists allow; a turn about the optical axis loses no corners.
+#: Rotations of the camera about the board's centroid, degrees about its axes, starting from a view. Most boards and
+#: wrists permit 30 degrees; a rotation about the optical axis loses no corners.
 TURNS = tuple(
     (30.0 * a, 30.0 * b, c)
     for a in (-1, 0, 1)
@@ -24,7 +24,7 @@ TURNS = tuple(
     for c in (-60.0, 0.0, 60.0)
     if (a, b, c) != (0, 0, 0)
 )
-#: views from which turns are tried, spread over all
+#: views from which rotations are tried, spread over all
 BASES = 8
 #: rad; angle of the line of sight to the board's plane: at sin(15 degrees) = 0.26 the squares are foreshortened to a
 #: quarter
@@ -33,7 +33,7 @@ FLATTEST = np.radians(15)
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A pose of the hand, the camera's view there, and the sigmas (6,) of X with it and those before."""
+    """A pose of the hand, the camera's view there, and the sigmas (6,) of X with it and the preceding ones."""
 
     base_from_hand: Pose
     cam_from_board: Pose
@@ -41,10 +41,10 @@ class Suggestion:
 
 
 def suggest(found: Estimate, count: int = 3) -> list[Suggestion]:
-    """The poses that lower the variances of X most, one after the other, each given those before it.
+    """The poses that reduce the variances of X most, chosen one by one, each given the preceding ones.
 
-    What is minimised is the product of the six variances, which no unit changes. Only poses at which the camera sees
-    the whole board are tried; whether the robot reaches them is not known.
+    The product of the six variances is minimised, whose order does not depend on units. Only poses at which the camera
+    sees the whole board are tried; whether the robot can reach them is not known.
     """
     poses, view = _candidates(found)
     if not len(poses):
@@ -62,7 +62,7 @@ def suggest(found: Estimate, count: int = 3) -> list[Suggestion]:
 
 
 def _candidates(found: Estimate) -> tuple[Poses, View]:
-    """Poses cam_from_board (K,) that show the whole of the largest view's board, and that view."""
+    """Poses cam_from_board (K,) at which all points of the largest view are visible, and that view."""
     view = max(
         (v for v, c in zip(found.pictures.views, found.pictures.seen.camera, strict=True) if c == 0), key=len
     )

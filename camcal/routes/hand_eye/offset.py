@@ -1,4 +1,4 @@
-"""The offset between the clocks of a stream of poses and the camera: the start of its estimation."""
+"""The initial value of the offset between the clocks of a stream of poses and of the camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from camcal.routes.hand_eye.joint import Measured
 from camcal.routes.hand_eye.recognise import misfits
 from camcal.routes.hand_eye.views import views_of
 
-#: offsets that are tried on either side, at most
+#: largest number of offsets tried on either side
 MOST_STEPS = 2000
 
 
@@ -25,12 +25,12 @@ def robot_at(stream: Stream, times: Array) -> Callable[[float], Measured]:
 def search(setup: str, stream: Stream, times: Array, cameras: Poses, reach: float) -> float:
     """The offset, s, within ± `reach` at which the rotations agree best.
 
-    Steps are the stream's median interval. Offsets that put less than all views inside the stream are not tried.
+    Steps are the stream's median interval. Offsets at which a view lies outside the stream are not tried.
 
     Raises
     ------
     DataError
-        Where no offset puts all views inside the stream.
+        If all offsets put views outside the stream.
     """
     step = max(float(np.median(np.diff(stream.times))), reach / MOST_STEPS)
     tried = np.arange(-np.floor(reach / step), np.floor(reach / step) + 1) * step

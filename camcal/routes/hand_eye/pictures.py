@@ -1,4 +1,4 @@
-"""The board as seen by a camera, or by a rig of several."""
+"""Views of a board by a camera, or by a rig of several cameras."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from camcal.records import dataclass
 from camcal.solve.poses import solve_poses
 from camcal.solve.problem import Problem, Seen, State
 
-#: eigenvalues of correlations relative to the largest that count as 0: rounding
+#: eigenvalues of correlations, relative to the largest, that count as 0 (rounding)
 RANK = 1e-12
-#: px²; a sum of squares is no less, (1e-12 px)², as the noise of exact pictures would be 0, and is a divisor
+#: px²; lower limit of a sum of squares, (1e-12 px)²: the noise of exact pictures would be 0, and is a divisor
 EXACT = 1e-24
 
 
@@ -46,14 +46,14 @@ class Pictures:
     Attributes
     ----------
     camera : Camera
-        Of a rig its reference.
+        For a rig, its reference camera.
     views : tuple of B View
-        The points used: a view an instant, or several of a rig.
+        The points used: one view per instant, or several for a rig.
     poses : Poses
-        cam_from_board (V,), of a rig that of its reference, where the search begins.
+        Initial cam_from_board (V,), for a rig that of its reference.
     weights : B arrays (N,), or None
     gain : (V, 6, F) array
-        How the pose of each instant moves with the F free parameters of the calibration, as `ReducedPoses.gain`.
+        Derivatives of the pose of each instant by the F free parameters of the calibration, as `ReducedPoses.gain`.
     camera_covariance : (F, F) array
         Of these.
     mount : Mount or None
@@ -97,7 +97,7 @@ class Pictures:
         )
 
     def problem(self) -> Problem:
-        """The least-squares problem with the cameras held."""
+        """The least-squares problem with the cameras held fixed."""
         if self.mount is None:
             return Problem(self.camera.lens, self.views, np.zeros((self.camera.lens.size, 0)), self.weights)
         lenses = [c.lens for c in self.mount.cameras]
@@ -113,7 +113,7 @@ class Pictures:
 
     @cached_property
     def camera_root(self) -> Array:
-        """L (F, K) with L Lᵀ = `camera_covariance`: unknowns of variance 1 that the pictures leave to the camera."""
+        """L (F, K) with L Lᵀ = `camera_covariance`: it maps unknowns of variance 1 to errors of the camera."""
         values, vectors = np.linalg.eigh(self._scaled_covariance)
         kept = values > RANK * values.max(initial=0.0)
         return np.asarray(self._camera_sigma[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
@@ -129,12 +129,12 @@ class Pictures:
 
     @property
     def shifts(self) -> Array:
-        """d pose / d those unknowns (V, 6, K): rotation about the centroid of a view's points, and its place."""
+        """d pose / d those unknowns (V, 6, K): rotation about the centroid of a view's points, and its position."""
         return np.asarray(-self.gain @ self.camera_root)
 
     @property
     def freedom(self) -> int:
-        """The number of coordinates minus that of poses and estimated parameters of the calibration."""
+        """The number of coordinates minus that of pose parameters and estimated calibration parameters."""
         return 2 * sum(map(len, self.views)) - 6 * len(self) - len(self.camera_covariance)
 
 

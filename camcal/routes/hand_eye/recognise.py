@@ -1,9 +1,9 @@
 """Recognition of the set-up and of the robot's rotation convention, from the residuals of a closed form.
 
-With the right ones G Z = X C holds in all views up to the noise (Shah's closed form for X and Z); with others the
-residual is of the size of the motions. Rotations alone do not distinguish all readings: a quaternion of another order
-is the inverse of a rotation between two constant ones (an improper rotation of its four numbers), which is the
-other set-up.
+With the correct ones, G Z = X C holds in all views up to noise (X and Z by Shah's closed form); with others the
+residuals are as large as the motions. Rotations alone do not distinguish all readings: a quaternion in another
+order is the inverse of a rotation between two constant ones (an improper rotation of its four numbers), which is
+equivalent to the other set-up.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from camcal.routes.hand_eye import SETUPS, shah
 from camcal.routes.hand_eye.closed_forms import length_unit
 from camcal.routes.hand_eye.views import Views, views_of
 
-#: A reading is taken for another one where the residuals make it this many times as likely.
+#: A reading replaces another if the residuals make it this many times as likely.
 ODDS = 1000.0
-#: rad, and part of a length; smaller residuals are the rounding of numbers written with six digits
+#: rad, and relative length; smaller residuals are rounding of numbers written with six digits
 ROUNDING = 1e-6
-#: decimals of the logarithms of residuals that are compared: readings that differ by rounding alone are equal
+#: decimals to which logarithms of residuals are compared: readings that differ by rounding alone are equal
 DIGITS = 9
-#: rad, 10 degrees. Robots repeat to hundredths of a degree and are accurate to one; poses that belong to other views
-#: leave several tens.
+#: rad, 10 degrees. Robots repeat to hundredths of a degree and are accurate to one degree; poses assigned to wrong
+#: views leave several tens of degrees.
 NO_ROBOT = np.radians(10.0)
 
 
@@ -44,7 +44,7 @@ class Reading:
     misfit : float
         Root mean square rotation, rad.
     shift : float
-        Root mean square translation, as a part of that of all translations.
+        Root mean square translation, relative to that of all translations.
     """
 
     setup: str
@@ -78,9 +78,9 @@ def misfits(views: Views) -> tuple[float, float]:
 
 
 def log_odds(better: Reading, other: Reading, views: int) -> float:
-    """The log-likelihood ratio of one reading against another, from the residuals.
+    """The log-likelihood ratio of one reading to another, from their residuals.
 
-    Each fits six numbers to the rotations and six to the translations.
+    Each has six parameters for the rotations and six for the translations.
     """
     ratios = [
         (theirs + ROUNDING) / (ours + ROUNDING)
@@ -97,15 +97,15 @@ def likeliest(found: Sequence[Reading]) -> Reading:
 def choose(found: Sequence[Reading], robot: RobotPoses, setup: str | None, views: int) -> Reading:
     """The reading to use.
 
-    What was given (`setup`, a form that is `certain`) is kept; the rest is the likeliest, where it is at least
-    `ODDS` times as likely as what the names of the columns say.
+    What was specified (`setup`, a form that is `certain`) is kept; for the rest the most likely reading is used if it
+    is at least `ODDS` times as likely as that of the column names.
 
     Raises
     ------
     UsageError
-        Where the set-up was not said and the poses do not tell it.
+        If the set-up was not specified and the poses do not determine it.
     EstimationError
-        Where no reading fits.
+        If no reading fits.
     """
     allowed = [
         r

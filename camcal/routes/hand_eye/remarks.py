@@ -1,4 +1,4 @@
-"""Conditions that reduce the value of a hand-eye transformation."""
+"""Warnings about conditions that degrade a hand-eye transformation."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from camcal.routes.hand_eye.recognise import Reading
 from camcal.routes.hand_eye.scale import DIFFERENT
 from camcal.system.text import listed
 
-#: Part of the poses that may be outliers: with a third of them wrong in the same way, the others could be
-#: the wrong ones.
+#: Largest share of outliers among the poses: with a third wrong in the same way, the others might be the wrong ones.
 MOST_OUTLIERS = 1 / 3
-#: Of the standard deviations of the translation along its principal directions: from 3 on, the worst direction has a
+#: Ratio of the standard deviations of the translation along its principal directions: at 3, the worst direction has a
 #: ninth of the information of the best.
 UNEVEN = 3.0
-#: A wrong scale puts the board, and with it the camera, off by its part of their distance: wrong from so many standard
-#: deviations of the translation on, the error that its interval cannot explain.
+#: A scale error displaces the board, and with it the camera, by that fraction of their distance. It is reported above
+#: this many standard deviations of the translation, which its interval does not cover.
 OFF = 3.0
-#: Part of the extent of the motions that the robot's positions may be off by. A robot has 1 to 3 % (5 mm of 200 mm);
-#: positions that have nothing to do with the pictures have about 1.
+#: Largest error of the robot's positions relative to the extent of the motions. Robots have 1 to 3 % (5 mm of 200 mm);
+#: positions unrelated to the pictures have about 1.
 UNRELATED = 0.5
 
 
@@ -42,15 +41,15 @@ def remarks(
     Parameters
     ----------
     other : Reading or None
-        One that fits far better than what was requested.
+        A reading that fits far better than the requested one.
     names : sequence of str
-        Of all views with a pose.
+        Names of all views with a pose.
     size : (float, float)
-        Length of the robot's motions over what the board says, and its standard deviation.
+        Ratio of the robot's lengths to the board's, and its standard deviation.
     lost : (int, int)
         Views without a pose and poses without a view.
     square : str, optional
-        The side of the board's squares that would give the robot's lengths.
+        The side of the board's squares that would agree with the robot's lengths.
     """
     if other is not None:
         yield CalibrationWarning(
@@ -70,7 +69,7 @@ def remarks(
 
 
 def _unrelated(made: Estimate) -> Iterator[CalibrationWarning]:
-    """Positions that do not fit although the rotations do: a misread rotation may be the inverse between constants."""
+    """Positions that do not fit although the rotations do: misread rotations may still be consistent."""
     places = made.measured.translation, Poses.of(made.poses.inverse()).translation
     extent = max(float(np.sqrt(np.square(p - p.mean(0)).sum(1).mean())) for p in places)
     if made.translation_rms > UNRELATED * extent:
@@ -126,7 +125,7 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
 
 
 def _no_noise(made: Estimate) -> Iterator[CalibrationWarning]:
-    """A variance of the robot at its bound of 0: missed by chance, or less than the pictures tell."""
+    """A variance of the robot at its bound of 0: missed by chance, or below the noise of the pictures."""
     parts = ("rotations", "translations")
     zero = [p for p, known in zip(parts, np.isfinite(made.relative[1:]), strict=True) if not known]
     if zero:

@@ -1,4 +1,4 @@
-"""The ratio of the robot's unit of length to the board's."""
+"""The ratio between the robot's and the board's units of length."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ MILLIMETRES = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 UNKNOWNS = 4  #: the translation and the ratio of the lengths
 #: Units of length differ by 2.54 (cm and in) or more; boards are printed true to a few percent.
 SAME_UNIT = 1.5
-#: how far the ratio of lengths may be from that of two units, to be explained by them: a tenth, for the same reason
+#: largest relative difference between the ratio of lengths and that of two units: a tenth, for the same reason
 NEAR_UNIT = 0.1
-#: Standard deviations from which on the board's and the robot's lengths differ: once in two million by chance.
+#: Standard deviations above which the board's and the robot's lengths differ: once in two million by chance.
 DIFFERENT = 5.0
 
 
 def scale(views: Views) -> tuple[float, float]:
     """The ratio of the robot's translations to those predicted from the board's lengths, and its standard deviation.
 
-    Least squares for (R_A − I) t_X − k R_X t_B = −t_A with an unknown k; 1 where both are in the same unit. Without
-    turns about two axes k is undetermined: NaN.
+    Least squares for (R_A − I) t_X − k R_X t_B = −t_A with an unknown k, which is 1 if both have the same unit.
+    Without rotations about two axes k is undetermined: NaN.
     """
     a, b = views.motions
     rotation: Array = rotations_of(views.robot.rotation, views.camera.rotation)[0]
@@ -39,7 +39,7 @@ def scale(views: Views) -> tuple[float, float]:
     freedom = 3 * (len(views) - 1) - UNKNOWNS
     if rank < UNKNOWNS or freedom < 1:
         return float("nan"), float("nan")
-    # M pairs of V - 1 independent motions: matrix and squares grow alike, the degrees of freedom do not
+    # M pairs, but V - 1 independent motions: matrix and squares grow with M, the degrees of freedom do not
     rest = np.square(left @ solved - right).sum() / freedom
     return float(solved[3] / unit[3]), float(np.sqrt(np.linalg.inv(left.T @ left)[3, 3] * rest) / unit[3])
 
@@ -50,11 +50,11 @@ def require_same_unit(factor: float, unit: str | None, other: Reading | None = N
     Parameters
     ----------
     factor : float
-        As `scale` gives it.
+        From `scale`.
     unit : str or None
-        Of the report.
+        Unit of the report.
     other : Reading, optional
-        One that fits the poses far better than the one that was asked for.
+        A reading that fits the poses far better than the requested one.
 
     Raises
     ------

@@ -12,8 +12,8 @@ from camcal.routes.hand_eye.views import Views
 def solve(views: Views) -> tuple[Pose, Pose]:
     """X and Z; eq. (10) to (15) of the paper.
 
-    With P = 2 sin(θ/2) n of each motion, [P_A + P_B]× P' = P_B − P_A and P_X = 2 P' / √(1 + |P'|²). Undefined where X
-    turns by 180°.
+    With P = 2 sin(θ/2) n of each motion, [P_A + P_B]× P' = P_B − P_A and P_X = 2 P' / √(1 + |P'|²). Undefined if X
+    rotates by 180°.
     """
     a, b = views.motions
     pa, pb = _modified_rodrigues(a.rotation), _modified_rodrigues(b.rotation)

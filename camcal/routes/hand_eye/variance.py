@@ -4,12 +4,12 @@ Eliminating the poses of the views from the linearised problem leaves, for view 
 
     y_i = A_i β + e_i,   cov e_i = V_i = s² K_i + s_r² diag(I, 0) + s_t² diag(0, I),   K_i = J_i H_i⁻¹ J_iᵀ       (1)
 
-with y_i the robot's residual at the pose that the picture alone says, H_i the pictures' normal matrix of that pose, and
+with y_i the robot's residual at the pose from the picture alone, H_i the pictures' normal matrix of that pose, and
 J_i the residual's derivative by it. With P = V⁻¹ − V⁻¹ A (Aᵀ V⁻¹ A)⁻¹ Aᵀ V⁻¹ the score of the variance k is
 −½ (tr P V_k − yᵀ P V_k P y) and its information F_kl = ½ tr P V_k P V_l (Patterson & Thompson 1971;
 Harville 1977, eq. 5.1).
-What is known of a camera that is estimated along (`joint.prior`) is added to Aᵀ V⁻¹ A.
-The residuals of the pictures that no pose explains add their own χ² part for s².
+The prior information on a jointly estimated camera (`joint.prior`) is added to Aᵀ V⁻¹ A. The residuals of the
+pictures that no pose explains contribute a χ² term for s².
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from camcal.routes.hand_eye.joint import Linear, Noise, prior
 
 #: Steps of the scoring; from any start within a factor of 1000 the variances are found to 1e-9 in about ten.
 MOST_STEPS = 60
-#: of the logarithms of the variances: a change below it ends the steps (no digit that is printed), a variance is above
-#: its floor by more than rounding, the number of halvings of a step: to 1e-9 of it
+#: for the logarithms of the variances: the change that ends the steps (below all printed digits), the distance above
+#: its lower bound at which a variance counts as inside, and the number of halvings of a step (to 1e-9 of it)
 SETTLED, ROUNDING, HALVINGS = 1e-9, 1e-12, 30
 NUMBERS = 6  #: of the residual of a pose: rotation and translation
-#: A variance is not searched for below this part of what the image's noise makes of the same residuals: it changes
-#: no weight by more than that.
+#: Lower bound of a variance, relative to that caused by image noise in the same residuals: below it, no weight
+#: changes by more than this.
 FLOOR = 1e-4
-#: The step below a bound is of first order, and a covariance has to stay positive: a sigma in any direction keeps this
-#: part. In 500 simulated robots without noise (8 poses) no figure's sigma fell below .4 of that at the bound.
+#: The step below a bound is of first order, and a covariance must remain positive: a sigma in any direction keeps this
+#: fraction. In 500 simulated robots without noise (8 poses) no sigma fell below .4 of that at the bound.
 LEAST_PART = 0.25
-#: variances may change by this factor at a time, at most
+#: largest factor by which variances may change in one step
 FURTHEST = np.log(20.0)
 
 
@@ -45,9 +45,9 @@ class Components:
     ----------
     noise : Noise
     relative : (3,) array
-        Standard deviation of each of the three figures as a part of it; inf at the floor.
+        Relative standard deviation of each of the three; inf at the lower bound.
     step : (F,) array
-        Generalised least squares β less the state that was linearised.
+        Generalised least squares β minus the linearised state.
     covariance : (F, F) array
         Of the shared unknowns.
     freedom : (F,) array
@@ -72,7 +72,7 @@ def estimate(linear: Linear, start: Noise, freedom: float) -> Components:
     linear : Linear
     start : Noise
     freedom : float
-        Of the residuals of the pictures when every view has its own pose: coordinates less parameters.
+        Degrees of freedom of the pictures' residuals if every view has its own pose: coordinates minus parameters.
     """
     model = _Model.of(linear, freedom)
     floors = model.floors(start)
@@ -106,13 +106,12 @@ def _components(model: _Model, here: _Point, logs: Array, inside: Array) -> Comp
 
 
 def _unbounded(m: Array, here: _Point, by_log: Array) -> Array:
-    """The covariance (F, F) of the shared unknowns where the variances may be below their bounds.
+    """The covariance (F, F) of the shared unknowns if the variances were not bounded.
 
-    A variance that is 0 is estimated above 0 in half of all samples, and at the bound in the others: bounded estimates
-    are too large on average, and so are the covariances that they give. From the bound one step of the scoring,
-    I⁻¹ times the score, leads to the estimate without bounds, whose mean is right; M changes by the derivatives
-    `by_log` times it. Of variances above their bounds the score is 0. No sigma falls below `LEAST_PART` of that at the
-    bound.
+    A variance of 0 is estimated above 0 in half of all samples, and at the bound in the others, so that bounded
+    estimates, and the covariances computed from them, are too large on average. From the bound, one scoring step, I⁻¹
+    times the score, leads to the unbounded estimate, which is unbiased; M changes by the derivatives `by_log` times
+    this step. The score of variances above their bounds is 0. No sigma falls below `LEAST_PART` of that at the bound.
     """
     step = np.linalg.solve(here.information, here.score)
     change = np.einsum("k,kfg->fg", step, by_log)
@@ -144,9 +143,9 @@ class _Model:
     y: Array
     a: Array
     k: Array  #: (V, 6, 6)
-    left: float  #: Σ r² of the pictures with the pose of each view by itself
+    left: float  #: Σ r² of the pictures, with the pose of each view fitted separately
     freedom: float
-    known: Array  #: (F,): information on the shared unknowns besides
+    known: Array  #: (F,): prior information on the shared unknowns
     pulled: Array  #: (F,): the gradient of its part of the cost
 
     @classmethod
@@ -216,7 +215,7 @@ class _Model:
         """The correction of the covariance (F, F) of the shared unknowns for estimated variances.
 
         2 M Σ_kl w_kl (Aᵀ V⁻¹ V_k V⁻¹ V_l V⁻¹ A − Aᵀ V⁻¹ V_k V⁻¹ A M Aᵀ V⁻¹ V_l V⁻¹ A) M with the covariance w of the
-        variances (Kenward & Roger 1997, sec. 2). Few poses need it: 8 have sigmas a tenth too small without.
+        variances (Kenward & Roger 1997, sec. 2). Without it, the sigmas of 8 poses are a tenth too small.
         """
         m, w, parts = here.covariance, here.weights, self.parts(logs)
         right = parts @ w @ self.a  # (3, V, 6, F)
@@ -244,14 +243,14 @@ class _Model:
 def outlying(misfit: Array, shared: int) -> Array:
     """Probabilities (V,) that noise alone makes a view's residual at least this large.
 
-    The others' scatter is the measure: F = (d / 6) / ((n − d) / (n − 6)) with n = 6 V − F degrees of freedom (an
+    Compared with the scatter of the others: F = (d / 6) / ((n − d) / (n − 6)) with n = 6 V − F degrees of freedom (an
     externally studentised residual; Cook & Weisberg 1982, sec. 2.2).
     """
     n = float(NUMBERS) * len(misfit) - shared
     if n <= NUMBERS:
         return np.ones(len(misfit))
     rest = np.maximum(n - misfit, np.finfo(float).tiny)
-    with np.errstate(over="ignore"):  # of a view that has the whole scatter: its probability is 0
+    with np.errstate(over="ignore"):  # a view with all of the scatter has probability 0
         ratio = misfit / NUMBERS / (rest / (n - NUMBERS))
     return np.asarray(stats.f.sf(ratio, NUMBERS, n - NUMBERS))
 
@@ -267,7 +266,7 @@ def misfit_of_new(linear: Linear, noise: Noise, covariance: Array) -> Array:
     Parameters
     ----------
     covariance : (F, F) array
-        M, of the first F shared unknowns.
+        M, covariance of the first F shared unknowns.
     """
     model = _Model.of(linear, 1.0)
     a = model.a[:, :, : len(covariance)]

@@ -11,8 +11,8 @@ from camcal.geometry import rotations as so3
 from camcal.model.pose import Array, Pose, Poses
 from camcal.records import dataclass
 
-#: Pairs of views that are taken, those with the smallest distance in the list last. All pairs of 64 views; more add
-#: time and, as V views have but V - 1 independent motions, no information.
+#: Largest number of pairs of views; those closest in the list are omitted first. All pairs of 64 views; more cost time
+#: and add no information, as V views have only V - 1 independent motions.
 MOST_MOTIONS = 2016
 
 
