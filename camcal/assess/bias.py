@@ -1,19 +1,19 @@
-"""Tests whether the residuals look like noise; if they do not, a systematic error remains.
+"""Tests of the residuals for departures from white noise, which reveal systematic errors.
 
 Residuals are standardised by their own variance after the fit, sigma_0² (I - H) (`design.py`). Each test
-asks one question and gives a p-value; as many are asked, they are corrected together (Holm 1979). With
-thousands of points a test finds what does not matter, so that each also states the size of its effect.
+addresses one question and gives a p-value; the p-values are corrected for multiple testing (Holm 1979). With
+thousands of points, tests also detect irrelevant effects, so that each states the size of its effect.
 
 The bias ratio follows Hagemann, Knorr, Janssen & Stiller (Inferring Bias and Uncertainty in Camera
-Calibration, IJCV 2022): the target is cut into pieces of a few points, each with a pose of its own. What the
-pieces' residuals show is the noise of the detector alone, because no lens model or board has to hold over
-more than a piece. With RSS the sum of squares of the calibration (2N - p degrees of freedom) and RSS' that of
+Calibration, IJCV 2022): the target is divided into pieces of a few points, each with its own pose. The residuals
+of the pieces contain only the noise of the detector, because the lens model and the board need to hold only within
+a piece. With RSS the sum of squares of the calibration (2N - p degrees of freedom) and RSS' that of
 the pieces (ν'),
 
     ratio = 1 - (2N - p) RSS' / (ν' RSS)                                                                (1)
 
-is the share of the mean square that is not noise. The pieces nest the calibration but for its lens
-parameters, so that an F test says whether the ratio differs from 0.
+is the share of the mean square that is not noise. Except for the lens parameters, the calibration is
+nested in the model of the pieces, so that an F test applies to the ratio.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ Array = np.ndarray
 #: of equal counts, at least 10 points each; 12 resolve a radial curve with several bends
 RINGS, SECTORS = 12, 12
 OF_A_RING = 10
-#: points up to which all distances are computed, 96 MB of differences; of more points those next in the list count as
-#: neighbours
+#: points up to which all distances are computed, 96 MB of differences; for more points, adjacent ones in the list are
+#: used as neighbours
 ALL_DISTANCES = 2000
-#: pairs of neighbours from which on the mean of their products counts as normally distributed
+#: least number of pairs of neighbours for the mean of their products to be normally distributed
 LEAST_PAIRS = 10
-#: numbers from which on the approximation of the kurtosis test holds (Anscombe & Glynn 1983)
+#: least number of values for the approximation of the kurtosis test (Anscombe & Glynn 1983)
 LEAST_VALUES = 20
-#: degrees of freedom within the pieces: the noise variance is then known to sqrt(2 / 10) = 45 %
+#: least degrees of freedom within the pieces: the noise variance is then known to sqrt(2 / 10) = 45 %
 LEAST_FREEDOM = 10
 #: points of a piece of the target for the bias ratio: at least so many, at most twice
 PIECE = 6
-#: share of a point's noise that its residual keeps, at least: a point that the fit follows has a residual of rounding
+#: least share of a point's noise in its residual: the residual of a point that the fit follows exactly is rounding
 LEAST_LEFT = 1e-3
 
 
@@ -53,7 +53,7 @@ LEAST_LEFT = 1e-3
 class ResidualTest:
     """A test: its question, its p-value alone and after Holm's correction, and the size of the effect.
 
-    `effect` is the share of the residuals' variance that the question explains, or what `unit` says.
+    `effect` is the share of the residuals' variance that the effect explains, or as stated by `unit`.
     """
 
     name: str
@@ -84,13 +84,13 @@ class Standardised:
     z : (M, 2) array
         Of variance 1 and uncorrelated in each point, if the model holds and the noise is white.
     on_board : (M, 2) array
-        The same along the board's own axes.
+        The same along the axes of the board.
     offset : (M, 2) array
         From the principal point, px.
     view, point : (M,) int arrays
-        Point is which of the target's, by its coordinates.
+        Indices; `point` numbers the points of the target by their coordinates.
     neighbours : (M',) float array
-        z_i · z_j of each point and its nearest neighbour in the view, less what the fit makes of it.
+        z_i · z_j of each point and its nearest neighbour in the view, minus the expectation after the fit.
     """
 
     z: Array

@@ -1,13 +1,12 @@
-"""A board's own shape: a significance test, and its description in the report.
+"""The shape of a board: its significance test, and its description in the report.
 
-Against the flat board, with C the weighted sums of squares and B the parameters of the shape,
+Compared with the flat board, with C the weighted sums of squares and B the number of shape parameters,
 
     F = ((C_flat - C_shape) / B) / (C_shape / (2N - p))                                               (1)
 
-follows F(B, 2N - p) where the board is flat. The test alone would believe any systematic error that a shape
-happens to absorb; whether the shape found from some views improves the others is asked by `camcal.plan.better`.
-A free board has so many parameters that it can do both and leave the camera worse than it was;
-`shape_benefit.py` asks for that.
+follows F(B, 2N - p) if the board is flat. The test alone would accept any systematic error that a shape happens to
+absorb; `camcal.plan.better` tests whether the shape found from some views improves the others. A free board has so
+many parameters that it can pass both tests and still make the camera worse; `shape_benefit.py` tests for that.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from camcal.solve.board import PLACED
 from camcal.solve.calibration import Estimate, ShapedBoard
 from camcal.solve.several_boards import kinds_of
 
-#: a shape is accepted below this p-value: of a thousand flat boards one passes
+#: a shape is accepted below this p-value: one in a thousand flat boards passes
 SIGNIFICANT = 0.001
 #: simple shapes first
 CANDIDATES = ("bowl", "print", "free")
@@ -37,7 +36,7 @@ CANDIDATES = ("bowl", "print", "free")
 class Trial:
     """One kind of board: its fit, the p-value of (1), its hold-out, and its effect on the camera.
 
-    `change` is against the simpler board that was best till then; None where that is not asked.
+    `change` is relative to the best simpler board so far; None if it is not computed.
     """
 
     kind: str
@@ -48,14 +47,14 @@ class Trial:
 
     @property
     def holdout_rms(self) -> float | None:
-        """rms_point over the held-out views, px; None where views were not held out."""
+        """rms_point over the held-out views, px; None without hold-out."""
         return self.holdout.figures.rms_point if self.holdout else None
 
 
 def p_value(flat: Estimate, shaped: Estimate) -> float:
     """The p-value of (1): the probability that a flat board's noise would lower the cost as much.
 
-    `flat` may have a simpler shape: B is then what the other has more.
+    `flat` may have a simpler shape; B is then the number of additional parameters.
     """
     assert shaped.board is not None
     freedom = figures.redundancy(shaped)
@@ -75,7 +74,7 @@ def described(
     Returns
     -------
     dict
-        kind, points [[X, Y, Z], ...] in the order of the board's corners, the ideal ones alike, rms_offset,
+        kind, points [[X, Y, Z], ...] in the order of the board's corners, the ideal ones likewise, rms_offset,
         max_offset, p_value, aspect and angle of the print, words, and the errors of each kind that was tried.
     """
     board, target = calibration.board, calibration.observations.target or {}
@@ -99,7 +98,7 @@ def described(
 
 
 def separate(board: ShapedBoard, target: Mapping[str, Any]) -> dict[str, ShapedBoard]:
-    """Several boards one by one, each in its own frame; those that are as designed are left out."""
+    """Several boards one by one, each in its own frame; those that are as designed are omitted."""
     assert board.label is not None and board.numbers is not None
     found = {}
     for index, (name, pose) in enumerate(zip(names_of(target), frames(target), strict=True)):

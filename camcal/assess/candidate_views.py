@@ -1,4 +1,4 @@
-"""Poses in which a target can be held in front of a camera with all of it in the picture."""
+"""Poses of a target in front of a camera at which all of it is in the picture."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ Array = np.ndarray
 
 #: poses that can be held by hand and detected; corners blur close to the camera and at grazing angles
 SPREAD = Spread(tilt=(0.0, 50.0), fill=(0.25, 0.9), roll=90.0, margin=0.01)
-#: how far a pose is moved in search of a better one: turn, radians, and shift, parts of the distance
+#: perturbation of a pose in search of a better one: rotation, radians, and shift relative to the distance
 MOVE = (0.15, 0.08)
-#: images of the target that are on average nearer than this part of the picture's diagonal are one view taken twice
+#: images of the target whose mean distance is below this fraction of the picture's diagonal repeat one view
 SAME_VIEW = 0.03
-#: parts of the distance between its points by which a grid may be uneven and bent
+#: largest irregularity and bend of a grid, relative to the distance between its points
 UNEVEN = 0.2
-#: steps of the fit of distance and place: each removes most of the error
+#: steps of the fit of distance and position: each removes most of the error
 _FITS = 25
-#: part of the way to the middle of the picture by which a target that the lens does not see whole is moved in a step
+#: fraction of the way to the picture's middle by which a target that is not fully visible is moved per step
 _INWARDS = 0.2
 #: points: a grid of 2 x 2
 _LEAST_GRID = 4
-#: places of a grid for each point: points that fill less than a quarter of the places are no grid
+#: grid positions per point: points that occupy less than a quarter of the positions are not a grid
 _MOST_PLACES = 4
-#: points of all views together, in points of the view with the most: of more, no view can show all
+#: largest ratio of the number of all points to that of the fullest view: with more, no view can show all
 _MOST_PARTS = 4
 
 
@@ -43,9 +43,9 @@ class Candidates:
     Parameters
     ----------
     solution : Calibration
-        Of which camera and target count.
+        Its camera and target are used.
     planar : bool
-        Whether the target is flat; another is turned as in the first view, and then tilted.
+        Whether the target is flat; otherwise it is oriented as in the first view, and then tilted.
     """
 
     def __init__(self, solution: Calibration, planar: bool):
@@ -63,7 +63,7 @@ class Candidates:
         Raises
         ------
         DataError
-            Where no pose shows the whole target.
+            If no pose shows the whole target.
         """
         azimuth, roll = rng.uniform(-np.pi, np.pi, count), rng.uniform(-1, 1, count) * np.radians(SPREAD.roll)
         tilt, fill = np.radians(rng.uniform(*SPREAD.tilt, count)), rng.uniform(*SPREAD.fill, count)
@@ -80,7 +80,7 @@ class Candidates:
         return placed
 
     def _placed(self, turned: Array, pixels: Array, fill: Array) -> Poses:
-        """The target at pixels (K, 2), at the distance of the given size, moved into the picture."""
+        """The target at pixels (K, 2), at the distance that gives the requested size, moved into the picture."""
         offset, low = self.points.mean(0), SPREAD.margin * self.size - 0.5
         high = self.size - 1 - low
         extent = float(np.linalg.norm(self.edge - offset, axis=1).max())
@@ -111,7 +111,7 @@ class Candidates:
         return moved[self.allowed(moved)]
 
     def allowed(self, poses: Poses) -> Array:
-        """Return which poses (K,) keep the target in the picture, within the limits of tilt and size."""
+        """Mask (K,) of the poses that keep the target in the picture, within the limits of tilt and size."""
         uv = self.images(poses, self.edge)
         low, high = uv.min(1), uv.max(1)
         inside = in_picture(np.stack([low, high], 1), self.size, SPREAD.margin * self.size).all(1)
@@ -128,7 +128,7 @@ class Candidates:
         return np.asarray(self.camera.project(xyz.reshape(-1, 3)).reshape(len(poses), len(points), 2))
 
     def unlike(self, poses: Poses, taken: Poses) -> Array:
-        """Return which poses (K,) do not repeat one that is already taken."""
+        """Mask (K,) of the poses that do not repeat one that is already taken."""
         own, others = (self.images(p, self.points) for p in (poses, taken))
         apart = [np.linalg.norm(own - one, axis=2).mean(1) for one in others]
         least = SAME_VIEW * float(np.linalg.norm(self.size))
@@ -166,7 +166,7 @@ def _levels(values: Array, gap: float) -> Array:
 def surround(points: Array) -> Array:
     """The outline (K, 3) of a flat grid extended by one cell on each side; empty if there is no flat grid.
 
-    A checkerboard's outermost corners are found only where the squares beyond them are in the picture.
+    A checkerboard's outermost corners are found only if the squares beyond them are in the picture.
     """
     if len(points) < _LEAST_GRID or np.ptp(points[:, 2]) > UNEVEN * spacing(points):
         return np.zeros((0, 3))

@@ -1,18 +1,18 @@
 """Comparison of two cameras: their difference in px, relative to their uncertainties.
 
-The difference is that of `difference.py`, after the transformation that a calibration does not determine. Where a
-camera comes with its data, its projection uncertainty (`uncertainty.py`) stands beside: the difference d of
-a pixel is
+The difference is that of `difference.py`, after the transformation that a calibration does not determine. If a
+camera comes with its data, the difference is related to its projection uncertainty (`uncertainty.py`): the
+difference d of a pixel is
 
     |d| / sqrt(eᵀ (C_A + C_B) e),    e = d / |d|                                                          (1)
 
-standard deviations, in its own direction. That counts both calibrations as independent; two calibrations of
-the same pictures share their noise and differ by less. Above 3 or so everywhere, the cameras differ by more
+standard deviations, in its own direction. Both calibrations are assumed to be independent; two calibrations of
+the same pictures share their noise and differ by less. If it exceeds about 3 everywhere, the cameras differ by more
 than noise: one has changed, or a model does not hold.
 
-What decides is the part of the picture that both cameras have data for: the convex hull of the image points that a
-camera was calibrated with, or the whole picture for a camera file that does not say. Beyond it a model extrapolates,
-and two correct calibrations may differ by any number of px.
+The comparison is based on the part of the picture for which both cameras have data: the convex hull of the image points
+that a camera was calibrated with, or the whole picture for a camera file without this information. Beyond it a model
+extrapolates, and two correct calibrations may differ by any number of px.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from camcal.solve.calibration import Calibration
 
 Array = np.ndarray
 
-#: px; cameras are at no pixel taken to be known better, so that weights stay finite
+#: px; lower limit of the uncertainty at a pixel, so that weights remain finite
 LEAST_SIGMA = 1e-9
 
 
@@ -43,7 +43,7 @@ LEAST_SIGMA = 1e-9
 class Side:
     """A camera to compare, with its known accuracy.
 
-    `sigmas` are those of the parameters, where they were estimated; `points` (N, 2) are the image points that it
+    `sigmas` are those of the parameters, if they were estimated; `points` (N, 2) are the image points that it
     was calibrated with.
     """
 
@@ -160,13 +160,13 @@ class ParameterChange:
 def common_bounds(a: Side, b: Side, size: tuple[int, int] | None = None) -> tuple[Array, Array]:
     """The corners (2,) between which two cameras are compared, px.
 
-    Those of the picture, of (width, height) where that is given; where no camera knows the size of its
-    pictures, those of the box around the points of a calibration.
+    Those of the picture, or of `size` if given; if no camera has an image size, those of the bounding box of the
+    points of a calibration.
 
     Raises
     ------
     DataError
-        Where the pictures are of different sizes, or nothing is known.
+        If the pictures have different sizes, or nothing is known.
     """
     sizes = list(dict.fromkeys(s.camera.image_size for s in (a, b) if s.camera.image_size is not None))
     if size is None and len(sizes) > 1:
@@ -256,7 +256,7 @@ def gates(
     Raises
     ------
     DataError
-        Where `max_sigma` is asked for and no uncertainty is known, or a tolerance is for a parameter that the
+        If `max_sigma` is requested and no uncertainty is known, or a tolerance is for a parameter that the
         cameras do not share.
     """
     made = []

@@ -1,7 +1,6 @@
 """Condition numbers of the equations of every stage, before and after normalisation of their coordinates.
 
-A condition number κ costs log10 κ of the 16 digits of a float64; where normal equations are formed, it costs
-twice as many.
+A condition number κ costs log10 κ of the 16 digits of a float64; normal equations cost twice as many.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ def _with(stage: Stage, solution: Calibration, normalise: bool) -> Stage:
     data = solution.observations.kept()
     found: dict[str, Any] | None
     found = refinement(solution, normalise) if stage.name == "refine" else linear(stage.name, data, normalise)
-    # a start of some views only, where others have left since, has no equations on those that are here
+    # the equations of a start from views that were removed since cannot be formed
     alike = stage.poses is not None and len(stage.poses) == len(data.views)
     if found is not None and stage.name == "zhang" and alike:
         found["conic"] = _conic(stage, data, normalise)
@@ -48,7 +47,7 @@ def _with(stage: Stage, solution: Calibration, normalise: bool) -> Stage:
 def linear(name: str, data: Correspondences, normalise: bool = True) -> dict[str, Any] | None:
     """The condition numbers of a closed form's equations for the views; None for one without linear equations.
 
-    That of `zhang` is of its homographies.
+    For `zhang`, that of its homographies.
     """
     known = {"central": _central, "dlt": _dlt, "zhang": _homographies}
     return known[name](data, normalise) if name in known else None
@@ -63,7 +62,7 @@ def refinement(solution: Calibration, normalise: bool = True) -> dict[str, Any]:
     views = solution.observations.kept().unweighted().views
     camera = solution.camera
     free = solution.free[:, solution.free.any(0)]
-    if not free.size:  # a known camera: poses alone
+    if not free.size:  # a known camera: poses only
         return _pair(float("nan"), float("nan"), normalise)
     both = []
     for normalised in (False, True):

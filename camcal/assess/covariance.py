@@ -10,8 +10,8 @@ With U, W_v, A_v the blocks of `NormalBlocks` (camera; coupling; pose of view v)
 Triggs et al., Bundle Adjustment - A Modern Synthesis (2000), section 6; sigma_0 is that of `figures.py`, so
 that given sigmas count as relative weights and their common scale is estimated.
 
-A direction that the data do not determine has no place in S⁻¹: its eigenvalue is 0 up to rounding, and a
-pseudo-inverse would drop it and report the smallest sigma exactly where the largest belongs. S is scaled by
+S⁻¹ does not exist for a direction that the data do not determine: its eigenvalue is 0 up to rounding, and a
+pseudo-inverse would drop it and report the smallest sigma exactly where it should be largest. S is scaled by
 the lengths of the Jacobian's columns; its eigenvalues then lie between 0 and F, whatever the units, and
 rounding leaves about 1e-15 of the cancelled part. Directions below `NULL` get an infinite variance, and so
 does each parameter that has a part in them.
@@ -33,7 +33,7 @@ Array = np.ndarray
 #: Eigenvalue of the column-scaled reduced matrix below which a direction counts as undetermined. Rounding in
 #: (1) is 1e-15 to 1e-14; at 1e-12 a direction's sigma is a million times that of a parameter alone.
 NULL = 1e-12
-#: Part of a unit null direction (scaled columns) from which on a parameter counts as touched by it.
+#: Component of a unit null direction (scaled columns) above which a parameter counts as affected by it.
 TOUCHED = 1e-3
 #: correlations beyond this are listed: one parameter then explains 90 % of the other's variance
 STRONG = 0.95
@@ -60,12 +60,12 @@ class End:
     Attributes
     ----------
     direction : int
-        Which of the curved directions; each has up to two ends.
+        Index of the curved direction; each has up to two ends.
     params : (P,) array
     poses : Poses
         cam_from_board of each view.
     part : float
-        The end itself lies at this part of the way from the solution to here.
+        The end itself lies at this fraction of the way from the solution to these parameters.
     endless : bool
         No end was found up to here.
     """
@@ -138,7 +138,7 @@ class Covariance:
     def strong_correlations(self, bound: float = STRONG) -> list[tuple[str, str, float]]:
         """Pairs of determined parameters whose correlation exceeds `bound`, the strongest first.
 
-        Parameters that are tied to one another by choice (`--fix aspect`) are no pair.
+        Parameters that are coupled by choice (`--fix aspect`) are excluded.
         """
         d = np.sqrt(np.diag(self.matrix))
         ok = np.flatnonzero(np.isfinite(d) & (d > 0))
@@ -156,9 +156,9 @@ _known: WeakKeyDictionary[NormalBlocks, tuple[float, Array, Covariance]] = WeakK
 
 
 def covariance(solution: Estimate) -> Covariance:
-    """The covariance of a solution's parameters and poses; computed once for a fit, whoever asks.
+    """The covariance of a solution's parameters and poses; computed once per fit.
 
-    Where the redundancy is not positive (no more coordinates than parameters) nothing is known of the noise,
+    If the redundancy is not positive (no more coordinates than parameters), the noise is unknown,
     and every free parameter's sigma is infinite.
     """
     scale = sigma_0(solution)
@@ -218,6 +218,6 @@ def invert_determined(reduced: Array, columns: Array, scale: float = 1.0) -> tup
     good = values > NULL
     inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
     null = vectors[:, ~good]
-    null[np.abs(null) < TOUCHED] = 0.0  # rounding leaves something of a null direction in every parameter
+    null[np.abs(null) < TOUCHED] = 0.0  # rounding leaves a component of a null direction in every parameter
     condition = float(values[-1] / values[0]) if values[0] > 0 else float("inf")
     return scale**2 * inverse / np.outer(d, d), null / d[:, None], condition

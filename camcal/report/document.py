@@ -168,6 +168,7 @@ def _inputs(data: Correspondences) -> dict[str, Any]:
 
 
 def stage_entry(stage: Stage) -> dict[str, Any]:
+    """Describe a stage of the calibration for the report, without missing values."""
     entry: dict[str, Any] = {
         "name": stage.name,
         "rms_point": stage.rms_point,
@@ -277,6 +278,7 @@ def used_view(solution: Estimate, index: int, name: str, pose: Pose, sigmas: Arr
 
 
 def skipped_entry(view: SkippedView) -> dict[str, Any]:
+    """Describe a skipped view for the report, with its status and reason."""
     return {
         "id": view.id,
         "status": view.status,
@@ -289,6 +291,7 @@ def skipped_entry(view: SkippedView) -> dict[str, Any]:
 
 
 def fit_entry(solution: Estimate, accuracy: Covariance) -> dict[str, Any]:
+    """Describe the fit for the report: the optimizer, its result and the error figures."""
     fit, all_points = solution.fit, figures.overall(solution)
     used = all_points.points
     return {

@@ -1,8 +1,8 @@
-"""Causes that all views share, which are tested before single views are called wrong.
+"""Common causes of disagreement between views, tested before single views are rejected.
 
-A camera that zoomed, pictures that were resized, a rolling shutter, a badly printed board make views disagree, and
-single views that disagree most are then taken for mirror images or other boards. `find` asks first whether one small
-model explains all views at once (`search.py`), and `words.py` says which.
+Zooming, resized pictures, a rolling shutter or a badly printed board make views disagree, and the views that disagree
+most would then be mistaken for mirror images or other boards. `find` first tests whether one small model explains all
+views (`search.py`), and `words.py` describes it.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from camcal.start.pose import initial_poses
 
 #: larger problems are not searched: it takes 30 to 60 passes over the data, as much as a calibration
 MOST_POINTS, MOST_VIEWS = 20_000, 150
-#: Parts of the views are the cause where they explain this part of what numbers of each view explain: all of it,
-#: where that is what happened. The best two parts explain 2/pi = .64 of the variance of Gaussian numbers and 3/4 of
+#: Two parts of the views are the cause if they explain this fraction of what parameters of each view explain (all of
+#: it in the ideal case). The best two parts explain 2/pi = .64 of the variance of Gaussian numbers and 3/4 of
 #: that of uniform ones or of an even drift, which form no parts at all; bent boards and blur leave half of it on a real
 #: set of 17 pictures. Above 3/4, a fifth is left to other errors.
 MOST_OF_IT = 0.8
-#: ... and where noise alone would explain as much with a probability below this, as of boards (`checks/board.py`)
+#: ... and if noise alone would explain as much with a probability below this, as for boards (`checks/board.py`)
 BY_CHANCE = 1e-4
-#: What is left with a cause, in units of the points that the solution keeps, up to which it explains the rejected
-#: views, too: a view in which rows of the board are shifted leaves thirty times the noise whatever the camera.
+#: Largest residual scale with a cause, relative to that of the points kept by the solution, at which the cause also
+#: explains the rejected views: a view with shifted rows of the board leaves thirty times the noise with any camera.
 MOST_LEFT = 3.0
-#: a number for each view says something about all of them from so many views on
+#: least number of views for one parameter per view to be informative about all of them
 LEAST_FOR_EACH = 6
-#: of two views, neither can be said to differ from the others
+#: least number of views: of two, neither can be identified as the different one
 LEAST_VIEWS = 3
 
 
@@ -53,17 +53,17 @@ class Found:
     base : Calibration
         The fit to all views, rejected ones included.
     trial : Trial or None
-        The best candidate, where the solution as it is is not better.
+        The best candidate; None if the unchanged solution is better.
     views : bool
-        Whether single views explain it: nothing is wrong with the set.
+        Whether single views explain it, so that the set as a whole is sound.
     effect, scatter : float
-        How far the camera is off by it, px: for the mean view, and rms over the views.
+        Resulting error of the camera, px: for the mean view, and rms over the views.
     sigma : float
-        What is left of the noise, in the unit of the weights (px without sigmas).
+        Residual scale with the cause, in the unit of the weights (px without sigmas).
     before : float
         The same without the cause.
     share : float
-        Of the squares that numbers of each view explain, beyond noise, what the candidate explains.
+        Share of the squares explained by parameters of each view, beyond noise, that the candidate explains.
     """
 
     base: Calibration
@@ -132,7 +132,7 @@ def _noise(solution: Calibration) -> float:
 
 
 def _share(best: Trial, trials: Sequence[Trial], cost: float, freedom: int) -> float:
-    """The squares that a candidate explains relative to separate numbers for each view, less what noise explains."""
+    """The squares that a candidate explains relative to separate parameters per view, minus the effect of noise."""
     rivals = [t for t in trials if t.how == "each"]
     if not rivals:
         return 1.0

@@ -1,6 +1,7 @@
 """Circles whose centroids in the image were used as the images of their centres.
 
-The image of a disc of radius r about a point X of a plane is not centred on the image of X: its centroid lies off by
+The image of a disc of radius r about a point X of a plane is not centred on the image of X. Its centroid is displaced
+by
 
     b r² + O(r⁴),    b = ¼ (½ tr g'' + g' ∇ ln|det g'|)                                                   (1)
 
@@ -10,7 +11,7 @@ the hat matrix of the solution, a least squares step gives
 
     r² = -bᵀ r / bᵀ (I - H) b,    its variance sigma_0² / bᵀ (I - H) b                                    (2)
 
-as the residuals of a solution are at right angles to what the camera and the poses can do.
+as the residuals of a solution are orthogonal to the columns of the camera and the poses.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ class Circles:
     Attributes
     ----------
     radius : float
-        r in parts of the points' spacing; 0 where r² is negative.
+        r relative to the points' spacing; 0 if r² is negative.
     deviations : float
         r² in standard deviations.
     gain : float
-        What the step takes off the cost, ½ Σ w |r|².
+        Decrease of the cost ½ Σ w |r|² by the step.
     params : (P,) array
         Of the camera with circles of that size.
     """

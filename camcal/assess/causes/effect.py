@@ -18,7 +18,7 @@ from camcal.solve.warp import Warp
 _STEPS = 5
 #: rad; the step of the derivatives, between their truncation (as the step) and rounding (as its inverse)
 _TURN = 1e-6
-#: rad; a step below this moves no pixel by a thousandth of what is printed
+#: rad; a smaller step moves pixels by less than a thousandth of the last printed digit
 _STILL = 1e-9
 #: of a standard deviation: a step that stays linear
 _SMALL = 1e-2
@@ -30,9 +30,9 @@ def effect_px(base: Calibration, trial: Trial) -> tuple[float, float]:
     """The difference in projection between the camera of all views and a trial, px: for the mean view, and rms
     over the views.
 
-    At infinity, over the part of the picture that points cover, after the rotation that fits best (`difference.py`).
-    Where every view has numbers of its own, the mean view has none; where views form parts, both figures are the same.
-    What moved while a picture was read is not the camera's. What the trial's own uncertainty explains is taken off.
+    At infinity, over the part of the picture that points cover, after the best-fitting rotation (`difference.py`).
+    If each view has its own parameters, those of the mean view are zero; if views form parts, both figures are equal.
+    Motion during the readout of a picture is excluded. The part due to the trial's own uncertainty is subtracted.
     """
     grid, covered = covered_grid(base)
     pixels = grid[covered]

@@ -36,10 +36,10 @@ KINDS: dict[str, Callable[[Warp], Array]] = {
     "camera": _columns("scale", "radial", "shift-u", "shift-v"),
     "rolling": _columns("lean", "stretch"),
 }
-#: kinds that a part of the views can share, and kinds that every view can have numbers of its own for
+#: kinds that a part of the views can share, and kinds with separate parameters for each view
 OF_PARTS = ("focal", "focus", "resized", "cropped", "camera")
 OF_EACH = ("focal", "resized", "cropped", "rolling")
-#: what a view that does not belong is given: with its pose all that a plane's view determines
+#: parameters of an outlying view: with its pose, all that a view of a plane determines
 OF_ONE = "rolling"
 
 

@@ -3,11 +3,11 @@ the data.
 
 The rows of a view's points by the camera's free parameters, its pose, the fields of `camcal.solve.warp` and the
 residual give a matrix of products; the pose is eliminated from it (Schur complement), which leaves R_v over (camera,
-fields, residual). A candidate with numbers β and θ_v = D_v β then gains
+fields, residual). A candidate with parameters β and θ_v = D_v β then reduces the cost by
 
-    ½ bᵀ A⁻¹ b,   A = Σ_v [I 0; 0 D_v]ᵀ R_v [I 0; 0 D_v],  b its part against the residual                (1)
+    ½ bᵀ A⁻¹ b,   A = Σ_v [I 0; 0 D_v]ᵀ R_v [I 0; 0 D_v],  b its products with the residual               (1)
 
-of the cost, exactly where the problem is linear.
+which is exact for linear problems.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from camcal.solve.calibration import Calibration
 from camcal.solve.groups import Group
 from camcal.solve.warp import FIELDS, Warp, WarpedProblem
 
-#: an eigenvalue of (1), its diagonal scaled to 1: what the data do not determine gains nothing
+#: least eigenvalue in (1), with the diagonal scaled to 1: undetermined directions gain nothing
 _NULL = 1e-10
 
 

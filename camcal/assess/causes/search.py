@@ -1,13 +1,13 @@
 """The search for a small model that explains why the views do not agree on one camera.
 
-Each candidate is the calibration with a few numbers more (`kinds.py`). What one step promises (`linear.py`) says
-which are worth a fit; the fits are compared by the Bayesian information criterion (Schwarz 1978),
+Each candidate is the calibration with a few additional parameters (`kinds.py`). The gain predicted by one step
+(`linear.py`) decides which are fitted; the fits are compared by the Bayesian information criterion (Schwarz 1978),
 
     BIC = n ln(cost / n) + m ln n + 2 ln(choices)                                                         (1)
 
-with n coordinates less unknowns, m numbers, and how many candidates of the kind (split points, assignments of views
-to two groups) were looked through. Views that simply do not belong, and a board of its own shape, are candidates like
-the others: what they explain better is left to the checks that name them.
+with n coordinates minus unknowns, m parameters, and the number of candidates of the kind (split points, assignments of
+views to two groups) that were considered. Outlying views and a non-ideal board are also candidates: what they explain
+better is left to the checks that name them.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ from camcal.solve.refine import How, refine
 from camcal.solve.several_boards import Several
 from camcal.solve.warp import Warp
 
-#: by how much (1) has to fall: very strong evidence in the table of Kass & Raftery (Bayes factors, 1995). On 30 clean
-#: sets it falls by nothing (the best candidate lies 2 to 12 above), on 12 with half a per cent of zoom by 15 to 99
+#: least decrease of (1): very strong evidence in the table of Kass & Raftery (Bayes factors, 1995). On 30 clean sets it
+#: does not decrease (the best candidate is 2 to 12 above), on 12 with half a per cent of zoom by 15 to 99
 EVIDENCE = 10.0
-#: a part of the views holds at least so many: one is a view that does not belong
+#: least number of views in a part: a single one is an outlier
 LEAST_PART = 2
-#: what two groups may differ in, by the number of each view that separates them
+#: kinds in which two groups may differ, by the parameter of each view that separates them
 _GROUPED = {"focal": ("focal", "focus", "camera"), "resized": ("resized",), "cropped": ("cropped",)}
 #: groups of more views than this are not improved view by view: that takes count² products
 MOST_SWAPPED = 40
-#: outlying views are at most one in so many; more are parts of the set, which are tried by themselves
+#: at most one view in so many is an outlier; more are parts of the set, which are separate candidates
 MOST_OUTLYING = 5
-#: part of the cost that a step is believed to leave at least: exact data have nothing but rounding
+#: least fraction of the cost that a predicted step may leave: exact data have only rounding errors
 LEAST_LEFT = 1e-6
 #: steps of a fit; near its minimum after 5 to 8, from a factor of two in scale after 20
 STEPS = 25
-#: ... which ends where less than this part of the cost is left to gain: (1) then moves by .04 with 20,000 points
+#: ... which ends if the predicted decrease is below this fraction of the cost: (1) changes by .04 with 20,000 points
 NEAR = 1e-6
 
 _SHORT = Options(max_iterations=STEPS, tolerance=NEAR)
@@ -72,7 +72,7 @@ class Trial:
     camera : Camera
         Of the first part; without any map.
     theta : (V, K) array
-        The fields' numbers of each view.
+        The field parameters of each view.
     parts : (V,) bool array
         Which views form the second part.
     cost, numbers, bic : float, int, float
@@ -112,9 +112,9 @@ class Search:
         return n * log(max(cost, TINY) / n) + numbers * log(n) + 2 * choices
 
     def by_chance(self, trial: Trial) -> float:
-        """How likely any of the choices would gain as much where there is nothing, by the F test of its numbers.
+        """The probability that any of the choices gains as much without a cause, by the F test.
 
-        The criterion (1) is asymptotic; with 8 coordinates more than unknowns it takes noise for a cause.
+        The criterion (1) is asymptotic; with 8 coordinates more than unknowns it accepts noise as a cause.
         """
         assert self.linear is not None
         freedom = self.freedom - trial.numbers
@@ -139,7 +139,7 @@ class Search:
         """Fit a candidate; None if it has as many unknowns as there are coordinates, or diverges."""
         if self.freedom <= 2 * design.shape[2]:
             return None
-        moved: Array = np.asarray(design.any(axis=(0, 2)))  # fields that have no number need not be evaluated
+        moved: Array = np.asarray(design.any(axis=(0, 2)))  # fields without parameters need not be evaluated
         names = tuple(n for n, some in zip(self.warp.fields, moved, strict=True) if some)
         problem = problem_of(self.base, replace(self.warp, fields=names, design=design[:, moved]))
         start = problem.state(self.base.camera.params, self.base.poses)
@@ -167,7 +167,7 @@ class Search:
 
     # ------------------------------------------------------------------ candidates
     def splits(self) -> Iterator[Trial]:
-        """A change from some view on: the best position of each kind, where one step predicts a gain."""
+        """A change from some view on: the best position of each kind, if one step predicts a gain."""
         places = np.arange(LEAST_PART, self.count - LEAST_PART + 1)
         if len(places) < 2:
             return
@@ -182,9 +182,9 @@ class Search:
                 yield from self._some(self.fit(kind, "split", design, after[best], choices))
 
     def shifted(self, split: Trial) -> Trial:
-        """A split with its place moved from view to view as long as the fit gets better.
+        """A split with its position moved view by view as long as the fit improves.
 
-        One step finds the place where effects are small; of pictures at half the size it may be off by a view.
+        One step finds the position if effects are small; for pictures at half the size it may be off by one view.
         """
         best, place = split, int(np.argmax(split.parts))
         choices = log(self.count - 2 * LEAST_PART + 1)
@@ -199,7 +199,7 @@ class Search:
         return best
 
     def each(self) -> Iterator[Trial]:
-        """A number for each view."""
+        """One parameter for each view."""
         none = np.zeros(self.count, bool)
         assert self.linear is not None
         for kind in OF_EACH:
@@ -211,7 +211,7 @@ class Search:
                 yield from self._some(self.fit(kind, "each", design, none, 0.0))
 
     def groups(self, each: Trial) -> Iterator[Trial]:
-        """Two groups of views, by the values that a number for each view found."""
+        """Two groups of views, by the values of the parameter fitted to each view."""
         kinds = _GROUPED.get(each.kind, ())
         if not kinds or self.count < 2 * LEAST_PART:
             return
@@ -314,7 +314,7 @@ class Search:
         Raises
         ------
         UsageError
-            Where the views do not share a board.
+            If the views do not share a board.
         """
         kept = self.base.observations.kept()
         board = make_board(kept.views, kind, Several.of(kept))

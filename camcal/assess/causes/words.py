@@ -13,25 +13,23 @@ from camcal.geometry.numbers import TINY
 from camcal.model.pose import Array
 from camcal.solve.warp import FIELDS
 
-#: A camera that is off by this much, px, is wrong (`checks/fit.py`); by a fifth of it, about what a good detector's
-#: corner is off by, it is worse than it looks.
+#: A camera with an error of this many px is wrong (`checks/fit.py`); with a fifth of it, about the error of a good
+#: detector's corner, it is worse than it looks.
 SEVERAL_PX, VISIBLE_PX = 1.0, 0.2
-#: Numbers of each view also take up other errors that the views do not share: what they say of the camera is believed
-#: from several px on (the sheet of DBAT's demonstration, bowed differently in each view, moves the principal point by
+#: Parameters of each view also absorb other errors of single views: their effect on the camera is relied upon only from
+#: several px on (the sheet of DBAT's demonstration, bowed differently in each view, moves the principal point by
 #: 1.3 px).
 MANY_PX = 3.0
-#: sigmas that are too large by this much for a cause that was not taken into account mean little (as of
-#: `checks/board.py`)
+#: sigmas that an unmodelled cause enlarges by this factor are unreliable (as in `checks/board.py`)
 WORSE = 0.85
-#: parts taken by other cameras are data that are not what they are taken for, however near the mean camera projects:
-#: so where half of the variance that is left is due to it (0.7 = sqrt(1/2); two cameras of one kind side by side give
+#: parts taken by different cameras are misinterpreted data, however small the error of the mean camera: this is assumed
+#: if half of the remaining variance is due to it (0.7 = sqrt(1/2); two cameras of one kind side by side give
 #: 0.58, a set of one camera with heavy tails .95)
 OTHER_CAMERAS = 0.7
-#: A shift of the principal point is that of resized pictures where it differs from it by less than this part, and
-#: pictures were turned where the two principal points lie opposite to one another about the centre to this part of
-#: their distance.
+#: A shift of the principal point is attributed to resized pictures if it agrees within this fraction, and to rotated
+#: pictures if the two principal points are symmetric about the centre within this fraction of their distance.
 ALIKE = 0.1
-#: Scales this near to one another (in the logarithm) are those of a zoom or of a focus: resizing takes more.
+#: Scales this close (difference of logarithms) are due to zoom or focus: resizing changes more.
 RESIZED = 0.02
 NAMED = 4  #: views in a sentence
 _AT = {name: i for i, name in enumerate(FIELDS)}
@@ -61,11 +59,11 @@ def severity(effect: float, scatter: float, each: bool, ratio: float, code: str 
     Parameters
     ----------
     effect, scatter : float
-        How far the camera is off, px; pictures that scatter about a right camera make it doubtful.
+        Error of the camera, px; pictures that scatter about a correct camera make it doubtful.
     each : bool
-        Whether every view has numbers of its own.
+        Whether every view has its own parameters.
     ratio : float
-        What sigma falls to, as a part of it.
+        Sigma with the cause relative to that without.
     code : str
         Of the warning.
     """
@@ -86,7 +84,7 @@ def _names(found: Found, mask: Array) -> str:
 
 
 def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
-    """Two parts: the numbers are those of the second relative to the first."""
+    """Two parts: the parameters are those of the second relative to the first."""
     theta = trial.theta[trial.parts][0]
     scale, unit = 1 + float(theta[_AT["scale"]]), trial.warp.unit
     shift = theta[[_AT["shift-u"], _AT["shift-v"]]] * unit
@@ -139,7 +137,7 @@ def _is_resized(scale: float, shift: Array, trial: Trial) -> bool:
     wanted = (scale - 1) * (trial.camera.params[2:4] + 0.5)
     if trial.kind != "camera" or abs(np.log(max(scale, TINY))) < RESIZED:
         return False
-    # the fields' centre is not quite the principal point
+    # the centre of the fields is not exactly the principal point
     centred = shift + (scale - 1) * (trial.camera.params[2:4] - trial.warp.centre)
     return bool(np.linalg.norm(centred - wanted) < ALIKE * np.linalg.norm(wanted))
 
@@ -163,7 +161,7 @@ def _moved(found: Found, trial: Trial, where: str, shift: Array) -> tuple[str, s
 
 
 def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
-    """Numbers of each view; they sum to zero."""
+    """Separate parameters for each view, which sum to zero."""
     theta, unit = trial.theta, float(trial.warp.unit)
     if trial.kind == "rolling":
         size = found.base.camera.image_size

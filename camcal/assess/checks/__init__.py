@@ -1,4 +1,4 @@
-"""Conditions that reduce the value of a calibration, each a warning with a code, what was found and a hint.
+"""Checks for conditions that degrade a calibration; each yields a warning with a code, a finding and a hint.
 
 A check is a function `Facts -> iterable of CalibrationWarning` and a line in `CHECKS`; `ALSO` says which of them apply
 to cameras that were not calibrated by their own views. Every threshold stands beside its reason; tests apply it to
@@ -72,8 +72,8 @@ CHECKS = (
 
 #: uses of a camera whose own views do not determine it: other cameras see the same boards, or it is known
 RIG, KNOWN = "a camera of a rig", "a known camera on new data"
-#: the checks that apply there, too: those of the lens, the points and the pictures. Those of the views and of what they
-#: determine do not; they also take most of the time
+#: the checks that also apply there: those of the lens, the points and the pictures. Those of the views and of what they
+#: determine do not apply; they also take most of the time
 ALSO = {
     views.mirrored: (KNOWN,),
     lens.outside_domain: (RIG, KNOWN),
@@ -103,15 +103,15 @@ def check(
     ----------
     solution : Calibration
     known : sequence of CalibrationWarning
-        Those that are there already: they come first, and their codes are not said again. A doubt of the closed form is
-        left out where the refinement settled it: a closed form for pinhole cameras can be all but lost on a wide lens,
-        and what was refined from another start be good to a thousandth.
+        Existing warnings: they come first, and their codes are not repeated. A warning about the closed form is dropped
+        if the refinement resolved it: a closed form for pinhole cameras can be nearly useless for a wide-angle lens,
+        while the refinement from another start is accurate to a thousandth.
     holdout : mapping, optional
         The report's figures on views held out.
     found : Found, optional
-        What all views have in common, `camcal.assess.causes.find`.
+        Common cause of all views, from `camcal.assess.causes.find`.
     design : Design, optional
-        The linearised problem of the solution, where it is known already.
+        The linearised problem of the solution, if it is already known.
     """
     facts = Facts(solution, holdout, found, design)
     codes = {w.code for w in known}
@@ -129,5 +129,5 @@ def checks_of(use: str) -> tuple[Callable[[Facts], Iterable[CalibrationWarning]]
 def spoken(
     checks: Iterable[Callable[[F], Iterable[CalibrationWarning]]], facts: F
 ) -> list[CalibrationWarning]:
-    """The warnings of some checks about some facts, in the order of the checks."""
+    """The warnings of some checks for some facts, in the order of the checks."""
     return [w for one in checks for w in one(facts)]

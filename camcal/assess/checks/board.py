@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
-#: A board of its own shape is reported where it lowers sigma_hat below this part, ...
+#: A non-ideal board is reported if it reduces sigma_hat below this fraction, ...
 GAIN = 0.85
-#: ... and where a flat board would look like it with a probability below this.
+#: ... and if a flat board would appear so with a probability below this.
 SIGNIFICANT = 1e-4
 
 

@@ -21,11 +21,11 @@ from camcal.assess.warning import CalibrationWarning
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
 
-#: rings of as many points each, and points that each has at least: its noise is then known to 16 %
+#: rings of equal numbers of points, and least points of each: its noise is then known to 16 %
 RINGS, LEAST_POINTS = 6, 20
-#: rings of one noise differ as much with a probability below this (an analysis of variance of the residuals' lengths)
+#: rings of equal noise differ as much with a probability below this (analysis of variance of the residuals' lengths)
 BY_CHANCE = 1e-4
-#: A sigma that is too small by this factor is reported: its 95 % interval holds the truth in 89 % ...
+#: A sigma that is too small by this factor is reported: its 95 % interval contains the true value in 89 % ...
 TOO_SMALL = 1.2
 #: ... and by this it is doubtful: in 81 %
 FAR_TOO_SMALL = 1.5

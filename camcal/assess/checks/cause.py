@@ -13,22 +13,21 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.rolling import sure
 from camcal.assess.warning import CalibrationWarning
 
-#: errors that whole views share rather than single points (a bent board, blur in one direction) are as many as the
-#: numbers of a homography
+#: independent errors per view if they are common to the view (a bent board, blur in one direction): the parameters of a
+#: homography
 OF_A_VIEW = 8
 
 
 def least_fall(views: int, numbers: int) -> float:
-    """The part of itself that sigma has to fall to before a cause of so many numbers is sure in any kind of noise.
+    """The relative sigma at which a cause with so many parameters is certain for any kind of noise.
 
-    The evidence for a cause, BIC = n ln(cost) + m ln n, takes each coordinate for independent. Where the noise has
-    heavy tails it may be the errors of whole views instead, n = 8 V of them, and the criterion falls by `EVIDENCE`
-    where
+    The evidence for a cause, BIC = n ln(cost) + m ln n, assumes independent coordinates. Heavy-tailed noise may instead
+    consist of errors of whole views, n = 8 V of them, and the criterion then decreases by `EVIDENCE` if
 
         sigma / sigma_before < exp(-(m ln n + EVIDENCE) / 2n)
 
-    That is .90 for 17 views and the four numbers of another camera: a real set of that size with bent boards and blur
-    (fourth moment 2.9) has .95 for two cameras that it does not show.
+    This is .90 for 17 views and the four parameters of another camera: a real set of that size with bent boards and
+    blur (fourth moment 2.9), taken by one camera, has .95 for two cameras.
     """
     n = OF_A_VIEW * views
     return exp(-(numbers * log(n) + EVIDENCE) / (2 * n))
@@ -41,7 +40,7 @@ def cause(facts: Facts) -> Iterator[CalibrationWarning]:
         return
     if (
         said.code == "rolling-shutter" and sure(facts.solution) is not None
-    ):  # known motion says it with one number
+    ):  # known motion describes it with one parameter
         return
     heavy = any(w.code == "heavy-tailed-residuals" for w in noise.tails(facts))
     trial, base = facts.found.trial, facts.found.base

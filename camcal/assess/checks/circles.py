@@ -13,16 +13,16 @@ from camcal.assess.difference import difference
 from camcal.assess.fold_difference import covered_pixels
 from camcal.assess.warning import CalibrationWarning
 
-#: standard deviations of r² beyond which there are circles: a false alarm in 1e-3 of all runs. Of 24 sets of 15 views
+#: standard deviations of r² above which circles are reported: false alarms in 1e-3 of all runs. Of 24 sets of 15 views
 #: of circles of radius .4 with .02 px of noise one has less than 4 (3.8, its camera off by five of its sigmas)
 SIGNIFICANT = 3.1
-#: radii that circles of a target have, in parts of the spacing of neighbouring centres: smaller ones change nothing
-#: (their images are a few pixels across), and larger ones touch. Bent boards and lenses that do not hold give other
-#: numbers, or negative ones.
+#: range of radii of a target's circles, relative to the spacing of neighbouring centres: smaller ones have no effect
+#: (their images are a few pixels across), and larger ones touch. Bent boards and unsuitable lens models give other
+#: values, or negative ones.
 SMALLEST, LARGEST = 0.15, 0.5
-#: A board of another shape is the rival: its residuals repeat at the same points, and the deviations above take
-#: these for noise (8 of them on the bent board of a real stereo pair). What circles take off the cost is .9 to 1.6
-#: times what a free board promises where there are circles (rendered, radius .2 to .4), and .03 times on that board.
+#: A non-ideal board is the alternative explanation: its residuals repeat at the same points, which the deviations above
+#: treat as noise (8 of them on the bent board of a real stereo pair). The decrease of the cost by circles is .9 to 1.6
+#: times that predicted for a free board if there are circles (rendered, radius .2 to .4), and .03 times on that board.
 LEAST_OF_BOARD = 0.5
 
 
@@ -37,7 +37,7 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
     apart = difference(moved, facts.camera, pixels).rms_px
     grave = severity(apart, apart, False, 1.0)
     if grave == "note" and apart > fit.SIGMAS * fit.stated_px(facts.solution, pixels):
-        grave = "doubtful"  # little, but far more than the camera says of itself
+        grave = "doubtful"  # small, but far above the camera's stated uncertainty
     yield CalibrationWarning(
         "circle-centres",
         f"the points match the centroids of images of circles with a radius of {found.radius:.2g} of "

@@ -1,4 +1,4 @@
-"""The image: the part that the points cover."""
+"""Coverage of the image by the points."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ LEAST_AREA = 0.12
 #: Points may lie this far outside, px: sub-pixel corners at the very border.
 MARGIN_PX = 1.0
 
-#: A principal point this much nearer to the first pixel than the picture's centre, in both directions, and all points
-#: within twice its coordinates: lenses stand within a tenth of the centre, and a picture of half the size has it at
+#: Ratio of the principal point's coordinates to those of the picture's centre, in both directions, with all points
+#: within twice its coordinates: principal points lie within a tenth of the centre, and in a picture of half the size at
 #: half of it.
 OFF_CENTRE = 0.75
-#: by how much the two directions may differ: a size given wrongly keeps the picture's proportions, cropping does not
+#: largest difference of the two directions: a wrong size keeps the picture's proportions, cropping does not
 SAME_RATIO = 0.1
 
-#: below this part of the picture even a lens without distortion is extrapolated over most of it
+#: below this share of the picture even a lens without distortion is extrapolated over most of it
 SMALL_AREA = 0.05
-#: single points outside are outliers of a detector; a tenth of them shows that the size or the axes are not
-#: what they are taken for
+#: single points outside are detector outliers; a tenth of all points shows that the size or the axes are
+#: wrong
 MANY_OUTSIDE = 0.1
 
 
@@ -69,7 +69,7 @@ def image_size(facts: Facts) -> Iterator[CalibrationWarning]:
     if size is None or not facts.groups("principal"):
         return
     ratio = (2 * facts.camera.params[2:4] + 1) / size
-    # points reach twice the principal point where the picture they were found in ends there
+    # points extend to twice the principal point, where the picture in which they were measured ends
     inside = (facts.image_points < 2 * facts.camera.params[2:4] + 1 + ratio * MARGIN_PX).all(1).mean()
     if (ratio < OFF_CENTRE).all() and abs(ratio[0] - ratio[1]) < SAME_RATIO and inside > 1 - MANY_OUTSIDE:
         u, v = facts.camera.params[2:4].tolist()

@@ -49,7 +49,7 @@ class Facts:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """The covariance of parameters and poses, infinite where the sigmas are invalid."""
+        """The covariance of parameters and poses, infinite for invalid sigmas."""
         return accuracy(self.solution)
 
     @cached_property
@@ -66,7 +66,7 @@ class Facts:
 
     @cached_property
     def free_board(self) -> Promise | None:
-        """What a board of free shape promises; None where the data do not allow one."""
+        """The gain predicted for a board of free shape; None if the data do not permit one."""
         return promise(self.solution)
 
     @cached_property
@@ -81,9 +81,9 @@ class Facts:
 
     @cached_property
     def blameless(self) -> bool:
-        """Whether no single view can be mirrored or show another board.
+        """Whether it is excluded that single views are mirrored or show another board.
 
-        Something that all views share explains them, or the points are identified by what is printed beside them.
+        Either a common cause explains the views, or the points are identified by printed codes.
         """
         data = self.solution.observations
         return (self.found is not None and self.found.common) or identified(data)
@@ -129,7 +129,7 @@ class Facts:
 def identified(data: Observations) -> bool:
     """Whether points are identified by printed codes; a mirrored or foreign code would not have been read.
 
-    Where the target's kind is not known, by ids of which views show different parts.
+    If the kind of target is unknown, this is inferred from views that show different subsets of the ids.
     """
     kind = (data.target or {}).get("kind")
     if kind is not None:

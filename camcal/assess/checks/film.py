@@ -1,4 +1,4 @@
-"""Films: whether the rows of a frame were read sequentially while the target moved (rolling shutter)."""
+"""Films: detection of a rolling shutter, which reads the rows of a frame sequentially while the target moves."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ STILL = (
 
 
 def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
-    """The residuals of a film follow the row times the speed of the target, and the points are not corrected for it."""
+    """The residuals of a film are proportional to row times speed of the target, and the points are not corrected."""
     found = sure(facts.solution)
     if found is None:
         return
     effect = effect_px(facts.solution, found)
-    # a board that was free to follow took most of a readout of .8 frames: .12 was left
+    # a board of free shape absorbed most of a readout of .8 frames: .12 remained
     shaped = facts.solution.board is not None
     rest = " The estimated shape of the board hides the rest." if shaped else ""
     yield CalibrationWarning(
@@ -35,7 +35,7 @@ def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def corrected_for(found: Readout, effect: float) -> CalibrationWarning:
-    """The warning where the points were corrected for a readout time without which the camera would be off, px."""
+    """The warning that points were corrected for a readout time; `effect`, px, is the camera's error without it."""
     return CalibrationWarning(
         "rolling-shutter",
         f"{_words(found)} Without a correction the camera would be off by {effect:.2g} px (rms over the picture): the "

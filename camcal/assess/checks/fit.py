@@ -22,29 +22,29 @@ from camcal.solve.refine import How, refine
 
 #: A point is gross beyond this many robust standard deviations of a coordinate: one Gaussian point in 6e7.
 GROSS = 6.0
-#: Share of the sum of squares that gross points may hold before they are what the fit is about.
+#: Share of the sum of squares above which gross points dominate the fit.
 GROSS_SHARE = 0.25
-#: rms against the image's diagonal beyond which something is wrong: the model, or which point is which.
+#: rms relative to the image's diagonal above which the model or the assignment of points is wrong.
 LARGE = 0.005
-#: In large pictures that is tens of px, which is no error of a point that anybody clicked: there it is wrong from so
-#: many px on, or from this part of the diagonal where that is more (7 px of 6000x4000: clicks in a reduced view).
+#: In large pictures that would be tens of px, more than any manual error: there the limit is this many px, or this
+#: fraction of the diagonal if that is more (7 px of 6000x4000: clicks in a reduced view).
 MANY_PX, CLICKED = 5.0, 0.001
 #: Systematic: share of the radial residuals' variance that their mean by radius explains, and the F statistic
 #: of that (20 rings). Gaussian noise gives F = 1 and never 8; real boards that fit give a share below .05.
 EXPLAINED, F_LEAST, RINGS = 0.1, 8.0, 20
-#: points of a ring: their mean is then known to a third of the noise
+#: least points of a ring: their mean is then known to a third of the noise
 OF_A_RING = 10
-#: rings in which a bend can be told from a slope
+#: least number of rings in which curvature can be distinguished from a slope
 LEAST_RINGS = 3
-#: Coordinates per unknown below which residuals say little about errors.
+#: Coordinates per unknown below which residuals indicate little about errors.
 REDUNDANT = 1.5
 
-#: below so many coordinates an unknown, the residuals say next to nothing of the noise
+#: below so many coordinates per unknown, the residuals indicate almost nothing about the noise
 BARELY = 1.2
-#: Outliers make a camera wrong where the fit without them projects elsewhere, by more than this many of its own sigmas
+#: Outliers make a camera wrong if the fit without them projects differently, by more than this many of its sigmas
 #: (one camera in 400 by chance) and by more than `SEVERAL_PX`.
 SIGMAS = 3.0
-#: a systematic error of so many px (rms) is no property of a detector: the camera projects wrongly by as much
+#: a systematic error of so many px (rms) is not a detector's: the camera projects wrongly by as much
 SEVERAL_PX = 1.0
 #: steps of the fit without outliers
 STEPS = 20
@@ -63,7 +63,7 @@ def not_converged(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def little_redundancy(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Few more observations than unknowns: the rms is small whatever the errors are."""
+    """Hardly more observations than unknowns: the rms is small whatever the errors are."""
     unknown = facts.solution.free_count
     observed = unknown + figures.redundancy(facts.solution)
     if observed < REDUNDANT * unknown:
@@ -105,7 +105,7 @@ def _bent_by(facts: Facts, gross: Array) -> bool:
 def moved_without(facts: Facts, gross: Array) -> tuple[float, float]:
     """The change in projection without some of the used points (a mask of the finite ones), and its noise.
 
-    rms over the part of the picture that points cover, at infinity, px. A fit without them that fails says nothing: 0.
+    rms over the part of the picture that points cover, at infinity, px. 0 if the fit without them fails.
     """
     solution = facts.solution
     held = {

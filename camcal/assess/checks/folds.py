@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
-#: Ratio of the differences between the cameras of the folds to what noise explains (`fold_difference.py`)
-#: from which on something else is at work. On simulated data with white noise it is .95 in the median and
+#: Ratio of the differences between the cameras of the folds to those due to noise (`fold_difference.py`)
+#: above which there is another cause. On simulated data with white noise it is .95 in the median and
 #: below 1.7 in all of some hundred runs.
 DISAGREE = 2.0
 
-#: From this ratio on, and where the cameras differ by this in the median, px, the sigmas mean nothing: whatever sets
-#: the views apart moves the camera by more than a detector's error.
+#: Above this ratio, and this median difference of the cameras, px, the sigmas are meaningless: the discrepancy between
+#: the views moves the camera by more than a detector's error.
 FAR_APART, VISIBLE_PX = 5.0, 0.5
 
 

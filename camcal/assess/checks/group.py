@@ -1,12 +1,12 @@
-"""Neighbouring points that are shifted together: a column, a row or a mark that was mistaken for its neighbour.
+"""Neighbouring points with a common shift: a column, a row or a mark that was mistaken for its neighbour.
 
-In a small set such points pull the fit to them, and no single residual stands out. With C the two columns that shift a
-group of points in u and v and M = I - H of the solution (`design.py`), a common shift takes
+In a small set such points attract the fit, and no single residual stands out. With C the two columns that shift a
+group of points in u and v and M = I - H of the solution (`design.py`), a common shift reduces the cost by
 
     ½ bᵀ (Cᵀ M C)⁻¹ b,    b = Cᵀ r                                                                        (1)
 
-off the cost; against what is left it follows F(2, ν - 2) where there is none (Cook & Weisberg, Residuals and Influence
-in Regression, 1982, section 2.2.2, of groups).
+which, relative to the remaining cost, follows F(2, ν - 2) if there is no shift (Cook & Weisberg, Residuals and
+Influence in Regression, 1982, section 2.2.2, of groups).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from camcal.model.pose import Array
 from camcal.records import dataclass
 from camcal.system.text import listed
 
-#: points up to which groups are looked for: in larger sets a group no longer pulls the fit, and is found by the test of
-#: single points
+#: points up to which groups are searched: in larger sets a group no longer attracts the fit, and is found by the test
+#: of single points
 MOST_POINTS = 200
-#: a group has so many points, and no more than this part of the view: the rest has to say where it belongs
+#: least points of a group, and its largest share of the view: the other points must determine its correct position
 SIZES, MOST_PART = range(3, 9), 1 / 3
-#: of all groups together one shifts so far by chance with this probability
+#: probability that any group shifts as far by chance
 BY_CHANCE = 1e-3
-#: ratio of eigenvalues that is zero but for rounding: the fit follows the group wherever it goes
+#: ratio of eigenvalues that is zero up to rounding: the fit follows any shift of the group
 ROUNDING = 1e-9
 
 
@@ -120,6 +120,6 @@ def _of_shift(rows: Rows, left: Array, members: Array) -> tuple[float, Array]:
     inner = np.einsum("i,icjd,j->cd", roots, left[members][:, :, members], roots)
     values, vectors = np.linalg.eigh(inner)
     if not values[0] > ROUNDING * max(values[1], TINY):
-        return 0.0, np.zeros(2)  # the fit follows the group wherever it goes
+        return 0.0, np.zeros(2)  # the fit follows any shift of the group
     shift = vectors @ ((vectors.T @ b) / values)
     return float(b @ shift), -shift

@@ -10,8 +10,8 @@ from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import grid_of
 from camcal.assess.warning import CalibrationWarning
 
-#: a fold in less of the picture than this touches its outermost corners only; from a fifth on, it reaches into what the
-#: camera is used for
+#: a fold in a smaller share of the picture affects only its outermost corners; from a fifth on, it affects the part
+#: that is used
 TIPS, MUCH = 0.02, 0.2
 
 
@@ -30,7 +30,7 @@ def outside_domain(facts: Facts) -> Iterator[CalibrationWarning]:
 def fold_in_image(facts: Facts) -> Iterator[CalibrationWarning]:
     """Pixels without a ray: the distortion folds back or has a pole inside the image.
 
-    Of a lens that sees the whole half space and all points, it is rather the end of what it draws: the corners
+    For a lens that sees the whole half space and all points, it is rather the limit of its image: the corners
     outside a fisheye's image circle.
     """
     if facts.unseen is None or not len(facts.unseen) or facts.image_size is None:

@@ -1,9 +1,10 @@
-"""Pictures that were mirrored as a whole; the lens is then mirrored too, so nothing else reveals it.
+"""Mirrored pictures, which only the asymmetry of the lens reveals.
 
-A board that looks the same from both sides is found in good order in a mirrored picture; even where the order
-tells, the view fits some pose. What does not fit is the principal point, and what else of the lens is not
-symmetric. With S = diag(-1, 1, 1) a view of points X at u is compared with one of S X at (width - 1 - u, v),
-which a pose S R S, S t before the same camera shows: the start of its own refinement.
+A board that looks the same from both sides is found in correct order in a mirrored picture; even if the order is
+wrong, the view fits some pose. What does not fit is the principal point and any other asymmetry of the lens.
+
+With S = diag(-1, 1, 1) a view of points X at u is compared with one of S X at (width - 1 - u, v),
+which the pose S R S, S t explains with the same camera; this is the start of a separate refinement.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from camcal.model.pose import Array, Poses
 from camcal.solve.poses import refine_poses
 from camcal.system.text import listed
 
-#: The mirrored view has to be likelier by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
+#: The mirrored view must be more likely by this, n ln(sum of squares / that of the mirrored view): 1e6 to one; ...
 LIKELIER = 14.0
-#: ... and the sum of squares to be this many times as large: neighbouring points share errors, and good real
+#: ... and the sum of squares must be this many times as large: neighbouring points share errors, and good real
 #: views reach 1.4. Views that were mirrored have 2 to 5 at 0.2 px noise, and more with less.
 SQUARES = 1.8
-#: Only views whose rms exceeds that of the median view by this are looked at: a mirrored one has 1.3 and more.
+#: Only views whose rms exceeds that of the median view by this factor are examined: mirrored ones have 1.3 or more.
 SUSPECT = 1.15
-#: Of two views, neither can be said to be the mirrored one.
+#: Least number of views: of two, the mirrored one cannot be identified.
 LEAST_VIEWS = 3
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -38,7 +39,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
     """Views that fit much better as mirror images."""
     if facts.blameless or any(fit.outliers(facts)):
-        return  # a few gross points bend the camera, and what then fits better mirrored says nothing
+        return  # gross points bias the camera, so that a better fit of mirrored views has no meaning
     found = mirrored_views(facts)
     if not len(found):
         return
@@ -54,7 +55,7 @@ def mirrored_pictures(facts: Facts) -> Iterator[CalibrationWarning]:
 def mirrored_views(facts: Facts) -> Array:
     """The indices of views that fit much better as mirror images; empty if these are the majority.
 
-    None either where the model does not follow the lens: its errors then depend on where a view lies.
+    Also empty if the model does not fit the lens: its errors then depend on the position of a view.
     """
     none = np.zeros(0, int)
     if (
@@ -72,7 +73,7 @@ def mirrored_views(facts: Facts) -> Array:
 
 
 def gains_of_mirroring(facts: Facts, chosen: Array) -> tuple[Array, Array]:
-    """ln(own sum of squares / that of the mirrored view), -inf where it does not project, and the points.
+    """ln(own sum of squares / that of the mirrored view), -inf if it cannot be projected, and the number of points.
 
     Of the chosen views, (C,) each.
     """

@@ -18,19 +18,19 @@ from camcal.assess.warning import CalibrationWarning
 #: Deviations of E[x²] beyond which the noise is not Gaussian. The mean of x² is skewed: of 100,000 and more clean sets
 #: simulated for each size, .16 % of those of 50 points, .08 % of 200 and .02 % of 700 were taken for heavy-tailed.
 SIGNIFICANT = 4.5
-#: Points from which on that is tested; with fewer than 36 even Laplace noise is on average no more than 4.5 deviations
-#: off: (3.5 - 2) √36 / 2.
+#: Least number of points for the test; with fewer than 36 even Laplace noise differs by no more than 4.5 deviations
+#: on average: (3.5 - 2) √36 / 2.
 LEAST_IN_ALL = 50
 #: Coordinates that lie on whole pixels by chance: hardly ever those of four points.
 LEAST_ROUNDED = 4
 #: steps; some hundred times the rounding of coordinates of 10,000 px in 64 bits
 ON_GRID = 1e-9
-#: E[x²] that is reported: uniform noise has 1.4, Laplace 3.5 and Student's t of five degrees of freedom 5,
-#: of which 2.6 and 2.4 are left once outliers are rejected. Real boards that fit well have 1.8 to 2.1.
+#: Limits of E[x²] that are reported: uniform noise has 1.4, Laplace 3.5 and Student's t of five degrees of freedom 5,
+#: the last two 2.6 and 2.4 after rejection of outliers. Real boards that fit well have 1.8 to 2.1.
 LIGHT, HEAVY = 1.7, 2.3
-#: Views of fewer points are scaled together: their own mean says too little.
+#: Views with fewer points are scaled jointly: their own means are too uncertain.
 LEAST_POINTS = 12
-#: Share of coordinates on a whole (or half) pixel from which on they were rounded to it.
+#: Share of coordinates on whole (or half) pixels above which they were rounded.
 ROUNDED = 0.98
 
 
@@ -69,7 +69,7 @@ def fourth_moment(facts: Facts) -> tuple[float, float]:
     n = sum(map(len, groups))
     if n < LEAST_IN_ALL or not all(np.isfinite(g).all() and g.mean() > 0 for g in groups):
         return 2.0, 0.0
-    # with the mean of n exponential values in the place of the true one E[x²] is 2 n / (n + 1)
+    # with the mean of n exponential values instead of the true mean, E[x²] is 2 n / (n + 1)
     x2 = np.concatenate([(g / g.mean()) ** 2 * (len(g) + 1) / len(g) for g in groups])
     moment = float(x2.mean())
     return moment, (moment - 2) / (2 / np.sqrt(n))

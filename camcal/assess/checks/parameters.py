@@ -9,13 +9,13 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
-#: Standard deviation of a focal length (and skew) in parts of it, and of the principal point in parts of the
-#: image's diagonal, from which on they are weak: ten times what a dozen ordinary views of a board give.
+#: Relative standard deviation of a focal length (and skew), and that of the principal point relative to the image's
+#: diagonal, above which they are weak: ten times those of a dozen ordinary views of a board.
 WEAK = 0.02
-#: Correlation between parameters of different groups from which on neither means much by itself. Within a
+#: Correlation between parameters of different groups above which neither is meaningful by itself. Within a
 #: group (fx with fy, k1 with k2) it is always high and harmless.
 STRONG = 0.95
-NAMED = 4  #: pairs in a message, which then still is one line
+NAMED = 4  #: pairs named in a message, which thus fits on one line
 _HINT = "Add tilted views across the whole picture, fix parameters (--fix), or choose a smaller model."
 
 

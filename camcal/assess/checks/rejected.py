@@ -9,10 +9,10 @@ import numpy as np
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning
 
-#: Share of rejected points from which on it is reported: detectors leave a point or two in a thousand.
+#: Share of rejected points above which it is reported: detectors leave one or two in a thousand.
 MANY = 0.02
 
-#: where a fifth of the points is wrong, the cause may have moved the others, too
+#: if a fifth of the points is wrong, the cause may also have displaced the others
 A_FIFTH = 0.2
 
 

@@ -15,24 +15,24 @@ from camcal.geometry.numbers import distinct
 from camcal.model.pose import Array
 from camcal.system.text import listed
 
-#: Views whose boards come to lie on the same pixels within this root mean square, px, are one view taken
+#: Views whose boards project to the same pixels within this root mean square, px, are one view taken
 #: twice.
 SAME_PX = 1.0
-#: Share of repeated views from which on they are reported: a repeated view only makes the sigmas too
+#: Share of repeated views above which they are reported: a repeated view only makes the sigmas too
 #: small.
 REPEATED = 0.2
-#: Boards whose normals lie within this angle of one another (rms, degrees) leave the focal length to second
-#: order effects: at 5 degrees its sigma is 1 % with 12 views of .1 px, at 20 degrees .2 %.
+#: If the normals of the boards agree within this angle (rms, degrees), only second-order effects determine the
+#: focal length: at 5 degrees its sigma is 1 % with 12 views of .1 px, at 20 degrees .2 %.
 PARALLEL_DEGREES = 5.0
-#: Estimated parameters per view of a plane; each such view fixes two of the camera matrix and a bend.
+#: Estimated parameters per view of a plane; each view determines two of the camera matrix and one of the distortion.
 PARAMETERS_PER_VIEW = 3
-#: Different views from which on distortion is not said to need more: three determine a camera without (Zhang 2000,
+#: Number of different views from which on the distortion needs no more: three determine a camera without (Zhang 2000,
 #: section 3.1). With opencv4, .2 px and random tilts, one focal length in ten is off by 9 % and more with two views, by
 #: .9 % with three, by .8 % with four and by .4 % with six (20 runs each).
 LEAST_BENT = 4
-#: views at least: of two, either may be the mirrored one
+#: least number of views: of two, either may be the mirrored one
 LEAST_FOR_MAJORITY = 3
-#: part of views from behind above which the target is taken to be visible from both sides
+#: share of views from behind above which the target is assumed to be visible from both sides
 MINORITY = 1 / 3
 
 #: A plane is that of x and y if the cosine of its normal to z is above this: a bent board's plane is off by .001.
@@ -40,7 +40,7 @@ ALONG_Z = 0.99
 #: Below this angle, degrees, perspective is second order in what noise and distortion leave: the focal length found is
 #: not that of the camera (tilts of 0.6 degrees give 1569 +- .06 for 1000).
 NOTHING_DEGREES = 2.0
-#: A focal length known to this part of itself is worth using, however few the views.
+#: A focal length with this relative standard deviation is usable, however few the views.
 SURE_FOCAL = 0.01
 
 
@@ -71,7 +71,7 @@ def few_views(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def fronto_parallel(facts: Facts) -> Iterator[CalibrationWarning]:
-    """All boards parallel to one another, in particular to the image."""
+    """All boards parallel to each other, in particular to the image."""
     if not facts.planar or len(facts.views) < 2:
         return
     tilt, spread = tilts(facts)
@@ -125,7 +125,7 @@ def duplicates(facts: Facts) -> Iterator[CalibrationWarning]:
 
 
 def repeated(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Single views that repeat another, where they are too few for `duplicates`."""
+    """Single views that repeat another, if they are too few for `duplicates`."""
     pairs = facts.once(_repeats)
     if not len(pairs) or len(facts.views) - distinct_count(facts) > REPEATED * len(facts.views):
         return
