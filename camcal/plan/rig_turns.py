@@ -8,9 +8,12 @@ pose a view has, and its points are renamed.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, product
+from math import comb
 
 import numpy as np
 
@@ -159,10 +162,23 @@ def _misfit(x: Pose, z: Pose, robot: Poses, camera: Poses) -> Array:
 
 
 def _samples(count: int) -> Iterator[Array]:
-    """Three instants each."""
-    every = list(combinations(range(count), 3))
-    order = np.random.default_rng(0).permutation(len(every))[:SAMPLES]
-    yield from (np.array(every[k]) for k in order)
+    """Three different instants each, none twice; all that there are of few.
+
+    They are drawn by their rank in the combinatorial number system: i < j < k have C(i, 1) + C(j, 2) + C(k, 3). A list
+    of all would have 166 million entries for 1,000 instants.
+    """
+    total = comb(count, 3)
+    for rank in np.random.default_rng(0).choice(total, min(SAMPLES, total), replace=False).tolist():
+        chosen: list[int] = []
+        for size in (3, 2, 1):
+            last = bisect_right(range(count), rank, key=partial(_combinations, size)) - 1
+            chosen.insert(0, last)
+            rank -= comb(last, size)
+        yield np.array(chosen)
+
+
+def _combinations(size: int, count: int) -> int:
+    return comb(count, size)
 
 
 def _ways(robot: Poses, camera: Poses) -> Iterator[tuple[tuple[int, int], ...]]:

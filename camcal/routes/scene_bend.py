@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from camcal.errors import CamcalError
+from camcal.geometry.numbers import distinct
 from camcal.model.lenses import make
 from camcal.model.pose import Array
 from camcal.routes.line_geometry import Lines
@@ -25,7 +26,8 @@ WITH_DISTORTION = "division:1"
 
 
 def common_bend(lines: Lines, centre: Array) -> float:
-    """The bend that all lines share, in standard errors; NaN of fewer than two lines with enough points.
+    """The bend that all lines share, in standard errors; NaN of fewer than two lines with enough different points, and
+    of lines that a lens bends in no case (all through the centre) or that are straight to the last digit.
 
     One term of distortion k moves a point by k r² of its distance r from the centre: a line at the distance d with the
     half length a is bent by b = k d a² in its middle, and k is the regression of the b on d a². The standard error is
@@ -34,7 +36,7 @@ def common_bend(lines: Lines, centre: Array) -> float:
     found = []
     for index in range(len(lines)):
         uv = lines.uv[lines.line == index]
-        if len(uv) < LEAST_POINTS:
+        if len(distinct(uv, axis=0)) < LEAST_POINTS:
             continue
         middle = uv.mean(0)
         axes = np.linalg.svd(uv - middle, full_matrices=False)[2]
@@ -44,8 +46,10 @@ def common_bend(lines: Lines, centre: Array) -> float:
     if len(found) < 2:
         return float("nan")
     expected, bend = np.array(found).T
-    k = float(expected @ bend / (expected @ expected))
-    return float(k * (expected @ expected) / np.sqrt(np.square(expected * (bend - k * expected)).sum()))
+    lever = float(expected @ expected)
+    k = float(expected @ bend) / lever if lever > 0 else 0.0
+    error = float(np.linalg.norm(expected * (bend - k * expected)))
+    return k * lever / error if error > 0 else float("nan")
 
 
 def with_distortion(

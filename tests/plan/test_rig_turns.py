@@ -5,7 +5,7 @@ import pytest
 
 from camcal.geometry import rotations
 from camcal.model.pose import Pose, Poses
-from camcal.plan.rig_turns import SAME_ANGLE, _ways, chosen_turns
+from camcal.plan.rig_turns import SAME_ANGLE, SAMPLES, _samples, _ways, chosen_turns
 
 HALF = Pose(rotations.exp(np.array([0, 0, np.pi])), np.zeros(3))
 CORNERS = np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)])
@@ -26,3 +26,10 @@ def test_views_of_one_instant_are_turned_to_most_of_them():
     board = about_y([0.3])[0]
     poses = Poses.stack([Poses.stack([p, p @ HALF]) for p in (board, board @ HALF, board)])
     np.testing.assert_array_equal(chosen_turns(poses, np.full(3, 1e-6), CORNERS), [0, 1, 0])
+
+
+@pytest.mark.parametrize(("count", "many"), [(2, 0), (3, 1), (5, 10), (12, SAMPLES), (100_000, SAMPLES)])
+def test_samples_are_different_instants_and_no_list_of_all(count, many):
+    found = [tuple(sample.tolist()) for sample in _samples(count)]
+    assert len(found) == len(set(found)) == many
+    assert all(0 <= i < j < k < count for i, j, k in found)

@@ -125,6 +125,17 @@ def test_lines_of_few_points_say_nothing_of_a_bend():
     assert np.isfinite(common_bend(room(CORNER, points=LEAST_POINTS), PINHOLE.params[2:4]))
 
 
+@pytest.mark.parametrize("kind", ["exact", "through the centre", "points that repeat"])
+def test_lines_without_a_bend_give_none_and_no_warning_of_numpy(kind, recwarn):
+    t = np.linspace(0, 100, 6)
+    levels = (50.0,) if kind == "through the centre" else (10.0, 50.0, 90.0)
+    parts = [np.c_[t, 0 * t + y] for y in levels] + [np.c_[0 * t + y, t] for y in levels]
+    if kind == "points that repeat":
+        parts = [np.repeat(part[[0, -1]], 3, axis=0) for part in parts]
+    lines = Lines.of(parts, [str(i) for i in range(len(parts))], (101, 101))
+    assert np.isnan(common_bend(lines, np.array([50.0, 50.0]))) and not recwarn.list
+
+
 def test_a_grid_parallel_to_the_picture_is_refused_whatever_bends_its_lines():
     """A bend of 15 px made up a focal length of 7621 ± 330 px for 1000."""
     lens, size = lenses.make("division:1"), (1280, 960)
