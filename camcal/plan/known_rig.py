@@ -102,7 +102,8 @@ def _check_scale(pictures: Pictures, rig: Poses, data: Observations) -> None:
     if not scales:
         return
     scale, (now, then) = float(np.median(scales)), np.median(off, axis=0)
-    if now > APART and then < now / 2 and not 1 / SAME_UNIT < scale < SAME_UNIT:
+    # a negative one is no unit: cameras that are exchanged, or poses the other way round
+    if now > APART and then < now / 2 and scale > 0 and not 1 / SAME_UNIT < scale < SAME_UNIT:
         square = float((data.target or {}).get("square") or 0.0)
         wanted = f"Try: --square {scale * square:.4g}" if square else f"Multiply X, Y and Z by {scale:.4g}"
         raise DataError(

@@ -47,3 +47,10 @@ def test_a_factor_is_refused_where_it_sets_boards_apart(baseline, refused):
             evaluate_rig(rig, data)
     else:
         assert evaluate_rig(rig, data).rms_point > 1
+
+
+def test_a_rig_the_wrong_way_round_is_no_matter_of_units():
+    """The factor is -1 where the second camera was on the other side: no size of the board explains that."""
+    cameras = truth("ab").cameras
+    right, left = (Rig(cameras, {"b": pose((0, 0, 0), (x, 0, 0))}, "a") for x in (-250.0, 250.0))
+    assert evaluate_rig(left, observed(right, instants=4)[0]).rms_point > 1
