@@ -96,6 +96,18 @@ def test_radial_residuals_that_are_systematic(good, monkeypatch):
         assert bool(list(fit.systematic(Facts(good)))) == said
 
 
+def test_outliers_that_bend_the_camera(monkeypatch):
+    """By more than a px, and than so many of the camera's own sigmas."""
+    for apart, sigma, bent in (
+        (MORE * fit.SEVERAL_PX, 0.0, True),
+        (LESS * fit.SEVERAL_PX, 0.0, False),
+        (9.0, 9.0 / (MORE * fit.SIGMAS), True),
+        (9.0, 9.0 / (LESS * fit.SIGMAS), False),
+    ):
+        monkeypatch.setattr(fit, "moved_without", lambda *_, m=(apart, sigma): m)
+        assert fit._bent_by(None, None) == bent
+
+
 def test_rings_that_show_a_bend():
     """Points of too few rings show nothing; and a bump narrower than a ring of the largest number is averaged away."""
 

@@ -278,9 +278,9 @@ def test_pictures_that_are_measured(monkeypatch):
 
 
 # ------------------------------------------------------------------------------------ the place of a grid on its board
-def placed(monkeypatch, match, holds=marked_grid.LEAST_MARKERS):
-    """Whether a grid whose best place has a mean correlation of `match` is placed, the next best at 0."""
-    scores = iter([(match, holds)] + [(0.0, 9)] * 3)
+def placed(monkeypatch, match, holds=marked_grid.LEAST_MARKERS, other=0.0):
+    """Whether a grid whose best place has a mean correlation of `match` is placed, the next best of `other`."""
+    scores = iter([(match, holds)] + [(other, 9)] * 3)
     monkeypatch.setattr(marked_grid, "sample_squares", lambda *_: np.zeros((2, 2, 4, 4)))
     monkeypatch.setattr(marked_grid, "_score", lambda *_: next(scores))
     uv = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), -1)
@@ -292,3 +292,6 @@ def test_a_grid_that_is_placed_by_its_markers(monkeypatch):
     assert placed(monkeypatch, marked_grid.LEAST_MATCH)
     assert not placed(monkeypatch, LESS * marked_grid.LEAST_MATCH)
     assert not placed(monkeypatch, 1.0, marked_grid.LEAST_MARKERS - 1)
+    ahead = marked_grid.AHEAD
+    assert placed(monkeypatch, 0.8, other=0.8 - MORE * ahead)
+    assert not placed(monkeypatch, 0.8, other=0.8 - LESS * ahead)

@@ -435,3 +435,68 @@ def test_a_faint_edge_does_not_count_for_the_blur():
         assert edge_blur._blurs(gray, start, start + (0.0, 2.0), across, across) == pytest.approx(
             blur, abs=0.15
         )
+
+
+# ------------------------------------------------------------------------------------ further limits of grids
+def test_candidates_that_are_one_corner():
+    for share, kept in ((LESS, [False, True]), (MORE, [True, True])):
+        xy = np.array([[50.0, 50.0], [50 + share * candidates.SINGLE, 50.0]])
+        assert candidates._single(xy, np.array([1.0, 2.0])).tolist() == kept
+
+
+def test_the_area_of_a_disc():
+    for share, disc in ((0.99, False), (1.01, True)):
+        t = np.arange(200) * 2 * np.pi / 200
+        radius = np.sqrt(share * discs.LEAST_AREA / np.pi)
+        outline = (50 + radius * np.stack([np.cos(t), np.sin(t)], 1)).astype(np.float32)[:, None]
+        assert found(outline) == disc
+
+
+@pytest.mark.parametrize(("share", "linked"), [(0.99, True), (1.01, False)])
+def test_neighbouring_discs(share, linked):
+    """The distances and the radii of neighbours: in a row whose last disc is farther, or larger."""
+    centre = places(5, 3, 20.0).reshape(-1, 2)
+    shape = np.repeat([6.0 * np.eye(2)], 15, 0)
+    # farther by a part in the measure of both, of which one has a neighbour at the usual distance; geometric mean
+    larger = shape.copy()
+    larger[[4, 9, 14]] *= discs.SPREAD * share
+    other, _ = discs.links(discs.Discs(centre, larger))
+    assert (4 in other[3]) == linked
+
+
+def test_points_of_a_block_that_is_even():
+    """A block of nine with so many points; of fewer nothing is said."""
+    rough = places(3, 3) + np.random.default_rng(0).normal(0, 2, (3, 3, 2))
+    for count, known in ((evenness.LEAST_POINTS, True), (evenness.LEAST_POINTS - 1, False)):
+        uv = rough.copy()
+        uv.reshape(-1, 2)[[0, 4, 8, 2][: 9 - count]] = np.nan
+        assert (evenness.unevenness(uv) > 0) == known
+
+
+def test_the_corners_of_a_board_that_was_asked_for():
+    seen = round(50 * search.ENOUGH)
+    for count, fits in ((seen, True), (seen - 1, False)):
+        uv = places(10, 5)
+        uv.reshape(-1, 2)[count:] = np.nan
+        made = Found(Lattice(uv), 1.0, False, np.zeros((9, 9)))
+        assert made.fits((10, 5)) == made.fits((5, 10)) == fits
+
+
+def test_the_smallest_grid_of_corners(monkeypatch):
+    """One corner less to a side where the size was asked for."""
+    least = search.LEAST_SIDE
+    index = np.arange(49).reshape(7, 7)
+    assert pieces_taken(monkeypatch, [index[:least]]) == 1
+    assert pieces_taken(monkeypatch, [index[: least - 1]]) == 0
+    assert pieces_taken(monkeypatch, [index[: least - 1]], (7, 2)) == 1
+    assert pieces_taken(monkeypatch, [index[: least - 2]], (7, 1)) == 0
+
+
+def test_a_square_without_room_for_profiles():
+    gray = np.full((80, 80), 220, np.uint8)
+    gray[20:60, 20:60] = 40
+    gray = cv2.GaussianBlur(gray, (0, 0), 0.7)
+    quad = np.array([[[19.5, 19.5], [59.5, 19.5], [59.5, 59.5], [19.5, 59.5]]])
+    for share, good in ((LESS, False), (MORE, True)):
+        room = np.array([share * outlines.SHORTEST / outlines.REACH])
+        assert outlines.refine_squares(gray, quad, room).good[0] == good

@@ -57,6 +57,15 @@ def test_a_grid_of_discs_that_was_not_asked_for(monkeypatch):
     assert not seen_discs(monkeypatch, axes=(5 * MORE * circles.LONGISH, 5.0))
 
 
+def test_what_the_fits_of_discs_leave():
+    """In a picture without noise, of which rounding counts."""
+    everywhere = circles.ROUNDING
+    for share, like in ((LESS, True), (MORE, False)):
+        noise = np.hypot(everywhere, share * circles.UNLIKE * 80)
+        found = Detection(np.arange(1), np.zeros((1, 2)), None, {"noise": noise, "contrast": 80.0})
+        assert circles._like_discs(GRAY, found) == like
+
+
 def test_a_disc_where_its_neighbours_do_not_put_it():
     target = make("circles:6x5:20mm")
     for share, stray in ((LESS, False), (MORE, True)):
@@ -72,6 +81,17 @@ def test_a_checkerboard_that_was_not_asked_for(monkeypatch, count, found):
     shown = Detection(np.arange(count), np.zeros((count, 2)), None, {})
     monkeypatch.setattr(checkerboard, "detection", lambda *_: shown)
     assert (not isinstance(checkerboard.find_any(GRAY, 1.0), Miss)) == found
+
+
+def test_the_corners_of_a_checkerboard_that_was_not_asked_for(monkeypatch):
+    """Of 40 a part, where that is more than the least number."""
+    seen = SimpleNamespace(lattice=SimpleNamespace(size=(8, 5)), whole=True)
+    monkeypatch.setattr(checkerboard, "search", lambda *_: seen)
+    least = round(40 * checkerboard.SURE)
+    for count, found in ((least, True), (least - 1, False)):
+        shown = Detection(np.arange(count), np.zeros((count, 2)), None, {})
+        monkeypatch.setattr(checkerboard, "detection", lambda *_, s=shown: s)
+        assert (not isinstance(checkerboard.find_any(GRAY, 1.0), Miss)) == found
 
 
 def seen_squares(monkeypatch, columns=5, rows=4, spacing=0.5):
