@@ -1,6 +1,6 @@
-"""Closed-form estimates, the starting points of a calibration; each is a stage with its own figures.
+"""Closed-form estimates, the initial values of a calibration; each is a stage with its own figures.
 
-A new one is one file that offers `estimate(correspondences, skew=False, normalise=True) -> ClosedForm`, and
+To add one, write a file with `estimate(correspondences, skew=False, normalise=True) -> ClosedForm` and add
 one line here.
 """
 

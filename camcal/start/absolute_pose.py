@@ -1,6 +1,6 @@
 """All poses of a calibrated camera that are local minima of the object-space error.
 
-Points and rays alone enter, so that any lens and any field of view will do; three points to any number, in
+Only points and rays are used, so that any lens and field of view is supported, with three or more points in
 space or on a plane. With the rays d of unit length and Q = I - d dᵀ, the error Σ w |Q (R x + t)|² (Lu, Hager &
 Mjolsness, Fast and globally convergent pose estimation from video images, 2000, eq. 19) is linear least squares
 in t; what remains is rᵀ Ω r, with r the nine entries of R and Ω (9, 9) a constant of the data (Terzakis &
@@ -20,15 +20,15 @@ from camcal.model.pose import Poses
 
 Array = np.ndarray
 
-#: steps of Gauss-Newton: from the 24 rotations of a cube every minimum of 10,000 random views settles in fewer
+#: Gauss-Newton steps: from the 24 rotations of a cube, every minimum of 10,000 random views converges in fewer
 STEPS = 40
 #: rad; minima closer together than this count as one: the refinement in px leads to the same pose from both
 SAME = 1e-3
 #: eigenvectors of Ω that are tried: its null space has up to 3 dimensions for planes, up to 6 for few points
 EIGENVECTORS = 6
-#: a minimum with more than this part of the points behind the camera is no pose
+#: a minimum with more than this fraction of the points behind the camera is not a pose
 BEHIND = 0.5
-#: a search ends where a step promises less than this part of the error: the refinement in px follows
+#: a search ends if the predicted decrease is below this fraction of the error: the refinement in px follows
 SETTLED = 1e-9
 
 
@@ -38,14 +38,14 @@ def candidates(xyz: Array, rays: Array, weights: Array | None = None) -> Poses:
     Parameters
     ----------
     xyz : (N, 3) array
-        Three points or more, not on a line.
+        Three or more points, not collinear.
     rays : (N, 3) array of unit length, in the camera's frame
     weights : (N,) array, optional
 
     Returns
     -------
     Poses
-        cam_from_world; empty where no minimum has most points in front of the camera.
+        cam_from_world; empty if no minimum has most points in front of the camera.
     """
     w = np.ones(len(xyz)) if weights is None else weights
     origin, axes, spread = projective.fit_plane(xyz)

@@ -13,9 +13,9 @@ from camcal.start import conic
 
 Array = np.ndarray
 
-#: A singular value below this part of the largest possible one counts as 0: what rounding leaves of it.
+#: A singular value below this fraction of the largest possible one counts as 0, because of rounding.
 UNDETERMINED = 1e-8
-#: A focal length with a larger relative uncertainty than this is not taken as determined.
+#: A focal length with a larger relative uncertainty is not considered determined.
 UNCERTAIN = 0.2
 #: The principal point of a plausible camera lies nearer to the image's centre, in half diagonals.
 FAR_OUTSIDE = 2.0
@@ -25,7 +25,7 @@ FAR_OUTSIDE = 2.0
 class Assumed:
     """A set of assumptions: `basis` (6, k) spans the b = (B11, B12, B22, B13, B23, B33) that they allow.
 
-    `held` are the same in the names that `--fix` takes, the skew left out.
+    `held` are the same under their `--fix` names, without the skew.
     """
 
     basis: Array
@@ -64,9 +64,9 @@ class Found:
     matrix : (3, 3) array or None
     assumptions : tuple of str
     held : tuple of str
-        What of K was assumed, in the names that `--fix` takes, the skew left out.
+        The assumed parameters of K under their `--fix` names, without the skew.
     rejected : tuple of str
-        The weaker assumptions that were tried, each with what was wrong.
+        The weaker assumptions that were tried, each with the reason for its rejection.
     condition : float
         Of the equations that were solved.
     uncertainty : float
@@ -98,9 +98,9 @@ def unit_coordinates(correspondences: Correspondences) -> tuple[Array, str]:
 def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 1.0) -> Found:
     """K from homographies (V, 3, 3) with the fewest assumptions that give a real, plausible, well-determined camera.
 
-    Where none is certain, the least uncertain one is taken; where none is real, `matrix` is None.
-    `covariances` (V, 9, 9) are those of the entries of h by rows; `where` says what the origin is. A `length`
-    other than 1 is a pixel in unit coordinates: b is then sought in pixels, without the scaling.
+    If none is certain, the least uncertain one is taken; if none is real, `matrix` is None.
+    `covariances` (V, 9, 9) are those of the entries of h by rows; `where` describes the origin. A `length`
+    other than 1 is a pixel in unit coordinates: b is then estimated in pixels, without the scaling.
     """
     equations = conic.constraints(h)
     columns = np.array([length**-2.0] * 3 + [1 / length] * 2 + [1.0])
@@ -128,8 +128,8 @@ def climb(h: Array, covariances: Array, skew: bool, where: str, length: float = 
 def climb_weighted(h: Array, covariances: Array, skew: bool, where: str) -> Found:
     """As `climb`, with each view's equations weighted by the inverse of their noise.
 
-    A second attempt, for data in which views of little weight (small, far boards) dominate the others. Not the first
-    choice: with an undistorted model of a distorting lens, the noise is not what the views differ in.
+    A second attempt, for data in which views of little weight (small, distant boards) dominate the others. It is not
+    the first choice, because with an undistorted model of a distorting lens the residuals are not dominated by noise.
     """
     guess = np.array([1.0, 0, 1, 0, 0, 1])  # f = half the diagonal: only the views' ratios matter
     noise = np.einsum("vii->v", conic.equation_noise(guess, h, covariances))

@@ -26,16 +26,16 @@ class ClosedForm:
     name : str
         Its key in `CLOSED_FORMS`.
     matrix : (3, 3) array
-        K, px, with K[2, 2] = 1; its skew is what the estimator found, 0 where it assumes so.
+        K, px, with K[2, 2] = 1; its skew is the estimate, or 0 if that is assumed.
     poses : Poses
         cam_from_board of each view, in the order of the correspondences.
     projection_matrix : (3, 4) array or None
-        With a single view; scaled to m34 = 1 where m34 is not near 0.
+        For a single view; scaled to m34 = 1 unless m34 is near 0.
     info : mapping
         `why` (str), `assumptions` (list of str) and the estimator's own figures: condition numbers,
         `degenerate` (bool), `mirrored` (bool).
     camera : Camera or None
-        With the distortion, where the estimator finds one; the refinement then begins from it.
+        With the distortion, if the estimator finds one; the refinement then starts from it.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Estimator(Protocol):
     ) -> ClosedForm:
         """Estimate from all views; `skew` allows a skew in the camera matrix.
 
-        `normalise=False` leaves coordinates and columns as they are, to show what their scaling is worth.
+        `normalise=False` leaves coordinates and columns unscaled, to show the benefit of their scaling.
         """
         ...
 

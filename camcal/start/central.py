@@ -18,8 +18,8 @@ from camcal.start.base import ClosedForm
 
 Array = np.ndarray
 
-#: |m34| against the root mean square depth of the points: below it the origin lies in the plane of the
-#: camera's centre as far as 64-bit floats tell.
+#: |m34| relative to the rms depth of the points: below it the origin lies in the plane of the camera's centre
+#: to the precision of 64-bit floats.
 NO_DEPTH = 1e-8
 #: m34 also counts as 0 below this many of its standard deviations.
 SIGNIFICANT = 3.0
@@ -65,7 +65,7 @@ def Column(M: Array, order: str = "rows") -> Array:
     Raises
     ------
     ValueError
-        For another `order`.
+        If `order` is unknown.
     """
     if order not in ("rows", "columns"):
         raise ValueError(f"order '{order}' is neither 'rows' nor 'columns'")
@@ -106,9 +106,9 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     Raises
     ------
     DataError
-        Where the view has too few points or all on a line.
+        If the view has too few points, or all are collinear.
     EstimationError
-        For several views, for points on a plane, and where m34 is near 0.
+        For several views, for points on a plane, and if m34 is near 0.
     """
     view = shape.view_in_space(correspondences, "the estimator 'central'")
     _require_m34(view)

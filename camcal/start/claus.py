@@ -1,22 +1,22 @@
-"""Rays as a rational function of the pixel, linear in its coefficients: needs neither a lens model nor a guess.
+"""Rays as a rational function of the pixel, linear in its coefficients, without a lens model or initial values.
 
 D. Claus, A. Fitzgibbon, A rational function lens distortion model for general cameras, CVPR (2005), sections 2
 and 3. With the lifted pixel χ = (u², uv, v², u, v, 1), the ray of a pixel is
 
     d ~ A χ,  A (3, 6)                                                                                  (1)
 
-which holds rays beyond 90 degrees. A plane of points X = (x, y, 1) seen by a view obeys X ~ B χ, B = H⁻¹ A, so that
+which includes rays beyond 90 degrees. Points X = (x, y, 1) of a plane seen by a view satisfy X ~ B χ, B = H⁻¹ A, so
+that
 
     X x B χ = 0                                                                                         (2)
 
-is linear in the 18 entries of B: nine points of one view fix them. The B of all views share the three rows of A,
-which are the dominant ones of all B stacked. A is known up to a homography by that; about the image's centre,
-where a symmetric lens has its axis, (1) is to be a pinhole camera to first order, which leaves the camera's
-matrix alone. The pixels that such a pinhole camera would see go to Zhang's closed form, from one or two views
-under its assumptions.
+is linear in the 18 entries of B: nine points of one view determine them. The row spaces of all B equal that of A, which
+is the dominant one of all B stacked. This determines A up to a homography. About the image's centre, where a symmetric
+lens has its axis, (1) is required to be a pinhole camera to first order, which leaves only the camera matrix unknown.
+The pixels that such a pinhole camera would see go to Zhang's closed form, from one or two views under its assumptions.
 
-Without distortion A times any (a u + b v + c) gives the same rays: B is not unique. A weak prior holds the
-quadratic terms small (`PRIOR`), which a distortion that can be seen overrules.
+Without distortion, A times any (a u + b v + c) gives the same rays, and B is not unique. A weak prior keeps the
+quadratic terms small (`PRIOR`); any visible distortion overrules it.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from camcal.start.of_rays import camera_of
 
 Array = np.ndarray
 
-#: 18 entries up to scale, two equations a point
+#: 18 entries up to scale, two equations per point
 LEAST_POINTS = 9
 #: depth of a ray beside that at the centre: rays nearer to a right angle to the axis cannot be used for a pinhole
 #: camera (84 degrees at f = ρ)
 FLATTEST = 0.1
-#: rounds of weights: equations (2) are in units of the plane, and noise is in px
+#: rounds of reweighting: equations (2) are in units of the plane, noise is in px
 WEIGHTINGS = 4
-#: quadratic coefficients of 1 cost so many times what the noise of all points does. On boards with 0.3 px of
+#: ratio of the penalty of quadratic coefficients of 1 to the cost of the noise of all points. On boards with 0.3 px of
 #: noise and no distortion 10 leaves five of ten runs of eight views without a camera and 100 none; 1000 takes 3 %
 #: off the focal length of two views through a division of -0.4, 100 takes 0.6 %
 PRIOR = 100.0
-#: of the median scale of the map from image to plane: where it is smaller, the map folds, and the points are left out
+#: of the median scale of the map from image to plane: at smaller scales the map folds, and the points are omitted
 FOLD = 1e-3
-#: condition of Q, beyond which less than ten of the 16 digits of the rays are left
+#: condition of Q above which the rays have fewer than ten of 16 digits
 MOST_CONDITION = 1e6
-#: of the equations, relative: below this noise the prior would be lost in rounding
+#: relative lower limit of the noise of the equations: below it the prior would be lost in rounding
 LEAST_NOISE = 1e-7
 
 
@@ -62,9 +62,9 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     Raises
     ------
     DataError
-        Where a view has fewer than nine points.
+        If a view has fewer than nine points.
     EstimationError
-        Points in space; where Zhang's closed form of the undistorted points fails.
+        For points in space, and if Zhang's closed form fails on the undistorted points.
     """
     form = shape.check(correspondences)
     if not form.planar.all():
@@ -166,7 +166,7 @@ def pinhole_at_centre(rows: Array) -> Array:
 
 
 def _undistorted(data: Observations, a: Array, centre: Array, scale: float) -> Observations:
-    """The points as a pinhole camera sees them, weighted by how far the map magnifies their noise."""
+    """The points as seen by a pinhole camera, weighted by the magnification of their noise."""
     views = []
     for view in data.views:
         ray = lifted((view.uv - centre) / scale) @ a.T

@@ -9,7 +9,7 @@ import numpy as np
 
 Array = np.ndarray
 
-#: Where Bij stands in b = (B11, B12, B22, B13, B23, B33), Zhang's order.
+#: Index of Bij in b = (B11, B12, B22, B13, B23, B33), Zhang's order.
 _ORDER = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
 #: d B / d b, (6, 3, 3): 1 where Bij is that entry of b
 _ENTRIES = (np.arange(6)[:, None, None] == _ORDER).astype(float)
@@ -49,9 +49,9 @@ def _padded(a: Array) -> Array:
 
 
 def camera_matrix(b: Array) -> Array | None:
-    """K from b (6,), of any scale and sign; None where B is not positive definite.
+    """K from b (6,), of any scale and sign; None if B is not positive definite.
 
-    B = λ K⁻ᵀ K⁻¹ is factored by Cholesky (11), which gives what Zhang's appendix B writes out.
+    B = λ K⁻ᵀ K⁻¹ is factored by Cholesky (11), which is equivalent to the formulas in Zhang's appendix B.
     """
     conic = b[_ORDER]
     try:
@@ -73,9 +73,9 @@ def focal_uncertainty(
 ) -> float:
     """The relative uncertainty of the less certain focal length: standard deviation and bias combined.
 
-    Both to first order (13), of the b that minimises |A b| with |b| = 1: the noise of the homographies gives
-    the equations' residuals a covariance, and it adds M = E(dAᵀ dA) to AᵀA, which biases b by -(AᵀA)⁺ M b:
-    where the planes hardly tilt, that is the larger part.
+    Both are to first order (13), for the b that minimises |A b| with |b| = 1. The noise of the homographies
+    determines the covariance of the equations' residuals, and adds M = E(dAᵀ dA) to AᵀA, which biases b by
+    -(AᵀA)⁺ M b. This bias is the larger part if the planes are hardly tilted.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def focal_uncertainty(
     covariances : (V, 9, 9) array
         Of the entries of h by rows.
     equations : (V, 2, 6) array, optional
-        The `constraints` of h, where they are known.
+        The `constraints` of h, if already computed.
 
     Returns
     -------
     float
-        The deviation is enlarged by the root of the reduced chi-square of the equations where that exceeds
-        1: what noise does not explain (the lens's distortion, a breakdown of first order) counts as well.
-        inf where the equations do not determine b.
+        The deviation is multiplied by the root of the reduced chi-square of the equations if that exceeds 1, to
+        include effects other than noise (distortion, failure of the first-order approximation).
+        inf if the equations do not determine b.
     """
     jacobian = _coefficient_jacobian(h)
     gradient = np.einsum("vrij,i->vrj", jacobian, b)  # of the residuals, with respect to the entries of h

@@ -17,22 +17,22 @@ from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
 
-#: A singular value below this part of the largest counts as 0: what rounding leaves of it.
+#: A singular value below this fraction of the largest counts as 0, because of rounding.
 UNDETERMINED = 1e-10
 
 
 def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
     """K and poses from the projection matrix of each view of points in space.
 
-    With several such views K is the median of its entries over them; views of planes get their pose from it.
-    The skew that the matrices have is kept in K, whatever `skew` says: it is part of the figure.
+    With several such views, K is the median of its entries over them; poses of views of planes are computed from it.
+    The skew of the matrices is kept in K, whatever `skew` is.
 
     Raises
     ------
     DataError
-        Where a view has too few points or all on a line.
+        If a view has too few points, or all are collinear.
     EstimationError
-        Where no view holds points in space, where the matrix is undetermined, or the points lie behind the camera.
+        If no view has points in space, the matrix is undetermined, or the points lie behind the camera.
     """
     form = shape.check(correspondences)
     views = correspondences.views

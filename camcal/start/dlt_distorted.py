@@ -10,9 +10,9 @@ non-metric imageries (1974). With R = L9 X + L10 Y + L11 Z + 1, and (ξ, η) the
     Δv = η (L12 r² + L13 r⁴ + L14 r⁶) + L15 ξ η + L16 (r² + 2 η²)
 
 Eleven coefficients are the closed form `dlt` or `central`, twelve add L12, fourteen the radial terms, sixteen all; the
-eleven under the condition of orthogonal pixel axes are `mdlt`. (1) times R is linear in all of them once R and the
-principal point, which L1 to L11 contain, are known: these come from the round before, so that the sum of squares in px
-is minimised (Marzan & Karara 1975).
+eleven under the condition of orthogonal pixel axes are `mdlt`. (1) times R is linear in all of them for given R and
+principal point, which depend on L1 to L11. These are taken from the previous round, so that the sum of squares in px is
+minimised (Marzan & Karara 1975).
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from camcal.start.of_rays import camera_of
 
 Array = np.ndarray
 
-ROUNDS = 200  #: a limit of work: data that need more do not determine the coefficients
-#: a round is the last that changes the coefficients, each in normalised coordinates, by less than this
+ROUNDS = 200  #: limit of iterations: data that need more do not determine the coefficients
+#: iterations end when the coefficients, in normalised coordinates, change by less than this
 SETTLED = 1e-11
-#: part of the largest singular value below which the coefficients are undetermined: points on a plane, or of one depth
+#: fraction of the largest singular value below which the coefficients are undetermined: points on a plane, or of one
+#: depth
 UNDETERMINED = 1e-9
 
 
@@ -56,9 +57,9 @@ def estimate16(correspondences: Observations, skew: bool = False, normalise: boo
     Raises
     ------
     DataError
-        Too few points, or all on a line.
+        If there are too few points, or all are collinear.
     EstimationError
-        For several views, points on a plane, and where the iteration does not settle.
+        For several views, for points on a plane, and if the iteration does not converge.
     """
     return _estimate(correspondences, 16)
 

@@ -1,14 +1,14 @@
-"""Homography and division model together: a quadratic eigenvalue problem per view, one distortion for all views.
+"""Joint estimation of homographies and a division model: an eigenvalue problem per view, one distortion for all.
 
 A. Fitzgibbon, Simultaneous linear estimation of multiple view geometry and lens distortion, CVPR (2001), sections 2
 and 3. With image points p = (u, v, 1 + λ ρ²) about the image's centre, ρ the distance from there, the homography
-(or projection matrix) H of the points X of a view obeys
+(or projection matrix) H of the points X of a view satisfies
 
     p x H X = 0,    (D1 + λ D2) h = 0                                                                    (1)
 
-which D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Points that agree are found first, in each view, from samples of five
-(six in space; `five_points`). Every real λ of every view is a candidate; the one that most views agree on is
-refined over all of them. The points without distortion then go to the closed form of a pinhole camera.
+which multiplication by D1ᵀ makes square: D1ᵀ D1 h = -λ D1ᵀ D2 h. Inliers are found first, in each view, from samples of
+five points (six in space; `five_points`). Every real λ of every view is a candidate; the one with the lowest median
+error over all views is refined. The undistorted points are then passed to the closed form of a pinhole camera.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from camcal.start.five_points import STRONGEST, Equations, agreeing
 
 Array = np.ndarray
 
-#: views that give candidates
+#: views from which candidates are taken
 CANDIDATE_VIEWS = 12
-#: rounds of λ and the h of all views in turn; the change of λ that ends them
+#: rounds of solving alternately for λ and the h of all views; the change of λ that ends them
 ROUNDS, SETTLED = 60, 1e-13
 
 
@@ -45,9 +45,9 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     Raises
     ------
     DataError
-        Where a view has too few points.
+        If a view has too few points.
     EstimationError
-        Where no real λ fits, or the closed form of the undistorted points fails.
+        If no real λ fits, or the closed form fails on the undistorted points.
     """
     form = shape.check(correspondences)
     unit, where = assumptions.unit_coordinates(correspondences)

@@ -1,8 +1,8 @@
 """The points of a view that agree on a homography and a division model: samples of five, then all inliers.
 
 A. Fitzgibbon (2001), section 3: five points of a plane give ten equations for the nine unknowns of H and λ (six
-points in space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h takes in
-the least squares sense. The sample of the least median of squares (Rousseeuw 1984) is then refitted to all
+points in space, for twelve), one more than needed, which the eigenvalue problem D1ᵀ D1 h = -λ D1ᵀ D2 h solves in
+the least-squares sense. The sample of the least median of squares (Rousseeuw 1984) is then refitted to all
 points that agree with it (local optimisation: Chum, Matas & Kittler, Locally optimized RANSAC, 2003).
 """
 
@@ -18,13 +18,13 @@ Array = np.ndarray
 #: |λ| in half diagonals of the image: at -8 a ray at right angles to the axis is at a third of the half diagonal,
 #: the smallest picture circle of a fisheye; pincushion of real lenses stays far below
 STRONGEST = 8.0
-#: of five points each: with three of ten points wrong, none of them is without a wrong one in 2e-5 of the views, and 17
-#: are on average; with four of ten wrong in 1 % of them
+#: of five points each: with three of ten points wrong, 17 samples are free of wrong points on average, and none in 2e-5
+#: of the views; with four of ten wrong, none in 1 % of them
 SAMPLES = 60
-#: a point disagrees beyond so many robust standard deviations. Wide: a lens that the division model does not describe
-#: leaves residuals of several of them at the rim, where the model is decided, and wrong points lie hundreds away
+#: robust standard deviations above which a point is an outlier. The limit is wide: a lens that the division model does
+#: not describe exactly has residuals of several of them near the border, and wrong points lie hundreds away
 FAR = 6.0
-#: half diagonals; residuals of exact data are rounding
+#: half diagonals; rounding level of residuals of exact data
 LEAST_FAR = 1e-9
 #: fits to the points that agree
 OPTIMISED = 3
@@ -100,7 +100,7 @@ def _solutions(view: Equations, samples: Array) -> tuple[Array, Array]:
     m = view.d1.shape[2]
     d1, d2 = (d[samples].reshape(len(samples), -1, m) for d in (view.d1, view.d2))
     left, right = np.swapaxes(d1, 1, 2) @ d1, -np.swapaxes(d1, 1, 2) @ d2
-    # exact data without distortion make it singular: the ridge, rounding of its entries, gives λ = 0
+    # exact data without distortion make it singular: the ridge, at rounding level, gives λ = 0
     ridge = np.trace(left, axis1=1, axis2=2)[:, None, None] * 1e-15 * np.eye(m)
     inverse, vectors = np.linalg.eig(np.linalg.solve(left + ridge, right))  # 1 / λ
     with np.errstate(divide="ignore", invalid="ignore"):

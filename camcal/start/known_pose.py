@@ -1,4 +1,4 @@
-"""Poses with respect to a known camera, as starts of their refinement."""
+"""Initial poses relative to a known camera."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from camcal.model.pose import Array, Pose, Poses
 from camcal.start import absolute_pose, shape
 from camcal.start.pose import initial_poses
 
-#: points in space that a pose before a known camera needs: three leave up to four poses, a fourth chooses
+#: points in space that determine a pose with a known camera: three leave up to four poses, a fourth decides
 LEAST = 4
 
 
 def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
     """cam_from_board of each view from the rays of its points, in closed form.
 
-    Points outside the lens's domain, and those seen at almost a right angle to the axis or beyond, are left
-    out: normalised coordinates x/z do not hold them. Fewer points in space than a projection matrix needs go through
-    the absolute pose solver.
+    Points outside the lens's domain, and those seen at nearly 90 degrees to the axis or beyond, are
+    omitted, because normalised coordinates x/z cannot represent them. If a view has fewer points in space than a
+    projection matrix needs, the absolute pose solver is used.
 
     Raises
     ------
     DataError
-        Where a view has too few points, or all on a line.
+        If a view has too few points, or all are collinear.
     """
     kept, ab, rays = [], [], []
     for view in views:
@@ -50,7 +50,7 @@ def start_poses(camera: Camera, views: Sequence[View]) -> Poses:
 
 
 def few_in_space(views: Sequence[View]) -> Array:
-    """Return which views (V,) have enough points in space for a pose but too few for a projection matrix."""
+    """Mask (V,) of the views with enough points in space for a pose but too few for a projection matrix."""
     counts = np.array([len(v) for v in views])
     return np.asarray(~shapes(views).planar & (counts >= LEAST) & (counts < shape.LEAST_3D))
 

@@ -1,4 +1,4 @@
-"""How well each point of a least squares fit is predicted by the others."""
+"""Prediction error of each point of a least-squares fit from the other points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 Array = np.ndarray
 
-#: determinant of I - H_ii below which a point is followed by the fit wholly
+#: determinant of I - H_ii below which the fit follows a point exactly
 FOLLOWED = 1e-9
 
 
@@ -22,7 +22,7 @@ def rms_point(residual: Array, jacobian: Array, roots: Array) -> float:
     """
     basis = np.linalg.qr(jacobian)[0].reshape(len(roots), 2, -1)
     own = np.eye(2) - basis @ np.swapaxes(basis, 1, 2)
-    # a point that the fit follows wholly has no prediction by the others
+    # a point that the fit follows exactly is not predicted by the others
     safe = np.linalg.det(own) > FOLLOWED
     alone = np.full((len(roots), 2), np.inf)
     alone[safe] = np.linalg.solve(own[safe], residual.reshape(-1, 2)[safe][..., None])[..., 0]

@@ -2,7 +2,7 @@
 
 H. Hatze, High-precision three-dimensional photogrammetric calibration and object space reconstruction using a
 modified DLT approach, Journal of Biomechanics 21 (1988). Eleven coefficients describe a camera with a skew; a
-camera without one has ten unknowns, so that the coefficients obey one condition, with m1, m2, m3 the rows of
+camera without one has ten unknowns, so that the coefficients satisfy one condition, with m1, m2, m3 the rows of
 the left 3 x 3 part:
 
     g(M) = (m1 x m3) · (m2 x m3) = 0                                                                    (1)
@@ -25,10 +25,10 @@ from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
 
-STEPS = 50  #: a limit of work: data that need more do not determine the matrix
-#: a step is the last that changes the coefficients, each in normalised coordinates, by less than this
+STEPS = 50  #: limit of iterations: data that need more do not determine the matrix
+#: iterations end when the coefficients, in normalised coordinates, change by less than this
 SETTLED = 1e-12
-#: halvings of a step that raises cost and condition; from the DLT full steps have always been taken
+#: halvings of a step that increases cost and condition; from the DLT, full steps have always been accepted
 HALVINGS = 10
 
 
@@ -40,9 +40,9 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
     Raises
     ------
     DataError
-        Where the view has too few points or all on a line.
+        If the view has too few points, or all are collinear.
     EstimationError
-        For several views, for points on a plane, and where the iteration does not settle.
+        For several views, for points on a plane, and if the iteration does not converge.
     """
     view = shape.view_in_space(correspondences, "the closed form 'mdlt'")
     m, steps, left_out, condition = constrained(view)
@@ -55,7 +55,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
         "mirrored": mirrored,
         "degenerate": False,
     }
-    k[0, 1] = 0.0  # what is left of the condition is rounding
+    k[0, 1] = 0.0  # the residual of the condition is rounding
     return ClosedForm("mdlt", k, Poses(rotation[None], translation[None]), scaled(m), info)
 
 
@@ -127,7 +127,7 @@ def _equations(m: Array, x: Array, y: Array, roots: Array) -> tuple[Array, Array
 def _condition(m: Array) -> tuple[float, Array]:
     """g of (1) and its gradient (3, 4).
 
-    Similarities of the points' coordinates do not change that g is 0; isotropic ones of pixels neither.
+    g = 0 is invariant under similarities of the points' coordinates and isotropic scaling of the pixels.
     """
     m1, m2, m3 = m[:, :3]
     a, b = np.cross(m1, m3), np.cross(m2, m3)

@@ -1,7 +1,7 @@
-"""Points that a camera sees only after a reflection: which of three causes applies.
+"""Points that are in front of a camera only after a reflection, and the most likely of three causes.
 
 Images whose v is counted upwards, exchanged u and v, and a left-handed frame of the points give the same equations.
-What tells them apart is how cameras are held: v grows downwards, and down is against Y or Z of most frames.
+They are distinguished by the usual orientation of cameras: v increases downwards, opposite to Y or Z of most frames.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from camcal.errors import DataError
 
 Array = np.ndarray
 
-#: cosine to an axis from which on a direction runs along it: 45 degrees
+#: cosine of the largest angle at which a direction counts as along an axis: 45 degrees
 ALONG = 0.7
 _NAMES = "XYZ"
 _CAUSES = {
@@ -28,7 +28,7 @@ def mirrored_error(rotation: Array) -> DataError:
     Parameters
     ----------
     rotation : (3, 3) array
-        cam_from_world of the camera with the scene behind it, as `projective.decompose` gives it.
+        cam_from_world of the camera with the scene behind it, from `projective.decompose`.
     """
     likely, why = which(-rotation)
     order = sorted(_CAUSES, key=lambda c: c != likely)

@@ -1,8 +1,7 @@
 """Grid points numbered in another order: 9x6 read as 6x9, by columns instead of by rows.
 
-A plane is seen through a homography, and a lens bends that by less than the points' spacing. Where it leaves more in
-most views, the points are not where the table says; the numberings of a grid of as many points are tried in their
-place.
+A plane is imaged by a homography, from which a lens deviates by less than the points' spacing. If the deviation is
+larger in most views, the points are assigned wrongly, and other numberings of a grid with as many points are tried.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from camcal.geometry.numbers import distinct
 
 Array = np.ndarray
 
-#: A homography that leaves more than this part of the points' spacing (median) maps them to others: a lens of 150
+#: Median residual of a homography, relative to the points' spacing, above which the numbering is wrong: a lens of 150
 #: degrees leaves .3 in the worst of 54 real views; 54 points in another order leave 3.
 ASTRAY = 0.5
-#: ... and a numbering is the right one where it leaves less than this part of that.
+#: ... and another numbering is correct if its residual is below this fraction of that.
 MENDED = 0.2
-#: Steps from point to point change by less than this part of the shortest from one to the next: of 9 points, the last
-#: 1.5 times as far away as the first, by .23; where a row wraps round, by 3 and more. Other grids take the longer way.
+#: Largest change between consecutive steps, relative to the shortest, in a correct row: .23 for 9 points of which the
+#: last is 1.5 times as far away as the first; 3 or more if a row wraps around. Other grids are tested by homographies.
 EVEN = 0.5
-#: views that are looked at; all of a table are numbered alike
+#: views that are tested; all views of a table are numbered alike
 LOOKED_AT = 5
 #: points of a grid that can be numbered in two ways with rows and columns: 2 x 3
 LEAST_GRID = 6
@@ -73,10 +72,11 @@ def _grid(view: View) -> tuple[int, int] | None:
 
 
 def _even(view: View, columns: int, rows: int) -> bool:
-    """Return whether points and image points are both a grid row by row, whose steps hardly change along rows and
+    """Return whether points and image points both form a grid row by row, whose steps hardly change along rows and
     columns.
 
-    In a wrong numbering some row wraps round: a step back by several points. To ask costs a tenth of a homography.
+    In a wrong numbering some row wraps around, with a step back by several points. The test costs a tenth of a
+    homography.
     """
     for at in (view.xyz[:, :2], view.uv):
         grid = at.reshape(rows, columns, 2)
@@ -95,13 +95,13 @@ def _numberings(count: int) -> Iterator[tuple[str, Array]]:
         if count % columns == 0:
             rows = count // columns
             x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-            # column by column is the mirror image of another one of these, and a homography maps that as well
+            # column by column is a mirror image of another one of these, to which homographies are insensitive
             yield f"{columns}x{rows}", np.c_[x.ravel(), y.ravel()].astype(float)
 
 
 def _left(view: View, plane: Array) -> float:
     """The median distance of a view's points from a homography of points (N, 2), relative to their spacing."""
-    h = homography.homographies(plane[None], view.uv[None], steps=0)[0]  # half a spacing is a coarse question
+    h = homography.homographies(plane[None], view.uv[None], steps=0)[0]  # half a spacing needs no refinement
     seen = np.c_[plane, np.ones(len(plane))] @ h.T
     with np.errstate(all="ignore"):
         off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - view.uv, axis=1)

@@ -1,4 +1,4 @@
-"""A camera of the lens table, from rays of pixels that a closed form found."""
+"""A camera with a tabulated lens model, fitted to the rays of a closed form."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Poses of views whose rays are known: linear starts and a few steps of the least-squares loop, all views at once.
 
-Image points enter as normalised coordinates (x/z, y/z) of the rays, so that any lens can be taken off before.
+Image points are given as normalised coordinates (x/z, y/z) of their rays, so that any lens can be removed first.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from camcal.start import shape
 
 Array = np.ndarray
 
-#: A planar start is tried besides the DLT below this ratio of extents: noise then rules the DLT's depths.
+#: Below this ratio of extents a planar start is tried besides the DLT, whose depths are then dominated by noise.
 SHALLOW = 0.2
 
 
-#: The second planar solution is followed further where two steps bring its error below this multiple of the
+#: The second planar solution is refined further if two steps bring its error below this multiple of the
 #: first's.
 RIVAL = 9.0
 
 
-#: Part of its error to which a view's is brought near its minimum: enough to begin a refinement.
+#: Relative accuracy of the minimum error of a view: sufficient as the start of a refinement.
 SETTLED = 1e-6
 #: Half the square of a residual in normalised coordinates that rounding makes, about 1e-13.
 ROUNDING = 0.5e-26
@@ -176,9 +176,9 @@ def _group(
 
 
 def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: int) -> Polished:
-    """Use the second planar solution where it is better.
+    """Use the second planar solution if it is better.
 
-    A few steps tell the views where it stands a chance; only these are followed to the end.
+    After a few steps only the views in which it may be better are refined further.
     """
     second = polish(second_solution(best.poses), local, ab, w, 3)
     rivals = np.flatnonzero(second.cost < RIVAL * best.cost)
@@ -191,7 +191,7 @@ def _against_second(best: Polished, local: Array, ab: Array, w: Array, steps: in
 def lower_minimum(poses: Poses, local: Array, ab: Array, w: Array, steps: int = 20) -> Poses:
     """The lower of the two minima of each plane's pose, starting near one of them.
 
-    A few steps in both tell most of them apart; only where they do not are both followed to the end.
+    A few steps in both distinguish most of them; only the remaining ones are both refined to convergence.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def polish(poses: Poses, xyz: Array, ab: Array, w: Array, steps: int) -> Polishe
     Returns
     -------
     Polished
-        Its cost is inf where a point is behind the camera.
+        Its cost is inf if a point is behind the camera.
     """
     problem = _Views(xyz, ab, w)
     found = minimise(problem, _Placed(poses.rotations, poses.translations), Options(SETTLED, steps))

@@ -1,9 +1,10 @@
-"""A closed form for every lens, including wide ones: the radial alignment constraint, without an initial guess.
+"""A closed form for all lenses, including wide-angle ones, from the radial alignment constraint, without initial
+values.
 
 A lens that is symmetric about its axis moves image points only along lines through the distortion centre: the
 direction from there to an image point is the direction of (x, y) in the camera's frame, whatever the lens.
 R. Tsai (1987), section II; R. Hartley & S. B. Kang (2007), section 2; D. Scaramuzza et al. (2006), section
-III. So come, each linearly:
+III. This yields, by linear equations:
 
 1. per view, the first two rows of the pose, without the depth (`partial_pose`);
 2. the distortion centre, as the point about which 1. holds best (`distortion_centre`);
@@ -30,19 +31,20 @@ from camcal.start import assumptions, pose, shape
 
 Array = np.ndarray
 
-#: points that fix the unknowns of a view: 5 for a plane (6 up to scale), 7 in space (8 up to scale)
+#: points that determine the unknowns of a view: 5 for a plane (6 up to scale), 7 in space (8 up to scale)
 LEAST_PLANAR, LEAST_3D = 5, 7
-#: exponents of f(ρ), the richest first; a poorer one is taken where a richer one folds back among the data
+#: exponents of f(ρ), the most terms first; fewer are used if the polynomial folds back within the data
 SERIES = ((0, 2, 3, 4), (0, 2, 4), (0, 2))
-#: standard deviation of the distortion centre about the image's centre, as part of the half diagonal: a lens
-#: without distortion tells nothing of its centre
+#: standard deviation of the distortion centre about the image's centre, relative to the half diagonal: a lens
+#: without distortion carries no information on its centre
 CENTRE_SPREAD = 0.05
-#: a focal length known no better than to this part of itself is not known; real boards give .001 to .005,
+#: a focal length with a larger relative uncertainty is undetermined; real boards give .001 to .005,
 #: boards that face the camera squarely, whose tilt is then noise, .08 and more
 UNCERTAIN = 0.05
-#: product of the lengths of a point and of its ray below which an angle between the two means nothing
+#: product of the lengths of a point and of its ray below which the angle between the two is meaningless
 LEAST_LENGTHS = 1e-12
-#: of solving for f and the depths in turn: a limit of work, and those after the first that renew the weights
+#: rounds of solving alternately for f and the depths: limit, and number of those after the first that update the
+#: weights
 ROUNDS, LEAST_ROUNDS = 20, 3
 
 
@@ -98,7 +100,7 @@ def estimate(correspondences: Correspondences) -> RadialStart:
     DataError
         Where a view has too few points.
     EstimationError
-        Where all views face the camera squarely, so that the focal length is open.
+        If all views are fronto-parallel, so that the focal length is undetermined.
     """
     form = shape.check(correspondences)
     unit, _ = assumptions.unit_coordinates(correspondences)
@@ -157,7 +159,7 @@ def prepared(
 
 # ---------------------------------------------------------------------------------------------- rows 1 and 2
 def _alignments(products: Array, counts: Array, offset: Array) -> tuple[Array, Array]:
-    """How well the points of views align about a centre, and the first two rows of their poses.
+    """The radial alignment error of views about a centre, and the first two rows of their poses.
 
     Parameters
     ----------
@@ -209,7 +211,7 @@ def distortion_centre(views: Sequence[_View], half_diagonal: float) -> Array:
 
     from scipy.optimize import (
         minimize,
-    )  # for wide lenses alone: its import takes longer than a usual calibration
+    )  # for wide-angle lenses only: its import takes longer than a usual calibration
 
     found = minimize(
         cost,
@@ -261,8 +263,8 @@ def depths(
 ) -> _Lens:
     """Solve f(ρ) r - ρ t3 = ± ρ (r31 X + r32 Y + r33 Z) for f and the t3 of each view.
 
-    The signs are those of views of planes, whose solution is mirrored with them: a view by itself prefers the
-    one with f(0) > 0; then each view takes the one that fits the common f, until none changes. Equations are
+    The signs are those of views of planes, whose solutions are mirror images: initially each view uses the one with
+    f(0) > 0, then the one that fits the common f, until none changes. Equations are
     weighted so that their errors are angles.
     """
     signs = np.array([_own_sign(v, p, offset) for v, p in zip(views, partial, strict=True)])
@@ -276,7 +278,7 @@ def depths(
         ]
         normal = sum(b.T @ b for b, *_ in systems)
         right = sum(s * (b.T @ w) for s, (b, w, *_) in zip(signs, systems, strict=True))
-        # LAPACK may not return where the matrix holds infinite numbers
+        # LAPACK may not return if the matrix contains infinite numbers
         if not (np.isfinite(normal).all() and np.isfinite(right).all()):
             return _Lens(exponents, np.full(len(exponents), np.nan), t3, signs, np.inf)
         coefficients = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
@@ -335,7 +337,7 @@ def _uncertainty(
     )
     count = sum(len(w) for _, w, *_ in systems) - len(coefficients) - len(systems)
     variance = rest / max(count, 1) * np.linalg.pinv(normal, hermitian=True)[0, 0]
-    if not variance >= 0:  # nothing is left of the equations but rounding
+    if not variance >= 0:  # the equations contain only rounding errors
         return float("inf")
     return float(np.sqrt(variance) / max(abs(coefficients[0]), 1e-300))
 

@@ -1,4 +1,4 @@
-"""The shape of the points of each view, and the closed forms that it allows."""
+"""The shape of the points of each view, and the closed forms that it permits."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from camcal.errors import DataError, EstimationError
 
 __all__ = ["Shapes", "batches", "shapes"]
 
-#: Points count as lying on a line when their extent across it is below this part of the extent along it.
+#: Points count as collinear if their extent across a line is below this fraction of the extent along it.
 COLLINEAR = 1e-4
-#: More than this part of a view's points behind the camera and the estimate is no picture of them.
+#: If more than this fraction of a view's points is behind the camera, the estimate is invalid.
 BEHIND = 0.1
-#: extent out of the plane against the largest, below which it is the rounding of a table's six digits, and not stated
+#: extent out of the plane relative to the largest, below which it is rounding of a table's six digits and not stated
 FLAT = 1e-6
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
@@ -64,7 +64,7 @@ def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
     Raises
     ------
     DataError
-        Where there is no view, or one that no closed form can take.
+        If there is no view, or one that no closed form can use.
     """
     if not correspondences.views:
         raise DataError("there is no view to calibrate from.", "At least one view with points is needed.")
@@ -112,7 +112,7 @@ def behind_camera(view: str, behind: int, count: int) -> EstimationError:
     )
 
 
-#: what was chosen for observations: each attempt of a plan asks
+#: cached choices by observations, because each attempt of a plan needs them
 _chosen: WeakKeyDictionary[Observations, tuple[list[str], str]] = WeakKeyDictionary()
 
 
@@ -128,7 +128,7 @@ def choose(correspondences: Observations) -> tuple[list[str], str]:
     Raises
     ------
     DataError
-        Where a view cannot be used at all (see `unusable`).
+        If a view cannot be used at all (see `unusable`).
     """
     if correspondences not in _chosen:
         _chosen[correspondences] = _choice(check(correspondences), correspondences.point_count)
@@ -164,12 +164,12 @@ def require_determined(correspondences: Observations, free: Sequence[str]) -> No
     Parameters
     ----------
     free : sequence of str
-        Names of the free ones among fx, fy, cx, cy, skew (one name where fx and fy are tied).
+        Names of the free ones among fx, fy, cx, cy, skew (one name if fx and fy are coupled).
 
     Raises
     ------
     EstimationError
-        Where there are fewer constraints than unknowns.
+        If there are fewer constraints than unknowns.
     """
     views = correspondences.views
     form = correspondences.shapes

@@ -1,16 +1,16 @@
 """Tsai's two stages: radial alignment for the first rows of the poses, then focal length, distortion and depth.
 
 R. Tsai, A versatile camera calibration technique for high-accuracy 3D machine vision metrology using off-the-shelf
-TV cameras and lenses, IEEE Journal of Robotics and Automation 3 (1987), section II. The image's centre is taken
-for the distortion centre, pixels are square.
+TV cameras and lenses, IEEE Journal of Robotics and Automation 3 (1987), section II. The image's centre is assumed
+to be the distortion centre, and pixels to be square.
 
 Stage 1: the direction from the centre to an image point is that of (x, y) in the camera's frame, whatever the
-focal length and the radial distortion, which gives r1, r2, t1, t2 of each view (planes need the sign of one root,
-which stage 2 settles). Stage 2: with ρ the distance from the centre and r = |(x, y)|,
+focal length and the radial distortion, which gives r1, r2, t1, t2 of each view (for planes up to the sign of one root,
+which stage 2 determines). Stage 2: with ρ the distance from the centre and r = |(x, y)|,
 
     (f + a ρ²) r - ρ t3 = ρ (r3 · X)                                                                     (1)
 
-is linear in f, a and the t3 of all views. Tsai begins with a = 0 and iterates with his κ1; a = -f κ1 to first
+is linear in f, a and the t3 of all views. Tsai starts with a = 0 and iterates with his κ1; a = -f κ1 to first
 order.
 """
 
@@ -30,7 +30,7 @@ from camcal.start import assumptions, pose, shape
 from camcal.start.base import ClosedForm, scaled
 from camcal.start.radial import UNCERTAIN, depths, partial_pose, prepared, turned
 
-#: degrees; planes tilted by less are called parallel to the picture where their focal length is undetermined
+#: degrees; planes tilted by less are reported as parallel to the picture if the focal length is undetermined
 FRONTO_PARALLEL = 10.0
 
 
@@ -40,9 +40,9 @@ def estimate(correspondences: Observations, skew: bool = False, normalise: bool 
     Raises
     ------
     DataError
-        Where a view has too few points.
+        If a view has too few points.
     EstimationError
-        Where f and the distances cannot be told apart: planes parallel to the picture (fronto-parallel).
+        If f and the distances cannot be separated: planes parallel to the picture (fronto-parallel).
     """
     form = shape.check(correspondences)
     unit, where = assumptions.unit_coordinates(correspondences)

@@ -21,19 +21,19 @@ from camcal.start.base import ClosedForm, scaled
 
 Array = np.ndarray
 
-#: A homography whose gap is below this is undetermined: second moments keep half of the digits.
+#: A homography whose gap is below this is undetermined: second moments have half of the digits.
 UNDETERMINED = 1e-6
-#: Perspective is there when the vanishing lines of the planes, all views together, stand out of the noise by
-#: this factor (1 is expected of planes parallel to the image).
+#: Perspective is significant if the vanishing lines of the planes, over all views, exceed their noise by this
+#: factor (1 is expected for planes parallel to the image).
 VISIBLE = 3.0
 #: Below this a view's pose has a second minimum nearly as good, and both are searched.
 AMBIGUOUS = 10.0
 #: Planes whose normals differ by less than this, degrees, count as parallel: the second adds nothing to the
 #: first (Zhang 2000, section 4).
 PARALLEL = 3.0
-#: Noise of the image points where there are no more equations than unknowns to tell it, px.
+#: Assumed noise of the image points if there is no redundancy from which to estimate it, px.
 UNKNOWN_NOISE = 0.1
-#: of the largest coordinate: what rounding leaves of exact data, as measured, with margin
+#: of the largest coordinate: rounding error of exact data, as measured, with a margin
 ROUNDING = 1e-10
 
 
@@ -49,7 +49,7 @@ class Planes:
     gap : float
         The smallest gap of the homographies' equations.
     perspective : (V,) array
-        Root mean square over both axes of h3's slope against its standard deviation.
+        Root mean square over both axes of h3's slope relative to its standard deviation.
     """
 
     h: Array
@@ -66,7 +66,7 @@ class Planes:
 def estimate(correspondences: Correspondences, skew: bool = False, normalise: bool = True) -> ClosedForm:
     """K and poses from views of planes.
 
-    Where the views do not determine all of K, or noise leaves no real camera, assumptions are added one by
+    If the views do not determine all of K, or no real camera exists because of noise, assumptions are added one by
     one (skew 0, one focal length, principal point at the image's centre).
 
     Returns
@@ -75,18 +75,18 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
         Its `info` holds, besides `mirrored` and `condition` (of the equations that were solved):
 
         - `assumptions`, and `held`: the same as `--fix` names them, without the skew;
-        - `rejected`: why weaker assumptions were left;
-        - `focal_uncertainty`, relative; `perspective`, against its noise; `views_weighted`;
-        - `tilt_spread_deg`: the largest angle of a plane against the first;
+        - `rejected`: why weaker assumptions were rejected;
+        - `focal_uncertainty`, relative; `perspective`, relative to its noise; `views_weighted`;
+        - `tilt_spread_deg`: the largest angle between a plane and the first;
         - `degenerate`: a sentence on why the data hardly determine the camera, or False.
 
     Raises
     ------
     DataError
-        Where a view has too few points or all on a line.
+        If a view has too few points, or all are collinear.
     EstimationError
-        Where a view's points are not on a plane, where too few views are asked for a skew, and where nothing
-        is determined: all views parallel to the image.
+        If a view's points are not on a plane, there are too few views to estimate a skew, or nothing is determined
+        because all views are parallel to the image.
     """
     form = shape.check(correspondences)
     views = correspondences.views
@@ -98,7 +98,7 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
         )
     if skew:
         shape.require_determined(correspondences, ("fx", "fy", "cx", "cy", "skew"))
-    if not normalise:  # the planes themselves stay where they are, and so does the origin in them
+    if not normalise:  # the planes and the origins in them remain unchanged
         normals = form.axes[..., 2]
         form = replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
     planes = _planes(correspondences, form, normalise)
@@ -121,8 +121,8 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
 def _choose_minima(
     poses: Poses, weak: Array, k: Array, correspondences: Correspondences, form: shape.Shapes
 ) -> Poses:
-    """Search both minima of the poses of planes with little perspective, where noise decides which one
-    homographies give.
+    """Search both minima of the poses of planes with little perspective, for which noise decides which one
+    the homography yields.
     """
     r, t, inverse = poses.rotations.copy(), poses.translations.copy(), np.linalg.inv(k)
     for index, xyz, uv, w in shape.batches([correspondences.views[i] for i in weak]):

@@ -19,7 +19,7 @@ from camcal.solve.schur import Reduced
 
 Array = np.ndarray
 
-#: costs that differ by no more than this part are the same minimum
+#: costs whose relative difference is at most this are the same minimum
 SAME = 1e-6
 
 
@@ -62,8 +62,8 @@ def run_all(
     on_run : callable, optional
         Called with (spec, index of the start) before each run.
     total_seconds : float, optional
-        Of all runs together. Each may take the time that is left over the number of runs that are left, within the
-        limit of `options`; what quick ones do not need is for those after them.
+        For all runs together. Each may take the remaining time divided by the number of remaining runs, within the
+        limit of `options`, so that time not needed by quick runs is available to later ones.
     """
     seen: Any = problem if rotation == "left" else OtherRotations(problem, rotation)
     runs: list[Run] = []
@@ -89,7 +89,7 @@ def _limited(options: Options | None, share: float) -> Options:
 
 
 def perturbed(problem: Problem, state: State, count: int, size: float, seed: int) -> list[State]:
-    """Other starts near a given one: parameters and poses moved at random.
+    """Other starts near a given one, with parameters and poses perturbed at random.
 
     Focal length, depth and the principal point (by the focal length) move by `size` relative, rotations by
     `size` rad, distortion by `size` itself, each times a standard normal number. A start that does not

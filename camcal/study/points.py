@@ -11,7 +11,7 @@ from camcal.model.pose import Poses
 
 Array = np.ndarray
 
-OUTLIER_PX = (5.0, 60.0)  #: how far a gross outlier is moved, px: a wrong match, not a bad measurement
+OUTLIER_PX = (5.0, 60.0)  #: displacement of gross outliers, px: wrong matches, not inaccurate measurements
 
 
 def simulate_points(
@@ -26,7 +26,7 @@ def simulate_points(
 ) -> Observations:
     """Project points from each pose and disturb them.
 
-    Points outside the lens's domain are left out of their view.
+    Points outside the lens's domain are omitted from their view.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ def simulate_points(
     noise : float
         Standard deviation of each coordinate, px.
     outliers : float
-        Part of the points, 0 to 1, that is moved by 5 to 60 px in any direction.
+        Fraction of the points, 0 to 1, displaced by 5 to 60 px in random directions.
     clip : bool
-        Leave out points outside the picture, too.
+        Also omit points outside the picture.
     names : list of str, optional
-        What the views are called; view01, view02, ... by default.
+        Names of the views; view01, view02, ... by default.
     """
     digits = max(2, len(str(len(poses))))
     names = names or [f"view{i + 1:0{digits}d}" for i in range(len(poses))]
@@ -70,7 +70,7 @@ def outlier_moves(count: int, part: float, rng: np.random.Generator) -> Array:
 def corner_rig(cells: int = 6, spacing: float = 30.0) -> Array:
     """Points (3 cells², 3) on the three inner faces of a cube's corner, the usual 3D calibration rig.
 
-    The grids stand half a cell off the edges, so that no point belongs to two faces; z is up.
+    The grids start half a cell from the edges, so that no point belongs to two faces; z is up.
     """
     a, b = (
         g.ravel() for g in np.meshgrid((np.arange(cells) + 0.5) * spacing, (np.arange(cells) + 0.5) * spacing)

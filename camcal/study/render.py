@@ -1,8 +1,9 @@
 """Exact pictures of a target through any camera: area-sampled, blurred, with noise and shading.
 
-Each pixel is cut into samples; a sample's ray meets the board, and the mean blackness of its footprint there
-is looked up analytically (`detect/black_area.py`). Only pixels that an edge crosses are cut; the blur is applied at the
-samples' resolution, so that the picture equals (pattern * pixel's area * Gaussian) to about 1e-3.
+Each pixel is divided into samples. The ray of a sample is intersected with the board, and the mean blackness of its
+footprint there is computed analytically (`detect/black_area.py`). Only pixels crossed by an edge are divided; the blur
+is applied at the resolution of the samples, so that the picture equals (pattern * pixel's area * Gaussian) to about
+1e-3.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ Array = np.ndarray
 Surface = Callable[[Array], Array]
 
 LEAST_NODES = 6  #: across a small picture; a cubic spline needs four
-UNMIXED = 1e-9  #: a part of a pixel that is nothing but rounding, or all but that
-NODE_STEP = 4  #: px between the rays that the lens is asked for; a spline gives the others to about 1e-5 px
+UNMIXED = 1e-9  #: fraction of a pixel that is rounding: smaller ones count as 0, those within it of 1 as 1
+NODE_STEP = 4  #: px between the rays that are computed; a spline interpolates the others to about 1e-5 px
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,13 @@ class Look:
     noise : float
         Standard deviation of the noise of each pixel, grey levels.
     black, white, background : float
-        Grey levels of the print, the sheet and what is behind it.
+        Grey levels of the print, the sheet and the background.
     gradient : float
         Relative change of the brightness from one side of the picture to the other.
     direction : float
         Direction in which it grows, rad; 0 is to the right, π/2 downward.
     vignetting : float
-        Part of the brightness that is lost in the picture's corners.
+        Fraction of the brightness that is lost in the picture's corners.
     bits : 8 or 16
     """
 
@@ -79,7 +80,7 @@ def render(
         In the pattern's unit.
     look : Look, optional
     rng : Generator, optional
-        For the noise; needed where there is some.
+        For the noise; required if there is noise.
     samples : int
         Samples of a pixel in each direction.
     surface : function, optional
@@ -120,7 +121,7 @@ def exposure(
         Pattern((sheet[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2),), np.zeros((0, 3)), pattern.extent)
     )
 
-    rays = pixel_rays(camera, width, height, margin + 1)  # one more for the differences at the rim
+    rays = pixel_rays(camera, width, height, margin + 1)  # one more for the differences at the border
     scene = _Scene(black, paper, cam_from_board.inverse(), surface, look)
     xy, front = scene.meet(rays)
     centre, footprint = xy[1:-1, 1:-1], _footprint(xy)
@@ -160,7 +161,7 @@ def pixel_rays(camera: Camera, width: int, height: int, margin: int) -> Array:
     u, v = np.arange(-margin, width + margin, dtype=float), np.arange(-margin, height + margin, dtype=float)
     nodes_u, nodes_v = _nodes(u), _nodes(v)
     at_nodes = camera.unproject(np.stack(np.meshgrid(nodes_u, nodes_v), -1))
-    if not np.isfinite(at_nodes).all():  # a spline would carry the hole into its neighbours
+    if not np.isfinite(at_nodes).all():  # a spline would spread the gap to its neighbours
         return camera.unproject(np.stack(np.meshgrid(u, v), -1))
     return np.stack([RectBivariateSpline(nodes_v, nodes_u, at_nodes[..., k])(v, u) for k in range(3)], -1)
 
@@ -189,7 +190,7 @@ class _Scene:
         with np.errstate(all="ignore"):
             length = -origin[2] / direction[..., 2]
             if self.surface is not None:
-                for _ in range(12):  # contracts by about the slope of the sheet each time
+                for _ in range(12):  # the error shrinks by about the slope of the sheet each time
                     height = self.surface(origin[:2] + length[..., None] * direction[..., :2])
                     length = (height - origin[2]) / direction[..., 2]
             xy = origin[:2] + length[..., None] * direction[..., :2]
@@ -218,7 +219,7 @@ class _Scene:
         crossed = np.zeros_like(seen)
         low, high = np.array(self.black.pattern.extent).reshape(2, 2)
         near = seen & ((xy > low - 2 * width) & (xy < high + 2 * width)).all(-1)
-        # twice the footprint: a box along the board's axes may miss the corner of a turned pixel
+        # twice the footprint: a box along the board's axes may miss the corner of a rotated pixel
         paper, black = self.coverage(xy[near], 2 * width[near], np.ones(near.sum(), bool))
         grey[near] = self.shade(paper, black)
         crossed[near] = _mixed(paper) | _mixed(black)
