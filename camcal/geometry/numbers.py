@@ -33,6 +33,8 @@ def median(values: Array, axis: int) -> Array: ...
 def median(values: Array, axis: int | None = None) -> float | Array:
     """The median of all values, or along an axis, as `np.median` gives it; NaN if one value is, or there is none."""
     ordered = np.sort(values, axis)
+    if ordered.dtype.kind in "ui":  # the sum of two grey values would overflow
+        ordered = ordered.astype(float)
     ordered = ordered if axis is None else np.moveaxis(ordered, axis, -1)
     count = ordered.shape[-1]
     if not count:

@@ -36,6 +36,12 @@ def test_the_median_of_nothing_and_of_nan():
     np.testing.assert_array_equal(median(np.array([[1.0, np.nan], [2.0, 3.0]]), 1), [np.nan, 2.5])
 
 
+def test_the_median_of_grey_values_does_not_overflow():
+    grey = np.array([[200, 250], [255, 255]], np.uint8)
+    assert median(grey) == np.median(grey) == 252.5
+    np.testing.assert_array_equal(median(grey, 1), [225, 255])
+
+
 def test_distinct_values_and_rows():
     rows = np.random.default_rng(0).integers(0, 3, (50, 2))
     np.testing.assert_array_equal(distinct(rows[:, 0]), np.unique(rows[:, 0]))
