@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import sys
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -177,13 +178,18 @@ def another(seed: int) -> tuple[str, str]:
 
 
 def counted(work, first: int, count: int, jobs: int) -> tuple[Counter, Counter]:
-    """How many pictures of each kind, and how many of them are taken for a target."""
+    """How many pictures of each kind, and how many of them are taken for a target, which are printed as they come."""
+    total, wrong = Counter(), Counter()
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        results = pool.map(work, range(first, first + count), chunksize=10)
-    for seed, (name, said) in enumerate(results, first):
-        if said:
-            print(f"seed {seed}: {name} taken for {said}", flush=True)
-    return Counter(n for n, _ in results), Counter(n for n, said in results if said)
+        seeds = range(first, first + count)
+        for seed, (name, said) in zip(seeds, pool.imap(work, seeds, chunksize=10), strict=True):
+            total[name] += 1
+            if said:
+                wrong[name] += 1
+                print(f"seed {seed}: {name} taken for {said}", flush=True)
+            if total.total() % 100 == 0:
+                print(f"{total.total()} of {count}", file=sys.stderr, flush=True)
+    return total, wrong
 
 
 def main() -> None:

@@ -22,6 +22,9 @@ SQUARE = np.eye(3)  #: orthogonal directions
 #: of the picture's width; lines of one direction closer than this share their errors (one wall, one table, one
 #: pattern), the less the farther apart they are
 REACH = 0.2
+#: 1 - leverage of a line below which its residuals say nothing: it alone determines what it is asked for, and rounding
+#: decides. A residual of 1 px is then taken for an error of 10.
+LEAST_LEFT = 0.01
 #: updates of the denominators in an intermediate fit, and in the final one
 RENEWALS, LAST = 1, 3
 #: steps of a fit: fewer than ten are needed from a plausible start if the lines determine anything
@@ -221,12 +224,15 @@ def _clustered(
     """The covariance of camera and rotation with independent lines instead of independent points.
 
     A line that deviates from its direction, or is not quite straight, deviates as a whole, and the deviations of
-    neighbouring lines are correlated. The sandwich of the scores of the lines (White, Econometrica 50, 1982), with
-    products of near ones (Conley, Journal of Econometrics 92, 1999), holds whatever the errors inside a line; L / (L -
-    p) corrects for the parameters.
+    neighbouring lines are correlated. The sandwich of the scores of the lines (White, Econometrica 50, 1982) holds
+    whatever the errors inside a line. Residuals are smaller than errors, the more so the fewer lines determine a
+    parameter: they are divided by the root of 1 - leverage (Bell & McCaffrey, Survey Methodology 28, 2002, "bias
+    reduced linearization"). Products of near lines (Conley, Journal of Econometrics 92, 1999) are added only in
+    directions in which they enlarge the covariance: common errors do; where the sum is negative, it is the correlation
+    that the fit itself causes. Without these two rules the standard deviations are 10 % too small for independent
+    lines (docs/routes.md).
     """
     weight = roots / slopes(at, n)
-    reduced = np.linalg.pinv(normal.reduced(), hermitian=True)
     d = at[0]
     turned = _normals(s, axes)[1][lines.line]
     by_lens = np.einsum("ni,nip->np", n, at[2]) @ free
@@ -235,10 +241,36 @@ def _clustered(
     residual = (n * d).sum(1) * weight
     squares = np.maximum(np.bincount(lines.line, own**2, len(lines)), np.finfo(float).tiny)
     gain = np.stack([np.bincount(lines.line, own * c, len(lines)) for c in shared.T], 1) / squares[:, None]
-    alone = shared - own[:, None] * gain[lines.line]  # the shared part after eliminating the line's own angle
-    scores = np.stack([np.bincount(lines.line, residual * c, len(lines)) for c in alone.T], 1)
-    factor = len(lines) / max(len(lines) - shared.shape[1], 1) / growth**2
-    return factor * reduced @ (scores.T @ _shared(lines, axes) @ scores) @ reduced
+    # what is left of the shared part beside the line's own angle, in units in which the normal matrix is the identity
+    unit = _inverse_root(normal.reduced())
+    alone = (shared - own[:, None] * gain[lines.line]) @ unit
+    scores = _sums(residual[:, None] * alone, lines)
+    scores = np.einsum("lij,lj->li", _corrections(_sums(alone[:, :, None] * alone[:, None], lines)), scores)
+    each = scores.T @ scores
+    near, directions = np.linalg.eigh(scores.T @ _shared(lines, axes) @ scores - each)
+    together = (directions * np.maximum(near, 0)) @ directions.T
+    return unit @ (each + together) @ unit.T / growth**2
+
+
+def _sums(values: Array, lines: Lines) -> Array:
+    """Sums (L, ...) over the points of each line."""
+    total = np.zeros((len(lines), *values.shape[1:]))
+    np.add.at(total, lines.line, values)
+    return total
+
+
+def _inverse_root(normal: Array) -> Array:
+    """U with U Uᵀ the pseudo-inverse of a normal matrix, with the limit of `numpy.linalg.matrix_rank`."""
+    values, vectors = np.linalg.eigh(normal)
+    known = values > len(values) * np.finfo(float).eps * np.abs(values).max()
+    return vectors[:, known] / np.sqrt(values[known])
+
+
+def _corrections(leverage: Array) -> Array:
+    """(I - H)^(-1/2) (L, P, P) of the leverage of each line; a line that alone determines a direction has none left."""
+    values, vectors = np.linalg.eigh(leverage)
+    left = np.maximum(1 - values, LEAST_LEFT)
+    return (vectors / np.sqrt(left)[:, None]) @ vectors.swapaxes(1, 2)
 
 
 def _shared(lines: Lines, axes: Array) -> Array:

@@ -14,6 +14,7 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.camera import Camera
+from camcal.routes import scene_fit
 from camcal.routes.line_geometry import Lines
 from camcal.routes.scene import estimate
 from camcal.routes.scene_bend import BENT, LEAST_POINTS, common_bend, with_distortion
@@ -195,3 +196,23 @@ def test_one_distortion_parameter_is_not_ignored_in_the_vote():
     for vote in found:
         assert (vote.family == axes).all()
     assert found[1].roots == pytest.approx(found[0].roots, rel=0.01)
+
+
+def test_the_leverage_of_a_line_is_taken_out_of_its_residuals():
+    """A line that determines three quarters of a direction shows half of its error in its residual."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    leverage = turn @ np.diag([0.75, 0.0, 1 - scene_fit.LEAST_LEFT]) @ turn.T
+    found = scene_fit._corrections(leverage[None])[0]
+    assert np.allclose(found, turn @ np.diag([2, 1, 10]) @ turn.T)
+    for beyond in (0.999, 1.0, 1 + 1e-9):  # a line that alone determines a direction
+        assert np.allclose(scene_fit._corrections(beyond * np.eye(3)[None])[0], 10 * np.eye(3))
+    less = 1 - 1.21 * scene_fit.LEAST_LEFT
+    assert np.allclose(scene_fit._corrections(less * np.eye(3)[None])[0], np.eye(3) / 0.11)
+
+
+def test_undetermined_directions_have_no_part_in_the_covariance():
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    normal = turn @ np.diag([4.0, 1e-3, 0]) @ turn.T
+    root = scene_fit._inverse_root(normal)
+    assert root.shape == (3, 2)
+    assert np.allclose(root @ root.T, np.linalg.pinv(normal, hermitian=True), rtol=1e-9)
