@@ -3,8 +3,8 @@
 Print and paper are never perfect: the board's points X = X₀ + B θ, linear in a few or in all coordinates,
 replace the ideal grid X₀ (Strobl & Hirzinger, More Accurate Pinhole Camera Calibration with Imperfect Planar
 Target, ICCVW 2011; cv2.calibrateCameraRO does the `free` kind). A residual depends on one point only, so the
-points' blocks of JᵀJ are three columns a view; the poses are eliminated first, as without a shape (Schur
-complement), and what is left is the camera and θ.
+points' blocks of JᵀJ have three columns per view; the poses are eliminated first, as without a shape (Schur
+complement), which leaves the camera and θ.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class Board:
     points : (M, 3) array
         The ideal points X₀.
     ids : V arrays (N,)
-        Which of them each row of each view is.
+        Index of the point of each row of each view.
     kind : str
         A key of `KINDS`.
     basis : (3 M, B) array, or (B,) int array
         d X / d θ in the order x, y, z of the first point, of the second, ...; integers select coordinates.
     part : (M,) int array or None
-        Of several boards: the number among those placed of the board that each point is of, -1 of the others.
+        For several boards: index, among the placed boards, of the board of each point; -1 for other boards.
     label, numbers : (M,) int arrays or None
-        Of several boards: which of them each point is of, and the point's number.
+        For several boards: the board of each point, and the point's number.
     """
 
     points: Array
@@ -124,7 +124,7 @@ def _print(points: Array, counts: Array) -> Array:
 
 
 def _free(points: Array, counts: Array) -> Array:
-    """Every coordinate of every point, less the seven of the gauge: a and b are fixed and c keeps its height.
+    """Every coordinate of every point except the seven of the gauge: a and b are fixed and c keeps its height.
 
     a and b are far apart and c is far from their line, so that none of them amplifies the others' noise.
     """
@@ -168,14 +168,14 @@ def make_board(views: Sequence[View], kind: str, several: Several | None = None)
     ----------
     views : sequence of View
     kind : str
-        Of several boards also one each (`kinds_of`).
+        For several boards also one kind for each (`kinds_of`).
     several : Several, optional
-        Which board each row of all views is of.
+        The board of each row of all views.
 
     Raises
     ------
     UsageError
-        Where the views do not share a target, for an unknown kind, or where no board has points in enough views.
+        If the views do not share a target, the kind is unknown, or no board has points in enough views.
     """
     kinds = kinds_of(kind, 1 if several is None else len(several.frames))
     if kind != PLACED:
@@ -357,8 +357,8 @@ class _PointSums:
 def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses, float]:
     """Move a board to its best fit with the ideal one, and the poses with it; no projection changes.
 
-    The similarity s Q X + c nearest to the ideal points in least squares (Umeyama 1991): a camera sees
-    neither where the board's frame lies nor how large the board is.
+    The similarity s Q X + c closest to the ideal points in least squares (Umeyama 1991): neither the position of
+    the board's frame nor the size of the board is observable.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ def settle(points: Array, ideal: Array, poses: Poses) -> tuple[Array, Poses, flo
     points : (M, 3) array
     poses : Poses
     scale : float
-        s, by which all translations grow.
+        s, the factor of all translations.
     """
     mean, target = points.mean(0), ideal.mean(0)
     a, b = ideal - target, points - mean

@@ -1,4 +1,4 @@
-"""The points of boards within observations: as designed, or where an estimate puts them."""
+"""The points of boards within observations: as designed, or as estimated."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from camcal.model.pose import Array
 from camcal.solve.board import Board
 from camcal.solve.calibration import ShapedBoard
 
-#: points of a board nearer to one another than this part of its coordinates are one, printed with few digits
+#: points of a board closer than this fraction of its coordinates are identical up to the rounding of printed digits
 _SAME_POINT = 1e-6
 
 
 def shaped_board(board: Board, points: Array) -> ShapedBoard:
-    """A board whose points are where they were found."""
+    """A board with its points at the estimated positions."""
     return ShapedBoard(
         board.kind,
         board.points,
@@ -31,14 +31,14 @@ def shaped_board(board: Board, points: Array) -> ShapedBoard:
 
 
 def shaped(observations: Observations, board: ShapedBoard) -> Observations:
-    """The observations with the points of a board, or of several, where they were found."""
+    """The observations with the points of one or several boards at the estimated positions."""
     if board.numbers is None:
         return on_board(observations, board.ideal, board.points)
     return by_number(observations, board.numbers, board.points)
 
 
 def by_number(observations: Observations, numbers: Array, points: Array) -> Observations:
-    """The observations with points (M, 3) of given numbers (M,); others stay where they are."""
+    """The observations with points (M, 3) of given numbers (M,); others remain unchanged."""
     assert observations.point is not None
     index = np.minimum(np.searchsorted(numbers, observations.point), len(numbers) - 1)
     known = numbers[index] == observations.point
@@ -48,7 +48,7 @@ def by_number(observations: Observations, numbers: Array, points: Array) -> Obse
 def on_board(observations: Observations, ideal: Array, points: Array) -> Observations:
     """The observations with the ideal points (M, 3) replaced by the estimated ones (M, 3).
 
-    Points that are none of the ideal ones (no view that was used shows them) stay where they are.
+    Points that are not among the ideal ones (because no used view shows them) remain unchanged.
     """
     xyz = observations.xyz
     index, same = _equal_rows(xyz, ideal)
@@ -64,8 +64,8 @@ def on_board(observations: Observations, ideal: Array, points: Array) -> Observa
 def _equal_rows(xyz: Array, ideal: Array) -> tuple[Array, Array]:
     """The point (N,) of `ideal` (M, 3) that each row of `xyz` (N, 3) may equal, and whether it does (N,).
 
-    Most rows are copies of the board's points, and need no search for the nearest. Of points with the same x and y the
-    first is taken, so that rows which equal another one of these are said not to.
+    Most rows are copies of the board's points, and need no search for the nearest. Of points with the same x and y
+    only the first is compared, so that rows equal to another of them are reported as different.
     """
     key, wanted = (a[:, 0] + 1j * a[:, 1] for a in (ideal, xyz))  # complex numbers are sorted by x, then by y
     order = np.argsort(key, kind="stable")

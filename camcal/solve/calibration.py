@@ -24,7 +24,7 @@ class Stage:
     Attributes
     ----------
     name : str
-        Of the attempt; a closed form's is its key in the table of closed forms.
+        Name of the attempt; for a closed form its key in the table of closed forms.
     rms_point : float
         px, over the points used by the solution.
     matrix : (3, 3) array or None
@@ -38,7 +38,7 @@ class Stage:
     view_ids : tuple of str
         Which views these are.
     info : mapping
-        What else the attempt has to say: condition numbers, why it was chosen, whether it was kept.
+        Further results: condition numbers, why the attempt was chosen, whether it was kept.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Fit:
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)  # compared as objects: what follows from one is kept with it
+@dataclass(frozen=True, eq=False)  # compared by identity: derived quantities are cached by object
 class NormalBlocks:
     """The blocks of JᵀJ at the solution, which suffice for a covariance; the rest of the matrix is zero.
 
@@ -98,15 +98,15 @@ class ShapedBoard:
     ideal : (M, 3) array
         The points as designed, unit of the data.
     points : (M, 3) array
-        Where they are, in the frame and at the scale in which they are nearest to the ideal ones.
+        The estimated points, in the frame and at the scale in which they are closest to the ideal ones.
     size : int
         Number of parameters B of the shape.
     basis : (3 M, B) array, or (B,) int array
         As in `Board`.
     placed : int
-        Of several boards: how many of the parameters, the first ones, place boards as they are.
+        For several boards: number of leading parameters that are poses of boards.
     label, numbers : (M,) int arrays or None
-        Of several boards: which of them each point is of, and the point's number.
+        For several boards: the board of each point, and the point's number.
     """
 
     kind: str
@@ -131,10 +131,10 @@ class Estimate:
     Attributes
     ----------
     poses : Poses
-        cam_from_board of each view of the observations; of a rig rig_from_board of each instant.
+        cam_from_board of each view of the observations; for a rig, rig_from_board of each instant.
     observations : Observations
-        `used` says which points the fit rests on, `weight` what a robust loss gave them; where the board's shape was
-        estimated, `xyz` are the points found.
+        `used` marks the points of the fit, `weight` holds their robust weights; if the board's shape was estimated,
+        `xyz` are the estimated points.
     residuals : (N, 2) array
         Predicted - observed of every row, px, unused ones included; NaN outside the lens's domain.
     free : (P, F) array
@@ -211,7 +211,7 @@ class Calibration(Estimate):
 class RigCalibration(Estimate):
     """A fit of a rig; `start` is the starting point of the search.
 
-    The cameras stand in the order of the observations', the reference first. The variables are the free parameters of
+    The cameras are in the order of the observations, the reference first. The variables are the free parameters of
     all cameras, six for each cam_from_rig but the reference's (rotation on the left, rad; translation), then the
     board's shape.
     """

@@ -1,17 +1,17 @@
 """The cameras of a problem, and how a rig's unknowns affect the view of each.
 
-A point reaches camera c through the composite pose cam_from_board = cam_from_rig · rig_from_board alone,
+A point is mapped to camera c only through the composite pose cam_from_board = cam_from_rig · rig_from_board,
 
     R = R_c R_v,    m = R_c m_v + t_c        (m: the centroid of the points of instant v)                  (1)
 
-and its Jacobian rows are taken by the composite's own perturbation δ, exp(δ_R) R and m + δ_m. Perturbed likewise,
+and its Jacobian rows are derivatives by the composite's perturbation δ, exp(δ_R) R and m + δ_m. Perturbed likewise,
 rig_from_board (δ_v, about m_v) and cam_from_rig (δ_c, about the camera's centre) give
 
     δ = [ R_c  0  ] δ_v + [  I         0 ] δ_c                                                             (2)
         [ 0   R_c ]       [ −[m − t_c]×  I ]
 
-The first camera is the reference: its cam_from_rig is the identity, has no unknowns and maps nothing, so that a camera
-alone is a rig of one.
+The first camera is the reference: its cam_from_rig is the identity, without unknowns and maps, so that a single camera
+is a rig of one.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class CameraPart:
     free : (P, F) array
         d params / d free parameters.
     params, columns : slice
-        Where its parameters and its free ones are among those of all cameras.
+        Positions of its parameters and of its free ones among those of all cameras.
     extrinsics : slice
-        Where its cam_from_rig is among the variables; empty for the reference, and where that is held.
+        Position of its cam_from_rig among the variables; empty for the reference, and if it is held.
     views : (B,) int array
-        Which of the problem's views are its own.
+        Indices of its views among those of the problem.
     instants : (B,) int array, or slice
-        When they were taken; a slice where it sees every instant once, in order.
+        Their instants; a slice if it sees every instant once, in order.
     """
 
     index: int

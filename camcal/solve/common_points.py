@@ -10,14 +10,14 @@ from camcal.data.observations import View
 from camcal.geometry.numbers import TINY
 from camcal.model.pose import Array
 
-#: part of the largest coordinate by which two points may differ and be one: the rounding of printed coordinates
+#: fraction of the largest coordinate within which two points are identical: rounding of printed coordinates
 SAME_NUMBER = 1e-9
 
 
 def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | None:
-    """The target's points (M, 3) and the ids of each view's rows; None where views disagree on a point.
+    """The target's points (M, 3) and the ids of each view's rows; None if views disagree on a point.
 
-    Rows belong together by `point_ids` where all views have them, else by equal coordinates.
+    Rows are matched by `point_ids` if all views have them, otherwise by equal coordinates.
     """
     xyz = np.concatenate([v.xyz for v in views])
     if all(v.point_ids is not None for v in views):

@@ -1,8 +1,8 @@
 """The condition number of the refinement's Jacobian, from its orthogonal factors.
 
-cond J decides how many digits a step, or a covariance, can keep; in normal equations its square does. The
-largest and the smallest singular value come by Lanczos iterations with J and J⁻¹ as products with blocks, so
-that no matrix of all unknowns is formed.
+cond J determines how many digits of a step, or of a covariance, are accurate; with normal equations its square
+does. The largest and the smallest singular value are computed by Lanczos iterations with block products of J and
+J⁻¹, so that no matrix of all unknowns is formed.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from camcal.solve.square_root import SquareRoot
 
 Array = np.ndarray
 
-#: condition numbers are wanted to two digits, squares of singular values are what is iterated
+#: for condition numbers to two digits; squares of singular values are iterated
 _ACCURACY = 1e-3
-#: iterations at most; some twenty reach that
+#: largest number of iterations; some twenty are sufficient
 _STEPS = 100
-#: from one test of the accuracy to the next: it takes longer than an iteration
+#: iterations between two tests of the accuracy, which take longer than an iteration
 _BETWEEN = 4
 
 
 def condition(problem: Problem, state: State, scaled: bool = True) -> float:
-    """The ratio of the largest singular value of J to the smallest; inf where J is singular.
+    """The ratio of the largest singular value of J to the smallest; inf if J is singular.
 
     Parameters
     ----------
     problem : Problem
-        Its `normalise` decides about which point poses turn.
+        Its `normalise` decides the point about which poses rotate.
     state : State
-        One that projects.
+        A state at which all points project.
     scaled : bool
-        Columns of J scaled to unit length, as steps are solved; else as they are.
+        Scale the columns of J to unit length, as for steps.
     """
     factors = _Factors(SquareRoot.of(problem, state))
     lengths = factors.lengths()
@@ -53,7 +53,7 @@ def _largest(product: Callable[[Array], Array], size: int) -> float:
     """
     start = np.cos(
         np.arange(size) ** 2
-    )  # without a pattern: not one that symmetry makes orthogonal to the answer
+    )  # irregular, so that symmetry cannot make it orthogonal to the result
     basis = np.zeros((min(size, _STEPS), size))
     inner = np.zeros((len(basis), len(basis)))
     vector, value = start / np.linalg.norm(start), 0.0
@@ -61,7 +61,7 @@ def _largest(product: Callable[[Array], Array], size: int) -> float:
         basis[i] = vector
         vector = product(vector)
         inner[i, i] = basis[i] @ vector
-        for _ in range(2):  # twice is enough for orthogonality to rounding
+        for _ in range(2):  # twice suffices for orthogonality to rounding
             vector = vector - basis[: i + 1].T @ (basis[: i + 1] @ vector)
         rest = float(np.linalg.norm(vector))
         if (i + 1) % _BETWEEN == 0 or i + 1 == len(basis) or not rest > 0:

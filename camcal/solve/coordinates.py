@@ -1,8 +1,8 @@
 """Alternative coordinates of rotations, used only for comparison with perturbations on the left.
 
 The unknowns of a pose become the rotation vector itself, the three Euler angles, or the four numbers of a
-quaternion, to which steps are added. The optimum is the same; the path to it is not, and the equations get
-worse where the coordinates do: Euler angles at ±90 degrees, rotation vectors at 180 degrees and beyond.
+quaternion, to which steps are added. The optimum is the same, but the path to it is not, and the equations become
+ill-conditioned near singularities: Euler angles at ±90 degrees, rotation vectors at 180 degrees and beyond.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ KINDS = ("left", "vector", "quaternion", "euler")
 class OtherRotations:
     """A problem with other coordinates of poses; poses are V rows of 6, or of 7 with quaternions.
 
-    For methods that see no more of a problem than its linearisations and retractions.
+    For methods that use only the linearisations and retractions of a problem.
     """
 
     def __init__(self, problem: Problem, kind: str):
@@ -41,7 +41,7 @@ class OtherRotations:
         chain = np.zeros((len(turn), 6, size))
         chain[:, :3, :-3], chain[:, 3:, -3:] = turn, np.eye(3)
         poses = chain.transpose(0, 2, 1) @ blocks.poses @ chain
-        if self.kind == "quaternion":  # its length changes nothing: hold it, as strongly as the rest is held
+        if self.kind == "quaternion":  # its length has no effect: constrain it as strongly as the rest
             q = rotations.quaternion(state.rotations)
             held = np.einsum("vii->v", blocks.poses[:, :3, :3]) / 3
             poses[:, :4, :4] += held[:, None, None] * q[:, :, None] * q[:, None, :]

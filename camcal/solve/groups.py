@@ -11,8 +11,8 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: numbers in the Jacobian rows of a group of views; as doubles they fill a second-level cache of 1 MB, and each
-#: numpy call is long enough that its own cost hardly counts
+#: numbers in the Jacobian rows of a group of views; as doubles they fill a second-level cache of 1 MB, and the overhead
+#: of each numpy call is negligible
 _ROW_BUDGET = 120_000
 
 
@@ -57,7 +57,7 @@ def make_groups(
     rows : int
         Number of Jacobian rows: parameters, pose and residual.
     offsets : (len(views), 3) array
-        Taken off each view's points.
+        Subtracted from each view's points.
     """
     lengths = np.array([len(views[i].uv) for i in members], int)
     by_length = np.argsort(lengths, kind="stable")
@@ -98,8 +98,8 @@ def _group(
 def products(block: Array) -> Array:
     """Products (G, R, R) of the rows (G, R, 2, N) of each view.
 
-    The last row is left out on one side: a product of a matrix with its own transpose goes to BLAS's syrk, which
-    for matrices as small as these takes twice the time of a general one.
+    The last row is omitted on one side: the product of a matrix with its own transpose uses BLAS's syrk, which
+    takes twice the time of a general product for such small matrices.
     """
     flat = block.reshape(*block.shape[:2], -1)
     found = np.empty((len(flat), flat.shape[1], flat.shape[1]))

@@ -1,8 +1,8 @@
 """The damped linear least-squares problem of an iteration, by normal equations or by orthogonal factors.
 
-Normal equations square the condition number. That costs nothing as long as a step has digits to spare, for
-the gradient, which decides where the iteration ends, is not affected. Where the pivots of the Cholesky
-factors say that fewer than about two digits of the step would be left, orthogonal factors give it instead.
+Normal equations square the condition number. This is harmless as long as a step has digits to spare, because the
+gradient, which determines where the iteration ends, is not affected. If the pivots of the Cholesky factors indicate
+that fewer than about two digits of the step would be accurate, orthogonal factors are used instead.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = np.ndarray
 
 #: how a step is found: as needed, by normal equations (Schur complement), by orthogonal factors
 FORMS = ("auto", "schur", "qr")
-#: a squared pivot below this part of its column's squared length leaves rounding / WEAK = 1e-2 of a step open
+#: a squared pivot below this fraction of its column's squared length leaves a step uncertain by rounding / WEAK = 1e-2
 WEAK = 2e-14
 
 
@@ -37,8 +37,8 @@ class Linear:
     ) -> tuple[Step, float] | None:
         """The step at a state, and the decrease of the cost predicted by the linear model.
 
-        None where the equations cannot be solved at this damping (Marquardt's, see `Reduced`). `more` (F, F)
-        is curvature that JᵀJ does not have; orthogonal factors do without.
+        None if the equations cannot be solved at this damping (Marquardt's, see `Reduced`). `more` (F, F)
+        is curvature that JᵀJ does not contain; orthogonal factors ignore it.
         """
         if self.form != "qr":
             reduced = self._reduced(blocks, damping, more)
@@ -55,7 +55,7 @@ class Linear:
             points is not None
             and more is None
             and self.problem.normalise
-            and len(points) > 6 * len(blocks.poses)  # 3 unknowns a point of a free board, 6 a pose
+            and len(points) > 6 * len(blocks.poses)  # 3 unknowns per point of a free board, 6 per pose
         ):
             return PointsFirst(blocks, damping, points)
         return Reduced(blocks, damping, self.problem.normalise)

@@ -1,8 +1,9 @@
 """Normal equations of lens models in which each point depends on few of many coefficients (`Lens.local`).
 
-A spline's Jacobian has hundreds of columns, but 32 entries in each row. The block of the coefficients is added up cell
-by cell of the spline, whose points all feel the same ones; their coupling with the poses is a product of a sparse
-matrix with a few columns. All views are taken at once: the arrays are small without the empty columns.
+A spline's Jacobian has hundreds of columns, but 32 entries in each row. The block of the coefficients is summed
+over the cells of the spline, within which all points depend on the same ones; their coupling with the poses is a
+product of a sparse matrix with few columns. All views are processed at once, as the arrays without empty columns are
+small.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def products(
 
 
 def _summed(rows: Array, local: LocalRows, view: Array, half: int) -> tuple[Array, Array, Array]:
-    from scipy import sparse  # for splines alone: importing it takes longer than calibrating most cameras
+    from scipy import sparse  # for splines only: importing it takes longer than calibrating most cameras
 
     own = len(rows) - 7
     starts = np.searchsorted(view, np.arange(view[-1] + 2))

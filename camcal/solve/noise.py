@@ -1,8 +1,8 @@
 """How well given sigmas describe the residuals: a scale factor and an additional variance.
 
-The sigma of a corner fit knows the picture's noise, not the board's print nor the lens model's faults.
-Taken as it is, it gives the sharpest pictures nearly all the weight although all are equally far from the
-model. Two variance components mend that:
+The sigma of a corner fit accounts for the picture's noise, not for errors of the board's print or the lens model.
+Used directly, it gives nearly all weight to the sharpest pictures although all deviate equally from the model. Two
+variance components correct this:
 
     σ_i² = κ² s_i² + τ²                                                                                (1)
 
@@ -10,9 +10,9 @@ with s_i as given, by maximum likelihood over the residuals (Rayleigh distribute
 
     minimise  -log L = Σ_i log σ_i² + |r_i|² / 2 σ_i²                                                  (2)
 
-(Searle, Casella & McCulloch, Variance Components, 1992). τ = 0 is the usual reading of given sigmas, up to a
-common scale, and is what holds unless the residuals speak against it: 2 (log L(κ, τ) - log L(κ, 0)), which follows
-half a χ² of one degree of freedom where τ is 0 (Self & Liang, JASA 82, 1987, case 5), has to exceed `EVIDENCE`.
+(Searle, Casella & McCulloch, Variance Components, 1992). τ = 0 is the usual interpretation of given sigmas,
+up to a common scale, and is kept unless the residuals contradict it: 2 (log L(κ, τ) - log L(κ, 0)), which follows half
+a χ² of one degree of freedom if τ is 0 (Self & Liang, JASA 82, 1987, case 5), must exceed `EVIDENCE`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.solve.losses import robust_sigma
 
-#: residuals beyond this many σ, both in px and in given sigmas, are left out of (2): outliers would pass for τ
+#: residuals beyond this many σ, both in px and in given sigmas, are excluded from (2): outliers would increase τ
 _REACH = 4.0
-#: τ, or κ s, below this part of the other is as good as 0
+#: τ or κ s below this fraction of the other is treated as 0
 _NOTHING = 1e-3
 #: scoring ends where a step gains less of (2) than this, a ten-thousandth of `EVIDENCE`, or after so many steps, each
 #: a factor of e at most
 _SETTLED, _STEPS = 1e-6, 60
-#: of a thousand sets whose sigmas are right, one gets a floor
+#: of a thousand sets with correct sigmas, one gets an additional variance
 CHANCE = 0.001
 #: the square of the standard normal quantile of that: half a χ² of one degree of freedom exceeds it by `CHANCE`
 EVIDENCE = 9.549536
@@ -58,8 +58,8 @@ def noise_model(calibration: Calibration, given: Array) -> NoiseModel:
     Parameters
     ----------
     calibration : Calibration
-        A fit with weights that are near to what comes out: in one without, the sharpest points carry the errors that
-        the others make in the camera, and these pass for τ.
+        A fit with weights close to the result: without weights, errors of the camera caused by the other points appear
+        in the residuals of the sharpest points and would increase τ.
     given : (N,) array, px
     """
     s, r = given[calibration.used], calibration.used_residuals

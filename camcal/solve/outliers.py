@@ -1,12 +1,12 @@
 """Outliers among points and views, by a test on the residuals.
 
 With s the robust scale (median) and ν its degrees of freedom, |r|² / 2 s² of a good point follows F(2, ν).
-A point is rejected where that is exceeded with probability below ALPHA / N (Bonferroni): on Gaussian noise,
-one run in a thousand rejects anything at all. Where sigmas are given but not yet used as weights, |r| of a point
-that is stated to be k > 1 times as inexact as the middle one is divided by k first. s is the larger of that of
-all points and that of the point's view (after the view's own outliers), so that a picture blurred more than the
-others is not taken apart; a view whose s exceeds FAR times that of the median view, that loses more than two
-thirds of its points, or whose rest does not fix a pose, is rejected as a whole.
+A point is rejected if the probability of a larger value is below ALPHA / N (Bonferroni): with Gaussian noise,
+one run in a thousand rejects any point. If sigmas are given but not yet used as weights, |r| of a point whose sigma
+is k > 1 times the median is divided by k first. s is the larger of that of all points and that of the point's view
+(without its outliers), so that a picture with more blur than the others does not lose many points. A view whose s
+exceeds FAR times that of the median view, that loses more than two thirds of its points, or whose remaining points do
+not determine a pose, is rejected as a whole.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from camcal.solve.losses import robust_sigma
 from camcal.start import shape
 
 ALPHA = 0.001  #: probability that clean data lose a point: one calibration of a thousand
-#: the median has this efficiency against the root mean square, Gaussian noise in two coordinates
+#: efficiency of the median relative to the rms, for Gaussian noise in two coordinates
 _MEDIAN_EFFICIENCY = 0.48
-#: times the median view's scale: what lies beyond is no noise of another size, the view is rejected
+#: times the median view's scale: above it, the scale is not noise of another size, and the view is rejected
 FAR = 5.0
-#: views are not rejected as a whole where fewer than this many would be left: two or three that agree by chance
-#: of too many parameters are no majority
+#: views are not rejected as a whole if fewer than this many would be left: two or three that agree only because of too
+#: many parameters are not a majority
 LEAST_LEFT = 5
-#: a view that keeps less than this part of its points is not the picture it is taken for
+#: a view that keeps less than this fraction of its points is not a valid view
 LEAST_KEPT = 1 / 3
-#: residuals below this part of the coordinates are the rounding of the input, not outliers
+#: residuals below this fraction of the coordinates are rounding of the input, not outliers
 _ROUNDING = 1e-7
-#: rounds for the scale of a view without its outliers: each drops points; it ends where it no longer falls
+#: rounds for the scale of a view without its outliers: each drops points, until the scale no longer decreases
 _ROUNDS = 10
-#: relative; a scale that falls by less has settled
+#: relative decrease below which a scale has converged
 _SETTLED = 1e-9
-#: The rms is not Gaussian where it gives a sigma more than this times that of the median, and so many times 1/√N more.
+#: Noise is not Gaussian if sigma from the rms exceeds that from the median by this factor plus so many times 1/√N.
 #: The ratio of N Gaussian points scatters by .51/√N (4,000 simulated sets), so that 4/√N is eight deviations. Of 700
 #: points with a Gaussian core, 2 % with five times its noise give 1.21, with ten times 1.83; eight sets of pictures of
-#: boards have 1.05 to 1.49 and one of AprilTags 4.2. What exceeds the bound is estimated robustly as well.
+#: boards have 1.05 to 1.49 and one of AprilTags 4.2. Above the bound a robust estimate is also made.
 LOOKS_GAUSSIAN, SCATTER = 1.15, 4.0
 
 
@@ -55,7 +55,7 @@ class Verdict:
     ----------
     used : (N,) bool array
     sigma : float
-        Robust scale of one coordinate: px, or of the given sigmas where there are some.
+        Robust scale of one coordinate: px, or in units of the given sigmas.
     threshold : float
         Largest |r| / s of a point that is kept, over all points.
     bad_views : tuple of int
@@ -108,7 +108,7 @@ def test(calibration: Estimate) -> Verdict:
 def _scale_of_view(lengths: Array, scale: float, most: float, threshold: float, share: float) -> float:
     """The scale of a view's points without its own outliers; in a bad view these are more than half of them.
 
-    `share` is the number of parameters that a point pays for.
+    `share` is the number of parameters per point.
     """
     for _ in range(_ROUNDS):
         kept = lengths[lengths <= threshold * min(scale, most)]
@@ -140,7 +140,7 @@ def looks_gaussian(lengths: Array, sigma: float) -> bool:
     """Return whether the rms and the median of residuals of these lengths (N,) give the same σ, within the
     bounds of `LOOKS_GAUSSIAN`.
 
-    Contamination that hides its own points by widening the median shows here.
+    This reveals contamination that masks its own points by increasing the median.
     """
     if not np.isfinite(lengths).all():
         return False

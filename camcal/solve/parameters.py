@@ -10,7 +10,7 @@ from camcal.errors import UsageError
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Array
 
-#: not a parameter but a relation: fy = fx times the ratio at the start, or times the value given
+#: not a parameter but a constraint: fy = fx times the initial ratio, or times the given value
 ASPECT = "aspect"
 
 

@@ -1,13 +1,14 @@
 """The damped normal equations of a calibration with a free board, eliminating its points before the poses.
 
-A point of the board touches no other point's equations, as a pose touches no other pose's, so either kind can be
-eliminated block by block (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section 6.1). Poses first
-leave a dense system of the camera and all points, 3 M unknowns; points first one of the camera and all poses, 6 V:
+The equations of different points are not coupled, nor are those of different poses, so that either kind can be
+eliminated block by block (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section 6.1). Eliminating poses
+leaves a dense system of the camera and all points, 3 M unknowns; eliminating points, one of the camera and all poses,
+6 V:
 
     [ A  Wᵀ ] [δc]     [c]        S = A − Wᵀ D⁻¹ W,   S δc = −(c − Wᵀ D⁻¹ d)                              (1)
     [ W  D  ] [δx] = − [d]        δx = −D⁻¹ (d + W δc)                                                    (2)
 
-with D the 3x3 blocks of the points and c camera and poses. Large boards in few views are solved many times faster so.
+with D the 3x3 blocks of the points and c camera and poses. This is many times faster for large boards in few views.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ class PointsFirst:
     damping : float
         λ of Marquardt.
     coordinates : (B,) int array
-        Which of the board's 3 M coordinates each of them is, ascending.
+        Their indices among the board's 3 M coordinates, ascending.
 
     Attributes
     ----------
     weakest : float
-        After `step`: the smallest squared pivot against the squared length of its column.
+        After `step`: the smallest squared pivot relative to the squared length of its column.
     """
 
     def __init__(self, blocks: Blocks, damping: float, coordinates: Array):
@@ -86,7 +87,7 @@ class PointsFirst:
     def step(self, more: Array | None = None) -> tuple[Step, float] | None:
         """The step of (1) and (2), and the decrease of the cost that the linear model predicts; None if unsolvable.
 
-        There is no place for `more`, the curvature that `Reduced.step` takes.
+        `more`, the curvature used by `Reduced.step`, is not supported.
         """
         assert more is None
         if not self.solvable:

@@ -16,7 +16,7 @@ from camcal.records import dataclass
 from camcal.solve.calibration import Estimate, RigCalibration
 from camcal.solve.problem import Problem, Seen, State
 
-#: of a view's cost: leaves a pose of 50 points within 1e-5 of its standard deviations
+#: of a view's cost: leaves an error of 1e-5 standard deviations in a pose from 50 points
 _TOLERANCE = 1e-12
 
 
@@ -41,7 +41,7 @@ def refine_poses(
     -------
     poses : Poses
     costs : (V,) array
-        ½ Σ w |r|² of each view; inf where a start leaves the lens's domain and no step mends it.
+        ½ Σ w |r|² of each view; inf if a start is outside the lens's domain and no step corrects it.
     converged : (V,) bool array
     """
     problem = Problem(camera.lens, views, np.zeros((camera.lens.size, 0)), weights)

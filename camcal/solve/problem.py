@@ -2,10 +2,10 @@
 
     minimise  ½ Σ_views Σ_points w |project(params, exp(δ) R x + t) − u|²                                 (1)
 
-of one camera or of a rig, whose unknowns act through the composite pose (R, t) of each view alone
-(camcal.solve.cameras). The Jacobian is never stored. Views are taken a few at a time; their derivatives are written as
-rows of an array (views, parameters + 6 + 1, 2, points) that stays in the cache, the last row being the residual, and a
-batched product of that array with its own transpose gives every normal matrix, gradient and cost at once.
+of one camera or of a rig, whose unknowns act only through the composite pose (R, t) of each view
+(camcal.solve.cameras). The Jacobian is never stored. A few views are processed at a time: their derivatives are rows of
+an array (views, parameters + 6 + 1, 2, points) that stays in the cache, with the residual as the last row, and a
+batched product of this array with its transpose gives all normal matrices, gradients and costs.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from camcal.solve.state import Blocks, State, Step
 __all__ = ["Blocks", "Group", "Problem", "Seen", "State", "Step", "products"]
 
 Array = np.ndarray
-#: called with a group and its rows, which the next group's overwrite
+#: called with a group and its rows, which are overwritten by those of the next group
 OnRows = Callable[[Group, Array], None]
 
 
 class Problem:
     """Correspondences and one or more lens models as a least-squares problem.
 
-    A camera alone is a rig of one; there is no other code for it. A rig solver makes
+    A single camera is a rig of one, without separate code. A rig solver makes
 
         problem = Problem([left, right], views, [free_left, free_right], seen=Seen(camera, instant))
         state = problem.state(np.concatenate([params_left, params_right]), rig_from_board, cam_from_rig)
@@ -47,23 +47,23 @@ class Problem:
         problem.params(result.state), problem.poses(result.state), result.state.rig     # cameras, instants, rig
 
     and finds the variables of `result.blocks` in the order of `Step`; `camera.columns` and `camera.extrinsics` of
-    `problem.cameras` say where those of a camera are.
+    `problem.cameras` locate those of a camera.
 
     Parameters
     ----------
     lens : Lens, or sequence of C
     views : sequence of B View
     free : (P, F) array, or sequence of C
-        d params / d free parameters. A row of zeros fixes a parameter, several entries in a column tie them.
+        d params / d free parameters. A row of zeros fixes a parameter; several entries in a column couple parameters.
     weights : sequence of (N,) arrays, optional
-        Weight of each point's squared residual; default 1 / sigma² where a view has sigmas, else 1.
+        Weight of each point's squared residual; by default 1 / sigma² if a view has sigmas, otherwise 1.
     normalise : bool
-        False to leave each view's points where they are, so that a rotation turns about the data's origin in
-        place of the instant's centroid, and to damp and solve without scaling the columns: for comparison.
+        False, for comparison, leaves each view's points unchanged, so that rotations are about the data's origin
+        instead of the instant's centroid, and damps and solves without scaling the columns.
     seen : Seen, optional
-        Without it one camera took all views, each at an instant of its own.
+        By default one camera took all views, each at its own instant.
     hold_rig : bool
-        Whether the poses cam_from_rig stay as they are.
+        Whether the poses cam_from_rig are held.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Problem:
         """The centroid (V, 3) of each instant's points, of all cameras."""
         sums, counts = np.zeros((self.instants, 3)), np.zeros((self.instants, 1))
         sizes = np.array([len(v.xyz) for v in self.views], int)
-        if sizes.all() and len(sizes):  # the usual case: one sum over all points in place of one a view
+        if sizes.all() and len(sizes):  # the usual case: one sum over all points instead of one per view
             points = np.concatenate([v.xyz for v in self.views])
             of_views = np.add.reduceat(points, np.cumsum(sizes) - sizes, axis=0)
         else:
@@ -287,7 +287,7 @@ class Problem:
         block = self.fill(group, state, scratch)
         if block is not None:
             found = products(block[:, camera.lens.size :])
-        elif len(group.members) > 1:  # the views that stay inside
+        elif len(group.members) > 1:  # the views that remain in the domain
             for index in range(len(group.members)):
                 found[index] = self._by_instant(group.alone(index), state, scratch)[0]
             return found

@@ -1,12 +1,12 @@
-"""The points of a view that agree with one model: LO-RANSAC with the noise estimated alongside (LMedS).
+"""The points of a view that agree with one model: LO-RANSAC with a joint estimate of the noise (LMedS).
 
 Fischler & Bolles 1981; the scale from the least median of squares (Rousseeuw & Leroy 1987, section 5.1),
-because the noise is seldom known in advance and a pinhole map leaves the lens's distortion in the residuals;
+because the noise is seldom known and residuals of a pinhole map contain the lens's distortion;
 local optimisation of each new best model (Chum, Matas & Kittler 2003). Hypotheses are solved and scored in
 batches.
 
-The model of a view is a homography or a projection matrix where the camera is not known yet, and a pose
-(`p3p.py`) where it is.
+The model of a view is a homography or a projection matrix if the camera is unknown, and a pose
+(`p3p.py`) if it is known.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from camcal.solve.poses import refine_poses
 
 #: probability that at least one sample is free of outliers ...
 CONFIDENCE = 0.999
-#: ... where this share of the points is good. The median breaks down below one half.
+#: ... if this share of the points is good. The median breaks down below one half.
 LEAST_GOOD = 0.55
-#: ... or this, where the noise is known
+#: ... or this, if the noise is known
 LEAST_GOOD_KNOWN = 1 / 3
 #: hypotheses solved and scored at a time
 _BATCH = 128
-#: of a batch, the best so many hypotheses are refitted where their score is at most this many times the least so far.
+#: of a batch, this many best hypotheses are refitted if their score is at most this many times the lowest so far.
 #: On 150 views of 54 points with 35 % outliers, more (6 within 3 times) lowers the scale found by .7 % and takes twice
 #: as long; fewer (the best alone) raises it by .2 %
 _OPTIMISED, _NEAR = 3, 1.5
-#: refits of a hypothesis at most; it ends before where the score no longer falls
+#: largest number of refits of a hypothesis; they end when the score no longer decreases
 _REFITS = 4
-#: points that fix a hypothesis, by the number of their coordinates: of a homography, of a projection matrix
+#: points that determine a hypothesis, by the number of their coordinates: of a homography, of a projection matrix
 SAMPLE = {2: 4, 3: 6}
 #: a point agrees up to this many σ: 1 % of Gaussian ones do not
 _REACH = 3.03
-#: σ below this, px, only says that the data are exact
+#: σ below this, px, means that the data are exact
 _FLOOR = 1e-6
 
 
@@ -54,7 +54,7 @@ class Model(Protocol):
     Errors are lengths, px, those of points with given sigmas divided by sigma over the view's median sigma.
     """
 
-    sample: int  #: how many points fix it
+    sample: int  #: number of points that determine it
 
     def __len__(self) -> int:
         """Number of points N."""
@@ -77,10 +77,9 @@ class Agreement:
     ----------
     mask : (N,) bool array
     sigma : float
-        Scatter of one coordinate about the model, px: noise and what the model does not explain; NaN where
-        there are too few points to tell.
+        Scatter of one coordinate about the model, px: noise and model errors; NaN if there are too few points.
     matrix : (3, d + 1) array or None
-        The model; None where there are too few points.
+        The model; None if there are too few points.
     """
 
     mask: Array
@@ -103,11 +102,11 @@ def agreeing(
     model : Model
     rng : Generator
     sigma : float, optional
-        The noise of a coordinate, px, where it is known. Hypotheses are then judged by squared errors
-        truncated at the reach of that noise (MSAC, Torr & Zisserman 2000), and LEAST_GOOD_KNOWN of the points
+        The noise of a coordinate, px, if it is known. Hypotheses are then scored by squared errors
+        truncated at the limit of that noise (MSAC, Torr & Zisserman 2000), and LEAST_GOOD_KNOWN of the points
         suffice; without it by the median error.
     confidence : float
-        Of having drawn a sample without outliers, where the least share of the points is good.
+        Probability of a sample without outliers, if the least share of the points is good.
     """
     n = len(model)
     nothing = Agreement(np.ones(n, bool), float("nan"), None)
@@ -245,7 +244,7 @@ def of_maps(views: Sequence[View], planar: Sequence[bool], seed: int = 0) -> lis
     ----------
     views : sequence of View
     planar : sequence of bool
-        Which views hold points of a plane; they are taken in the coordinates of their best plane.
+        Which views hold points of a plane; these are used in the coordinates of their best plane.
     seed : int
         The same seed gives the same answer.
     """
@@ -272,7 +271,7 @@ def of_poses(
     seed : int
         The same seed gives the same answer.
     sigma : float, optional
-        The noise where it is known: px, or of the given sigmas where there are some.
+        The noise if it is known: px, or in units of the given sigmas.
     """
     rng = np.random.default_rng(seed)
     found = []

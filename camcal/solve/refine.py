@@ -25,12 +25,12 @@ from camcal.solve.parameters import apply_fixed, free_matrix
 from camcal.solve.problem import Problem, Seen
 from camcal.solve.several_boards import Several, motions_of
 
-#: rad; boards that turned by less in the last round are where they are: what linearising leaves is its square
+#: rad; boards that rotated by less in the last round have converged: the linearisation error is the square of this
 SMALL_TURN = 1e-6
-#: rounds with boards that are placed: the turns of a round are the square of those before, so that three do from .1 rad
+#: rounds with placed boards: the rotations of a round are the squares of those before, so that three suffice from .1
+#: rad
 ROUNDS = 8
-#: points that are projected in one go: a lens model has some 20 numbers a point in use, which then stay in a cache of
-#: a few MB
+#: points projected at a time: a lens model uses some 20 numbers per point, which then fit into a cache of a few MB
 POINTS_AT_A_TIME = 16_000
 
 
@@ -41,7 +41,7 @@ class How:
     Attributes
     ----------
     fix : mapping
-        Parameter -> value, or None to hold it where it starts; `aspect` holds fy / fx.
+        Parameter -> value, or None to hold it at its initial value; `aspect` holds fy / fx.
     optimizer : str
         Of the table of optimisers.
     stopping : Options
@@ -49,9 +49,9 @@ class How:
     normalise : bool
         See `Problem`.
     board : str
-        `flat` = as the observations say; `bowl`, `print` and `free` are estimated along.
+        `flat` = as in the observations; `bowl`, `print` and `free` are estimated jointly.
     hold_rig : bool
-        Whether the cameras of a rig stay where they are.
+        Whether the poses of a rig's cameras are held.
     """
 
     fix: Mapping[str, float | None] = field(default_factory=dict)
@@ -94,25 +94,26 @@ def refine(
     Parameters
     ----------
     start : Camera or Rig
-        The cameras of a rig in the order of the observations', the reference first.
+        The cameras of a rig in the order of the observations, the reference first.
     poses : Poses
-        cam_from_board of each view; of a rig rig_from_board of each instant.
+        cam_from_board of each view; for a rig, rig_from_board of each instant.
     observations : Observations
-        The fit rests on the rows that are `used`, weighted by their `precision`; the others get residuals only.
+        The fit uses the rows that are `used`, weighted by their `precision`; for the others only residuals are
+        computed.
     how : How, optional
-        Of a rig, `fix` names parameters as `left.fx`.
+        For a rig, `fix` names parameters as `left.fx`.
 
     Returns
     -------
     Calibration, or RigCalibration of a rig
-        Where a board's shape was estimated, its observations hold the points found.
+        If a board's shape was estimated, its observations hold the estimated points.
 
     Raises
     ------
     DataError
-        Where a view has no point left.
+        If a view has no point left.
     EstimationError
-        Where there are fewer observations than parameters, or the start does not project.
+        If there are fewer observations than parameters, or the start does not project.
     """
     begin = time.perf_counter()
     how = how or How()
@@ -178,7 +179,7 @@ def _placed(
 ) -> tuple[Problem, Result, Observations]:
     """The fit with rigid boards, from one whose rotations were linearised: the boards are moved and the fit repeated.
 
-    The turns of a round are of second order in those of the one before. Shapes begin anew at each place.
+    The rotations of a round are of second order in those of the previous one. Shapes restart in each round.
     """
     for _ in range(ROUNDS):
         assert isinstance(problem, BoardProblem) and problem.board.part is not None
@@ -334,7 +335,7 @@ def _fill(found: Array, camera: Camera, poses: Poses, observations: Observations
         rows = slice(slices[begin].start, slices[end - 1].stop)
         some, xyz = counts[begin:end], observations.xyz[rows]
         r, t = rotations[begin:end], translations[begin:end]
-        if some.min() == some.max():  # in one go: for small views the calls would cost more than the work
+        if some.min() == some.max():  # at once: for small views the overhead of calls would dominate
             cam = (xyz.reshape(len(some), -1, 3) @ r.transpose(0, 2, 1) + t[:, None]).reshape(-1, 3)
         else:
             cam = np.einsum("nij,nj->ni", np.repeat(r, some, 0), xyz) + np.repeat(t, some, 0)

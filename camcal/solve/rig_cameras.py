@@ -13,15 +13,15 @@ from camcal.solve.problem import Problem
 def within(solution: RigCalibration, name: str) -> Calibration:
     """Return a camera of a rig with its own pictures, at the joint estimate.
 
-    Its normal equations are those of its own pictures alone, each with a free pose: what the other cameras add to the
-    knowledge of its intrinsics is not in them, so that standard deviations made from them are not too small. The
-    board is as it was estimated.
+    Its normal equations are those of its own pictures alone, each with a free pose. They exclude the information of the
+    other cameras on its intrinsics, so that standard deviations from them are not too small. The board is the
+    estimated one.
     """
     index = list(solution.rig.cameras).index(name)
     whole = solution.observations
     rows = whole.camera == index
     instants = np.unique(whole.view[rows & whole.used])
-    rows &= np.isin(whole.view, instants)  # without pictures of which nothing is used
+    rows &= np.isin(whole.view, instants)  # without pictures that have no used points
     data = of_camera(whole.where(rows | (whole.camera != index)), name)
     poses = Poses.of(solution.rig.cam_from_rig[name] @ solution.poses[instants])
     camera = solution.rig.cameras[name]

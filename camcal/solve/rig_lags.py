@@ -1,8 +1,7 @@
 """Test whether the cameras of a rig took their pictures at the same instants.
 
-A camera that lags by k frames shows at its picture v + k the board that the others show at v. Then the relative poses
-from pictures k apart agree with one another, and those from pictures of the same number do not, as far as the board
-moves in between.
+A camera that lags by k frames shows in picture v + k the board that the others show in v. The relative poses from
+pictures k apart then agree, and those from pictures of the same number do not, if the board moves in between.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ Array = np.ndarray
 MOST = 5
 #: smallest number of pairs of pictures that decide on a lag: fewer agree by chance, as a pose has six free numbers
 LEAST = 6
-#: a lag is accepted where it brings the boards nearer together by this factor. A hand moves a board by several times
-#: what a pose is uncertain by from frame to frame; where it stands still, no lag does better than another.
+#: a lag is accepted if it reduces the distance between the boards by this factor. A hand moves a board from frame to
+#: frame by several times the uncertainty of a pose; if it does not move, all lags are equivalent.
 NEARER = 0.4
 
 

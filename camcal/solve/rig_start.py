@@ -1,9 +1,9 @@
 """Relative poses of the cameras of a rig, from the poses of boards with respect to each.
 
 Two cameras that saw a board at the same instant give their relative pose, a_from_b = P_a P_b⁻¹. A board that looks the
-same after half a turn (or a quarter) may have been read the other way round by one of them: P_a s P_b⁻¹ with a
-symmetry s of the board is then the relative pose, and only the right s gives the same one at every instant. A spanning
-tree of those pairs of cameras that know most about each other connects all of them.
+same after a half turn (or a quarter turn) may have been read differently by one of them: the relative pose is then
+P_a s P_b⁻¹ with a symmetry s of the board, and only the correct s gives the same one at every instant. A spanning tree
+of the pairs of cameras with most information connects all of them.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from camcal.solve.turns import Renaming
 
 Array = np.ndarray
 
-#: relative poses of so many instants are tried for a pair of cameras: that none is good where half are has a
-#: probability of 2⁻¹⁶
+#: relative poses of so many instants are tried for a pair of cameras: if half are good, the probability that none is
+#: good is 2⁻¹⁶
 TRIED = 16
-#: a turned board is accepted where it brings the instants nearer together by this factor. A static board is the same
-#: before both cameras at every instant, turned or not.
+#: a rotated reading is accepted if it reduces the scatter over the instants by this factor. A static board has the same
+#: pose in both cameras at every instant, rotated or not.
 NEARER = 0.5
-#: instants further from the relative pose of a pair than so many times the median one are left out
+#: instants whose distance from the relative pose of a pair exceeds the median by this factor are excluded
 FAR = 5.0
 
 
@@ -41,7 +41,7 @@ class Pictures:
     poses : Poses
         cam_from_board (B,).
     variance : (B,) array
-        Of the place of the board's points, squared unit of the data.
+        Variance of the position of the board's points, squared unit of the data.
     """
 
     camera: Array

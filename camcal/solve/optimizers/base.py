@@ -2,8 +2,8 @@
 
 The one problem interface is `camcal.solve.problem.Problem`: `linearise` (cost, Jacobian blocks, gradient at
 a state), `retract` (a step in the free parameters and in the poses), `rounding` (a cost that rounding alone
-makes), `view_normals` and `free_rows` for those who want views or rows. Frozen and tied parameters are no
-variables at all: a step is taken in the free ones.
+makes), `view_normals` and `free_rows` for those who want views or rows. Fixed and coupled parameters are
+not variables: steps are taken in the free ones.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from camcal.solve.linear import Linear
 from camcal.solve.problem import Blocks, Problem, State, Step
 from camcal.solve.schur import Reduced
 
-#: predicted decreases below this part of the cost are lost in the rounding of its sum
+#: predicted decreases below this fraction of the cost are lost in rounding
 NOISE = 1e-12
 #: called with (iteration, cost) after every accepted step
 OnStep = Callable[[int, float], None]
@@ -62,11 +62,11 @@ class Result:
     stop_reason : str
     iterations : int
     evaluations : int
-        Passes over all points with derivatives, those of inner iterations included.
+        Passes over all points with derivatives, including those of inner iterations.
     samples : tuple of Sample
-        The start first, then every step that was kept: costs never rise along it.
+        The start, then every accepted step; costs never increase.
     info : dict
-        What the method has to say besides; `variables` = in what it searched.
+        Further results of the method; `variables` names those of its search.
     """
 
     state: State
@@ -112,7 +112,7 @@ class NewtonRun:
     ----------
     state, blocks : the state reached, and the normal equations there
     iteration : int
-        The iteration that is under way, from 1.
+        The current iteration, counted from 1.
     """
 
     def __init__(self, problem: Problem, state: State, options: Options | None, on_step: OnStep | None):
@@ -151,7 +151,7 @@ def begin(problem: Problem, state: State) -> Blocks:
     Raises
     ------
     EstimationError
-        Where the start itself cannot be projected.
+        If the start itself cannot be projected.
     """
     blocks = problem.linearise(state)
     if blocks is None:
@@ -166,9 +166,9 @@ def begin(problem: Problem, state: State) -> Blocks:
 def remaining(blocks: Blocks) -> float:
     """The decrease of the cost to the minimum that the Gauss-Newton model predicts, ½ gᵀ (JᵀJ)⁻¹ g.
 
-    The one measure by which all methods here say that they have converged. It has no unit but the cost's and
-    depends neither on scale nor on coordinates, as a gradient's norm does. Where JᵀJ is singular, the least
-    damping that makes it solvable is added.
+    The common convergence criterion of all methods. It has the unit of the cost and, unlike a gradient's norm,
+    depends neither on scale nor on coordinates. If JᵀJ is singular, the least damping that makes it solvable is
+    added.
     """
     for damping in (0.0, 1e-14, 1e-12, 1e-10, 1e-8):
         solved = Reduced(blocks, damping).step()

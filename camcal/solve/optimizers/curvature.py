@@ -3,9 +3,9 @@
     C ≈ Σ r ∇²r of the reduced problem (poses eliminated), C s = g' - g - S' s                            (1)
 
 J. Dennis, D. Gay and R. Welsch, An adaptive nonlinear least-squares algorithm, ACM TOMS 7 (1981): the update
-of section 3 with its sizing, and the choice between the models with and without C by which of them foretold
-the last decrease better. Where parameters nearly replace each other, as those of a rational lens do, the last
-digits come at a constant rate without it.
+of section 3 with its sizing, and the choice between the models with and without C by which of them predicted
+the last decrease better. If parameters are nearly interchangeable, as those of a rational lens, convergence without it
+is only linear.
 """
 
 from __future__ import annotations

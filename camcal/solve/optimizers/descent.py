@@ -14,9 +14,9 @@ from camcal.solve.problem import Problem, State
 
 Array = np.ndarray
 
-#: gradients alone do not resolve the minimum to the last digits: costs near it differ by rounding
+#: gradients alone do not determine the minimum to the last digits: costs near it differ by rounding
 LEAST_TOLERANCE = 1e-9
-MOST_ITERATIONS = 20_000  #: a limit of work: a run that reaches it ends as not converged
+MOST_ITERATIONS = 20_000  #: limit of iterations: a run that reaches it has not converged
 #: iterations between two tests of `remaining`, which costs a solution of the normal equations
 _TEST_EVERY = 5
 
@@ -78,7 +78,7 @@ def descend(
             restarts += line is not None
             direction, line = -place.gradient, None
         found = strong_wolfe(variables, place, direction, first_length(line, place, direction), curvature)
-        if found is None and line is not None:  # the direction may be at fault: begin again
+        if found is None and line is not None:  # the direction may be unsuitable: restart
             restarts += 1
             direction, line = -place.gradient, None
             found = strong_wolfe(variables, place, direction, first_length(None, place, direction), curvature)

@@ -1,7 +1,7 @@
 """Powell's dogleg: between steepest descent and Gauss-Newton, within a trust region.
 
 M. J. D. Powell, A hybrid method for nonlinear equations (1970); Nocedal & Wright, section 4.1. The region is
-a ball in variables scaled by the lengths of the Jacobian's columns, the longest met so far (Moré 1978).
+a ball in variables scaled by the lengths of the Jacobian's columns, the largest so far (Moré 1978).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _POOR, _GOOD = 0.25, 0.75
 _SMALLER, _LARGER = 0.25, 3
 #: ratio above which a step is accepted: some decrease, as in the first Wolfe condition
 _ACCEPTED = 1e-4
-#: of the decrease that ends a run: a region in which no more is to be gained has shrunk to nothing
+#: of the decrease that ends a run: a region in which less can be gained has collapsed
 _SHRUNK = 1e-3
-#: of the decrease of the full Gauss-Newton step: where that is rounding too, a rejected step has ended the run
+#: of the decrease of the full Gauss-Newton step: if that is also rounding, a rejected step ends the run
 _OF_NEWTON = 0.01
 
 

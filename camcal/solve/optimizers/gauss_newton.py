@@ -8,7 +8,7 @@ from camcal.solve.problem import Problem, State, Step
 
 __all__ = ["VARIANTS", "minimise"]
 
-#: part of the decrease that the slope promises, which a step has to bring
+#: least decrease of a step relative to that predicted by the slope
 _SUFFICIENT = 1e-4
 #: halvings of a step at most, to 1e-9 of it
 _HALVINGS = 30

@@ -6,7 +6,7 @@ the steps as in Snyman, Practical Mathematical Optimization (2005). With a = -�
 
     x' = x + v Δt,  v' = v + a(x') Δt                                                                    (1)
 
-- While |v| grows, potential energy falls. When it shrinks, the particle goes back half a step and keeps a
+- While |v| increases, potential energy decreases. When |v| decreases, the particle goes back half a step and keeps a
   quarter of v + v'; when that happens more than j times in a row, it starts from rest.
 - Time step: a step longer than δ is cut to δ; otherwise Δt grows by a factor p, which itself grows by δ1 a
   step; when the acceleration turns against its predecessor m times in a row, Δt is halved and the last step
@@ -106,7 +106,7 @@ class _Particle:
             self.slowed += 1
             if self.slowed <= self.rests:
                 self.velocity = 0.25 * (self.velocity + velocity)
-            else:  # from rest any force gives speed, so the loop ends here at the latest
+            else:  # from rest any force increases the speed, so the loop ends here at the latest
                 self.velocity, self.rests = np.zeros_like(velocity), 1
             if not self.place.gradient.any():
                 return

@@ -54,8 +54,8 @@ def strong_wolfe(
 
     Returns
     -------
-    The new place and the length, or None where no step lowers the cost. A place that satisfies the first of
-    (1) only is taken where the second cannot be reached.
+    The new place and the length, or None if no step decreases the cost. A place that satisfies only the
+    first of (1) is accepted if the second cannot be reached.
     """
     return _Search(variables, place, direction, curvature).run(first)
 

@@ -21,14 +21,14 @@ __all__ = ["VARIANTS", "minimise"]
 
 Array = np.ndarray
 
-#: easy problems have converged by then, so they do not pay for what follows
+#: easy problems have converged by then and avoid the cost of what follows
 _LEARN_FROM = 8
-#: of the distortion, where a run is begun again
+#: of the distortion, with which a run is restarted
 _FACTORS = (-1.0, -0.5)
-#: What ten steps lower chi² by at the end of a valley; an interval of one sigma is where it rises by 1. With 1e-3 the
-#: descent of 50 views of 54 points by opencv8 ended 11 above a minimum that it reaches with 1e-4.
+#: Decrease of chi² in ten steps at the end of a valley; at one sigma chi² increases by 1. With 1e-3 the descent for 50
+#: views of 54 points with opencv8 ended 11 above the minimum that it reaches with 1e-4.
 STILL_CHI2 = 1e-4
-#: a converged run is preferred to one that was stopped even if its cost is larger by this part
+#: a converged run is preferred to one that was stopped even if its cost is larger by this fraction
 _NEARLY = 1e-3
 
 
@@ -37,7 +37,7 @@ def minimise(
 ) -> Result:
     """Minimise the problem's cost from a state.
 
-    Where it runs against the end of the lens's domain, it begins again with the distortion the other way round
+    If it is stopped by the limit of the lens's domain, it restarts with the distortion negated
     (see `_elsewhere`).
 
     Raises
@@ -58,7 +58,9 @@ def minimise(
 
 def _descend(problem: Problem, state: State, options: Options, on_step: OnStep | None) -> Result:
     """One descent from a start."""
-    coordinates = 2 * sum(len(view) for view in problem.views)  # chi² at the minimum, but for the parameters
+    coordinates = 2 * sum(
+        len(view) for view in problem.views
+    )  # chi² at the minimum, apart from the parameters
     options = replace(options, still=STILL_CHI2 / max(coordinates, 1))
     whole = _Whole(problem, state, options, on_step)
     found = least_squares.minimise(whole, state, options)
@@ -109,8 +111,8 @@ class _Whole:
         return _Linearised.of(self.problem.linearise(state))
 
     def solve(self, state: State, equations: _Linearised, damping: Array) -> tuple[Step | None, Array]:
-        """Solve with the learnt curvature where it is trusted, except for the undamped model, which predicts what
-        remains.
+        """Solve with the learnt curvature if it is reliable, except for the undamped model, which predicts the
+        remaining decrease.
         """
         blocks, value = equations.blocks, float(damping[0])
         assert blocks is not None
@@ -154,8 +156,8 @@ class _Whole:
 def _elsewhere(problem: Problem, state: State) -> Iterator[State]:
     """Starts beyond a fold or a pole of the lens that stopped a run.
 
-    Distortion that pushes its pole against the outermost points is an over-parameterised model's; with its
-    sign turned, poles are gone or lie elsewhere, and so does the minimum that is reached from there.
+    In over-parameterised models, distortion may push its pole against the outermost points; with its sign
+    reversed, poles vanish or move, and so does the minimum that is reached from there.
     """
     own = [i for i, p in enumerate(problem.parameters) if p.group == "distortion" and problem.free[i].any()]
     for factor in _FACTORS:

@@ -22,10 +22,10 @@ Array = np.ndarray
 VARIANTS = ("trf", "dogbox")
 #: entries of the Jacobian up to which it is dense: 160 MB
 _DENSE = 20_000_000
-#: tolerance of the cost that is handed on, at most; and for x, so that only the cost ends a run: two roundings
+#: least tolerance of the cost passed to scipy; and that for x, so that only the cost ends a run: two roundings
 _COARSEST, _ROUNDING = 1e-3, 4e-16
-#: what a converged run may leave, in tolerances, and as a part of the cost: scipy stops by the decrease of its last
-#: step, after which more may be left than after the step that the other methods predict
+#: remaining decrease of a converged run, in tolerances, and relative to the cost: scipy stops by the decrease of its
+#: last step, after which more may remain than with the predicted decrease that the other methods use
 _LEFT, _LEAST_LEFT = 1e3, 1e-11
 _MOST_EVALUATIONS = 1000  #: a limit of work, five times that of the least-squares loop
 
@@ -64,7 +64,7 @@ class _Function:
         turn[:, :3, :3] = rotations.left_jacobian(poses[:, :3])
         turn[:, 3:, 3:] = np.eye(3)
         found = rows.jacobian(self.problem, self.state(x), turn, self.sparse)
-        assert found is not None  # asked for only where the residuals are finite
+        assert found is not None  # called only if the residuals are finite
         self.iteration += 1
         return found
 

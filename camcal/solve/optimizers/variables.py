@@ -1,7 +1,7 @@
 """The variables of a gradient method.
 
-A gradient's direction depends on the units of the variables, so for methods that know nothing else they have
-to be chosen. Three ways:
+A gradient's direction depends on the units of the variables, which must therefore be chosen for methods that use
+nothing else. Three choices:
 
 - `varpro`: the poses are eliminated (variable projection, G. Golub and V. Pereyra 1973): the cost is that at
   the best poses for the parameters, found by inner solves, its gradient that of the reduced function, and the
@@ -49,9 +49,9 @@ class Variables(ABC):
     Attributes
     ----------
     noise : float
-        The part of the cost by which two evaluations of one place may differ.
+        The relative difference of the cost between two evaluations at one place.
     reach : float
-        About how far it is to the minimum: as far as changes the residuals by their own length.
+        Approximate distance to the minimum: that which changes the residuals by their own length.
     """
 
     noise = 1e-14  # the rounding of a sum of squares
@@ -100,7 +100,7 @@ class AllUnknowns(Variables):
 class WithoutPoses(Variables):
     """The free parameters alone as variables; every evaluation solves for the poses."""
 
-    noise = 1e-12  # what the inner solves leave
+    noise = 1e-12  # error of the inner solves
 
     def __init__(self, problem: Problem, state: State):
         super().__init__(problem)
@@ -124,7 +124,7 @@ class WithoutPoses(Variables):
         return None if blocks is None else (solved.state, blocks)
 
     def _place(self, state: State, blocks: Blocks) -> Place:
-        # the reduced gradient a - W V⁻¹ b is exact to second order in what the inner solves leave of b
+        # the reduced gradient a - W V⁻¹ b is exact to second order in the remaining b of the inner solves
         reduced = Reduced(blocks)
         gradient = reduced.gradient if reduced.solvable else blocks.gradient
         return Place(state, blocks, blocks.cost, self.scale * gradient)
