@@ -2,7 +2,6 @@
 
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -10,12 +9,9 @@ from scipy.stats import norm
 from camcal.detect import (
     board_points,
     candidates,
-    disc_grid,
-    discs,
     edge_blur,
     evenness,
     lattice,
-    outlines,
     search,
     shading,
     squares,
@@ -330,98 +326,7 @@ def test_unusual_residuals():
         assert shading.unusual(noise).tolist() == [unusual] + [False] * 8
 
 
-# ------------------------------------------------------------------------------------ discs
-def ellipse(a, b, angle=0.0, wave=0.0, points=400):
-    t = np.arange(points) * 2 * np.pi / points
-    r = 1 + wave * np.cos(5 * t)
-    xy = np.stack([a * r * np.cos(t), b * r * np.sin(t)], 1) @ np.array(
-        [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
-    )
-    return np.round(xy + 500).astype(np.int32)[:, None]
-
-
-def found(outline):
-    return discs.ellipse_of(outline) is not None
-
-
-def test_the_outline_of_a_disc():
-    """Long axes, so that whole pixels hardly change the shape."""
-    ratio = discs.MOST_SLENDER
-    assert found(ellipse(400, 400 * 1.01 / ratio)) and not found(ellipse(400, 400 * 0.99 / ratio))
-    # a wave of amplitude w deviates by w / sqrt 2 of the radius
-    most = (discs.ROUND + discs.PIXEL / 400) * np.sqrt(2)
-    assert found(ellipse(400, 400, wave=0.97 * most)) and not found(ellipse(400, 400, wave=1.03 * most))
-
-
-def test_the_points_of_an_outline(monkeypatch):
-    """Regular polygons, which are round enough for a disc."""
-    for points, disc in ((discs.LEAST_OUTLINE, True), (discs.LEAST_OUTLINE - 1, False)):
-        t = np.arange(points) * 2 * np.pi / points
-        outline = (100 * np.stack([np.cos(t), np.sin(t)], 1)).astype(np.float32)[:, None]
-        assert found(outline) == disc
-    monkeypatch.setattr(discs, "LEAST_OUTLINE", 0)
-    assert found(outline)
-
-
-def test_two_outlines_around_one_centre():
-    for share, kept in ((LESS, 1), (MORE, 2)):
-        centre = np.array([[50.0, 50], [50 + share * discs.CONCENTRIC * 10, 50]])
-        made = discs.Discs(centre, np.array([20 * np.eye(2), 10 * np.eye(2)]))
-        assert len(discs.distinct(made)) == kept
-
-
-def test_the_number_of_discs():
-    most = discs.MOST_DISCS
-    side = int(np.ceil(np.sqrt(most + 1)))
-    centre = places(side, side).reshape(-1, 2)[: most + 1]
-    made = discs.Discs(centre, np.repeat([5 * np.eye(2)], most + 1, 0))
-    assert len(discs.distinct(made)) == most and len(discs.distinct(made.take(np.arange(most)))) == most
-
-
-def test_a_disc_that_is_darker_than_its_surroundings():
-    """Seven of eight samples around it: the darkest may lie on another object."""
-    y, x = np.mgrid[0:61, 0:61]
-    far = np.hypot(x - 30, y - 30)
-    made = discs.Discs(np.array([[30.0, 30]]), np.array([10 * np.eye(2)]))
-    for step, dark in ((discs.THRESHOLD, False), (discs.THRESHOLD + 1, True)):
-        gray = np.where(far < 10, 100, 100 + step).astype(np.uint8)
-        assert discs._dark_inside(gray, made)[0] == dark
-    # where that is looked at: a ring of the same grey value reaches so far, or a pixel farther
-    for reach, dark in ((discs.AROUND * 10 - 2.0, True), (discs.AROUND * 10 + 2.0, False)):
-        gray = np.where(far < reach, 100, 200).astype(np.uint8)
-        assert discs._dark_inside(gray, made)[0] == dark
-
-
-def test_a_grid_of_discs_that_leaves_the_picture():
-    """Of four discs of the next row, moved inwards: half of them outside are not enough."""
-    for outside, leaves in ((2, False), (3, True)):
-        assert disc_grid.OUTSIDE == 0.5
-        uv = places(4, 4, 20.0, (100.0, 45.0))
-        uv[0, :outside, 1] -= 18.0  # the next row is 36 px higher
-        made = discs.Discs(uv.reshape(-1, 2), np.repeat([5.0 * np.eye(2)], 16, 0))
-        grid = disc_grid.Grid(np.arange(16), made, 4, 4, False, 1.0)
-        assert grid.leaves((400, 400)) == leaves
-
-
 # ------------------------------------------------------------------------------------ edges
-def test_the_profiles_of_a_side():
-    """Sides with room for just so many profiles between the ends that are left out."""
-    y = np.arange(60.0)[:, None].repeat(60, 1)
-    gray = np.where(y < 30, 220.0, 40.0).astype(np.float32)
-    gray = cv2.GaussianBlur(gray, (0, 0), 0.8)
-    room = outlines.SPACING * (outlines.LEAST_PROFILES - 1)
-    for length, fits in ((5.0 + room + 0.01, True), (5.0 + room - 0.01, False)):
-        edge = outlines._edge(
-            gray,
-            np.array([20.0, 29.5]),
-            np.array([20.0 + length, 29.5]),
-            3.0,
-            np.full(2, outlines.ENDS_PX),
-            0.0,
-        )
-        assert (edge is not None) == fits
-
-
 def test_a_faint_edge_does_not_count_for_the_blur():
     """Five edges of which two, blurred by more, have a part of the others' step."""
     x = np.arange(80.0)
@@ -442,26 +347,6 @@ def test_candidates_that_are_one_corner():
     for share, kept in ((LESS, [False, True]), (MORE, [True, True])):
         xy = np.array([[50.0, 50.0], [50 + share * candidates.SINGLE, 50.0]])
         assert candidates._single(xy, np.array([1.0, 2.0])).tolist() == kept
-
-
-def test_the_area_of_a_disc():
-    for share, disc in ((0.99, False), (1.01, True)):
-        t = np.arange(200) * 2 * np.pi / 200
-        radius = np.sqrt(share * discs.LEAST_AREA / np.pi)
-        outline = (50 + radius * np.stack([np.cos(t), np.sin(t)], 1)).astype(np.float32)[:, None]
-        assert found(outline) == disc
-
-
-@pytest.mark.parametrize(("share", "linked"), [(0.99, True), (1.01, False)])
-def test_neighbouring_discs(share, linked):
-    """The distances and the radii of neighbours: in a row whose last disc is farther, or larger."""
-    centre = places(5, 3, 20.0).reshape(-1, 2)
-    shape = np.repeat([6.0 * np.eye(2)], 15, 0)
-    # farther by a part in the measure of both, of which one has a neighbour at the usual distance; geometric mean
-    larger = shape.copy()
-    larger[[4, 9, 14]] *= discs.SPREAD * share
-    other, _ = discs.links(discs.Discs(centre, larger))
-    assert (4 in other[3]) == linked
 
 
 def test_points_of_a_block_that_is_even():
@@ -490,13 +375,3 @@ def test_the_smallest_grid_of_corners(monkeypatch):
     assert pieces_taken(monkeypatch, [index[: least - 1]]) == 0
     assert pieces_taken(monkeypatch, [index[: least - 1]], (7, 2)) == 1
     assert pieces_taken(monkeypatch, [index[: least - 2]], (7, 1)) == 0
-
-
-def test_a_square_without_room_for_profiles():
-    gray = np.full((80, 80), 220, np.uint8)
-    gray[20:60, 20:60] = 40
-    gray = cv2.GaussianBlur(gray, (0, 0), 0.7)
-    quad = np.array([[[19.5, 19.5], [59.5, 19.5], [59.5, 59.5], [19.5, 59.5]]])
-    for share, good in ((LESS, False), (MORE, True)):
-        room = np.array([share * outlines.SHORTEST / outlines.REACH])
-        assert outlines.refine_squares(gray, quad, room).good[0] == good

@@ -3,12 +3,13 @@
 import struct
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 from camcal.detect import corners as fitted_corners
 from camcal.detect import edge_model as model
-from camcal.detect import exif, local_map, motion_blur, pyramid, saddle, segment_fit
+from camcal.detect import exif, local_map, motion_blur, outlines, pyramid, saddle, segment_fit
 from camcal.detect.disc_grid import Grid
 from camcal.detect.discs import Discs
 from camcal.detect.outlines import Squares
@@ -174,6 +175,34 @@ def test_the_smallest_marker_that_is_looked_for():
 
     assert least(round(both / 2)) == pytest.approx(2 * dictionaries.LEAST_RATE, rel=1e-3)
     assert least(round(2 * both)) == pytest.approx(dictionaries.LEAST_RATE)
+
+
+def test_the_profiles_of_a_side():
+    """Sides with room for just so many profiles between the ends that are left out."""
+    y = np.arange(60.0)[:, None].repeat(60, 1)
+    gray = np.where(y < 30, 220.0, 40.0).astype(np.float32)
+    gray = cv2.GaussianBlur(gray, (0, 0), 0.8)
+    room = outlines.SPACING * (outlines.LEAST_PROFILES - 1)
+    for length, fits in ((5.0 + room + 0.01, True), (5.0 + room - 0.01, False)):
+        edge = outlines._edge(
+            gray,
+            np.array([20.0, 29.5]),
+            np.array([20.0 + length, 29.5]),
+            3.0,
+            np.full(2, outlines.ENDS_PX),
+            0.0,
+        )
+        assert (edge is not None) == fits
+
+
+def test_a_square_without_room_for_profiles():
+    gray = np.full((80, 80), 220, np.uint8)
+    gray[20:60, 20:60] = 40
+    gray = cv2.GaussianBlur(gray, (0, 0), 0.7)
+    quad = np.array([[[19.5, 19.5], [59.5, 19.5], [59.5, 59.5], [19.5, 59.5]]])
+    for share, good in ((LESS, False), (MORE, True)):
+        room = np.array([share * outlines.SHORTEST / outlines.REACH])
+        assert outlines.refine_squares(gray, quad, room).good[0] == good
 
 
 # ------------------------------------------------------------------------------------ windows of corners
