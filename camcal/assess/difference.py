@@ -1,16 +1,16 @@
 """The difference in projection between two cameras over the image, after the best-fitting rotation.
 
-Parameters of different values can mean the same camera, so cameras are compared by what they do (mrcal's
+Different parameter values can describe the same camera, so that cameras are compared by their projections (mrcal's
 differencing). A grid of pixels is unprojected with camera A; the rays are turned by the rotation that fits
 best and projected with camera B:
 
     d_i = project_B(R unproject_A(u_i)) - u_i,     R = argmin Σ w_i |d_i|²                               (1)
 
-The rotation is there because a calibration does not tie the camera's frame to anything: a shifted principal
-point and a turned frame are nearly the same. At a finite distance D the points are D unproject_A(u_i), and a
-translation is fitted along with the rotation. Where the cameras' uncertainties are known, weights of one over
-their squares keep a corner that neither knows from turning the whole. Pixels outside the domain of either
-camera are counted.
+The rotation is needed because a calibration does not define the camera's frame absolutely: a shifted principal
+point and a rotated frame are nearly equivalent. At a finite distance D the points are D unproject_A(u_i), and a
+translation is fitted along with the rotation. Where the cameras' uncertainties are known, the weights are
+their inverse squares, so that a corner for which neither has data does not dominate the rotation. Pixels outside the
+domain of either camera are counted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = np.ndarray
 
 #: Of the cost, and steps at most; near-equal cameras take 2 to 4 from the closed-form start.
 _TOLERANCE, _STEPS = 1e-12, 30
-#: px; what a point outside the camera's domain costs in each coordinate, so that no step gains by losing points
+#: px; penalty of a point outside the camera's domain in each coordinate, so that losing points is no advantage
 OUTSIDE = 1e3
 #: Columns of the grid over the image.
 COLUMNS = 40

@@ -1,6 +1,6 @@
 """Points that were mistaken for others: swapped corners, shifted rows.
 
-A rejected point that lies where another point of its view is predicted was taken for that one.
+A rejected point at the predicted position of another point of its view was mistaken for that one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from camcal.records import dataclass
 from camcal.solve.calibration import Calibration
 from camcal.system.text import listed
 
-#: an observation within this part of the distance to the nearest neighbour is where a point is predicted ...
+#: an observation matches a prediction within this fraction of the distance to the nearest neighbour ...
 NEAR = 0.15
 #: ... and this many points with the same displacement on the board are a shift, not chance: an outlier
 #: anywhere on the board meets a prediction with probability π NEAR² = .07

@@ -30,7 +30,7 @@ from camcal.solve.losses import LOSSES, robust_sigma
 
 Array = np.ndarray
 
-#: relative step of the central difference in (5); a loss has kinks, so that more digits have no use
+#: relative step of the central difference in (5); a loss has kinks, so that more digits are useless
 _STEP = 1e-5
 
 

@@ -10,8 +10,8 @@ the folds,
 
     ratio² = mean |q_k - q|² / tr cov(q_k - q)                                                          (2)
 
-is 1 where the model holds and the noise is as white as the covariance takes it; more shows a model that does
-not hold, a board that is not what it is taken for, or noise that neighbouring points share.
+is 1 if the model holds and the noise is white, as the covariance assumes; a larger ratio indicates an invalid model,
+errors of the board, or noise that is correlated between neighbouring points.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def difference_of_folds(solution: Calibration, held: HoldOut) -> Mapping[str, An
         jacobians = uncertainty.jacobians(rays, at_infinity=True) if jacobians is None else jacobians
         whole = uncertainty.of_points(rays, at_infinity=True, jacobians=jacobians)
         own = covariance(fit)
-        # with the derivatives of the whole camera: the fold's differ by a part of the difference that is asked about
+        # with the derivatives of the full camera: those of the fold differ by a fraction of the wanted difference
         part = projection_uncertainty(fit, own).of_points(rays, at_infinity=True, jacobians=jacobians)
-        # one estimate of the noise in both, or a fold with little of it would leave a negative difference
-        with np.errstate(invalid="ignore"):  # infinite less infinite: not a number, and left out
+        # a common noise estimate: a fold with little noise would otherwise yield a negative difference
+        with np.errstate(invalid="ignore"):  # infinite minus infinite is NaN and is omitted
             spread = part * (accuracy.sigma_0 / own.sigma_0) ** 2 - whole
         found.append(np.einsum("ni,ni->n", moved, moved))
         expected.append(np.einsum("nii->n", spread))

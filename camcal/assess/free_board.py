@@ -1,7 +1,7 @@
-"""What a board of its own shape would take off the cost, by one step from the solution as it is.
+"""The predicted decrease of the cost with a board of free shape, by one step from the solution.
 
-One Gauss-Newton step of the problem with such a board (`camcal.solve.board`) tells it; the offsets are so small that it
-hardly differs from the minimum. That takes one pass over the data and one factorisation.
+One Gauss-Newton step of the problem with such a board (`camcal.solve.board`) suffices, as the offsets are so small
+that it hardly differs from the minimum. It takes one pass over the data and one factorisation.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ the pose of the view eliminated). Under the model cov(δ_v) = sigma_0² ((S - S_
 
 tests whether the view agrees with the others (F and about 2N - p degrees of freedom). The δ_v of all views
 give the jackknife covariance (V-1)/V Σ δ_v δ_vᵀ (Efron 1982), the S_v and g_v the bootstrap over views in one
-Newton step: neither takes the noise of neighbouring points for independent, so that their ratio to the
-covariance tells of noise that is not.
+Newton step: neither assumes independent noise of neighbouring points, so that their ratio to the
+covariance reveals correlated noise.
 """
 
 from __future__ import annotations

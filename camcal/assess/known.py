@@ -1,8 +1,8 @@
 """A known camera on new data: whether it fits them as its report predicts, and if not, what was exchanged.
 
-Its residuals are judged by the median over all points, rejected ones included: what robust estimation leaves looks as
-good as it may. Where the points do not fit, each of a few transformations is tried on
-them (`SUSPICIONS`), with the pose of each view re-estimated; the one that explains the points is named.
+Its residuals are judged by the median over all points, including rejected ones, because those that remain after robust
+estimation always look good. If the points do not fit, a few transformations of them are tried (`SUSPICIONS`), with the
+pose of each view re-estimated; the one that explains the points is reported.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _worse(facts: Facts, promise: Promise | None) -> Iterator[CalibrationWarning
 
 
 def median_of(solution: Calibration) -> float:
-    """The transformation of the points that explains them; None if there is none."""
+    """The median length of the residuals of a solution, px."""
     lengths = np.linalg.norm(solution.residuals, axis=1)
     return float(np.median(np.where(np.isfinite(lengths), lengths, np.inf))) if len(lengths) else float("nan")
 

@@ -1,4 +1,4 @@
-"""Where to hold the board so that the baselines of a rig become best determined.
+"""Suggestion of board poses that best determine the baselines of a rig.
 
 An instant adds its information before it is taken, as a view does to one camera (`next_view.py`): with C the covariance
 of the variables of cameras and rig, and S_k what the reduced normal equations of a candidate are,

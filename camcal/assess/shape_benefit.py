@@ -1,8 +1,8 @@
 """Whether estimating a board's shape improves the camera, or only reduces the residuals.
 
 A board whose every point is free fits better, and fits views held out better, as soon as its points are not quite
-where they should be. The camera need not gain: its own parameters get noisier, and with few views that can cost
-more than the bias it takes away. Let x = (c, θ) be the camera's free parameters and the shape's, S their normal
+where they should be. The camera does not necessarily improve: its parameters become noisier, and with few views this
+can outweigh the reduction of the bias. Let x = (c, θ) be the camera's free parameters and the shape's, S their normal
 matrix with the poses eliminated, x̂ the estimate with the shape. The simpler board is the limit of a prior on the
 points' offsets, each Gaussian with deviation τ in x, y and z (less what a camera cannot see of them: position,
 orientation and size of the board), as τ -> 0; the free one is the limit τ -> ∞. The truth lies between, at

@@ -1,9 +1,9 @@
 """Projection uncertainty: the effect of noise on the projection of a point.
 
-Single parameters can be uncertain and yet their camera good, because their errors cancel, and a camera moves
-together with the frame that its poses imply. So a point is held in the frame of the boards and asked where
-it is seen, as mrcal does ("projection uncertainty", method mean-pcam). With the point p in the camera's frame
-at the solution, X_v = R_vᵀ (p - t_v) is where it stands on the board of view v. Other observations would have
+Single parameters can be uncertain although the camera is accurate, because their errors cancel, and a camera moves
+together with the frame implied by its poses. Therefore a point is fixed in the frame of the boards, and its
+projection is considered, as in mrcal ("projection uncertainty", method mean-pcam). With the point p in the camera's
+frame at the solution, X_v = R_vᵀ (p - t_v) is where it stands on the board of view v. Other observations would have
 given other parameters and poses; the point is then where the boards say on average:
 
     p' = 1/V Σ_v (R'_v X_v + t'_v),     q' = project(params', p')                                         (1)
@@ -93,7 +93,7 @@ class ProjectionUncertainty:
     def at_pixels(self, pixels: Array, distance: float = np.inf) -> Array:
         """Covariances (N, 2, 2), px², at pixels (N, 2), for points at a distance from the camera.
 
-        NaN outside the lens's domain, inf on the diagonal where the data leave the projection open.
+        NaN outside the lens's domain, inf on the diagonal where the data leave the projection undetermined.
         """
         return self.of_points(self.camera.unproject(pixels) * (1.0 if np.isinf(distance) else distance),
                               at_infinity=bool(np.isinf(distance)))  # fmt: skip

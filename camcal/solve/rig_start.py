@@ -63,9 +63,10 @@ class Link:
     shared : int
         Number of instants that both saw.
     scatter : float
-        Median distance of an instant's board from where the other camera says it is, in parts of its distance.
+        Median distance between an instant's boards as seen by the two cameras, relative to the distance from the
+        camera.
     expected : float
-        The same as the noise of the image points makes it.
+        The same, as expected from the noise of the image points.
     """
 
     pose: Pose
@@ -75,7 +76,7 @@ class Link:
     expected: float
 
 
-#: what each two cameras (a < b) know of each other
+#: the link of each pair of cameras (a < b)
 Links = Mapping[tuple[int, int], Link]
 
 
@@ -95,7 +96,7 @@ def _distances(a: Poses, b: Poses, relative: Poses, turns: Sequence[Pose], corne
     relative : Poses
         K candidates of a_from_b.
     turns : sequence of S Pose
-        The symmetries of the board, of which b's is turned by one.
+        The symmetries of the board, one of which is applied to the board of b.
     """
     seen = Poses.of(b)[:, None].apply(corners).reshape(-1, 3)
     from_b = (seen @ relative.rotations.transpose(0, 2, 1) + relative.translations[:, None]).reshape(
@@ -172,7 +173,7 @@ def spanning_tree(found: Links, names: Sequence[str]) -> tuple[Poses, list[tuple
     Raises
     ------
     EstimationError
-        Where instants connect only some of the cameras.
+        If instants connect only some of the cameras.
     """
     reached = {0: Pose.identity()}
     tree: list[tuple[int, int]] = []
@@ -210,8 +211,8 @@ def placed(
 ) -> tuple[Observations, Poses, int]:
     """The boards of a rig whose relative poses are known.
 
-    At each instant the picture with which the others agree best gives the board; those that were read the other way
-    round get their points renamed.
+    At each instant the board is that of the picture with which the others agree best; in pictures that were read
+    from another end, points are renamed.
 
     Returns
     -------
@@ -219,7 +220,7 @@ def placed(
     poses : Poses
         rig_from_board of each instant.
     turned : int
-        How many pictures were read the other way round.
+        How many pictures were read from another end.
     """
     renamed = data.xyz.copy(), None if data.point is None else data.point.copy()
     board = Renaming.of(data)

@@ -1,7 +1,7 @@
 """Estimation with outliers: reweighting by a loss, rejection by a test, repeated pose estimation.
 
-Each function takes a fit and gives another one. Which of them a calibration goes through, and in which order, is
-said in `camcal.plan`.
+Each function takes a fit and returns another one. `camcal.plan` determines which of them are applied, and in which
+order.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from camcal.solve.refine import E, How, as_designed, refine, refit
 
 #: what `--robust` takes
 METHODS = ("none", "auto", *(name for name in LOSSES if name != "linear"))
-#: rejection that has not settled after so many rounds goes back and forth between a few points
+#: rejection that has not converged after so many rounds alternates between a few points
 ROUNDS = 20
-#: weights that change by less than this are at their fixed point; 1e-7 of a weight moves no digit that is printed
+#: weights that change by less than this have converged; 1e-7 of a weight changes no printed digit
 SETTLED = 1e-7
-#: views that lost more of their points than the median view, by this part, get their pose looked for again ...
+#: the pose of views that lost more of their points than the median view, by this fraction, is searched again ...
 MUCH = 0.15
-#: ... and get another one where it explains this many times the points
+#: ... and replaced if another one explains this many times the points
 GAIN = 1.1
 
 
@@ -44,7 +44,7 @@ def spread(calibration: Estimate) -> float:
     """The median length of all residuals, in px or given sigmas; of two fits to contaminated points, the smaller
     is better.
 
-    Points that a fit does not project count as infinitely far off, so that leaving points out is no gain.
+    Points that a fit does not project have infinite residuals, so that excluding points is no advantage.
     """
     return float(np.median(calibration.observations.standardised(calibration.residuals)))
 
@@ -52,7 +52,7 @@ def spread(calibration: Estimate) -> float:
 def reweight(calibration: E, how: How, loss: Loss, rounds: int = 60) -> E:
     """Iteratively reweighted least squares from a fit, on all points, σ following the residuals.
 
-    Stops where the weights no longer change; the observations hold them.
+    Stops when the weights no longer change; the observations hold them.
     """
     weights: Array | None = None
     current = calibration
@@ -64,7 +64,7 @@ def reweight(calibration: E, how: How, loss: Loss, rounds: int = 60) -> E:
         if weights is not None and np.abs(fresh - weights).max() < SETTLED:
             break
         weights = fresh
-        # a point outside the lens's domain has no residual and takes no part
+        # a point outside the lens's domain has no residual and is not used
         data = replace(data, weight=weights).with_used(np.isfinite(lengths), OUTSIDE)
         current = refit(current, data, how)
     return replace(current, fit=replace(current.fit, loss=loss.name))
@@ -135,7 +135,7 @@ def find_better_poses(
     calibration : Calibration
         After rejections.
     data : Observations
-        All views, those included that the fit rejected.
+        All views, including those that the fit rejected.
     """
     verdict, fitted = outliers.test(calibration), calibration.observations
     lost = 1 - fitted.per_block(fitted.used) / fitted.blocks.counts

@@ -1,7 +1,6 @@
 """The rows of the Jacobian, for methods that do not use normal equations.
 
-Points of weight 0, which only fill up shorter views, come along as rows of zeros. A lens model's prior adds
-rows of its own at the end.
+Points of weight 0, which pad shorter views, are rows of zeros. The prior of a lens model adds rows at the end.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     [ U  W ] [δa]     [a]        S = U − Σ W_v V_v⁻¹ W_vᵀ,   S δa = −(a − Σ W_v V_v⁻¹ b_v)              (1)
     [ Wᵀ V ] [δb] = − [b]        δb_v = −V_v⁻¹ (b_v + W_vᵀ δa)                                          (2)
 
-V is block diagonal, one 6x6 block a view (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section
+V is block diagonal, one 6x6 block per view (Triggs et al., Bundle Adjustment: A Modern Synthesis, 2000, section
 6.1), so the cost grows linearly with the number of views. The blocks are factored all at once, with the views
-along the last axis: a few dozen vector operations in place of one small LAPACK call a view.
+along the last axis: a few dozen vector operations instead of one small LAPACK call per view.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from camcal.solve.problem import Blocks, Step
 
 Array = np.ndarray
 
-#: Parameters from which on a solution takes scipy, which solves with a triangle as such; numpy factors it once more.
-#: For a camera and a board of 70 free points, the import (.15 s) takes longer than that does in a calibration.
+#: Number of parameters above which scipy is used, which has triangular solvers; numpy factors the triangle again. For a
+#: camera and a board of 70 free points, importing scipy (.15 s) takes longer than this does in a calibration.
 MANY = 250
 
 
 def eliminate(bordered: Array) -> bool:
     """Cholesky factors of many small matrices at once, and the forward substitution with them, in place.
 
-    The right sides stand beside the matrices, so that each pivot's row is scaled and subtracted from those below it
-    once for both: five vector operations a pivot, with the blocks along the last axis.
+    The right sides are appended to the matrices, so that each pivot's row is scaled and subtracted from those below it
+    once for both: five vector operations per pivot, with the blocks along the last axis.
 
     Parameters
     ----------
     bordered : (n, n + K, V) array
         Symmetric positive definite along the first n columns, the right sides after them. Replaced by Lᵀ (its lower
-        triangle is left with what it had on the way) and by L⁻¹ times the right sides.
+        triangle contains intermediate values) and by L⁻¹ times the right sides.
 
     Returns
     -------
     bool
-        False where a matrix is not positive definite.
+        False if a matrix is not positive definite.
     """
     n = len(bordered)
-    with np.errstate(all="ignore"):  # a pivot that is not positive makes NaN, and shows at the end
+    with np.errstate(all="ignore"):  # a non-positive pivot yields NaN, which is detected at the end
         for j in range(n):
             row = bordered[j, j:]
             row *= 1.0 / np.sqrt(row[0])
             if j + 1 < n:
                 bordered[j + 1 :, j + 1 :] -= row[1 : n - j, None] * row[1:]
-        # the last pivot has something of all before it
+        # the last pivot depends on all before it
         return bool(np.isfinite(bordered[n - 1, n - 1]).all()) if n else True
 
 
@@ -67,13 +67,13 @@ class Reduced:
     damping : float
         λ of Marquardt: each diagonal element is multiplied by 1 + λ.
     scaled : bool
-        False for Levenberg's damping instead, λ times the largest diagonal element on all of them, and for a
+        False for Levenberg's damping, λ times the largest diagonal element added to all of them, and for a
         solution without scaling.
 
     Attributes
     ----------
     matrix : (F, F) array, S of (1)
-    solvable : bool, False where a block or S is not positive definite
+    solvable : bool, False if a block or S is not positive definite
     weakest : float
         The smallest squared pivot against the squared length of its column, after `step`: about the
         reciprocal of the squared condition number.
@@ -110,8 +110,8 @@ class Reduced:
     def step(self, more: Array | None = None) -> tuple[Step, float] | None:
         """The step of (1) and (2), and the decrease of the cost predicted by the linear model.
 
-        None where the equations cannot be solved at this damping. `more` (F, F) is added to S: curvature
-        that JᵀJ does not have.
+        None if the equations cannot be solved at this damping. `more` (F, F) is added to S: curvature
+        that JᵀJ does not contain.
         """
         if not self.solvable:
             return None
@@ -155,7 +155,7 @@ def solve_scaled(matrix: Array, right: Array, scaled: bool = True) -> tuple[Arra
         return right.copy(), right.copy()
     diagonal = matrix.diagonal()
     if not (diagonal > 0).all():
-        idle = ~matrix.any(0)  # nothing depends on these here, as p3 where p1 = p2 = 0: they stay
+        idle = ~matrix.any(0)  # parameters without effect here, such as p3 if p1 = p2 = 0, are held
         if not (diagonal > 0)[~idle].all():
             return None
         matrix = matrix + np.diag(idle.astype(float))

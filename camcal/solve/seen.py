@@ -19,7 +19,7 @@ class Seen:
         Index of the camera; 0 is the reference, whose frame is the rig's.
     instant : (B,) int array
         Views of the same instant share the pose rig_from_board; all of 0, 1, ... occur, and no camera has two views of
-        one. Boards that move on their own are instants of their own.
+        one instant. Boards that move independently have separate instants.
     """
 
     camera: Array

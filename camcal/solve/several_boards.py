@@ -1,9 +1,9 @@
 """The places and shapes of several boards in one calibration, as directions of all their points.
 
 Boards that are fixed to each other are placed together with the cameras: each is rotated about the mean of its points
-and shifted. Where shapes are estimated, each board has its own, all of one kind or of one each: the directions that the
-kind has for a board alone, in that board's frame, less what moves or scales the board as a whole. Its place is
-estimated besides, or is that of the views; its size is that of the design.
+and shifted. If shapes are estimated, each board has its own, with a common kind or a separate one: the directions of
+the kind for a single board, in that board's frame, without those that move or scale the board as a whole. Its pose is
+estimated separately, or is that of the views; its size is that of the design.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from camcal.records import dataclass
 LEAST_VIEWS = 3
 #: a board with fewer points that are seen often enough keeps its ideal shape: three points fit any triangle of a plane
 LEAST_POINTS = 4
-#: directions (3 m, B) of a board alone, of its points (m, 3) and how many views see each (m,)
+#: directions (3 m, B) of a single board, from its points (m, 3) and the number of views that see each (m,)
 Directions = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
 class Several:
-    """Which board each row is of, and where the boards are.
+    """The board of each row, and the poses of the boards.
 
     Attributes
     ----------
     label : (N,) int array
         The board of each row of the used points.
     place : (K,) int array
-        The number of each board among those whose places are estimated; -1 of the others.
+        The index of each board among those whose poses are estimated; -1 for the others.
     frames : tuple of K Pose
         group_from_board: the frame of the points from that of the board.
     """
@@ -46,7 +46,7 @@ class Several:
 
     @classmethod
     def of(cls, data: Observations) -> Several | None:
-        """Of observations; None of a single board."""
+        """Make it from observations; None for a single board."""
         which = labels(data)
         if which is None:
             return None
@@ -89,13 +89,13 @@ def kinds_of(kind: str, boards: int) -> tuple[str, ...]:
 
 
 def determined(label: Array, counts: Array, boards: int) -> Array:
-    """Whether enough points (M,) of each board (K,) are seen in enough views for a shape."""
+    """Mask (K,) of the boards of which enough points are seen in enough views for a shape."""
     often = counts >= LEAST_VIEWS
     return np.array([np.count_nonzero(often & (label == k)) >= LEAST_POINTS for k in range(boards)])
 
 
 def enough(data: Observations, several: Several) -> Array:
-    """Whether the used rows of the boards (K,) determine a shape; see `determined`."""
+    """Mask (K,) of the boards whose used rows determine a shape; see `determined`."""
     assert data.point is not None
     _, first, counts = np.unique(data.point, return_index=True, return_counts=True)
     return determined(several.label[first], counts, len(several.frames))

@@ -5,7 +5,7 @@
     stack all (T_v, c_v), again Q ᵀ[T c] = [R c];  R δa = -c,  R_v δb = -(q_v + S_v δa)                   (2)
 
 The poses are eliminated view by view and the rest is a small triangle, as with the Schur complement (R is its
-Cholesky factor), but a relative error ε in J stays ε cond(J), where normal equations make ε cond(J)² of it
+Cholesky factor), but a relative error ε in J becomes ε cond(J) instead of the ε cond(J)² of normal equations
 (Golub & Van Loan, section 5.3; N. Demmel et al., Square root bundle adjustment, CVPR 2021, for the blocks).
 Damping is the same least squares problem with the rows sqrt(λ) D below it (Moré 1978, eq. 3.3).
 """
@@ -20,7 +20,7 @@ from camcal.solve.problem import Blocks, Problem, State, Step
 
 Array = np.ndarray
 
-#: a diagonal entry of R below this part of its column's length is what rounding leaves of zero
+#: a diagonal entry of R below this fraction of its column's length is zero up to rounding
 _ZERO = 1e-14
 
 
@@ -33,7 +33,7 @@ class SquareRoot:
     views : (V, K, K) array
         Upper triangles of each instant's rows, columns in the order pose (6), camera (F), residual (1).
     prior : (M, F + 1) array
-        Rows of the lens model's own, camera and residual.
+        Rows of the lens model's prior, camera and residual.
     """
 
     views: Array
@@ -71,9 +71,7 @@ class SquareRoot:
             added[:, range(6), range(6)] = np.sqrt(damping * weights[free:].reshape(-1, 6))
             views = triangles(np.concatenate([views, added], 1))
         squares = tangent.diagonal(blocks)
-        moving = (
-            squares[:free] > 0
-        )  # nothing depends on the others here, as on p3 where p1 = p2 = 0: they stay
+        moving = squares[:free] > 0  # the others have no effect here, such as p3 if p1 = p2 = 0, and are held
         count = int(moving.sum())
         below = [views[:, 6:, 6:].reshape(-1, free + 1), self.prior]
         if damping > 0:

@@ -1,8 +1,8 @@
-"""Starts of the refinement where a pinhole camera is too far away: wide lenses, and larger models.
+"""Starts of the refinement if a pinhole camera is too inaccurate: wide-angle lenses, and larger models.
 
-A closed form that takes the lens for a pinhole camera fails beyond some 120 degrees. Then the radial
-alignment constraint gives poses and a rough lens of any width, and the current model is fitted to its rays. A
-camera that is weakly determined begins at several principal points, each with poses of its own.
+A closed form that assumes a pinhole camera fails beyond some 120 degrees. The radial alignment constraint then gives
+poses and an approximate lens of any field of view, to whose rays the requested model is fitted. For a weakly determined
+camera, the refinement starts from several principal points, each with its own poses.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from camcal.start import assumptions
 from camcal.start.known_pose import start_poses
 from camcal.start.radial import RadialStart
 
-#: a pinhole start with a larger rms than this part of the image's half diagonal is too far from the truth:
+#: a pinhole start with a larger rms than this fraction of the image's half diagonal is too inaccurate:
 #: at 120 degrees it is 1 %, at 150 degrees 4 %
 POOR_START = 0.02
-#: a refinement that leaves a larger median error than this part, or does not converge, may be a wrong minimum:
-#: one leaves 1 % and more, a real lens with a model that is too small .05 to .1 %
+#: a refinement with a larger median error than this fraction, or that does not converge, may be in a wrong minimum,
+#: where it is 1 % or more; with too small a model of a real lens it is .05 to .1 %
 POOR_END = 0.002
-#: where in the joint interval of the principal point starts lie, in standard deviations: half-way and at the 95 % end
+#: positions of starts in the joint interval of the principal point, in standard deviations: half-way and at the 95 %
+#: end
 REACHES = (1.0, 2.0)
-#: to what part of a model's own limit, and to what angle at most, rad, views are pushed into its domain
+#: fraction of a model's angular limit, and largest angle, rad, to which views are moved into its domain
 CONES = ((0.98, np.deg2rad(88)), (0.9, np.deg2rad(84)))
-#: the lens that stands in for one that cannot hold all rays of the rough start
+#: the lens used instead of one that cannot represent all rays of the approximate start
 GENERAL = "kb4"
 
 
@@ -52,7 +53,7 @@ def doubtful(calibration: Calibration) -> bool:
     if not calibration.fit.converged:
         return True
     r, bound = calibration.used_residuals, POOR_END * _half_diagonal(calibration.observations)
-    # every attempt asks, and a median takes longer
+    # tested for every attempt; a median takes longer
     small = np.count_nonzero(np.einsum("ij,ij->i", r, r) <= bound**2)
     return bool(2 * small < len(r))
 
@@ -68,7 +69,7 @@ def from_radial(
 ) -> list[tuple[Camera, Poses]]:
     """Starts for a model from the solution of the radial alignment constraint.
 
-    A model that cannot hold rays as far from the axis as there are gets views pushed away from the
+    For a model that cannot represent the rays farthest from the axis, views are moved away from the
     camera until it can.
 
     Parameters
@@ -76,14 +77,14 @@ def from_radial(
     lens : Lens
     rough : RadialStart
     observations : Observations
-        The rows to rest on.
+        The rows to use.
     fix : mapping
-        As in `How`; a parameter without a value is held where a lens without distortion has it.
+        As in `How`; a parameter without a value is held at its value for a lens without distortion.
 
     Raises
     ------
     EstimationError
-        Where the stand-in cannot be fitted.
+        If the substitute lens cannot be fitted.
     """
     camera = regressed(lens, rough.camera, observations, fix)
     if _holds(camera, rough.poses, observations):
@@ -152,7 +153,7 @@ def about(
     ----------
     calibration : Calibration
     sigmas : mapping
-        Of each parameter, px; one that is not finite, or larger than the image, is taken as half of its diagonal.
+        Of each parameter, px; one that is not finite, or exceeds the image, is replaced by half of its diagonal.
     fix : mapping
         As in `How`.
     """

@@ -26,11 +26,11 @@ class State:
     params : (P,) array
         Those of all cameras, one camera after the other.
     rotations : (V, 3, 3) array
-        rig_from_board of each instant; cam_from_board where a camera is alone.
+        rig_from_board of each instant; cam_from_board for a single camera.
     centres : (V, 3) array
         The centroid of each instant's points in the rig's frame.
     shape : (B,) array
-        Coordinates of the board's shape, where that is estimated too.
+        Coordinates of the board's shape, if it is also estimated.
     rig : Poses
         cam_from_rig of each camera; the first one's is the identity.
     """

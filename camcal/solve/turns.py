@@ -1,4 +1,4 @@
-"""Boards that look the same after a turn: which turns these are, and points renamed by one."""
+"""Rotational symmetries of boards, and the renaming of points by one of them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Array = np.ndarray
 
 #: targets that look the same from two sides; those with markers do not
 SYMMETRIC = ("checkerboard", "circles", "symmetric-circles", "asymmetric-circles", None)
-#: points of a board agree with its turned self to this part of its extent: rounding of printed coordinates
+#: points of a board agree with the rotated board to this fraction of its extent: rounding of printed coordinates
 SAME_POINT = 1e-6
-#: points of a board; two or three always look the same after some turn
+#: least points of a board; two or three always look the same after some rotation
 LEAST_POINTS = 4
 
 
 def symmetries(data: Observations) -> tuple[Pose, ...]:
-    """The turns of the board in its plane after which it looks the same, the identity first."""
+    """The rotations of the board in its plane after which it looks the same, the identity first."""
     return turns_of(np.unique(data.xyz, axis=0)) if may_turn(data.target or {}) else (Pose.identity(),)
 
 
 def may_turn(target: Mapping[str, Any]) -> bool:
-    """Whether a target may be read from several ends: neither markers nor the colour of its first square tell."""
+    """Return whether a target may be read from several ends, as neither markers nor its first square identify one."""
     kind = target.get("kind")
     odd = (target.get("columns", 0) + target.get("rows", 0)) % 2
     return kind in SYMMETRIC and not (
@@ -38,7 +38,7 @@ def may_turn(target: Mapping[str, Any]) -> bool:
 
 
 def turns_of(points: Array) -> tuple[Pose, ...]:
-    """The turns of points (M, 3) in their plane that map them onto themselves, the identity first."""
+    """The rotations of points (M, 3) in their plane that map them onto themselves, the identity first."""
     nothing = (Pose.identity(),)
     low, high = points.min(0), points.max(0)
     extent = float((high - low).max())

@@ -4,9 +4,9 @@ The prediction p of a point of view v becomes
 
     T_v(p) = p + Σ_k θ_vk B_k(p),    θ_vk = D_k[v] · β                                                        (1)
 
-with a few fixed fields B_k (`FIELDS`) in pixels and unknowns β that all views share through D: one number for all views
-from some view on, one for each group of views, or a number for each view. β takes the place of the board's shape in
-`State`; (1) is linear in it.
+with a few fixed fields B_k (`FIELDS`) in pixels and unknowns β that all views share through D: one value for all views
+from some view on, for each group of views, or for each view. β replaces the board's shape in `State`; (1) is linear in
+it.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ FIELDS: dict[str, Field] = {
     "radial": _radial,
     "shift-u": _affine([[0, 0], [0, 0]], (1, 0)),
     "shift-v": _affine([[0, 0], [0, 0]], (0, 1)),
-    "lean": _affine([[0, 1], [0, 0]]),  # u grows with the row
-    "stretch": _affine([[0, 0], [0, 1]]),  # v grows with the row
+    "lean": _affine([[0, 1], [0, 0]]),  # u increases with the row
+    "stretch": _affine([[0, 0], [0, 1]]),  # v increases with the row
 }
 
 
@@ -68,7 +68,7 @@ class Warp:
     design : (V, K, B) array
         D.
     centre : (2,) array
-        Where fields but shifts vanish, px.
+        Point at which all fields except shifts vanish, px.
     unit : float
         Length of q = 1, px; a field's value of 1 is as long.
     """
