@@ -15,7 +15,7 @@ from camcal.assess.holdout import CHEAP_POINTS
 from camcal.assess.influence import bootstrap, influence, jackknife
 from camcal.plan.solution import Solution
 
-LEAST_REDUNDANCY = 10  #: a sigma from ten spare coordinates is known to sqrt(1 / 20) = 22 %
+LEAST_REDUNDANCY = 10  #: a sigma from ten redundant coordinates is known to sqrt(1 / 20) = 22 %
 REPLICATES = 200  #: a standard deviation from 200 draws is known to 5 %, 1 / sqrt(2 · 200)
 
 
@@ -72,6 +72,6 @@ def _views(design: Design, accuracy: Covariance, seed: int) -> dict[str, Any]:
 
 
 def _free_names(design: Design) -> list[str]:
-    """The first parameter that each free direction moves: itself, or fx for a tied fy."""
+    """The first parameter that each free direction changes: itself, or fx for a coupled fy."""
     names = design.calibration.camera.lens.names
     return [names[int(np.flatnonzero(column)[0])] for column in design.transform.T]

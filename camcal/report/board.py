@@ -14,7 +14,7 @@ from camcal.errors import DataError
 from camcal.report.yaml import read_document
 from camcal.solve.board_points import by_number, on_board
 
-#: a point of the board counts as one of the report's within this part of a square
+#: a point of the board is identified with one of the report within this fraction of a square
 _SAME = 1e-3
 
 
@@ -24,7 +24,7 @@ def on_known_board(correspondences: Correspondences, path: str | os.PathLike) ->
     Raises
     ------
     DataError
-        Where the report holds no shape, or that of another board.
+        If the report contains no shape, or that of another board.
     """
     target = read_document(path).get("target") or {}
     shape = target.get("shape") or {}

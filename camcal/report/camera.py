@@ -46,7 +46,7 @@ def camera_entry(
 ) -> dict[str, Any]:
     """The report's `camera`: value, sigma, start and the fixed flag of each parameter.
 
-    Without `start` that of a parameter is its value, without `sigmas` there are none.
+    Without `start`, the start of a parameter is its value; without `sigmas`, none are written.
     """
     sigmas, start = sigmas or {}, start or {}
     return {

@@ -26,7 +26,7 @@ class Check:
     file : str
         The file that an annotation points to.
     seconds : float
-        What the work took that was checked; 0 for a comparison.
+        Duration of the checked work; 0 for a comparison.
     """
 
     name: str

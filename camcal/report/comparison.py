@@ -28,7 +28,7 @@ Document = Mapping[str, Any]
 def load_side(path: str | os.PathLike, image_size: tuple[int, int] | None = None) -> Side:
     """A camera to compare: with its uncertainty from a camcal report, without one from any other camera file.
 
-    `image_size` is of a camera whose file does not say it.
+    `image_size` is used if the camera's file does not state it.
 
     Raises
     ------

@@ -17,9 +17,9 @@ from camcal.study.compare_optimizers import Run
 from camcal.system.writing import atomic_write
 
 SCHEMA = "camcal-optimizers/1"
-#: excesses below this are the rounding of a cost and are drawn on the axis
+#: excesses below this are rounding of a cost and are drawn on the axis
 FLOOR = 1e-16
-LEAST_SECONDS = 1e-4  #: on a logarithmic axis, in place of the 0 of the start
+LEAST_SECONDS = 1e-4  #: on a logarithmic axis, instead of the 0 of the start
 
 
 def traces(runs: Sequence[Run]) -> str:

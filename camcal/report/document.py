@@ -51,9 +51,9 @@ def document(
     options : mapping, optional
         `{name: {value, from}}`; without it the solution's own options.
     warnings : sequence of CalibrationWarning
-        Besides the solution's.
+        In addition to those of the solution.
     failures : sequence of str
-        Gates that fell besides those of the solution itself, each as a sentence.
+        Gates that failed in addition to those of the solution, each as a sentence.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def assembled(
     Raises
     ------
     TypeError
-        Where a key is not in the schema: docs/report.md would not explain it.
+        If a key is not in the schema, since docs/report.md would not explain it.
     """
     fallen, said = [*solution.failures, *failures], (*solution.warnings, *warnings)
     made: dict[str, Any] = {

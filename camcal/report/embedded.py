@@ -3,9 +3,9 @@
     data: {encoding: zlib+base64, dtype: float64, byteorder: little, columns: [...], rows: n, text: ...}
 
 The text holds the columns concatenated (each `rows` little-endian doubles), compressed by zlib. `view`
-is an index into the report's `views`, `id` the number of the target's point (-1: none), `sigma` NaN where
-none was given, `used` 0 for a rejected point; a column `weight` follows where a robust loss weighted the
-points. Rows stand in the order of the views, and of the points in each.
+is an index into the report's `views`, `id` the number of the target's point (-1: none), `sigma` NaN if
+none was given, `used` 0 for a rejected point; a column `weight` follows if a robust loss weighted the
+points. Rows are in the order of the views, and of the points in each.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def decode(data: Data, ids: Sequence[str]) -> tuple[Observations, list[int]]:
     Raises
     ------
     DataError
-        Where the entry is damaged.
+        If the entry is damaged.
     """
     table = _table(data)
     place = table["view"].astype(int)
@@ -104,7 +104,7 @@ def _table(data: Data) -> dict[str, Array]:
         )
     try:
         packed = base64.b64decode(data.text)
-        # no more than the rows need: a few bytes could stand for more than fits in memory
+        # no more than the rows need: a few bytes could expand to more than fits in memory
         raw = zlib.decompressobj().decompress(packed, BYTES * count + 1)
     except (ValueError, binascii.Error, zlib.error) as error:
         raise DataError(f"the report's data are damaged ({error}).", "Is the file truncated?") from error

@@ -37,7 +37,7 @@ class HandEye:
     Attributes
     ----------
     solution : Solution or RigSolution
-        The calibration that it rests on, with the warnings of both.
+        The underlying calibration, with the warnings of both.
     section : mapping
         `hand_eye` of the report; docs/report.md explains its keys.
     """
@@ -132,7 +132,7 @@ def hand_eye(
     rotation : str, optional
         How the robot writes rotations, as for `--rotation`; recognised by default.
     times : path or mapping, optional
-        Of views, s, where the poses have times in place of views.
+        Times of views, s, if the poses have times instead of views.
     **asked
         setup ("in-hand", "to-hand"), inverse, poses_unit, max_offset, robust, crosscheck: the options of
         `camcal hand-eye`.

@@ -18,7 +18,7 @@ from camcal.routes.line_start import estimate
 from camcal.routes.lines import LineFit
 from camcal.routes.read_lines import read_lines
 
-#: Lines have one direction where the mean of exp(2iφ) over them is longer than this: all within 10 degrees or so
+#: Lines have one direction if the mean of exp(2iφ) over them is longer than this: all within about 10 degrees
 ONE_DIRECTION = 0.94
 
 

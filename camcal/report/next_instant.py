@@ -1,4 +1,4 @@
-"""Where to hold the board next for a rig, in words and as a document."""
+"""The next board pose suggested for a rig, in words and as a document."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ FACING_DEGREES = 8.0
 MOST_PICTURES = 100
 #: points along an edge of the drawn target: straight edges are curved in a picture with distortion
 _STEPS = 7
-CENTRAL = 0.08  #: share of the picture's side by which a place may be off the middle and be called that
-_ASIDE = 0.4  #: share of a tilt along an axis from which on it is reported
+CENTRAL = 0.08  #: fraction of the picture's side within which a position counts as the middle
+_ASIDE = 0.4  #: share of a tilt along an axis above which it is reported
 _MOST_CELLS = 1000  #: more would be a grey surface
 _TITLE_WIDTH = 62
 
@@ -47,9 +47,9 @@ def suggest(
     Raises
     ------
     DataError
-        Where nothing of the camera was estimated, or its picture's size is not known.
+        If nothing of the camera was estimated, or its image size is not known.
     EstimationError
-        Where the residuals say nothing on the noise.
+        If the residuals carry no information on the noise.
     """
     if not solution.free.any():
         raise DataError(
@@ -147,7 +147,7 @@ def _tilt(points: Array, pose: Pose) -> str:
     angle = math.degrees(math.acos(min(1.0, float(normal[2]))))
     if angle < FACING_DEGREES:
         return "facing the camera"
-    # with the normal away from the camera, the side that it leans to is the nearer one
+    # with the normal pointing away from the camera, the side towards which it leans is the nearer one
     x, y = float(normal[0]), float(normal[1])
     side = ("right" if x > 0 else "left") if abs(x) > _ASIDE * math.hypot(x, y) else ""
     edge = ("bottom" if y > 0 else "top") if abs(y) > _ASIDE * math.hypot(x, y) else ""

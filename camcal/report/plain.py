@@ -15,7 +15,7 @@ from camcal.system.text import readable
 def plain(value: Any) -> Any:
     """Mappings, sequences, arrays, numpy's scalars, paths and dataclasses as dict, list, str and numbers.
 
-    Infinite values and NaN stay as they are: the writers know how each format says them.
+    Infinite values and NaN are kept: the writers represent them as each format requires.
 
     Raises
     ------

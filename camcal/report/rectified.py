@@ -24,7 +24,7 @@ Array = np.ndarray
 
 #: rows, or columns, that are drawn
 LINES = 24
-LINE_PART = 600  #: of the side: lines of one pixel are not seen when a large picture is made to fit a screen
+LINE_PART = 600  #: of the side: lines of one pixel are invisible when a large picture is scaled to a screen
 MAPS, MATRICES = "maps.npz", "rectification.yaml"
 
 

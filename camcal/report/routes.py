@@ -55,7 +55,7 @@ def warning(code: str, message: str, hint: str = "", severity: Severity = "doubt
 
 
 def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
-    """The warning about distances that are known to a large part of themselves, half of the 95 % interval."""
+    """The warning about distances with a large relative uncertainty (half of the 95 % interval)."""
     return warning(
         "uncertain-distance",
         f"{what}: the distance from the camera is known to ± {100 * half:.0f} %, at 95 %; beyond {100 * LINEAR:.0f} % "

@@ -72,7 +72,7 @@ def report(
 
 
 def _csv(tracks: Tracks, views: Sequence[str]) -> str:
-    """The table that the command reads."""
+    """Read the table of tracks."""
     rows = zip(tracks.view.tolist(), tracks.point.tolist(), tracks.uv.tolist(), strict=True)
     return "view,point,u,v\n" + "".join(f"{cell(views[v])},{p},{u:.3f},{w:.3f}\n" for v, p, (u, w) in rows)
 

@@ -32,7 +32,7 @@ FEW = 50
 #: the median vertical disparity is this many times that of noise: three quarters of its square are then errors of the
 #: calibration
 EXCESS = 2.0
-#: px; below this it does not matter: block matching resolves 1/16 px along a row, and takes the best of whole rows
+#: px; below this it is negligible: block matching resolves 1/16 px along a row, and searches whole rows only
 MATTERS = 0.1
 
 
@@ -58,7 +58,7 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
     Raises
     ------
     UsageError
-        Where the words are not two names of cameras with pictures.
+        If the words are not two names of cameras with pictures.
     DataError
         Where the file has no such cameras, no poses, or the pictures are not the same number of each.
     """
@@ -74,7 +74,7 @@ def load_pair(path: str | os.PathLike, words: Sequence[str], **layout: Any) -> P
         poses[name] = (files.exact(named.camera), named.pose)
     first, second = given
     pair = _laid_out(poses[first], poses[second], layout)
-    if pair.shift > 0:  # the camera named first stands on the right of the other, or below
+    if pair.shift > 0:  # the first camera is to the right of the other, or below
         first, second = second, first
         pair = _laid_out(poses[first], poses[second], layout)
     a, b = (list_pictures([p]) for p in (given[first], given[second]))

@@ -22,8 +22,8 @@ Document = Mapping[str, Any]
 #: views of a complete table; of more, the worst are shown
 ALL_VIEWS = 24
 NAMED = 4  #: names in a sentence
-MOST_PLACES = 12  #: decimal places; sigmas of exact data would ask for more than a number has
-WORST_VIEWS = 10  #: rows of the table where views are many
+MOST_PLACES = 12  #: decimal places; sigmas of exact data would require more than a double has
+WORST_VIEWS = 10  #: rows of the table if there are many views
 _STYLE = {
     "pass": "green",
     "fail": "bold red",

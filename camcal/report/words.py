@@ -32,6 +32,6 @@ def trust(report: Document) -> str:
 
 
 def taken(report: Document) -> str:
-    """The camera that most pictures name in their EXIF block, with its focal length; empty where none does."""
+    """The camera that most pictures name in their EXIF block, with its focal length; empty if none does."""
     named = Counter(f["taken"] for f in report["inputs"]["files"] if f.get("taken"))
     return named.most_common(1)[0][0] if named else ""

@@ -26,7 +26,7 @@ from camcal.system.writing import atomic_write
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
-#: a mapping or list that is this short, as text, stands on one line
+#: a mapping or list up to this length, as text, is written on one line
 LINE = 96
 #: the key of a report under which most lines are those of the report before: half of the time that writing takes
 OPTIONS = "options"
@@ -62,7 +62,7 @@ def _short(value: Any, room: int) -> int:
 
 def _collection(dumper: Any, value: Any) -> Any:
     kind = "map" if isinstance(value, dict) else "seq"
-    # rows of numbers stay together even where they are long
+    # rows of numbers stay together even if they are long
     numbers = kind == "seq" and all(type(v) in (int, float) for v in value)
     flow = not value or numbers or _short(value, LINE) >= 0
     if kind == "map":
@@ -122,7 +122,7 @@ def dump_json(document: Any) -> str:
     JSON has neither infinity nor NaN: infinity is written as the number 1e999, which readers with IEEE
     doubles take as infinity again, and NaN as null.
     """
-    marker = "\ue000inf"  # a private-use character: it stands in no text of a report
+    marker = "\ue000inf"  # a private-use character, which occurs in no text of a report
     text = json.dumps(_finite(document, marker), ensure_ascii=False, indent=1, allow_nan=False)
     return escaped(text.replace(f'"-{marker}"', "-1e999").replace(f'"{marker}"', "1e999")) + "\n"
 
@@ -161,7 +161,7 @@ def read_document(path: str | os.PathLike) -> dict[str, Any]:
     text = read_text(path, LARGEST, "a camcal report", "A camcal report is a YAML file.")
     found = None
     if text.lstrip().startswith("{"):
-        # JSON first: YAML 1.1 would take its 1e999 for a word; what neither can read is YAML's to refuse
+        # JSON first: YAML 1.1 would read its 1e999 as text; errors are then those of the YAML parser
         with contextlib.suppress(ValueError, RecursionError):
             found = json.loads(text)
     if found is None:

@@ -12,15 +12,15 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: ratios of the ends of a logarithmic scale: below the first, ticks at equal distances are as good; above the second, 1
-#: and 3 of each decade are marks enough
+#: ratios of the ends of a logarithmic scale: below the first, equally spaced ticks are as good; above the second, 1
+#: and 3 of each decade are sufficient
 LEAST_RATIO, TWO_DECADES = 5, 100
 #: relative error up to which a number counts as 1, 2 or 5 times a power of ten
 ROUNDED = 1e-3
 #: largest distance of a tick from the end of an axis, in steps between ticks
 ON_TICK = 1e-9
 
-#: What a layer means; each drawing has its own colours for these. `text` is that of letters, `accent` the data's,
+#: Roles of layers, to which each drawing assigns its own colours. `text` is that of letters, `accent` the data's,
 #: `second` another series, `bad` what asks for attention, `faint` what is there for orientation,
 #: `hull` an outline over a map, whose colours are the same in the dark.
 Tone = Literal["text", "accent", "second", "bad", "faint", "hull"]
@@ -135,8 +135,8 @@ class Chart:
     Attributes
     ----------
     title, text : str
-        What it is, and what is to be seen in it, in a sentence or two: the caption and, for those who cannot
-        see the picture, its description.
+        Title, and what the chart shows, in one or two sentences: the caption, and the description for readers
+        who cannot see the picture.
     x_label, y_label : str
     x, y : (low, high)
         The limits of the axes.

@@ -11,7 +11,7 @@ from camcal.solve.calibration import ShapedBoard
 
 Array = np.ndarray
 
-#: squares; the width of a board of one column, so that the chart has a width
+#: squares; width of the chart for a board of one column
 LEAST_SIZE = 1e-9
 
 

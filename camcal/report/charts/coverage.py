@@ -13,7 +13,7 @@ from camcal.report.charts.residuals import picture_limits, thinned
 
 Array = np.ndarray
 
-MOST_POINTS = 6000  #: dots drawn at most, which bounds the size of the page
+MOST_POINTS = 6000  #: largest number of dots, which limits the size of the page
 #: circles of the tilt chart, degrees
 CIRCLES = (15, 30, 45)
 LEAST_REACH = 50.0  #: degrees; the outermost circle is always on the chart

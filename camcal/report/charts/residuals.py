@@ -11,13 +11,13 @@ from camcal.report.charts.base import Arrows, Bars, Chart, Line, Points, round_d
 
 Array = np.ndarray
 
-#: arrows or dots drawn at most: more would cover one another, and pages stay small
+#: largest number of arrows or dots: more would overlap, and enlarge the page
 MOST = 2500
-#: part of the picture's width to which the 95th percentile of the arrows is enlarged
+#: fraction of the picture's width to which the 95th percentile of the arrows is enlarged
 ARROW = 0.04
 LEAST_OF_CELL = 4  #: points of a cell whose mean is drawn: it is then known to half the noise
 LEAST_POINTS = 10  #: for a histogram, and of a ring
-LEAST_RINGS = 3  #: that show a bend
+LEAST_RINGS = 3  #: least number that shows curvature
 LEAST_LENGTH = 1e-12  #: px; residuals of exact data are not enlarged beyond what this gives
 RINGS = 20  #: of equal counts: from 500 points on, the mean of each is known to a fifth of the noise
 

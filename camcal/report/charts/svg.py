@@ -15,14 +15,14 @@ from camcal.report.charts.colours import css_colour
 Array = np.ndarray
 
 WIDTH = 640
-#: of charts that are no pictures
+#: of charts that are not pictures
 HEIGHT = 360
 LEFT, RIGHT, TOP, BOTTOM = 78, 16, 16, 56
 BAR_OF_COLOURS = 84  #: room for the scale beside a map
 LEGEND_LINE = 24
 LETTER = 8.0  #: width of a letter beside an axis
 LONGEST_NAME = 12
-TALLEST = 620.0  #: of a picture on its end, which would fill more than a screen at full width
+TALLEST = 620.0  #: of a picture in portrait format, which would exceed a screen at full width
 TICK_WIDTH, TICK_HEIGHT, LEAST_TICKS = 80, 45, 3  #: room for a tick with its number; two show no scale
 LEAST_HEAD, HEAD, HEAD_PART = (
     4,

@@ -1,8 +1,7 @@
 """Diagnosis of a calibration, pictures or the installation, in plain words, with recommendations.
 
-`findings.py` says what a finding is and in which order they stand; `calibration.py` finds them in a report,
-with the gains of `remedies.py`; `pictures.py` in pictures, before any calibration; `installation.py` looks at
-what camcal runs on.
+`findings.py` defines findings and their order; `calibration.py` derives them from a report, with the gains of
+`remedies.py`; `pictures.py` from pictures, before any calibration; `installation.py` examines the installation.
 """
 
 from camcal.report.doctor.findings import Finding, Gain, diagnosis

@@ -15,7 +15,7 @@ Document = Mapping[str, Any]
 
 #: the grade of a finding, by the severity of its warning
 _GRADES: dict[str, Grade] = {"wrong": "wrong", "doubtful": "better", "note": "note"}
-#: warnings that more pictures in the right places remove
+#: warnings that additional suitable pictures remove
 _PICTURES = frozenset(
     (
         "single-view",
@@ -43,19 +43,19 @@ def examine(report: Document, solution: Solution, source: str, try_models: bool 
     solution : Solution
         The same.
     source : str
-        What the report is called in the commands that are suggested; empty where there is none yet.
+        Name of the report in the suggested commands; empty if there is none yet.
     try_models : bool
-        Whether other lens models are fitted where the residuals call for one: seconds.
+        Whether other lens models are fitted if the residuals suggest one, which takes seconds.
     """
     pictures, board = remedies.next_views(solution, source), remedies.board_shape(solution)
     model = remedies.lens_model(solution, report, board) if try_models else None
-    # of equal gains the first stands first: where to hold the target before what that would mend
+    # findings of equal gain keep this order: where to hold the target before the warnings that this resolves
     found = [f for f in (pictures, model, remedies.worse_views(solution, report)) if f]
     found += [*gates(report), *warnings(report, pictures, board), *lost(report)]
     if board and not any(f.code == board.code for f in found):
         found.append(board)
     biased = remedies.bias(report)
-    if biased and not (board or model):  # these say what it comes from
+    if biased and not (board or model):  # these state the cause
         found.append(biased)
     return ordered(found)
 
@@ -64,7 +64,7 @@ def gates(report: Document) -> Iterator[Finding]:
     """Findings for failed gates."""
     for failure in report.get("failures", []):
         if failure.startswith("graded "):
-            continue  # that warning is a finding of its own
+            continue  # that warning is a separate finding
         yield Finding(
             "gate",
             "wrong",

@@ -11,7 +11,7 @@ from camcal.records import dataclass
 from camcal.report.charts.base import short
 
 SCHEMA = "camcal-doctor/1"
-#: `wrong`: the result is not to be used; `better`: it can be used and can gain; `note`: good to know
+#: `wrong`: do not use the result; `better`: usable, but can be improved; `note`: for information
 Grade = Literal["wrong", "better", "note"]
 GRADES: tuple[Grade, ...] = ("wrong", "better", "note")
 
@@ -23,12 +23,12 @@ class Gain:
     Attributes
     ----------
     figure : str
-        What shrinks, with its unit.
+        The figure that decreases, with its unit.
     now, after : float
     how : str
-        Where the promise comes from.
+        The basis of the prediction.
     at_most : bool
-        The remedy gains so much only if it removes all of the cause.
+        Whether the gain is reached only if the remedy removes the entire cause.
     """
 
     figure: str
@@ -56,7 +56,7 @@ class Finding:
     Attributes
     ----------
     code : str
-        For programs; that of a warning where it is one.
+        Identifier for programs; for a warning, its code.
     grade : Grade
     message : str
         What was found.

@@ -24,7 +24,7 @@ OPENCV = (
 )
 #: error of a calibration of exact points that rounding may leave, in px of the projection
 EXACT_PX = 1e-6
-#: grey levels of 235: what a codec may lose of a smooth ramp and still be the same picture; cv2's JPEG loses 1
+#: grey levels of 235; largest error of a codec on a smooth ramp; that of cv2's JPEG is 1
 LOSSY = 40
 
 
@@ -44,7 +44,7 @@ def checks() -> list[Check]:
     for one in (_versions, _opencv, _pictures, _calibration, _extras, _machine, _cache, _settings):
         try:
             made += one()
-        except Exception as error:  # noqa: BLE001 - whatever is broken here is what was asked for
+        except Exception as error:  # noqa: BLE001 - any failure is itself the result of the check
             made.append(
                 Check(one.__name__.strip("_"), f"{type(error).__name__}: {error}", "wrong", _REINSTALL)
             )
@@ -61,7 +61,7 @@ def _versions() -> Iterator[Check]:
         try:
             found = metadata.version(name)
         except metadata.PackageNotFoundError:
-            if name not in OPENCV:  # any of the four will do, see below
+            if name not in OPENCV:  # any of the four is sufficient, see below
                 yield Check(name, "missing", "wrong", f"pip install '{name}>={least}'")
             continue
         if _numbers(found) < _numbers(least):
@@ -74,7 +74,7 @@ def _required() -> Iterator[tuple[str, str]]:
     """Names and minimum versions of camcal's requirements, without extras."""
     try:
         lines = metadata.requires("camcal") or []
-    except metadata.PackageNotFoundError:  # run from its folder
+    except metadata.PackageNotFoundError:  # run from its source folder
         return
     for line in lines:
         match = re.match(r"([A-Za-z0-9._-]+)\s*>=\s*([0-9.]+)", line)

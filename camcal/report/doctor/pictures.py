@@ -12,9 +12,9 @@ from camcal.report.doctor.findings import Finding
 from camcal.report.doctor.remedies import lost_pictures
 from camcal.system.text import listed
 
-#: pictures at least: fewer seldom cover the picture, tilts and distances
+#: least number of pictures: fewer seldom cover the picture, tilts and distances
 ENOUGH = 10
-#: part of the pictures with a fault from which on removing it gains more than further pictures
+#: share of the pictures with a fault above which removing it gains more than further pictures
 MANY = 1 / 3
 
 

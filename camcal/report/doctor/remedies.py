@@ -22,19 +22,19 @@ from camcal.system.text import listed
 
 #: gains below these are not reported: of pictures (each costs a minute), of anything else
 WORTH_PICTURES, WORTH = 1.3, 1.05
-#: a view is worse than the others from this multiple of their median rms on
+#: a view is worse than the others above this multiple of their median rms
 WORSE_VIEW = 1.8
-#: share of the mean square that is not noise from which on the bias ratio is a finding of its own
+#: share of the mean square that is not noise above which the bias ratio is a separate finding
 BIASED = 0.3
-#: share of the variance that a test of the residuals explains, from which on its remedy is worth trying
+#: share of the variance explained by a test of the residuals above which its remedy is worth trying
 LARGE_EFFECT = 0.1
 #: probability with which noise alone gives such a result: one calibration in a thousand gets a needless finding
 BY_CHANCE = 1e-3
-FEWEST_VIEWS = 4  #: that have to be left, with which the others are compared
+FEWEST_VIEWS = 4  #: least number of remaining views for comparison
 #: a remedy that brings sigma_hat within this of the corners' noise leaves nothing to explain
 EXPLAINS = 1.1
 
-#: what to do where a test of the residuals finds a large effect
+#: what to do if a test of the residuals finds a large effect
 _REMEDY = {
     "radius": "Try models with more radial terms: camcal select.",
     "angle": "Try models with decentering or thin-prism terms: camcal select.",
@@ -49,7 +49,7 @@ Document = Mapping[str, Any]
 
 
 def next_views(solution: Solution, source: str) -> Finding | None:
-    """Additional pictures where they are most informative."""
+    """Additional pictures at the most informative poses."""
     if (
         not solution.free.any()
         or solution.camera.image_size is None
@@ -94,7 +94,7 @@ def board_shape(solution: Solution) -> Finding | None:
 def lens_model(solution: Solution, report: Document, board: Finding | None) -> Finding | None:
     """Another lens model, tested by hold-out if the residuals indicate one.
 
-    Where the board's shape leaves only the corners' noise, there is nothing for a lens model to explain.
+    If only the corners' noise remains with the board's shape, there is nothing for a lens model to explain.
     """
     if not _calls_for_a_model(report) or solution.observations.point_count > CHEAP_POINTS:
         return None

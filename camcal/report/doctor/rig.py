@@ -17,7 +17,7 @@ from camcal.report.doctor.calibration import Document, gates, lost, sentence, wa
 from camcal.report.doctor.findings import Finding, Gain, diagnosis, ordered
 from camcal.report.rig_uncertainty import pair
 
-#: part of a point's noise above which an epipolar error of the calibration shows in measurements: more pictures
+#: fraction of a point's noise above which an epipolar error of the calibration affects measurements; more pictures
 #: reduce it
 LARGE = 0.5
 

@@ -36,7 +36,7 @@ def page(report: dict[str, Any], solution: Solution, source: str = "report.yaml"
     solution : Solution
         The same, as `camcal.report.loading.from_document` makes it.
     source : str
-        Where the report was read; pictures are looked for from its folder, too.
+        Where the report was read; pictures are also searched relative to its folder.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def filled(template: Any, report: dict[str, Any], source: str, turned: dict[str,
     turned : dict
         The drawing of the cameras and boards in space.
     **own
-        What else the template asks for.
+        Further values of the template.
     """
     # a closing tag inside the data would end the script
     scene_data = json.dumps(turned["data"], separators=(",", ":")).replace("<", "\\u003c")

@@ -50,7 +50,7 @@ def thumbnails(solution: Solution, report: dict[str, Any], folder: Path) -> tupl
     report : dict
         Its document: `inputs.files` say where the pictures were.
     folder : Path
-        That of the report; paths that lead nowhere from the current folder are tried from there.
+        That of the report, relative to which paths are tried that do not exist from the current folder.
     """
     paths = _paths(report, folder)
     chosen = _chosen(report["views"])
@@ -207,12 +207,12 @@ def _read(path: Path, sha256: str | None) -> tuple[str, tuple[int, int]] | None:
 def _gray(path: Path, sha256: str | None) -> Array | None:
     """A picture, 8 bits; None if it cannot be read.
 
-    A report of a stranger may name any file: only what was in the calibration is shown.
+    A report from an untrusted source may name any file: only pictures of the calibration are shown.
 
     Raises
     ------
     ChangedError
-        Where it is not the picture of the calibration any more.
+        If it is no longer the picture of the calibration.
     """
     from camcal.detect.decode import UnreadableError, decode_gray
     from camcal.detect.sources import read_bytes

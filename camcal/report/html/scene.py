@@ -1,7 +1,7 @@
 """The camera and the boards in space, as polygons that the page can rotate.
 
-The first picture is drawn here, so that it is there without scripts and on paper; `scene.js` projects the
-same polygons by the same rule when the reader turns them.
+The initial view is drawn here, so that it is available without scripts and in print; `scene.js` projects the
+same polygons by the same rule when the reader rotates them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ EYE = 4.0
 #: part of the drawing that the scene takes up at first, and how much larger than itself the ball around it is
 #: drawn for that at most: a flat scene must not run out of the drawing as soon as it is turned
 FILL, LARGEST = 0.94, 1.8
-#: more boards than this are thinned out
+#: with more boards than this, some are omitted
 MOST = 60
 #: size of the drawn camera in parts of the median distance of the boards
 CAMERA = 0.3
@@ -101,7 +101,7 @@ def _outlines(xyz: Array, pose: Pose, planar: bool, axes: Array) -> list[Array]:
 def _camera(facts: Facts, size: float) -> list[Shape]:
     (left, top), (right, bottom) = facts.low_high
     rays = facts.camera.unproject(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
-    if np.isnan(rays).any():  # a corner that the lens does not see: a plain pyramid in its place
+    if np.isnan(rays).any():  # a corner that the lens does not see: a plain pyramid instead
         rays = np.array([[-0.6, -0.45, 0.66], [0.6, -0.45, 0.66], [0.6, 0.45, 0.66], [-0.6, 0.45, 0.66]])
     ends = size * rays
     sides = [Shape(np.array([np.zeros(3), ends[i], ends[(i + 1) % 4]]), "camera", "camera") for i in range(4)]
@@ -176,7 +176,7 @@ def rig_drawing(solution: RigSolution) -> dict[str, Any]:
                 seen.setdefault(shape.title, []).append(moved)
             else:
                 cameras.append(Shape(moved.points, shape.kind, name))
-        made = seen | made  # a board as the first camera that saw it
+        made = seen | made  # each board as seen by the first camera that saw it
     boards = [s for own in made.values() for s in own]
     return drawing_of([*cameras, *boards], _shown(solution), _unit(solution))
 
