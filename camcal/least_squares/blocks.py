@@ -27,6 +27,20 @@ FLOOR = 1e-8
 PROMISED = 1e-12
 #: a cost that rounding makes: residuals are px, or standard deviations, and 1e-9 of either means nothing
 ROUNDING = 1e-18
+#: of the largest eigenvalue of a normal matrix with unit diagonal: rounding error of sums over some thousand rows
+RANK = 1e-14
+
+
+def bounded_inverse(normal: Array) -> Array:
+    """The inverse (P, P) of a normal matrix, positive definite whatever rounding does.
+
+    The eigenvalues of undetermined directions are rounding errors and may be negative; they are replaced by the limit
+    of rounding, so that the parameters that depend on these directions have very large variances. A parameter without
+    any effect has one, too, whose products are still finite.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(normal), np.sqrt(np.finfo(float).tiny)))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    return np.asarray((vectors / np.maximum(values, RANK * values[-1])) @ vectors.T / np.outer(scale, scale))
 
 
 @dataclass(frozen=True)

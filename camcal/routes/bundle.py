@@ -10,13 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.geometry import rotations
-from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
+from camcal.least_squares.blocks import BlockNormal, Fitted, bounded_inverse, minimise
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Poses
 from camcal.records import dataclass
-
-#: of the largest eigenvalue of a normal matrix with unit diagonal: rounding error of sums over some thousand rows
-ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -187,9 +184,7 @@ def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Ar
     """The covariance (P, P) of the camera's parameters.
 
     The frame and scale of the world are free. They are fixed by holding the first view and the largest coordinate of
-    another view's translation, which does not affect the covariance of the camera. The eigenvalues of undetermined
-    directions are rounding errors and may be negative; they are replaced by the limit of rounding, so that the
-    parameters that depend on these directions have very large sigmas.
+    another view's translation, which does not affect the covariance of the camera.
     """
     bundle = fitted.state
     views = np.flatnonzero(np.bincount(tracks.view, minlength=len(bundle.rotations)))
@@ -202,11 +197,8 @@ def camera_covariance(fitted: Fitted[Bundle], tracks: Tracks, free: Array) -> Ar
     hold = np.zeros(len(reduced), bool)
     hold[:6] = True
     hold[6 * far + 3 + int(np.abs(along).argmax())] = True
-    kept = reduced[np.ix_(~hold, ~hold)]
-    scale = np.sqrt(np.maximum(np.diagonal(kept), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(kept / np.outer(scale, scale))
-    inverse = (vectors / np.maximum(values, ROUNDING * values[-1])) @ vectors.T / np.outer(scale, scale)
+    inverse = bounded_inverse(reduced[np.ix_(~hold, ~hold)])
     c = free.shape[1]
     residual = bundle.residuals(tracks)
     variance = float(np.square(residual).sum()) / freedom(tracks, free)
-    return free @ inverse[len(kept) - c :, len(kept) - c :] @ free.T * variance
+    return free @ inverse[len(inverse) - c :, len(inverse) - c :] @ free.T * variance

@@ -49,7 +49,7 @@ def constant(cameras: Array) -> float | None:
     cones = cameras @ quadric @ np.swapaxes(cameras, 1, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = (cones[:, 0, 0] + cones[:, 1, 1]) / (2 * cones[:, 2, 2])
-    f2 = float(np.nanmedian(squares))
+    f2 = float(np.median(squares[np.isfinite(squares)])) if np.isfinite(squares).any() else np.nan
     if not f2 > 0:
         return None
     # Q = [[ω*, -ω* p], [-pᵀ ω*, pᵀ ω* p]] if the first camera is [I | 0]

@@ -16,7 +16,8 @@ from camcal.routes.distance import half_width
 from camcal.routes.placed import PlacedCamera
 
 #: Rays are parallel if the least singular value of their normal matrix is below this fraction of the largest: the
-#: angle between them is then below 1e-6 rad, a thousandth of a pixel for a focal length of 1000 px.
+#: angle between them is then below 1e-6 rad, a thousandth of a pixel for a focal length of 1000 px. The least
+#: eigenvalue of a point's normal matrix with unit diagonal is of the order of the same squared angle.
 PARALLEL = 1e-12
 #: px; smaller residuals are rounding of exact data, never outliers
 ROUNDING = 1e-9
@@ -182,16 +183,39 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
     xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     sigma_hat = None
     if fit is not None:
+        inverse, determined = _inverses(fit.normal.blocks)
+        reason[own[~determined]] = "its rays are parallel"  # the fit moved it to infinity
+        rows &= reason[images.point] == ""
+        own, inverse = own[determined], inverse[determined]
         xyz[own] = fit.state[own]
         freedom = 2 * int(rows.sum()) - 3 * len(own)
-        scale = 2 * fit.normal.cost / freedom
-        sigma_hat = float(np.sqrt(scale))
-        covariance[own] = np.linalg.inv(fit.normal.blocks) * scale
+        if len(own):
+            residuals = _equations(cameras, images, xyz)[0][rows] * _roots(images)[rows, None]
+            scale = float(np.square(residuals).sum()) / freedom
+            sigma_hat = float(np.sqrt(scale))
+            covariance[own] = inverse * scale
     residuals = _equations(cameras, images, xyz)[0]
     squares = np.bincount(images.point[rows], np.square(residuals[rows]).sum(1), count)
     images_used = np.maximum(np.bincount(images.point[rows], minlength=count), 1)
     residual = np.where(reason == "", np.sqrt(squares / images_used), np.nan)
     return Triangulated(xyz, covariance, residual, residuals, used, sigma_hat, tuple(reason), tuple(cameras))
+
+
+def _roots(images: Images) -> Array:
+    """The square roots (N,) of the weights: 1 / sigma."""
+    return np.ones(len(images)) if images.sigma is None else 1 / images.sigma
+
+
+def _inverses(blocks: Array) -> tuple[Array, Array]:
+    """The inverses (P, 3, 3) of the normal matrices of points, and whether the rays determine the points (P,)."""
+    scale = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
+    seen = (scale > 0).all(1)
+    unit = np.where(seen[:, None], scale, 1.0)
+    unit = unit[:, :, None] * unit[:, None]
+    values, vectors = np.linalg.eigh(blocks / unit)
+    known = seen & (values[:, 0] > PARALLEL)
+    values = np.where(known[:, None], values, 1.0)
+    return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2) / unit, known
 
 
 def _equations(cameras: Sequence[PlacedCamera], images: Images, xyz: Array) -> tuple[Array, Array]:
@@ -211,8 +235,7 @@ def _adjusted(
     place = np.full(len(start), -1)
     place[own] = np.arange(len(own))
     group = np.repeat(place[images.point[rows]], 2)
-    roots = np.ones(len(images)) if images.sigma is None else 1 / images.sigma
-    weight = np.repeat(roots[rows], 2)
+    weight = np.repeat(_roots(images)[rows], 2)
 
     def linearise(xyz: Array) -> BlockNormal | None:
         residual, jacobian = _equations(cameras, images, xyz)

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.errors import DataError, EstimationError
-from camcal.least_squares.blocks import Fitted
+from camcal.least_squares.blocks import Fitted, bounded_inverse
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
 from camcal.records import dataclass
@@ -317,9 +317,7 @@ def _covariance(fitted: Fitted[Wand], seen: Sightings, names: Sequence[str]) -> 
             f"{len(names)} cameras.",
             "Move the bar through the volume for longer.",
         )
-    scale = np.sqrt(np.maximum(np.diagonal(reduced), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(reduced / np.outer(scale, scale), rcond=1e-14, hermitian=True)
-    return np.asarray(inverse / np.outer(scale, scale) * (2 * fitted.normal.cost / freedom))
+    return np.asarray(bounded_inverse(reduced) * (2 * fitted.normal.cost / freedom))
 
 
 def _require_focal(found: WandCalibration, names: Sequence[str]) -> None:

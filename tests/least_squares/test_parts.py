@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from camcal.least_squares import Differences, Normal, Options, damped_steps, minimise
+from camcal.least_squares import Differences, Normal, Options, blocks, damped_steps, minimise
 from camcal.least_squares.batch import copied, merged, put, rows_of
 from camcal.least_squares.damping import Damping
 
@@ -116,3 +116,20 @@ def test_a_step_out_of_the_domain_is_rejected():
 def test_a_start_out_of_the_domain_stays_where_it_is():
     found = minimise(Differences(np.log, 1e-6), np.array([[-1.0]]), Options())
     assert found.state[0, 0] == -1 and not found.stats.converged[0]
+
+
+def test_an_inverse_bounded_where_rounding_decides():
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]
+    well = turn @ np.diag([1.0, 2.0, 3.0, 1e-6]) @ turn.T
+    assert np.allclose(blocks.bounded_inverse(well) @ well, np.eye(4), atol=1e-8)
+    pair = np.array(
+        [[1.0, 1.0], [1.0, 1.0]]
+    )  # the difference of the two is undetermined, or its curvature negative
+    for share, bound in ((0.5, 1.0), (2.0, 0.5), (-1.0, 1.0)):  # eigenvalues 2 - lean and lean
+        lean = share * 2 * blocks.RANK
+        normal = np.diag([1e4, 1e-2]) @ (pair - lean * np.array([[0, 1], [1, 0]])) @ np.diag([1e4, 1e-2])
+        variance = blocks.bounded_inverse(normal)[1, 1] * 1e-4
+        # the rounding of 1 - lean is a hundredth of it
+        assert variance == pytest.approx(bound / (2 * 2 * blocks.RANK), rel=0.05)
+    without = blocks.bounded_inverse(np.diag([4.0, 0.0]))
+    assert without[0, 0] == pytest.approx(0.25) and 1e100 < without[1, 1] < np.inf

@@ -17,6 +17,7 @@ from camcal.model.pose import Pose
 from camcal.peers.triangulate_points import against_cv2
 from camcal.report.placed import load_placed
 from camcal.report.triangulation import _warnings
+from camcal.routes import triangulate as triangulation
 from camcal.routes.distance import LINEAR
 from camcal.routes.placed import PlacedCamera
 from camcal.routes.triangulate import far_half_widths, sorted_images, triangulate
@@ -108,6 +109,39 @@ def test_undetermined_points_have_a_reason():
         triangulate([camera], sorted_images(np.zeros(3, int), np.arange(3), np.zeros((3, 2)))[0], 3)
     with pytest.raises(DataError, match="same point in the same camera"):
         sorted_images(np.zeros(2, int), np.zeros(2, int), np.zeros((2, 2)))
+
+
+def test_a_point_that_the_fit_moves_to_infinity_is_undetermined(monkeypatch):
+    """Rays that part have no nearest point in front: a fit may end so far away that its equations are singular."""
+    cameras = laboratory(count=3)
+    images = images_of(cameras, WORLD[:4], 0.3)
+    usual = triangulate(cameras, images, 4)
+    adjusted = triangulation._adjusted
+
+    def run_away(*args):
+        fit = adjusted(*args)
+        fit.normal.blocks[2] = np.diag([1.0, 1.0, 0.0])
+        return fit
+
+    monkeypatch.setattr(triangulation, "_adjusted", run_away)
+    found = triangulate(cameras, images, 4)
+    assert found.reason == ("", "", "its rays are parallel", "")
+    others = [0, 1, 3]
+    assert np.isnan(found.xyz[2]).all() and np.array_equal(found.xyz[others], usual.xyz[others])
+    ratio = np.diagonal(found.covariance[others] / usual.covariance[others], axis1=1, axis2=2)
+    assert np.allclose(ratio, (found.sigma_hat / usual.sigma_hat) ** 2)
+
+
+def test_the_normal_matrix_of_nearly_parallel_rays():
+    for share, known in ((1.1, True), (0.9, False)):
+        lean = np.sqrt(1 - 2 * share * triangulation.PARALLEL)  # least eigenvalue 1 - lean
+        units = np.diag([1e3, 1e-4, 2.0])
+        block = units @ np.array([[1, lean, 0], [lean, 1, 0], [0, 0, 1]]) @ units
+        inverse, found = triangulation._inverses(block[None])
+        assert found[0] == known
+        if known:
+            variance = 1 / (2 * share * triangulation.PARALLEL)  # of the unit matrix, 1 / (1 - lean²)
+            assert inverse[0, 0, 0] == pytest.approx(variance / 1e6, rel=1e-3)  # conditioned to 1e12
 
 
 @pytest.mark.parametrize(("noise", "warned"), [(0.3, 0), (2.0, 20)])
