@@ -25,5 +25,6 @@ def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
         "board-not-flat",
         f"the residuals repeat at the same points of the board: with points {offset:.2g} {unit} off their "
         f"places sigma_hat would fall from {found.before:.3g} to {found.after:.3g} px.",
-        "Let camcal estimate the board's shape: --board-shape auto.",
+        "Let camcal estimate the board's shape (--board-shape auto, the default for pictures); if it did, mount the "
+        "board on glass or another flat plate.",
     )

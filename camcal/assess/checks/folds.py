@@ -26,7 +26,7 @@ def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
         "views-disagree",
         f"cameras from different views lie {found['ratio']:.1f} times farther apart than noise explains "
         f"({found['median_px']:.2g} px in the median); take the sigmas and the uncertainty that many times larger.",
-        "A bent or badly printed target (try --board-shape auto), a lens model that does not hold, or blurred "
-        "pictures do that.",
+        "A bent or badly printed target (try --board-shape auto, the default for pictures), a lens model that does "
+        "not hold, or blurred pictures do that.",
         "wrong" if found["ratio"] > FAR_APART and found["median_px"] > VISIBLE_PX else "doubtful",
     )
