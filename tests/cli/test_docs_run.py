@@ -68,8 +68,9 @@ ELSEWHERE = {
 #: pages whose Python another test runs; the reference has the forms of commands, not commands
 PYTHON_ELSEWHERE = {"configuration.md", "rigs.md", "lenses.md"}
 NO_COMMANDS = {"cli.md"}
+TUTORIALS = {"how-to.md"}  #: run by tests/cli/test_tutorials.py
 
-PAGES = sorted(p for p in (ROOT / "docs").glob("*.md") if p.name not in NO_COMMANDS)
+PAGES = sorted(p for p in (ROOT / "docs").glob("*.md") if p.name not in NO_COMMANDS | TUTORIALS)
 
 
 def blocks(page, kinds):

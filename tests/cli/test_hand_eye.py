@@ -127,7 +127,10 @@ def test_metres_and_degrees(run, made):
 
 @pytest.mark.parametrize(
     ("count", "exits", "said"),
-    [(12, 1, "rotations as quaternion-zwxy they leave"), (10, 3, "or their rotations in another form")],
+    [
+        (12, 1, "rotations as quaternion-zwxy they leave"),
+        (10, 3, "fit far better as in-hand, rotations as quaternion-zwxy"),
+    ],
 )
 def test_a_quaternion_under_wrong_names(run, made, count, exits, said):
     """Its rotations fit those of the other set-up; the positions do not, and name the order, or not with this scale."""
