@@ -56,6 +56,8 @@ class Grid:
         near = float(np.median(self.discs.radius))  # a disc cut off by the border is not detected
         last = np.array(shape[1::-1]) - 1 - near
         for lines, step in ((uv, apart), (uv.swapaxes(0, 1), 1)):
+            if len(lines) <= step:  # no second line from which the next would follow
+                continue
             for edge, inner in ((lines[0], lines[step]), (lines[-1], lines[-1 - step])):
                 beyond = edge + (edge - inner) / step
                 beyond = beyond[np.isfinite(beyond[:, 0])]

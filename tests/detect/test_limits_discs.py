@@ -68,6 +68,18 @@ def test_a_disc_that_is_darker_than_its_surroundings():
         assert discs._dark_inside(gray, made)[0] == dark
 
 
+@pytest.mark.parametrize(
+    ("staggered", "lines", "shows"), [(False, 1, False), (False, 2, True), (True, 2, False), (True, 3, True)]
+)
+def test_rows_too_few_to_show_where_the_next_would_be(staggered, lines, shows):
+    """One row, or two of a staggered grid, at the upper border; the ends of the rows show where they would go on."""
+    for x, y, leaves in ((100.0, 8.0, shows), (100.0, 150.0, False), (252.0, 150.0, True)):
+        uv = places(8, lines, 20.0, (x, y)).reshape(-1, 2)
+        made = discs.Discs(uv, np.repeat([5.0 * np.eye(2)], len(uv), 0))
+        grid = disc_grid.Grid(np.arange(len(uv)), made, 8, lines, staggered, 1.0)
+        assert grid.leaves((400, 400)) == leaves, (x, y)
+
+
 def test_a_grid_of_discs_that_leaves_the_picture():
     """Of four discs of the next row, moved inwards: half of them outside are not enough."""
     for outside, leaves in ((2, False), (3, True)):
