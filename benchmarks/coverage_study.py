@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy import stats
-from tables import markdown, update
+from tables import kept, markdown, update
 
 from camcal.assess.covariance import Covariance
 from camcal.assess.curvature import accuracy as accuracy_of
@@ -238,7 +238,7 @@ def by_parameter(by_model: Mapping[str, Kinds]) -> str:
 
 def logged(tasks: list[tuple[str, str, int]], log: Path | None, jobs: int) -> list[tuple[str, str, Hits]]:
     """Model, arm and hits of all runs of some tasks; those in the log are not made again."""
-    lines = [json.loads(line) for line in log.read_text().splitlines()] if log and log.exists() else []
+    lines = kept(log)
     done, chosen = {tuple(line[:3]) for line in lines}, {task[:2] for task in tasks}
     with multiprocessing.Pool(jobs) as pool, log.open("a") if log else contextlib.nullcontext() as file:
         for *task, found in pool.imap_unordered(run, [t for t in tasks if t not in done], chunksize=4):

@@ -19,13 +19,12 @@ with the camera held.
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import keep, kept, markdown, update
 
 import camcal
 from camcal.plan.hand_eye import _pictures, camera_along
@@ -141,11 +140,9 @@ def main():
                 ),
             }
             print(made["cells"], flush=True)
-            with given.results.open("a") as file:
-                file.write(json.dumps(made) + "\n")
+            keep(given.results, made)
         return
-    done = [json.loads(line) for line in given.results.read_text().splitlines()]
-    rows = {d["row"]: d["cells"] for d in done if d["poses"] == given.poses}
+    rows = {d["row"]: d["cells"] for d in kept(given.results) if d["poses"] == given.poses}
     shared = ["set-up", "noise", "inside 95 %", "bias", "error/sigma", "noise found, mm, deg"]
     if given.calibrated:
         header = [*shared, "camera held", "translation, mm", "camera held", "fx, px", "by the pictures"]

@@ -11,13 +11,12 @@ Usage: python benchmarks/harp_rendered.py [--runs 10] [--kept FILE] [--update do
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import keep, kept, markdown, show
 
 from camcal.detect.targets.base import Pattern
 from camcal.geometry import homography, rotations
@@ -147,12 +146,8 @@ def main():
                 for noise in (0.0, 2.0):
                     made = measure(name, camera, model, noise, seed)
                     print(made, flush=True)
-                    with given.kept.open("a") as file:
-                        file.write(json.dumps(made) + "\n")
-    made = table([json.loads(line) for line in given.kept.read_text().splitlines()])
-    print(made)
-    if given.update:
-        update(given.update, "harp-rendered", made)
+                    keep(given.kept, made)
+    show(given.update, "harp-rendered", table(kept(given.kept)))
 
 
 if __name__ == "__main__":

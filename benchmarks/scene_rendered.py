@@ -13,14 +13,13 @@ Usage: python benchmarks/scene_rendered.py [--runs 40] [--only room,...] --kept 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-from tables import markdown, update
+from tables import keep, kept, markdown, show
 
 from camcal.errors import CamcalError
 from camcal.geometry import rotations
@@ -224,13 +223,13 @@ def row(name, runs):
     ]
 
 
-def table(kept):
+def table(runs):
     """The table of all runs."""
     by_kind = {}
-    for r in kept:
+    for r in runs:
         by_kind.setdefault(r["kind"], []).append(r)
     rows = [row(name, by_kind[name]) for name in KINDS if name in by_kind]
-    return markdown(HEADER, [*rows, row("all", kept)])
+    return markdown(HEADER, [*rows, row("all", runs)])
 
 
 def main():
@@ -258,12 +257,8 @@ def main():
             for name in chosen:
                 made = measure(name, seed)
                 print(made, flush=True)
-                with given.kept.open("a") as file:
-                    file.write(json.dumps(made) + "\n")
-    made = table([json.loads(line) for line in given.kept.read_text().splitlines()])
-    print(made)
-    if given.update:
-        update(given.update, "scene-rendered", made)
+                keep(given.kept, made)
+    show(given.update, "scene-rendered", table(kept(given.kept)))
 
 
 if __name__ == "__main__":

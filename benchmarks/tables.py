@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -27,3 +29,14 @@ def show(page: Path | None, name: str, text: str) -> None:
     print(text)
     if page is not None:
         update(page, name, text)
+
+
+def keep(path: Path, row: Any) -> None:
+    """Append a row of a study to a file, so that the study can be run in pieces."""
+    with path.open("a") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def kept(path: Path | None) -> list[Any]:
+    """The rows of a study so far; none where there is no file yet."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path and path.exists() else []

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from faulty_cases import CLEAN_KINDS, COMMON, HARMLESS, OTHERS, SILENT, Case, Said, clean, clean_kind
-from tables import markdown, update
+from tables import kept, markdown, update
 
 PAGE = Path(__file__).parents[1] / "docs" / "trust-figures.md"
 REPORT = PAGE.with_name("report.md")
@@ -135,7 +135,7 @@ def logged(
     tasks: list[tuple[str, str, int]], log: Path | None, pool: multiprocessing.pool.Pool
 ) -> dict[str, dict[str, list[Said]]]:
     """What was said in all runs of some tasks, by table and case; those in the log are not made again."""
-    lines = [json.loads(line) for line in log.read_text().splitlines()] if log and log.exists() else []
+    lines = kept(log)
     done = {(r["table"], r["name"], r["seed"]) for r in lines}
     with log.open("a") if log else contextlib.nullcontext() as file:
         for line in pool.imap_unordered(_run, [t for t in tasks if t not in done], chunksize=2):

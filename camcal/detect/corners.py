@@ -6,8 +6,8 @@ import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits
-from camcal.detect.ranks import median
 from camcal.detect.windows import Windows
+from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
 Array = np.ndarray

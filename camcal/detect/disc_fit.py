@@ -24,7 +24,7 @@ from camcal.detect.disc_model import (
 )
 from camcal.detect.discs import Discs
 from camcal.detect.fit import ROUNDING
-from camcal.detect.ranks import median
+from camcal.geometry.numbers import median
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
 from camcal.records import dataclass
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from camcal.detect.lattice import Lattice
-from camcal.detect.ranks import median
+from camcal.geometry.numbers import median
 
 Array = np.ndarray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.detect.ranks import median
+from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
 Array = np.ndarray

@@ -107,16 +107,11 @@ def sample_squares(gray: Array, uv: Array, marker: float, count: int) -> Array:
     if known.any():
         n = count * PER_CELL
         at = (1 - marker) / 2 + marker * (np.arange(n) + 0.5) / n
-        grid = np.stack(np.meshgrid(at, at), -1).reshape(1, -1, 2)
-        unit = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-        h = homography.homographies(np.broadcast_to(unit, corners[known].shape), corners[known], steps=0)
-        pixels = homography.transfer(h, np.broadcast_to(grid, (known.sum(), *grid.shape[1:]))).astype(
-            np.float32
-        )
+        x, y = (a.reshape(-1, n * n).astype(np.float32) for a in homography.within_quads(corners[known], at))
         value = cv2.remap(
             gray.astype(np.float32),
-            pixels[..., 0],
-            pixels[..., 1],
+            x,
+            y,
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )

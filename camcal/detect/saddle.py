@@ -18,9 +18,9 @@ from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import Fits, approached, first_guess, fit, fit_sizes
 from camcal.detect.local_map import BoardFromPixel
 from camcal.detect.pyramid import grey_span
-from camcal.detect.ranks import median
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
 from camcal.detect.windows import LARGEST, Windows, cut, limited, nested, straightened
+from camcal.geometry.numbers import median
 
 Array = np.ndarray
 

@@ -11,9 +11,9 @@ from camcal.detect.candidates import find_candidates
 from camcal.detect.lattice import Lattice
 from camcal.detect.no_board import why_nothing
 from camcal.detect.pyramid import as_float, reduced, to_search
-from camcal.detect.ranks import median
 from camcal.detect.squares import Squares, complete, shown_edges
 from camcal.detect.targets.base import Miss, clock
+from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
 Array = np.ndarray

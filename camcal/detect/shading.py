@@ -13,8 +13,8 @@ import numpy as np
 
 from camcal.detect import edge_model as model
 from camcal.detect.fit import Fits
-from camcal.detect.ranks import lower_quartile, median
 from camcal.detect.windows import Windows
+from camcal.geometry.numbers import lower_quartile, median
 
 Array = np.ndarray
 

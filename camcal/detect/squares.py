@@ -8,8 +8,8 @@ import numpy as np
 from camcal.detect.candidates import Candidates
 from camcal.detect.grid import Marks
 from camcal.detect.lattice import Lattice, predicted
-from camcal.detect.ranks import median
 from camcal.geometry.neighbours import Neighbours
+from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
 Array = np.ndarray

@@ -59,3 +59,9 @@ def percentiles(values: Array, wanted: Sequence[float]) -> list[float]:
         # from the nearer of the two, as numpy does
         found.append(low + (high - low) * part if part < 0.5 else high - (high - low) * (1 - part))
     return found
+
+
+def lower_quartile(values: Array) -> float:
+    """The largest value of the lower quarter of an array's values; NaN if it is empty."""
+    ordered = np.sort(values, axis=None)
+    return float(ordered[(len(ordered) - 1) // 4]) if len(ordered) else float("nan")

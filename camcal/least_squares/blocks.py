@@ -38,9 +38,19 @@ def bounded_inverse(normal: Array) -> Array:
     of rounding, so that the parameters that depend on these directions have very large variances. A parameter without
     any effect has one, too, whose products are still finite.
     """
-    scale = np.sqrt(np.maximum(np.diagonal(normal), np.sqrt(np.finfo(float).tiny)))
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    return np.asarray((vectors / np.maximum(values, RANK * values[-1])) @ vectors.T / np.outer(scale, scale))
+    values, vectors, units = unit_eigen(normal)
+    return np.asarray((vectors / np.maximum(values, RANK * values[-1])) @ vectors.T / units)
+
+
+def unit_eigen(normal: Array) -> tuple[Array, Array, Array]:
+    """Eigenvalues (..., P) and vectors (..., P, P) of normal matrices whose diagonals are scaled to 1, and the products
+    of the scales (..., P, P) by which the matrices were divided.
+    """
+    diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.maximum(diagonal, np.sqrt(np.finfo(float).tiny)))
+    units = scale[..., :, None] * scale[..., None, :]
+    values, vectors = np.linalg.eigh(normal / units)
+    return values, vectors, units
 
 
 @dataclass(frozen=True)

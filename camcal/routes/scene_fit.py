@@ -239,8 +239,8 @@ def _clustered(
     shared = np.concatenate([by_lens, np.cross(n, d)], 1) * weight[:, None]
     own = (turned * d).sum(1) * weight
     residual = (n * d).sum(1) * weight
-    squares = np.maximum(np.bincount(lines.line, own**2, len(lines)), np.finfo(float).tiny)
-    gain = np.stack([np.bincount(lines.line, own * c, len(lines)) for c in shared.T], 1) / squares[:, None]
+    squares = np.maximum(_sums(own**2, lines), np.finfo(float).tiny)
+    gain = _sums(own[:, None] * shared, lines) / squares[:, None]
     # what is left of the shared part beside the line's own angle, in units in which the normal matrix is the identity
     unit = _inverse_root(normal.reduced())
     alone = (shared - own[:, None] * gain[lines.line]) @ unit

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.errors import DataError
-from camcal.least_squares.blocks import BlockNormal, Fitted, minimise
+from camcal.least_squares.blocks import BlockNormal, Fitted, minimise, unit_eigen
 from camcal.least_squares.distributions import chi2_quantile
 from camcal.model.pose import Array
 from camcal.records import dataclass
@@ -188,13 +188,12 @@ def _solve(cameras: Sequence[PlacedCamera], images: Images, used: Array, count: 
         rows &= reason[images.point] == ""
         own, inverse = own[determined], inverse[determined]
         xyz[own] = fit.state[own]
-        freedom = 2 * int(rows.sum()) - 3 * len(own)
-        if len(own):
-            residuals = _equations(cameras, images, xyz)[0][rows] * _roots(images)[rows, None]
-            scale = float(np.square(residuals).sum()) / freedom
-            sigma_hat = float(np.sqrt(scale))
-            covariance[own] = inverse * scale
     residuals = _equations(cameras, images, xyz)[0]
+    if fit is not None and len(own):
+        freedom = 2 * int(rows.sum()) - 3 * len(own)
+        scale = float(np.square(residuals[rows] * _roots(images)[rows, None]).sum()) / freedom
+        sigma_hat = float(np.sqrt(scale))
+        covariance[own] = inverse * scale
     squares = np.bincount(images.point[rows], np.square(residuals[rows]).sum(1), count)
     images_used = np.maximum(np.bincount(images.point[rows], minlength=count), 1)
     residual = np.where(reason == "", np.sqrt(squares / images_used), np.nan)
@@ -208,14 +207,10 @@ def _roots(images: Images) -> Array:
 
 def _inverses(blocks: Array) -> tuple[Array, Array]:
     """The inverses (P, 3, 3) of the normal matrices of points, and whether the rays determine the points (P,)."""
-    scale = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
-    seen = (scale > 0).all(1)
-    unit = np.where(seen[:, None], scale, 1.0)
-    unit = unit[:, :, None] * unit[:, None]
-    values, vectors = np.linalg.eigh(blocks / unit)
-    known = seen & (values[:, 0] > PARALLEL)
+    values, vectors, units = unit_eigen(blocks)
+    known = values[:, 0] > PARALLEL
     values = np.where(known[:, None], values, 1.0)
-    return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2) / unit, known
+    return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2) / units, known
 
 
 def _equations(cameras: Sequence[PlacedCamera], images: Images, xyz: Array) -> tuple[Array, Array]:

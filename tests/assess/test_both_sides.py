@@ -20,9 +20,8 @@ from camcal.assess.checks import board, border, circles, coverage, fit
 from camcal.assess.checks.facts import Facts
 from camcal.data.observations import View
 from camcal.errors import UsageError
+from tests.sides import LESS, MORE
 from tests.solved import grid, solved
-
-LESS, MORE = 0.999, 1.001
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from camcal.assess.difference import grid_of
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
+from tests.sides import LESS, MORE
 from tests.solved import solved
 
-LESS, MORE = 0.999, 1.001
 SIZE = (640, 480)
 
 

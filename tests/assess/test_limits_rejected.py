@@ -10,9 +10,9 @@ from camcal.data.observations import View
 from camcal.geometry import rotations
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
+from tests.sides import LESS, MORE
 from tests.solved import grid, solved
 
-LESS, MORE = 0.999, 1.001
 SIZE = (640, 480)
 
 

@@ -10,9 +10,8 @@ from camcal.assess.causes import effect, linear
 from camcal.assess.causes.search import MOST_SWAPPED, Search
 from camcal.assess.checks import cause
 from camcal.solve.calibration import NormalBlocks
+from tests.sides import LESS, MORE
 from tests.solved import grid
-
-LESS, MORE = 0.999, 1.001
 
 
 def correlated(small):

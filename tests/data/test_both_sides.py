@@ -15,8 +15,7 @@ from camcal.errors import DataError
 from camcal.geometry import rotations
 from camcal.model import lenses
 from camcal.model.pose import Pose
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ cameras

@@ -32,8 +32,7 @@ from camcal.detect.targets.base import Detection
 from camcal.detect.targets.printing import sheet
 from camcal.errors import UsageError
 from tests.detect.scenes import make
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ targets

@@ -8,8 +8,8 @@ from camcal.detect import edge_model as model
 from camcal.detect.corners import edge_normals
 from camcal.detect.fit import Fits
 from camcal.detect.windows import Windows
+from tests.sides import LESS, MORE
 
-LESS, MORE = 0.999, 1.001
 COUNT, SIDE, HALF = 9, 20.0, 0.4
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from camcal.detect import disc_grid, discs
-from tests.detect.test_limits_search import LESS, MORE, places
+from tests.detect.test_limits_search import places
+from tests.sides import LESS, MORE
 
 
 def ellipse(a, b, angle=0.0, wave=0.0, points=400):

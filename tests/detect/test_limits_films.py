@@ -21,8 +21,7 @@ from camcal.detect import (
 from camcal.detect.films import Range, Shown
 from camcal.detect.targets.base import Detection
 from camcal.geometry import rotations
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ films

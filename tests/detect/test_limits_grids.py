@@ -23,8 +23,7 @@ from camcal.detect.targets import outlined
 from camcal.detect.windows import Windows
 from camcal.errors import DataError
 from tests.detect.scenes import make
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 def linked(xy, turn=0.0):

@@ -14,8 +14,7 @@ from camcal.detect.recognition.look import Sight
 from camcal.detect.targets import dictionaries
 from camcal.detect.targets.base import Detection
 from tests.detect.scenes import make
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ all pictures together

@@ -20,8 +20,7 @@ from camcal.detect.grid import Marks
 from camcal.detect.lattice import Lattice
 from camcal.detect.search import Found
 from camcal.detect.squares import Squares
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 def places(columns, rows, step=20.0, at=(100.0, 100.0)):

@@ -25,8 +25,8 @@ from camcal.detect.targets import (
 )
 from camcal.detect.targets.base import Detection, Miss
 from tests.detect.scenes import make
+from tests.sides import LESS, MORE
 
-LESS, MORE = 0.999, 1.001
 GRAY = np.zeros((400, 600), np.uint8)
 
 

@@ -22,9 +22,7 @@ from camcal.detect.recognition import quads
 from camcal.detect.targets import dictionaries, tag_board
 from camcal.detect.windows import Windows
 from tests.detect.scenes import make
-
-LESS, MORE = 0.999, 1.001
-
+from tests.sides import LESS, MORE
 
 # ------------------------------------------------------------------------------------ discs
 RADIUS = 20.0

@@ -8,9 +8,8 @@ import pytest
 
 from camcal.plan import better, lens, minima, outlying, second_pass, selection
 from camcal.solve.refine import How
+from tests.sides import LESS, MORE
 from tests.solved import solved
-
-LESS, MORE = 0.999, 1.001
 
 
 @pytest.fixture(scope="module")

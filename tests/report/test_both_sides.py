@@ -19,9 +19,8 @@ from camcal.report.charts import svg as drawing
 from camcal.report.charts.base import Arrows, Bars, Cells, Chart
 from camcal.report.doctor import pictures, remedies
 from camcal.report.html import scene
+from tests.sides import LESS, MORE
 from tests.solved import solved
-
-LESS, MORE = 0.999, 1.001
 
 
 @pytest.fixture(scope="module")

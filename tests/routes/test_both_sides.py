@@ -11,8 +11,7 @@ from camcal.model.pose import Pose
 from camcal.routes import epipolar, line_geometry, lines, reconstruct, scene_start
 from camcal.routes.hand_eye import motions, recognise, scale, variance
 from camcal.routes.hand_eye.motions import Motions
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ lines

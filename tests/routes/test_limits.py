@@ -23,8 +23,7 @@ from camcal.routes import (
 from camcal.routes.bundle import Tracks
 from camcal.routes.hand_eye import estimate, pictures, recognise
 from camcal.routes.wand_start import Link
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 def pinhole(focal=800.0, size=(1000, 800)):

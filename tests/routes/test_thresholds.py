@@ -23,8 +23,7 @@ from camcal.routes import pose as poses
 from camcal.routes.hand_eye import horaud, remarks, views
 from camcal.routes.hand_eye import offset as offsets
 from camcal.solve.outliers import f_bound
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 # ------------------------------------------------------------------------------------ several views

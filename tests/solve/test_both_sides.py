@@ -23,10 +23,9 @@ from camcal.solve import (
     turns,
 )
 from camcal.solve.optimizers import scipy_
+from tests.sides import LESS, MORE
 from tests.solve.problems import problem_of
 from tests.solved import grid, solved
-
-LESS, MORE = 0.999, 1.001
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,10 @@ from camcal.errors import DataError, EstimationError
 from camcal.geometry import rotations
 from camcal.start import assumptions, base, claus, mirrored, numbering, shape, tsai, zhang
 from camcal.start.base import NO_DEPTH
+from tests.sides import LESS, MORE
 
 from . import scenes
 from .scenes import board, rig
-
-LESS, MORE = 0.999, 1.001
 
 
 def seen(xyz, uv=None):

@@ -12,8 +12,7 @@ from camcal.track import detection, events, first, matrix_model, noise, physical
 from camcal.track.matrix_model import MatrixModel
 from camcal.track.model import MOVED
 from camcal.track.physical_model import Physical, PhysicalModel
-
-LESS, MORE = 0.999, 1.001
+from tests.sides import LESS, MORE
 
 
 def test_a_direction_by_its_axis():

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from camcal.detect.ranks import median
 from camcal.detect.targets.base import Detection
 from camcal.geometry.homography import within_quads
+from camcal.geometry.numbers import median
 
 Array = np.ndarray
 

@@ -7,7 +7,6 @@ import numpy as np
 from camcal.detect.evenness import unevenness
 from camcal.detect.grid_fit import sharp_corners
 from camcal.detect.pyramid import grey_span
-from camcal.detect.ranks import median
 from camcal.detect.search import Found, search
 from camcal.detect.squares import oriented
 from camcal.detect.targets.base import (
@@ -20,6 +19,7 @@ from camcal.detect.targets.base import (
     Target,
 )
 from camcal.errors import UsageError
+from camcal.geometry.numbers import median
 from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
