@@ -23,7 +23,7 @@ from camcal.detect.disc_model import (
     residuals,
 )
 from camcal.detect.discs import Discs
-from camcal.detect.fit import ROUNDING
+from camcal.detect.fit import ROUNDING, SETTLED
 from camcal.geometry.numbers import median
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
 from camcal.records import dataclass
@@ -31,7 +31,6 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 ITERATIONS = 20  #: usual fits take 4 to 8
-SETTLED = 0.1  #: standard deviations of its parameters within which a fit stops; see `fit.SETTLED`
 BAND = 3.0  #: blurs used on each side of the outline: 0.1 % of the edge lies outside
 START_ERROR = 1.0  #: px; by which the band is widened, as the outlines may be off by as much
 MOST_PIXELS = 2500  #: of one disc; of a larger band every n-th pixel is used: the centre is known to .005 px

@@ -9,15 +9,11 @@ import numpy as np
 from camcal.detect import grid
 from camcal.detect.discs import Discs, links
 from camcal.detect.lattice import Lattice, trim
-from camcal.detect.targets.base import Miss
+from camcal.detect.targets.base import LEAST_SEEN, Miss
 from camcal.records import dataclass
 
 Array = np.ndarray
 
-FULL = 0.8  #: share of a board's discs that must be seen; with more hidden ones its size is uncertain
-MOST_PIECES = 4  #: grids of a picture that are examined, the largest first
-LEAST_SIDE = 3  #: discs along each side of a board of unknown size
-LEAST_DISCS = 6  #: two rows of three: fewer may form a grid by chance
 #: share of the next row that must lie outside the picture for the board possibly to continue there: half, as part of
 #: a row stays inside where the grid is tilted against the border
 OUTSIDE = 0.5
@@ -105,7 +101,7 @@ class _Layout:
         rows, columns = np.nonzero(self.index >= 0)
         if self.staggered and (((rows + columns) % 2).any() or self.index.shape[1] % 2):
             return False
-        return len(rows) >= LEAST_DISCS and len(rows) / (self.size[0] * self.size[1]) >= FULL
+        return len(rows) >= grid.LEAST_NODES and len(rows) / (self.size[0] * self.size[1]) >= LEAST_SEEN
 
     def rightward(self, discs: Discs) -> float:
         """The cosine of the angle between the rows and the u axis of the picture."""
@@ -144,14 +140,14 @@ def find_board(
     others : list of Grid
         Boards of other kinds or sizes in the picture.
     """
-    if len(discs) < LEAST_DISCS:
+    if len(discs) < grid.LEAST_NODES:
         return None, []
     seen: list[Grid] = []
-    for piece in grid.grow(*links(discs))[:MOST_PIECES]:
+    for piece in grid.grow(*links(discs))[: grid.MOST_PIECES]:
         ways = sorted((w for w in _layouts(piece) if w.full), key=lambda w: -w.number)
         wanted = [w for w in ways if staggered in (None, w.staggered)]
         if size is None:
-            wanted = [w for w in wanted if min(w.size) >= LEAST_SIDE]
+            wanted = [w for w in wanted if min(w.size) >= grid.LEAST_SIDE]
             wanted = [w for w in wanted if w.staggered or w.size[0] >= w.size[1]]
         else:
             wanted = [w for w in wanted if w.size == size]

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from camcal.detect.grid import Marks, neighbours
+from camcal.detect.grid import NEAREST, Marks, neighbours
 from camcal.geometry.neighbours import Neighbours
 from camcal.records import dataclass
 
@@ -36,7 +36,6 @@ AROUND = 1.35  #: of the radius; where a disc's surroundings are sampled: half w
 MOST_DISCS = 3000  #: the largest are kept, which limits the time spent on textures; boards have a few hundred
 CONCENTRIC = 0.3  #: of the smaller radius; two outlines whose centres are closer are one disc
 SPREAD = 1.8  #: ratio of the radii of neighbours: a wide-angle lens halves a radius over several discs
-NEARBY = 12  #: nearest discs among which neighbours are searched: the eight surrounding ones, and four more
 SAME = 1.25  #: ratio of the distances of neighbours in the metric of a disc; the diagonal has 1.41
 
 
@@ -154,13 +153,15 @@ def links(discs: Discs) -> tuple[Array, Array]:
     in the metric of both discs, lies beyond a hidden disc or belongs to another board.
     """
     inverse = np.linalg.inv(discs.shape)
-    near = Neighbours(discs.centre).query(discs.centre, k=min(NEARBY + 1, len(discs)))[1][:, 1:]
+    near = Neighbours(discs.centre).query(discs.centre, k=min(NEAREST + 1, len(discs)))[1][:, 1:]
     step = discs.centre[near] - discs.centre[:, None]
     flat = np.einsum("nij,nkj->nki", inverse, step)  # without the foreshortening
     length = np.linalg.norm(flat, axis=2)
     like = np.abs(np.log(discs.radius[near] / discs.radius[:, None])) < np.log(SPREAD)
     length[~like] = np.inf
-    nearest = length.min(1)
+    nearest = length.min(
+        1
+    )  # infinite where none is of like size; `neighbours` looks at the same ones and links none
     closest = length < SAME * nearest[:, None]
     angle = np.arctan2(flat[..., 1], flat[..., 0])
     first = np.angle((closest * np.exp(4j * angle)).sum(1)) / 4

@@ -9,7 +9,7 @@ from camcal.geometry.neighbours import Neighbours
 
 Array = np.ndarray
 
-BLOCK = 3  #: points along each side of a block
+BLOCK = 3  #: points along each side of a block: of 2x2 points a homography leaves nothing
 LEAST_POINTS = 6  #: of the nine of a block; a homography needs four
 AROUND = 4  #: neighbours with which the contrast of a disc or square is compared
 #: of the contrast; discs and squares of 28 real pictures have at most .028, even with noise of 5 grey levels; windows
@@ -31,6 +31,8 @@ def unevenness(uv: Array) -> float:
         Median over the blocks of the standard deviation of their points, relative to the median step; 0 if
         no block has enough points.
     """
+    if min(uv.shape[:2]) < BLOCK:
+        return 0.0
     windows = np.lib.stride_tricks.sliding_window_view(uv, (BLOCK, BLOCK), axis=(0, 1))
     blocks = np.moveaxis(windows, 2, -1).reshape(-1, BLOCK * BLOCK, 2)
     known = np.isfinite(blocks[..., 0])

@@ -10,14 +10,15 @@ from camcal.detect.corners import Corners
 from camcal.detect.edge_blur import edge_blur
 from camcal.detect.lattice import Lattice, predicted
 from camcal.detect.local_map import board_from_corners
+from camcal.detect.targets.base import LEAST_POINTS
 
 Array = np.ndarray
 
-LEAST_CORNERS = 4  #: fewer do not determine the shape of a grid
 COARSE = 4.0  #: factor; corners of a picture reduced by more are first fitted there: they are too inaccurate
 ERROR = 0.25  #: px of the reduced picture; error of a corner before it is fitted
 LEAST_BLUR = 0.5  #: px; initial value, about that of a sharp lens and of a pixel's area
-LEAST_GOOD = 0.5  #: least share of good first fits for the others to be tried again
+#: least share of good fits of a grid: with fewer it is not a board, or not one whose shape shows where the others are
+LEAST_GOOD = 0.5
 FINAL = ("at the border of the picture", "too little contrast")  #: reasons that exclude a second trial
 
 
@@ -54,7 +55,7 @@ def sharp_corners(
     first = saddle.refine(gray, uv[ids], sides[ids], blur=blur, shape=shape)
     again = _to_be_tried(first)
     rejected = _reasons(ids, first)
-    if again.sum() < LEAST_CORNERS:
+    if again.sum() < LEAST_POINTS:
         return ids[first.good], first.take(first.good), rejected
     ids, known = ids[again], first.take(again)
     size = lattice.uv.shape

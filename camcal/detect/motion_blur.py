@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.detect import edge_model as model
-from camcal.detect.fit import LEAST_BLUR, MOST_BLUR, SLIGHT
+from camcal.detect.fit import LEAST_BLUR, MOST_BLUR, SETTLED, SLIGHT
 from camcal.detect.saddle import HALF
 from camcal.detect.windows import Windows, cut
 from camcal.geometry.numbers import distinct
@@ -15,7 +15,6 @@ Array = np.ndarray
 
 MOST_CORNERS = 24  #: of a picture; their blurs scatter by 2 %
 STEPS = 10  #: usual fits take 3 to 5
-SETTLED = 0.1  #: standard deviations within which a fit stops; see `fit.SETTLED`
 #: of the blur; a Gauss-Newton step of that length ends within half its square of the minimum, a quarter of the scatter
 #: of the blurs
 NEAR = 0.1

@@ -12,7 +12,7 @@ from camcal.detect.lattice import Lattice
 from camcal.detect.no_board import why_nothing
 from camcal.detect.pyramid import as_float, reduced, to_search
 from camcal.detect.squares import Squares, complete, shown_edges
-from camcal.detect.targets.base import Miss, clock
+from camcal.detect.targets.base import LEAST_SEEN, Miss, clock
 from camcal.geometry.numbers import median
 from camcal.records import dataclass
 
@@ -24,10 +24,7 @@ LONG_SIDES = (400, 800, 250, 130, 1600, 3200)
 ENLARGED = 1000  #: px; a picture of no longer side is enlarged twice at last, for squares of a few px
 SLOWER = 2.0  #: by which the time per pixel may exceed that of the previous level
 LEAST_PIXELS = 16  #: along each side; a smaller picture is not searched
-MOST_PIECES = 4  #: grids of a picture that are examined, the largest first
-LEAST_SIDE = 3  #: corners; a smaller grid is not a board
 SEED = 0.4  #: share of a board's corners that must be linked for the others to be searched
-ENOUGH = 0.8  #: share of a board's corners that must be seen
 HALF_HIDDEN = 0.7  #: stray corners, as a share of the shorter side, above which they are not chance
 ALTERNATING = 0.9  #: share of the neighbouring squares that must differ as black and white
 #: of the area of the largest grid; a smaller one is on a screen in the background, or chance
@@ -84,7 +81,7 @@ class Found:
         if size is None:
             return self.whole
         same = sorted(self.lattice.size) == sorted(size)
-        return same and bool(self.lattice.present.mean() >= ENOUGH)
+        return same and bool(self.lattice.present.mean() >= LEAST_SEEN)
 
 
 def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> Found | Miss:
@@ -117,7 +114,7 @@ def search(gray: Array, seconds: float, size: tuple[int, int] | None = None) -> 
     if best is None:
         return why_nothing(gray) if in_time else Miss("time", f"no board was found within {seconds:g} s")
     if size is None:
-        return best if best.lattice.present.mean() >= ENOUGH else why_nothing(gray)
+        return best if best.lattice.present.mean() >= LEAST_SEEN else why_nothing(gray)
     return _why_not(best, size)
 
 
@@ -134,10 +131,10 @@ def _at_level(picture: Array, factor: float, size: tuple[int, int] | None) -> li
     links = grid.neighbours(candidates.marks, partial(shown_edges, picture, candidates.marks))
     least = 1 if size is None else SEED * size[0] * size[1]
     found = []
-    for piece in [p for p in grid.grow(*links) if (p >= 0).sum() >= least][:MOST_PIECES]:
+    for piece in [p for p in grid.grow(*links) if (p >= 0).sum() >= least][: grid.MOST_PIECES]:
         full = complete(picture, Lattice.of(piece, candidates.marks.xy), candidates)
         cut = full.trimmed()
-        if min(cut.size) < LEAST_SIDE - (size is not None):
+        if min(cut.size) < grid.LEAST_SIDE - (size is not None):
             continue
         if Squares.of(picture, cut).alternation() < ALTERNATING:
             continue

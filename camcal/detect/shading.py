@@ -25,7 +25,7 @@ SIGNIFICANT = 5.0  #: least shift of a corner by a shading gradient, in sigmas; 
 LEAST_CORNERS = (
     12  #: corners for a quadratic surface, two per coefficient; fewer give a plane, less than half of it none
 )
-RIDGE = 1e-9  #: of the diagonal; keeps the equations solvable where the corners are collinear
+RIDGE = 1e-9  #: of the sum of the weights; keeps the equations solvable where the corners are collinear
 ROUNDS = 3  #: of reweighted least squares; the weights near a glare converge in two
 #: of a corner's own range from black to white: lower limit of the shading's range, by which values are divided; .01 to
 #: .8 find the same corners
@@ -73,7 +73,7 @@ def _robust_fits(design: Array, values: Array) -> Array:
     for _ in range(ROUNDS):
         weighted = design.T * weights[:, None]
         normal = weighted @ design
-        normal[:, diagonal, diagonal] *= 1 + RIDGE
+        normal[:, diagonal, diagonal] += RIDGE * weights.sum(1, keepdims=True)
         solution = np.linalg.solve(normal, weighted @ values.T[..., None])[..., 0]
         residual = np.abs(values.T - solution @ design.T)
         limit = HUBER * np.maximum([median(r) for r in residual], 1e-9)

@@ -209,7 +209,7 @@ def test_the_gap_that_a_layout_begins_with():
         ]
         found = layout.find_boards([again], ("APRILTAG_36h11", 2))[0].board
         assert found.kind == "aprilgrid"
-        assert found.spacing == pytest.approx(min(gap, layout.LARGEST_OF_KALIBR), abs=1e-6)
+        assert found.spacing == pytest.approx(min(gap, layout.LARGEST_GAP), abs=1e-6)
 
 
 # ------------------------------------------------------------------------------------ lines

@@ -28,6 +28,14 @@ def test_the_picture_of_a_plane_is_even_also_with_gaps():
     assert unevenness(uv) < 1e-6
     uv[:, 1:] = np.nan
     assert unevenness(uv) == 0.0  # nothing to judge
+    assert unevenness(grid(9, 2)) == unevenness(grid(2, 9)) == 0.0
+
+
+def test_a_board_of_two_rows_in_a_noisy_picture():
+    h = drawing.homography((9, 2), (200, 100), 20)
+    gray = drawing.light(h, (9, 2), (400, 200), blur=0.8) + np.random.default_rng(0).normal(0, 50, (200, 400))
+    found = Checkerboard(9, 2).find(np.clip(gray, 0, 255).astype(np.uint8))
+    assert not isinstance(found, Miss) and found.info["noise"] > UNLIKE * found.info["contrast"]
 
 
 @pytest.mark.parametrize("share", [0.03, 0.15])

@@ -11,7 +11,7 @@ from camcal.detect.recognition.decide import Answer
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.layout import Patch
 from camcal.detect.recognition.look import Sight
-from camcal.detect.targets import dictionaries
+from camcal.detect.targets import base, dictionaries
 from camcal.detect.targets.base import Detection
 from tests.detect.scenes import make
 from tests.sides import LESS, MORE
@@ -216,7 +216,7 @@ def test_the_proportions_that_a_layout_begins_with():
         )
     for marker, limit in ((LESS * low, low), (MORE * high, high)):
         assert layout._charuco([places], 1 / marker, ("4X4_1000", 1), set()).board.marker == limit
-    low, high = layout.GAP
+    low, high = base.GAPS
     for gap, expected in (
         (MORE * low, MORE * low),
         (LESS * low, low),

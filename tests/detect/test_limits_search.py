@@ -11,6 +11,7 @@ from camcal.detect import (
     candidates,
     edge_blur,
     evenness,
+    grid,
     lattice,
     search,
     shading,
@@ -80,7 +81,7 @@ def pieces_taken(monkeypatch, pieces, size=None, alternation=1.0):
 
 def test_pieces_that_are_examined(monkeypatch):
     index = np.arange(49).reshape(7, 7)
-    most = search.MOST_PIECES
+    most = grid.MOST_PIECES
     assert [pieces_taken(monkeypatch, [index] * n) for n in (most, most + 1)] == [most, most]
     assert pieces_taken(monkeypatch, [index], alternation=search.ALTERNATING) == 1
     assert pieces_taken(monkeypatch, [index], alternation=LESS * search.ALTERNATING) == 0
@@ -358,7 +359,7 @@ def test_points_of_a_block_that_is_even():
 
 
 def test_the_corners_of_a_board_that_was_asked_for():
-    seen = round(50 * search.ENOUGH)
+    seen = round(50 * search.LEAST_SEEN)
     for count, fits in ((seen, True), (seen - 1, False)):
         uv = places(10, 5)
         uv.reshape(-1, 2)[count:] = np.nan
@@ -368,7 +369,7 @@ def test_the_corners_of_a_board_that_was_asked_for():
 
 def test_the_smallest_grid_of_corners(monkeypatch):
     """One corner less to a side where the size was asked for."""
-    least = search.LEAST_SIDE
+    least = grid.LEAST_SIDE
     index = np.arange(49).reshape(7, 7)
     assert pieces_taken(monkeypatch, [index[:least]]) == 1
     assert pieces_taken(monkeypatch, [index[: least - 1]]) == 0

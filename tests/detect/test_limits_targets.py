@@ -113,7 +113,7 @@ def seen_squares(monkeypatch, columns=5, rows=4, spacing=0.5):
 def test_a_grid_of_squares_that_was_not_asked_for(monkeypatch):
     assert seen_squares(monkeypatch, base.LEAST_UNASKED // 2, 2) == pytest.approx(0.5)
     assert seen_squares(monkeypatch, base.LEAST_UNASKED - 1, 1) is None
-    low, high = squares.LEAST_SPACING, squares.MOST_SPACING
+    low, high = base.GAPS
     for spacing in (MORE * low, LESS * high):
         assert seen_squares(monkeypatch, spacing=spacing) == pytest.approx(spacing)
     assert seen_squares(monkeypatch, spacing=LESS * low) is None

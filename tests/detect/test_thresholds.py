@@ -12,6 +12,7 @@ from camcal.detect import (
     disc_fit,
     disc_grid,
     disc_model,
+    grid,
     line_chains,
     mosaic,
     no_board,
@@ -19,7 +20,7 @@ from camcal.detect import (
 )
 from camcal.detect.discs import Discs
 from camcal.detect.recognition import quads
-from camcal.detect.targets import dictionaries, tag_board
+from camcal.detect.targets import base, dictionaries, tag_board
 from camcal.detect.windows import Windows
 from tests.detect.scenes import make
 from tests.sides import LESS, MORE
@@ -112,13 +113,13 @@ def test_the_noise_of_most_discs():
 
 def test_discs_that_are_a_board():
     full = np.arange(20).reshape(4, 5)
-    seen = round(20 * disc_grid.FULL)
+    seen = round(20 * base.LEAST_SEEN)
     for count, board in ((seen, True), (seen - 1, False)):
         index = full.copy()
         index.reshape(-1)[[6, 8, 11, 13, 7][: 20 - count]] = -1
         assert disc_grid._Layout(index, False).full == board
     assert disc_grid._Layout(full[:2, :3], False).full
-    assert not disc_grid._Layout(full[:1, : disc_grid.LEAST_DISCS - 1], False).full
+    assert not disc_grid._Layout(full[:1, : grid.LEAST_NODES - 1], False).full
 
 
 # ------------------------------------------------------------------------------------ chains of points

@@ -15,11 +15,11 @@ from heapq import heappop, heappush
 import numpy as np
 
 from camcal.detect.recognition.families import Family, Marker, smallest
-from camcal.detect.targets.aprilgrid import AprilGrid
-from camcal.detect.targets.base import MOST_GAP
+from camcal.detect.targets.aprilgrid import LARGEST_GAP, AprilGrid
+from camcal.detect.targets.base import GAPS, MOST_GAP
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import marker_count
-from camcal.detect.targets.tag_board import TagBoard, consistent
+from camcal.detect.targets.tag_board import NEIGHBOURS, TagBoard, consistent
 from camcal.detect.targets.tag_grid import TagGrid
 from camcal.geometry import homography
 from camcal.records import dataclass
@@ -27,11 +27,10 @@ from camcal.records import dataclass
 Array = np.ndarray
 
 UNIT = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5  #: a marker's corners in its own frame
-NEAREST = 8  #: nearest markers among which neighbours are searched
 LEAST_SQUARES = 3  #: columns and rows of a ChArUco board: with two, all corners are collinear
-#: initial range of a marker's side in squares, and of gaps between tags in sides (Kalibr's at most LARGEST_OF_KALIBR);
-#: values beyond it come from inaccurate outlines, and `measure` refines the value from there
-MARKER, GAP, LARGEST_OF_KALIBR = (0.1, 0.95), (0.05, MOST_GAP), 0.9
+#: initial range of a marker's side in squares; values beyond it, and gaps beyond `GAPS`, come from
+#: inaccurate outlines, and `measure` refines the value from there
+MARKER = (0.1, 0.95)
 #: ratio of the smaller to the larger component of the step to a neighbour in the marker's frame: 1 along a diagonal,
 #: 0 along a row or column; .1 to .95 and .05 to .9 give the same boards in 19 sets of pictures
 DIAGONAL, STRAIGHT = 0.7, 0.25
@@ -175,10 +174,10 @@ def _tags_in_rows(patches: Sequence[Patch], step: float, family: Family, foreign
     rows = cell(_last(patches, cell))[1] + 1
     if not _enough(count, len(ids)) or rows < 2 or origin + columns * rows > marker_count(name):
         return None
-    spacing = float(np.clip(step - 1, *GAP))
+    spacing = float(np.clip(step - 1, *GAPS))
     board: TagBoard
     if cell.func is _kalibr_cell:
-        board = AprilGrid(columns, rows, 1.0, min(spacing, LARGEST_OF_KALIBR), "unit", name, border, origin)
+        board = AprilGrid(columns, rows, 1.0, min(spacing, LARGEST_GAP), "unit", name, border, origin)
     else:
         board = TagGrid(
             columns, rows, 1.0, spacing, smallest(name, origin + columns * rows), "unit", border, origin
@@ -292,7 +291,7 @@ def _frames(view: Sequence[Marker]) -> tuple[Array, Array]:
     h = homography.homographies(corners, np.broadcast_to(UNIT, corners.shape), steps=0)
     centre = corners.mean(1)
     distance = np.linalg.norm(centre[:, None] - centre, axis=-1)
-    near = np.argsort(distance, axis=1)[:, 1 : NEAREST + 1]
+    near = np.argsort(distance, axis=1)[:, 1 : NEIGHBOURS + 1]
     return near, homography.transfer(h, centre[near])
 
 

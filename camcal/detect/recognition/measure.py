@@ -15,8 +15,8 @@ import numpy as np
 
 from camcal.detect import targets
 from camcal.detect.marked_grid import sample_squares
-from camcal.detect.targets.aprilgrid import AprilGrid
-from camcal.detect.targets.base import DEFAULT_SECONDS, MOST_GAP, Detection, Target
+from camcal.detect.targets.aprilgrid import LARGEST_GAP, AprilGrid
+from camcal.detect.targets.base import DEFAULT_SECONDS, GAPS, Detection, Target
 from camcal.detect.targets.charuco import Charuco
 from camcal.detect.targets.dictionaries import black_cells
 from camcal.detect.targets.squares import SquareGrid
@@ -29,8 +29,8 @@ Spaced = TypeVar("Spaced", bound=AprilGrid | SquareGrid | TagGrid)
 
 MOST_PICTURES = 3  #: pictures that are measured; the values of single pictures agree to one per cent
 AROUND = 0.2  #: relative error of a marker's size taken from its outline
-#: range of the gap in sides that can be printed and read
-BOUNDS = {"aprilgrid": (0.05, 0.95), "squares": (0.05, MOST_GAP), "aruco-grid": (0.05, MOST_GAP)}
+#: range of the gap in sides
+BOUNDS = {"aprilgrid": (GAPS[0], LARGEST_GAP), "squares": GAPS, "aruco-grid": GAPS}
 #: range of a marker's side in squares: printed markers have some white around them
 MARKER = (0.1, 0.98)
 #: usual multiples for the side of a marker (in squares) and for a gap (in sides), and the distance within which a

@@ -11,6 +11,7 @@ from functools import cache
 import cv2
 import numpy as np
 
+from camcal.detect.marked_grid import PER_CELL
 from camcal.detect.targets.dictionaries import detector, dictionary
 from camcal.geometry.homography import within_quads
 
@@ -20,7 +21,6 @@ RIM = 10  #: samples along each side of the rim; no marker has more cells
 DARK_RIM = 0.15  #: share of the samples of the rim that may be bright
 LEAST_INSIDE, MOST_INSIDE = 0.1, 0.9  #: share of the samples inside that are bright in a marker
 LEAST_CONTRAST = 30.0  #: grey levels of 255 within a quadrilateral
-PER_CELL = 3  #: samples of a cell along each side, in its inner half
 BAD_BORDER = 0.2  #: share of the cells of the border that may be read as bright
 CORRECTED = 0.6  #: of the bits that a dictionary can correct; OpenCV's default
 

@@ -36,9 +36,15 @@ NOTHING = frozenset({"none", "too-dark", "too-bright", "too-blurred"})
 #: points or squares; a smaller grid may be chance, and is accepted only if its size was requested
 LEAST_UNASKED = 12
 LEAST_POINTS = 4  #: of a detection: their eight coordinates determine the homography of a plane
+#: share of a board's corners, discs or squares that must be seen, as they cannot be identified one by one: where more
+#: than a fifth is hidden, the size of the board is uncertain
+LEAST_SEEN = 0.8
 #: largest ratio of the times for pictures with sides in the ratio of 2: four times the pixels, and a quarter more
 LARGER = 5.0
 MOST_GAP = 5.0  #: largest gap, in sides of a tag or square; beyond it, most of the board is empty
+#: gaps, in sides, for which a target that was not named is searched: the blur of an edge closes smaller ones, which
+#: are 1 px between squares of 20 px
+GAPS = (0.05, MOST_GAP)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from camcal.detect.evenness import unevenness
-from camcal.detect.grid_fit import sharp_corners
+from camcal.detect.grid_fit import LEAST_GOOD, sharp_corners
 from camcal.detect.pyramid import grey_span
 from camcal.detect.search import Found, search
 from camcal.detect.squares import oriented
@@ -24,8 +24,7 @@ from camcal.settings.sizes import parse_grid, parse_length
 
 Array = np.ndarray
 
-SURE = 0.75  #: share of its corners that must pass the tests of the fit
-LEAST_GOOD = 0.5  #: share of the corners that must pass the tests of the fit
+SURE = 0.75  #: share of the corners of a board of unknown size that must pass the tests of the fit
 #: of a step; grids in 300 pages of small text have 0.10 to 0.18. Boards of all real sets have at most 0.06; boards of
 #: 5x4 corners close to a 170 degree lens have up to 0.16, so that this alone does not decide
 UNEVEN = 0.08

@@ -26,6 +26,7 @@ from camcal.detect.pyramid import grey_span, noise, reduced, reductions, to_8_bi
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
     LEAST_POINTS,
+    LEAST_SEEN,
     LEAST_UNASKED,
     Detection,
     Miss,
@@ -42,7 +43,6 @@ from camcal.settings.sizes import parse_grid, parse_length
 Array = np.ndarray
 
 STRAY = 0.2  #: of the distance; a disc farther from where its neighbours predict it is another
-ENOUGH = 0.8  #: share of the discs that must be seen
 #: of the contrast; standard deviation around a disc. It is at most 0.14 for four fifths of the discs of all real sets,
 #: and at least 0.86 for half of the small squares between tags
 PLAIN = 0.35
@@ -98,7 +98,7 @@ class Circles(Target):
         good, total = fitted.good & ~self._strays(found.ids, fitted.discs.centre), self.columns * self.rows
         order = np.argsort(found.ids)
         order = order[good[order]]
-        if len(order) < max(LEAST_POINTS, ENOUGH * total):
+        if len(order) < max(LEAST_POINTS, LEAST_SEEN * total):
             why = max(set(fitted.reasons), key=fitted.reasons.count)
             return Miss(
                 "none", f"a grid was found, but only {len(order)} of its {total} discs can be used: {why}"

@@ -19,7 +19,9 @@ from camcal.detect.pyramid import reduced, reductions, to_8_bits
 from camcal.detect.targets import outlined
 from camcal.detect.targets.base import (
     DEFAULT_SECONDS,
+    GAPS,
     LEAST_POINTS,
+    LEAST_SEEN,
     LEAST_UNASKED,
     Detection,
     Miss,
@@ -39,8 +41,6 @@ Array = np.ndarray
 EXAMPLE = "squares:8x8:12.7mm:0.78"
 UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  #: corners of a square, row by row
 CLOCKWISE = np.array([0, 1, 3, 2])  #: their clockwise order; the permutation is its own inverse
-ENOUGH = 0.8  #: share of the squares that must be seen and fitted
-LEAST_SPACING, MOST_SPACING = 0.1, 3.0  #: of a side; range of targets of this kind
 
 
 class SquareGrid(Target):
@@ -89,7 +89,7 @@ class SquareGrid(Target):
         fitted = fitted.take_corners(CLOCKWISE)
         keep = outlined.in_place(self.points, self.square, grid.ids, fitted)
         total = self.columns * self.rows
-        if keep.sum() < max(LEAST_POINTS, ENOUGH * total):
+        if keep.sum() < max(LEAST_POINTS, LEAST_SEEN * total):
             return Miss("none", f"a grid was found, but only {keep.sum()} of its {total} squares can be used")
         return outlined.detection(gray, total, grid.ids, fitted, keep, sides)
 
@@ -134,14 +134,14 @@ def find_any(gray: Array, seconds: float) -> tuple[Grid, float] | None:
         return None
     grid, quads = found
     plain, contrast = plain_inside(to_8_bits(gray), quads)
-    if plain.mean() < ENOUGH or unevenly_dark(contrast, grid.discs.centre):
+    if plain.mean() < LEAST_SEEN or unevenly_dark(contrast, grid.discs.centre):
         return None
     place = np.c_[grid.ids % grid.columns, grid.ids // grid.columns].astype(float)
     _, jacobian, certain = from_points(place, place, grid.discs.centre)
     area = np.abs(np.linalg.det(jacobian))  # of a cell of the grid, compared with that of its square
     ratio = area / (4 * np.abs(np.linalg.det(grid.discs.shape)))
     spacing = float(np.sqrt(np.median(ratio[certain]))) - 1 if certain.any() else 0.0
-    if not LEAST_SPACING < spacing < MOST_SPACING:
+    if not GAPS[0] < spacing < GAPS[1]:
         return None
     target = SquareGrid(grid.columns, grid.rows, 1.0, spacing)
     return (grid, spacing) if isinstance(target.find(gray, seconds), Detection) else None

@@ -32,7 +32,7 @@ from camcal.geometry.picture import in_picture
 
 Array = np.ndarray
 
-NEIGHBOURS = 8  #: nearest markers with which a marker is compared
+NEIGHBOURS = 8  #: nearest markers with which a marker is compared: those around it
 WINDOW_SHARE = 0.85  #: of the clear space around a corner that its fit uses; the rest is for initial errors
 BAND = 3.0  #: blurs to each side of an edge that a fit uses
 START_BLUR = 1.5  #: px; initial corners come from markers, which are off by one or two px
