@@ -13,8 +13,9 @@ s_v = ±1 of the views lower the cost by
 
 The signs of the leading eigenvector of G, and from there single views whose change raises (2), give the turns. They
 are accepted where two things hold: a board of no odd displacement would let the best of all 2^(V-1) signs explain
-as much with a probability below `SIGNIFICANT` (sᵀ G s / σ² follows χ² of two degrees of freedom for each pair, for any
-fixed signs), and a free board fits better with them than without by more than a choice for each view explains.
+as much with a probability below `board_shape.SIGNIFICANT` (sᵀ G s / σ² follows χ² of two degrees of freedom for each
+pair, for any fixed signs), and a free board fits better with them than without by more than a choice for each view
+explains.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from math import log
 
 import numpy as np
 
+from camcal.assess.board_shape import SIGNIFICANT
+from camcal.assess.causes import LEAST_VIEWS
 from camcal.assess.checks.facts import identified
 from camcal.assess.figures import redundancy
 from camcal.data.observations import Observations
@@ -41,14 +44,10 @@ from camcal.solve.turns import Renaming, may_turn, turns_of
 #: by how much n ln(cost) has to fall beyond 2 ln 2 for each view, whose turn is a choice between two: very strong
 #: evidence in the table of Kass & Raftery (Bayes factors, 1995)
 EVIDENCE = 10.0
-#: probability of an odd shape by chance, as of shapes in `board_shape.py`
-SIGNIFICANT = 0.001
 #: step of the differences along the board, in parts of its extent
 STEP = 1e-6
 #: views that change sides in turn: one round settles them unless the camera was far off
 ROUNDS = 4
-#: two views can always be made to agree by a turn; among three, the turned one can be identified
-LEAST = 3
 
 
 @dataclass(frozen=True)
@@ -89,14 +88,14 @@ def decided(flat: Estimate, how: How) -> Turned | None:
         Where a free board cannot be fitted.
     """
     turn = half_turn(flat.observations)
-    if turn is None or len(flat.poses) < LEAST:
+    if turn is None or len(flat.poses) < LEAST_VIEWS:
         return None
     gram, numbers = _gram(flat, turn)
     signs = _signs(gram)
     if signs is None or (signs > 0).all():
         return None
     views, plain = len(signs), np.ones(len(signs))
-    least, explained = 2 * log(2) * views + EVIDENCE, float(signs @ gram @ signs)
+    least, explained = _least(views), float(signs @ gram @ signs)
     left = max(2 * flat.fit.cost - explained, 0.0)
     by_chance = _logarithm_of_chance(explained, numbers, left, redundancy(flat) - numbers)
     if (explained - plain @ gram @ plain) / _variance(flat) < least or by_chance > _allowed(views):
@@ -147,7 +146,7 @@ def decided_by_known(fit: Calibration, how: How) -> Turned | None:
         poses = turned(now.poses, other.view_ids, better, turn)
         now = refit(now, renamed(now.observations, better, turn), how, poses)
     evidence = redundancy(fit) * log(fit.fit.cost / now.fit.cost) if 0 < now.fit.cost < fit.fit.cost else 0.0
-    if evidence < 2 * log(2) * len(fit.poses) + EVIDENCE:
+    if evidence < _least(len(fit.poses)):
         return None
     return Turned(now, tuple(v for v in data.view_ids if v in names), turn, evidence)
 
@@ -189,6 +188,11 @@ def _logarithm_of_chance(explained: float, numbers: int, left: float, freedom: i
     if freedom <= 0 or left <= 0:
         return -np.inf if explained > 0 else 0.0
     return log(max(f_exceeded(explained / numbers / (left / freedom), numbers, freedom), TINY))
+
+
+def _least(views: int) -> float:
+    """The least evidence at which turns of so many views are believed."""
+    return 2 * log(2) * views + EVIDENCE
 
 
 def _allowed(views: int) -> float:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.assess import exchanged_points, figures
-from camcal.assess.causes import Found
+from camcal.assess.causes import LEAST_VIEWS, Found
 from camcal.assess.checks import fit, mirror
 from camcal.assess.checks.facts import Facts
 from camcal.assess.warning import CalibrationWarning, Severity
@@ -154,7 +154,7 @@ def _suspects(solution: Calibration) -> list[_Suspect]:
     found = []
     for i in np.flatnonzero(own > SUSPECT * median(own)):
         view, freedom = data.views[i].take(used[i]), 2 * int(counts[i]) - _PLANE
-        if len(data.views) < mirror.LEAST_VIEWS or freedom <= 0 or not shapes([view]).planar[0]:
+        if len(data.views) < LEAST_VIEWS or freedom <= 0 or not shapes([view]).planar[0]:
             continue
         measured = proportions(view, solution.camera, every=True)
         if measured is None or abs(measured.ratio - 1) <= SAME_PROPORTION:

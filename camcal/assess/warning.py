@@ -12,6 +12,10 @@ from camcal.records import dataclass
 Severity = Literal["note", "doubtful", "wrong"]
 SEVERITIES: tuple[Severity, ...] = ("note", "doubtful", "wrong")
 
+#: A check warns where noise alone would look as bad with a probability below this. About ten checks test for it, so
+#: that one sound calibration in a thousand gets such a warning.
+BY_CHANCE = 1e-4
+
 Grade = Literal["good", "doubtful", "wrong"]
 
 

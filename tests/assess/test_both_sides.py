@@ -18,6 +18,7 @@ from camcal.assess import (
 from camcal.assess.causes import words
 from camcal.assess.checks import board, border, circles, coverage, fit
 from camcal.assess.checks.facts import Facts
+from camcal.assess.warning import BY_CHANCE
 from camcal.data.observations import View
 from camcal.errors import UsageError
 from tests.sides import LESS, MORE
@@ -78,7 +79,7 @@ def test_a_board_of_another_shape(good):
         return bool(list(board.not_flat(SimpleNamespace(free_board=free, solution=good))))
 
     assert said(0.0, LESS * board.GAIN) and not said(0.0, MORE * board.GAIN)
-    assert said(LESS * board.SIGNIFICANT, 0.5) and not said(MORE * board.SIGNIFICANT, 0.5)
+    assert said(LESS * BY_CHANCE, 0.5) and not said(MORE * BY_CHANCE, 0.5)
 
 
 def test_circles_and_a_bent_board(good):
@@ -88,7 +89,7 @@ def test_circles_and_a_bent_board(good):
     half = circles.LEAST_OF_BOARD * 0.19 * good.fit.cost
     for share, more in ((LESS, True), (MORE, False)):
         assert circles._board_explains_more(facts, SimpleNamespace(gain=share * half)) == more
-    bent.p_value = MORE * board.SIGNIFICANT
+    bent.p_value = MORE * BY_CHANCE
     assert not circles._board_explains_more(facts, SimpleNamespace(gain=0.0))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from camcal.assess.causes.effect import effect_px
 from camcal.assess.causes.search import EVIDENCE, Search, Trial
+from camcal.assess.warning import BY_CHANCE
 from camcal.data.observations import Observations
 from camcal.errors import CamcalError
 from camcal.geometry.projective import FLAT_RAY
@@ -33,14 +34,12 @@ MOST_POINTS, MOST_VIEWS = 20_000, 150
 #: that of uniform ones or of an even drift, which form no parts at all; bent boards and blur leave half of it on a real
 #: set of 17 pictures. Above 3/4, a fifth is left to other errors.
 MOST_OF_IT = 0.8
-#: ... and if noise alone would explain as much with a probability below this, as for boards (`checks/board.py`)
-BY_CHANCE = 1e-4
 #: Largest residual scale with a cause, relative to that of the points kept by the solution, at which the cause also
 #: explains the rejected views: a view with shifted rows of the board leaves thirty times the noise with any camera.
 MOST_LEFT = 3.0
 #: least number of views for one parameter per view to be informative about all of them
 LEAST_FOR_EACH = 6
-#: least number of views: of two, neither can be identified as the different one
+#: least number of views: of two, neither can be identified as the different one (the mirrored, turned or foreign one)
 LEAST_VIEWS = 3
 
 

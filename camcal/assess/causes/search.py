@@ -132,8 +132,12 @@ class Search:
 
     def promised(self, gain: float, numbers: int, choices: float) -> float:
         """(1) as predicted by one step with this gain."""
+        return self.bic(self._left(gain), numbers, choices)
+
+    def _left(self, gain: float) -> float:
+        """The cost predicted by one step with this gain."""
         assert self.linear is not None
-        return self.bic(max(self.linear.cost - gain, LEAST_LEFT * self.linear.cost), numbers, choices)
+        return max(self.linear.cost - gain, LEAST_LEFT * self.linear.cost)
 
     def fit(self, kind: str, how: str, design: Array, parts: Array, choices: float) -> Trial | None:
         """Fit a candidate; None if it has as many unknowns as there are coordinates, or diverges."""
@@ -326,8 +330,7 @@ class Search:
         found = circles(self.base)
         if found is None or not found.radius > 0:
             return
-        assert self.linear is not None
-        cost = max(self.linear.cost - found.gain, LEAST_LEFT * self.linear.cost)
+        cost = self._left(found.gain)
         theta, none = np.zeros((self.count, len(self.warp.fields))), np.zeros(self.count, bool)
         camera = replace(self.base.camera, params=found.params)
         yield Trial("circles", "", camera, theta, none, cost, 1, self.bic(cost, 1, 0.0), self.warp)

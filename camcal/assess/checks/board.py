@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from camcal.assess.checks.facts import Facts
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import BY_CHANCE, CalibrationWarning
 
-#: A non-ideal board is reported if it reduces sigma_hat below this fraction, ...
+#: A non-ideal board is reported if it reduces sigma_hat below this fraction, and if a flat board would do so with a
+#: probability below `BY_CHANCE`.
 GAIN = 0.85
-#: ... and if a flat board would appear so with a probability below this.
-SIGNIFICANT = 1e-4
 
 
 def not_flat(facts: Facts) -> Iterator[CalibrationWarning]:
     """The board's shape clearly differs from the assumed one."""
     found = facts.free_board
-    if found is None or found.p_value > SIGNIFICANT or found.after > GAIN * found.before:
+    if found is None or found.p_value > BY_CHANCE or found.after > GAIN * found.before:
         return
     target = facts.solution.observations.target or {}
     offset = found.rms_offset / float(target.get("square") or 1.0)

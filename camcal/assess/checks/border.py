@@ -17,14 +17,12 @@ import numpy as np
 
 from camcal.assess.checks.facts import Facts
 from camcal.assess.design import Design
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import BY_CHANCE, CalibrationWarning
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array
 
 #: rings of equal numbers of points, and least points of each: its noise is then known to 16 %
 RINGS, LEAST_POINTS = 6, 20
-#: rings of equal noise differ as much with a probability below this (analysis of variance of the residuals' lengths)
-BY_CHANCE = 1e-4
 #: A sigma that is too small by this factor is reported: its 95 % interval contains the true value in 89 % ...
 TOO_SMALL = 1.2
 #: ... and by this it is doubtful: in 81 %
@@ -66,7 +64,7 @@ def rings(facts: Facts) -> Array | None:
 
 
 def _differ(lengths: Array, ring: Array) -> bool:
-    """Return whether the residuals' lengths (M,) differ between rings significantly."""
+    """Return whether the residuals' lengths (M,) differ between rings significantly, by an analysis of variance."""
     means = np.array([lengths[ring == k].mean() for k in range(RINGS)])
     counts = np.bincount(ring, minlength=RINGS)
     within = float(np.square(lengths - means[ring]).sum()) / (len(lengths) - RINGS)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from camcal.assess.causes.circles import Circles, circles
 from camcal.assess.causes.words import severity
-from camcal.assess.checks import board, fit
+from camcal.assess.checks import fit
 from camcal.assess.checks.facts import Facts
 from camcal.assess.difference import difference
 from camcal.assess.fold_difference import covered_pixels
-from camcal.assess.warning import CalibrationWarning
+from camcal.assess.warning import BY_CHANCE, CalibrationWarning
 
 #: standard deviations of r² above which circles are reported: false alarms in 1e-3 of all runs. Of 24 sets of 15 views
 #: of circles of radius .4 with .02 px of noise one has less than 4 (3.8, its camera off by five of its sigmas)
@@ -51,7 +51,7 @@ def circle_centres(facts: Facts) -> Iterator[CalibrationWarning]:
 def _board_explains_more(facts: Facts, found: Circles) -> bool:
     """Return whether the board's own shape predicts so large a gain that circles are a small part of the error."""
     bent = facts.free_board
-    if bent is None or bent.p_value > board.SIGNIFICANT:
+    if bent is None or bent.p_value > BY_CHANCE:
         return False
     of_board = 1 - (bent.after / bent.before) ** 2
     return found.gain < LEAST_OF_BOARD * of_board * facts.solution.fit.cost

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from camcal.assess.causes import LEAST_VIEWS
 from camcal.assess.checks import fit
 from camcal.assess.checks.facts import Facts
 from camcal.assess.figures import rms_of_views as per_view
@@ -31,8 +32,6 @@ LIKELIER = 14.0
 SQUARES = 1.8
 #: Only views whose rms exceeds that of the median view by this factor are examined: mirrored ones have 1.3 or more.
 SUSPECT = 1.15
-#: Least number of views: of two, the mirrored one cannot be identified.
-LEAST_VIEWS = 3
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 

@@ -12,9 +12,6 @@ from camcal.assess.warning import CalibrationWarning
 #: Relative standard deviation of a focal length (and skew), and that of the principal point relative to the image's
 #: diagonal, above which they are weak: ten times those of a dozen ordinary views of a board.
 WEAK = 0.02
-#: Correlation between parameters of different groups above which neither is meaningful by itself. Within a
-#: group (fx with fy, k1 with k2) it is always high and harmless.
-STRONG = 0.95
 NAMED = 4  #: pairs named in a message, which thus fits on one line
 _HINT = "Add tilted views across the whole picture, fix parameters (--fix), or choose a smaller model."
 
@@ -54,9 +51,12 @@ def focal_sigma(facts: Facts) -> float:
 
 
 def correlated(facts: Facts) -> Iterator[CalibrationWarning]:
-    """Strong correlation between parameters of different groups."""
+    """Strong correlation between parameters of different groups: neither is meaningful by itself.
+
+    Within a group (fx with fy, k1 with k2) it is always high and harmless.
+    """
     group = {p.name: p.group for p in facts.camera.lens.parameters}
-    pairs = [p for p in facts.covariance.strong_correlations(STRONG) if group[p[0]] != group[p[1]]]
+    pairs = [p for p in facts.covariance.strong_correlations() if group[p[0]] != group[p[1]]]
     if pairs:
         named = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in pairs[:NAMED])
         yield CalibrationWarning(
