@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from camcal.assess import figures
+from camcal.assess import figures, warning
 from camcal.assess.checks.board import GAIN as BOARD_GAIN
 from camcal.assess.free_board import promise
 from camcal.assess.holdout import CHEAP_PARAMETERS, CHEAP_POINTS
-from camcal.assess.warning import BY_CHANCE
 from camcal.detect.films import REPEATED, SURPLUS
 from camcal.errors import CamcalError
 from camcal.plan.solution import Solution
@@ -80,7 +79,7 @@ def next_views(solution: Solution, source: str) -> Finding | None:
 def board_shape(solution: Solution) -> Finding | None:
     """A board whose shape differs from the assumed one."""
     found = promise(solution)
-    if found is None or found.p_value > BY_CHANCE or found.after > BOARD_GAIN * found.before:
+    if found is None or found.p_value > warning.BY_CHANCE or found.after > BOARD_GAIN * found.before:
         return None
     return Finding(
         "board-not-flat",
