@@ -38,7 +38,8 @@ class Damping:
             self.since_failure += 1
             return
         factor = np.where(good, fall, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
-        self.value = np.maximum(self.value, SMALLEST) * np.where(accepted, factor, self.growth)
+        moved = np.maximum(self.value, SMALLEST) * np.where(accepted, factor, self.growth)
+        self.value = np.maximum(moved, SMALLEST)  # as above: a member does not depend on the others
         self.growth = np.where(accepted, self.GROWTH, 2.0 * self.growth)
         self.since_failure = np.where(accepted, self.since_failure + 1, 0)
 

@@ -185,10 +185,8 @@ class _Run:
                 merged(accepted, trial, self.state),
                 merged(accepted, after, before),
             )
-        if self.problem.count == 1:
-            ratio, kept = float(gain[0]), bool(accepted[0])
-            where = self.iteration, self.evaluated
-            self.problem.tried(Trial(*where, before, after, step, float(predicted[0]), ratio, kept))
+        where = self.iteration, self.evaluated, self.members
+        self.problem.tried(Trial(*where, before, after, step, predicted, gain, accepted))
         return accepted, gain
 
     def failed(self, rejected: Array, predicted: Array) -> None:

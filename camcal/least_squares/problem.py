@@ -128,7 +128,7 @@ class Problem(Protocol):
         ...
 
     def tried(self, trial: Trial) -> None:
-        """Learn from a trial; called after every trial of a problem with one member."""
+        """Learn from a trial; called after every trial."""
         ...
 
 
@@ -171,16 +171,17 @@ class Differences(Small):
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial step: the equations before and after it, λ's predicted decrease, the gain."""
+    """A trial step of M members: the equations before and after it, λ's predicted decreases, the gains."""
 
     iteration: int
     evaluations: int
+    members: Array  #: (M,) indices
     before: Any
     after: Any
     step: Any
-    predicted: float
-    gain: float  #: decrease of the cost over the predicted one
-    accepted: bool
+    predicted: Array  #: (M,)
+    gain: Array  #: (M,) decreases of the cost over the predicted ones
+    accepted: Array  #: (M,) bool
 
 
 class Found(NamedTuple):

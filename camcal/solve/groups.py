@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
+#: `Lens.linearise` without the parameters
+Linearise = Callable[[Array, Array, Array, Array, Array, Array], "bool | Array"]
+
 #: numbers in the Jacobian rows of a group of views; as doubles they fill a second-level cache of 1 MB, and the overhead
 #: of each numpy call is negligible
-_ROW_BUDGET = 120_000
+ROW_BUDGET = 120_000
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def make_groups(
     groups, begin = [], 0
     while begin < len(order):
         end = begin + 1
-        while end < len(order) and (end + 1 - begin) * longest[end] * 2 * rows <= _ROW_BUDGET:
+        while end < len(order) and (end + 1 - begin) * longest[end] * 2 * rows <= ROW_BUDGET:
             end += 1
         groups.append(_group(camera, order[begin:end], views, offsets, weights))
         begin = end
@@ -93,6 +97,52 @@ def _group(
         np.ascontiguousarray(_stacked([v.uv for v in chosen], counts).transpose(0, 2, 1)),
         root,
     )
+
+
+def row_block(uv: Array, parameters: int, scratch: Array | None = None) -> Array:
+    """An array (G, P + 6 + 1, 2, N) for the rows of views with the points uv (G, 2, N); in `scratch` where that is
+    given.
+    """
+    shape = len(uv), parameters + 7, 2, uv.shape[2]
+    return np.empty(shape) if scratch is None else scratch[: math.prod(shape)].reshape(shape)
+
+
+def fill_rows(
+    block: Array, project: Linearise, rotations: Array, centres: Array, xyz: Array, uv: Array, weights: Array | None
+) -> bool | Array:
+    """Fill the rows of views: parameters, rotation and translation of the pose, residual.
+
+    Parameters
+    ----------
+    block : (G, P + 6 + 1, 2, N) array
+    project : callable
+        `Lens.linearise` of the cameras' parameters.
+    rotations, centres : (G, 3, 3) and (G, 3) arrays
+    xyz, uv, weights : as in `Group`
+
+    Returns
+    -------
+    bool
+        False where a point leaves the lens's domain: the rows are then not to be used. By view where `project` says so.
+    """
+    p = block.shape[1] - 7
+    turned = rotations @ xyz
+    cam = turned + centres[:, :, None]
+    x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))
+    d_xyz = block[:, p + 3 : p + 6]
+    inside = project(x, y, z, block[:, -1], d_xyz, block[:, :p])
+    if inside is False:
+        return False
+    block[:, -1] -= uv
+    # x_cam moves by δ x (R x): the rotation's columns are (R x) x d_xyz
+    tx, ty, tz = (turned[:, i, None] for i in range(3))
+    dx, dy, dz = d_xyz[:, 0], d_xyz[:, 1], d_xyz[:, 2]
+    np.subtract(ty * dz, tz * dy, out=block[:, p])
+    np.subtract(tz * dx, tx * dz, out=block[:, p + 1])
+    np.subtract(tx * dy, ty * dx, out=block[:, p + 2])
+    if weights is not None:
+        block *= weights
+    return inside
 
 
 def products(block: Array) -> Array:

@@ -10,10 +10,9 @@ batched product of this array with its transpose gives all normal matrices, grad
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from camcal.model.lenses.parameters import Parameter
 from camcal.model.pose import Poses
 from camcal.solve import local
 from camcal.solve.cameras import Assembly, CameraPart, camera_parts, diagonal
-from camcal.solve.groups import Group, make_groups, products
+from camcal.solve.groups import Group, fill_rows, make_groups, products, row_block
 from camcal.solve.seen import Seen
 from camcal.solve.state import Blocks, State, Step
 
@@ -312,27 +311,11 @@ class Problem:
         None where a point leaves the lens's domain. The rows lie in `scratch` where that is given.
         """
         camera = self.cameras[group.camera]
-        lens, size, p = camera.lens, group.uv.shape, camera.lens.size
-        shape = size[0], p + 7, 2, size[2]
-        block = np.empty(shape) if scratch is None else scratch[: math.prod(shape)].reshape(shape)
-        rotation, centre = camera.placed(state, self.seen.instant[group.members])
-        turned = rotation @ self.points(group, state)
-        cam = turned + centre[:, :, None]
-        x, y, z = (np.ascontiguousarray(cam[:, i]) for i in range(3))
-        d_xyz = block[:, p + 3 : p + 6]
-        params = state.params[camera.params]
-        if not lens.linearise(params, x, y, z, block[:, -1], d_xyz, block[:, :p]):
-            return None
-        block[:, -1] -= group.uv
-        # x_cam moves by δ x (R x): the rotation's columns are (R x) x d_xyz
-        tx, ty, tz = (turned[:, i, None] for i in range(3))
-        dx, dy, dz = d_xyz[:, 0], d_xyz[:, 1], d_xyz[:, 2]
-        np.subtract(ty * dz, tz * dy, out=block[:, p])
-        np.subtract(tz * dx, tx * dz, out=block[:, p + 1])
-        np.subtract(tx * dy, ty * dx, out=block[:, p + 2])
-        if group.weights is not None:
-            block *= group.weights
-        return block
+        block = row_block(group.uv, camera.lens.size, scratch)
+        placed = camera.placed(state, self.seen.instant[group.members])
+        project = partial(camera.lens.linearise, state.params[camera.params])
+        inside = fill_rows(block, project, *placed, self.points(group, state), group.uv, group.weights)
+        return block if inside else None
 
     def free_rows(self, group: Group, state: State) -> Array | None:
         """The rows (G, F + 6 + 1, 2 N) of a group: all variables, pose of the instant, residual."""

@@ -22,7 +22,7 @@ from camcal.solve.board_points import shaped, shaped_board
 from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard
 from camcal.solve.optimizers.base import OnStep, Options, Result
 from camcal.solve.parameters import apply_fixed, free_matrix
-from camcal.solve.problem import Problem, Seen
+from camcal.solve.problem import Problem, Seen, State
 from camcal.solve.several_boards import Several, motions_of
 
 #: rad; boards that rotated by less in the last round have converged: the linearisation error is the square of this
@@ -117,19 +117,34 @@ def refine(
     """
     begin = time.perf_counter()
     how = how or How()
+    start, frees, problem, state = posed(start, poses, observations, how)
+    result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
+    if isinstance(problem, BoardProblem) and problem.board.placed:
+        problem, result, observations = _placed(
+            problem, result, observations, cameras_of(start), frees, how
+        )
+    return calibration(start, problem, result, observations, how.optimizer, time.perf_counter() - begin)
+
+
+def posed(
+    start: Camera | Rig, poses: Poses, observations: Observations, how: How
+) -> tuple[Camera | Rig, list[Array], Problem, State]:
+    """The start with the held values applied, the matrices of its free parameters, the problem, and its first state.
+
+    Raises
+    ------
+    DataError, EstimationError
+        As `refine`.
+    """
     start = _with_fixed(start, how)
     cameras = cameras_of(start)
     frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, _fixes(start, how), strict=True)]
     problem = make_problem(cameras, observations, frees, how)
     params = np.concatenate([c.params for c in cameras])
-    state = problem.state(params, poses, rig_poses(start))
-    result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
-    if isinstance(problem, BoardProblem) and problem.board.placed:
-        problem, result, observations = _placed(problem, result, observations, cameras, frees, how)
-    return _calibration(start, problem, result, observations, how.optimizer, time.perf_counter() - begin)
+    return start, frees, problem, problem.state(params, poses, rig_poses(start))
 
 
-def _calibration(
+def calibration(
     start: Camera | Rig,
     problem: Problem,
     result: Result,

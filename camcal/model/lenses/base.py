@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from camcal.model.lenses.forms import LocalRows, OpenCVForm, Reading, Values
-from camcal.model.lenses.parameters import MATRIX, Parameters
+from camcal.model.lenses.parameters import MATRIX, Parameters, each
 
 Array = np.ndarray
 
@@ -61,6 +61,11 @@ class Lens(Parameters, ABC):
     neutral_curve: str = "perspective"
     local: int = 0
 
+    @property
+    def stackable(self) -> bool:
+        """Whether `linearise` takes parameters (P, V, 1) that differ from view to view, for many cameras at once."""
+        return False
+
     def __repr__(self) -> str:
         return f"<lens {self.name}{' with skew' if self.has_skew else ''}>"
 
@@ -83,7 +88,7 @@ class Lens(Parameters, ABC):
     @abstractmethod
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
-    ) -> tuple[Array, Array, bool]:
+    ) -> tuple[Array, Array, bool | Array]:
         """The map and its derivatives times the focal lengths: the inner kernel of the refinement.
 
         Parameters
@@ -96,7 +101,8 @@ class Lens(Parameters, ABC):
         -------
         mx, my : (V, N) arrays
         inside : bool
-            False where a point is outside the domain; the values are then not used.
+            False where a point is outside the domain; the values are then not used. Of coefficients (Q, V, 1), by
+            view (V, 1).
         """
 
     @abstractmethod
@@ -204,11 +210,12 @@ class Lens(Parameters, ABC):
 
     def linearise(
         self, params: Array, x: Array, y: Array, z: Array, uv: Array, d_xyz: Array, d_params: Array
-    ) -> bool:
+    ) -> bool | Array:
         """Project with derivatives into preallocated arrays.
 
         Parameters
         ----------
+        params : (P,) array, or (P, V, 1) where the lens is `stackable`
         x, y, z : (V, N) arrays
         uv : (V, 2, N) array, filled with the projections
         d_xyz : (V, 3, 2, N) array, filled with d(u, v) / d(x, y, z)
@@ -218,8 +225,9 @@ class Lens(Parameters, ABC):
         -------
         bool
             False where a point has left the domain or a parameter its bounds: the values are then not to be used.
+            By view, (V, 1), of parameters (P, V, 1).
         """
-        fx, fy = params[:2].tolist()
+        fx, fy = each(params[:2])
         x, y = self._centred(params, x, y, z)
         rows, k = d_params[:, self._own :], params[self._own :]
         mixed = self.has_skew or self.free_centre
@@ -227,7 +235,7 @@ class Lens(Parameters, ABC):
         if mixed:
             mx, my = self._mix(params, mx, my, z, d_xyz, d_params[:, self._bend :])
         self._pixel_rows(params, mx, my, uv, d_params)
-        return inside and self.within_bounds(params)
+        return inside & self.within_bounds(params)
 
     def _pixel_rows(self, params: Array, mx: Array, my: Array, uv: Array, d_params: Array) -> None:
         """Equation (1) and its derivatives with respect to the camera matrix."""

@@ -46,6 +46,11 @@ class PlaneLens(Lens):
         self.plane = PlaneDistortion(tuple(terms))
         super().__init__(name, [Parameter(n, "distortion") for n in names], skew, free_centre)
 
+    @property
+    def stackable(self) -> bool:
+        """Whether no term mixes the axes: skew, a free centre, higher decentering terms."""
+        return not (self.has_skew or self.free_centre or "p3" in self.plane.terms)
+
     def terms(self) -> dict[str, str]:
         """The terms of the plane distortion, and the distortion centre."""
         own = self.names[self._own :][: len(self.plane.terms)]
@@ -68,7 +73,7 @@ class PlaneLens(Lens):
 
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
-    ) -> tuple[Array, Array, bool]:
+    ) -> tuple[Array, Array, bool | Array]:
         """The chain rule through (x/z, y/z)."""
         iz = 1.0 / z
         a, b = x * iz, y * iz
@@ -79,7 +84,8 @@ class PlaneLens(Lens):
         np.multiply(ix, xb, out=d_xyz[:, 1, 0])
         np.multiply(iy, yb, out=d_xyz[:, 1, 1])
         np.negative(a[:, None] * d_xyz[:, 0] + b[:, None] * d_xyz[:, 1], out=d_xyz[:, 2])
-        return xd, yd, grows and bool(z.min(initial=np.inf) > 0)
+        ahead = bool(z.min(initial=np.inf) > 0) if k.ndim == 1 else z.min(1, keepdims=True) > 0
+        return xd, yd, grows & ahead
 
     def in_domain(self, k: Array, x: Array, y: Array, z: Array) -> Array:
         """Return which points lie in front of the camera and before the radial part folds back."""
@@ -145,6 +151,11 @@ class OpenCV(PlaneLens):
 class Tilted(OpenCV):
     """`opencv14` = `tilted`: `opencv12`, then (xd, yd, 1) ~ tilt(tauX, tauY) (xd, yd, 1)."""
 
+    @property
+    def stackable(self) -> bool:
+        """No: the homography of the sensor is that of one camera."""
+        return False
+
     def terms(self) -> dict[str, str]:
         """The terms of `opencv12` and the two angles."""
         return super().terms() | {"tauX": "tauX", "tauY": "tauY"}
@@ -169,7 +180,7 @@ class Tilted(OpenCV):
 
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
-    ) -> tuple[Array, Array, bool]:
+    ) -> tuple[Array, Array, bool | Array]:
         """The derivatives of the lens through the homography, and those with respect to the angles."""
         xd, yd, inside = super().derivatives(k[:-2], x, y, z, d_xyz, d_k[:, :-2], 1.0, 1.0)
         tilt = tilt_matrix(*k[-2:])

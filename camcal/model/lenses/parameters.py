@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,11 @@ class Parameter:
 
 
 CENTRE = (Parameter("xc", "distortion"), Parameter("yc", "distortion"))
+
+
+def each(params: Array) -> list[Any]:
+    """The parameters as numbers, with which numpy is fastest; of (P, V, 1), as arrays (V, 1)."""
+    return params.tolist() if params.ndim == 1 else list(params)
 
 
 class Parameters:
@@ -80,9 +86,14 @@ class Parameters:
                 f"Omit the value to hold {name} at its start.",
             )
 
-    def within_bounds(self, params: Array) -> bool:
-        """Whether every parameter lies within its bounds."""
-        return all(low <= params[i] <= high for i, low, high in self._bounds)
+    def within_bounds(self, params: Array) -> bool | Array:
+        """Whether every parameter lies within its bounds; of parameters (P, V, 1), by view (V, 1)."""
+        if params.ndim == 1:
+            return all(low <= params[i] <= high for i, low, high in self._bounds)
+        inside = np.ones(params.shape[1:], bool)
+        for i, low, high in self._bounds:
+            inside &= (low <= params[i]) & (params[i] <= high)
+        return inside
 
     def pinhole(self, fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Array:
         """The parameters (P,) of a camera without distortion."""

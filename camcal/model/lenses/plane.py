@@ -23,6 +23,7 @@ import numpy as np
 
 from camcal.model.lenses import newton
 from camcal.model.lenses.curve import bernstein, cached, first_root
+from camcal.model.lenses.parameters import each
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -60,7 +61,7 @@ class PlaneDistortion:
         return {kind: sorted(at, key=lambda i: int(self.terms[i][1:])) for kind, at in found.items()}
 
     def _split(self, c: Array) -> _Coefficients:
-        values = c.tolist()
+        values = each(c)
         n, d, p, x, y = [[values[i] for i in at] for at in self._at.values()]
         p1, p2 = p[:2] or (0.0, 0.0)
         return _Coefficients(n, d, p1, p2, p[2:], x, y)
@@ -86,7 +87,7 @@ class PlaneDistortion:
 
     def linearise(
         self, c: Array, a: Array, b: Array, rows: Array, fx: float, fy: float
-    ) -> tuple[tuple[Array, ...], bool]:
+    ) -> tuple[tuple[Array, ...], bool | Array]:
         """The distorted point by (2), with derivatives.
 
         Parameters
@@ -98,12 +99,17 @@ class PlaneDistortion:
         -------
         (xd, yd, dxd/da, dxd/db, dyd/da, dyd/db) : (V, N) arrays, without the focal lengths
         grows : bool
-            Whether all points lie before the fold of the radial part.
+            Whether all points lie before the fold of the radial part; of coefficients (Q, V, 1), by view (V, 1).
         """
         k, s = self._split(c), a * a + b * b
         f, slope, inverse = _radial(k, s)
         self._rows(k, (a, b), s, (f, inverse), rows, (fx, fy))
-        return _partials(k, a, b, s, f, slope), self._grows(c, k, float(s.max(initial=0.0)))
+        grows = (
+            self._grows(c, k, float(s.max(initial=0.0)))
+            if c.ndim == 1
+            else self._grow(c, k, s.max(1, keepdims=True))
+        )
+        return _partials(k, a, b, s, f, slope), grows
 
     def derivatives(self, c: Array, a: Array, b: Array) -> tuple[Array, ...]:
         """xd, yd, dxd/da, dxd/db, dyd/da, dyd/db."""
@@ -167,6 +173,16 @@ class PlaneDistortion:
         if all(b > 0 for p in _must_be_positive(k) for b in bernstein(p, s)):
             return True
         return s < self.fold(c) ** 2
+
+    def _grow(self, c: Array, k: _Coefficients, s: Array) -> Array:
+        """`_grows` of coefficients (Q, V, 1) and squared radii (V, 1), by view."""
+        grow = np.ones(s.shape, bool)
+        for polynomial in _must_be_positive(k):
+            for b in bernstein(polynomial, s):
+                grow &= b > 0
+        for v in np.flatnonzero(~grow):
+            grow[v] = s[v, 0] < self.fold(c[:, v, 0]) ** 2
+        return grow
 
     def invert(self, c: Array, xd: Array, yd: Array) -> tuple[Array, Array, Array]:
         """(a, b) of (xd, yd) within the fold, and which were found: Newton's method from the inverse of the radial

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,8 +16,9 @@ from camcal.solve.optimizers.base import OnStep, Options, Recorder, Result, Samp
 from camcal.solve.optimizers.curvature import Curvature
 from camcal.solve.problem import Blocks, Problem, State, Step
 from camcal.solve.schur import Reduced
+from camcal.solve.stack import Stack
 
-__all__ = ["VARIANTS", "minimise"]
+__all__ = ["VARIANTS", "minimise", "minimise_together"]
 
 Array = np.ndarray
 
@@ -54,6 +55,22 @@ def minimise(
         if found.converged:
             break
     return found
+
+
+def minimise_together(
+    problems: Sequence[Problem], states: Sequence[State], options: Options | None = None
+) -> list[Result | None]:
+    """Minimise the costs of many problems as members of one batch; they have to fit into a `Stack`.
+
+    None for members that `minimise` treats in a way of its own: those that have not converged before it learns
+    curvature, that orthogonal factors have to solve, that the limit of the lens's domain stops, and whose start cannot
+    be projected. The result of a member does not depend on the others.
+    """
+    options = options or Options()
+    stack = Stack(problems)
+    found = least_squares.minimise(stack, stack.state(states), replace(options, max_iterations=_LEARN_FROM))
+    settled = found.stats.converged & ~stack.alone
+    return [stack.result(found, i) if settled[i] else None for i in range(len(problems))]
 
 
 def _descend(problem: Problem, state: State, options: Options, on_step: OnStep | None) -> Result:
@@ -126,7 +143,7 @@ class _Whole:
 
     def tried(self, trial: Trial) -> None:
         """Record and learn."""
-        if not trial.accepted:
+        if not trial.accepted[0]:
             self.curvature.trusted = False
             return
         if trial.iteration >= _LEARN_FROM:
@@ -143,7 +160,8 @@ class _Whole:
         if not (before.solvable and after.solvable):
             self.curvature.trusted = False
             return
-        predicted, actual = trial.predicted, trial.gain * trial.predicted
+        predicted = float(trial.predicted[0])
+        actual = float(trial.gain[0]) * predicted
         extra = self.curvature.along(own)
         without, with_ = (
             (predicted + extra, predicted) if self.used_curvature else (predicted, predicted - extra)

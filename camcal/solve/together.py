@@ -1,0 +1,76 @@
+"""Refinements of many cameras at once, those that are alike as one batch."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from camcal.data.observations import Observations
+from camcal.errors import CamcalError
+from camcal.model.camera import Camera
+from camcal.model.pose import Poses
+from camcal.solve.calibration import Calibration
+from camcal.solve.optimizers import lm
+from camcal.solve.optimizers.base import Options
+from camcal.solve.refine import How, calibration, posed, refine
+from camcal.solve.stack import alike, stackable
+
+#: cameras in a stack at most: with 20 views each, their equations are 2 MB
+MOST = 50
+
+
+class Task(NamedTuple):
+    """The arguments of `refine` for one camera."""
+
+    start: Camera
+    poses: Poses
+    observations: Observations
+    how: How
+
+
+def refine_all(tasks: Sequence[Task]) -> list[Calibration | CamcalError]:
+    """`refine` every camera; the error of a camera in place of its result.
+
+    Cameras of one lens with as many free parameters and views as others are one batch, and the result of each is the
+    same in any company. The others, and those that end in a way of their own, are refined by themselves.
+    """
+    found: dict[int, Calibration] = {}
+    alike_: dict[Any, list[int]] = {}
+    made = {}
+    for i, task in enumerate(tasks):
+        if not _ordinary(task.how):
+            continue
+        try:
+            made[i] = start, _, problem, _ = posed(*task)
+        except CamcalError:
+            continue  # raised again below
+        if stackable(problem):
+            alike_.setdefault((alike(problem), task.how.stopping), []).append(i)
+    for rows in alike_.values():
+        for first in range(0, len(rows), MOST):
+            some = rows[first : first + MOST]
+            begin = time.perf_counter()
+            results = lm.minimise_together(
+                [made[i][2] for i in some], [made[i][3] for i in some], tasks[some[0]].how.stopping
+            )
+            seconds = (time.perf_counter() - begin) / len(some)
+            for i, result in zip(some, results, strict=True):
+                if result is not None:
+                    start, _, problem, _ = made[i]
+                    found[i] = calibration(start, problem, result, tasks[i].observations, "lm", seconds)
+    return [found[i] if i in found else _alone(task) for i, task in enumerate(tasks)]
+
+
+def _ordinary(how: How) -> bool:
+    """Return whether a search is one by the default method, without limits of its own, for a board as designed."""
+    stopping = how.stopping or Options()
+    unlimited = stopping.max_iterations is None and stopping.max_seconds is None
+    return unlimited and (how.optimizer, stopping.variant, how.board) == ("lm", "", "flat")
+
+
+def _alone(task: Task) -> Calibration | CamcalError:
+    try:
+        return refine(*task)
+    except CamcalError as error:
+        return error
