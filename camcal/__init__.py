@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # what `__getattr__` loads, for type checkers
     from camcal.model.rectification import rectify as rectify
     from camcal.model.rig import Rig as Rig
     from camcal.plan.calibrate import calibrate as calibrate
+    from camcal.plan.calibrate import calibrate_many as calibrate_many
     from camcal.plan.images import calibrate_images as calibrate_images
     from camcal.plan.rig import calibrate_rig as calibrate_rig
     from camcal.plan.solution import RigSolution as RigSolution
@@ -52,6 +53,7 @@ _PUBLIC = {
     "Solution": "camcal.plan.solution:Solution",
     "View": "camcal.data.observations:View",
     "calibrate": "camcal.plan.calibrate:calibrate",
+    "calibrate_many": "camcal.plan.calibrate:calibrate_many",
     "calibrate_images": "camcal.plan.images:calibrate_images",
     "calibrate_rig": "camcal.plan.rig:calibrate_rig",
     "hand_eye": "camcal.report.hand_eye:hand_eye",

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 class CamcalError(Exception):
     """An expected failure, shown to the user as one line and a hint.
@@ -38,3 +44,19 @@ class EstimationError(CamcalError):
     """The data were read, but no camera can be estimated from them."""
 
     exit_code = 4
+
+
+def caught(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | CamcalError:
+    """The result of a function, or the expected error that it raised."""
+    try:
+        return function(*args, **kwargs)
+    except CamcalError as error:
+        return error
+
+
+def only(found: Sequence[T | CamcalError]) -> T:
+    """The only result of a function of many; raise it if it is an error."""
+    (one,) = found
+    if isinstance(one, CamcalError):
+        raise one
+    return one

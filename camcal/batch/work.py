@@ -1,20 +1,20 @@
-"""One job, in any process: read, calibrate, write the report, and summarise it in a row."""
+"""Jobs, in any process: read, calibrate, write the report, and summarise it in a row."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from camcal.batch.jobs import CAMERAS, IMAGES, INTRINSICS, Job, options_of
+from camcal.batch.jobs import CAMERAS, INTRINSICS, POINTS, Job, options_of
 from camcal.batch.rows import Row
 from camcal.batch.storage import Storage, address_of, local_copies
-from camcal.errors import CamcalError
+from camcal.errors import CamcalError, only
 from camcal.settings.calibration import CalibrationOptions
 from camcal.settings.detection import DetectionOptions
 from camcal.settings.kinds import is_report
@@ -32,36 +32,81 @@ JOB = "job"  #: the entry among the options of a report that holds the digest of
 
 
 def run_jobs(jobs: Sequence[Job], out: str) -> list[Row]:
-    """Run some jobs sequentially; return their rows once all reports are on disk.
+    """Run some jobs; return their rows once all reports are on disk.
 
-    A report is written while the next job is computed: a disk that is asked to keep a file (fsync) takes as long as a
-    quick calibration.
+    Jobs of points with the same options are calibrated together, the others one by one. A report is written while the
+    next job is computed: a disk that is asked to keep a file (fsync) takes as long as a quick calibration.
     """
     storage = Storage(out)
+    ahead = _together(jobs) if len(jobs) > 1 else {}
     with ThreadPoolExecutor(1) as writer:
         rows = []
         for job in jobs:
-            row, report = _done(job)
+            row, report = _done(job, ahead.get(job.name))
             rows.append(row)
             if report is not None:
                 writer.submit(_keep, job, row, report, storage)
     return rows
 
 
-def _done(job: Job) -> tuple[Row, str | None]:
+class _Input(NamedTuple):
+    """The input of a job: its sources and the local paths of these, all its options, the data and how to calibrate."""
+
+    sources: Sequence[str]
+    paths: Sequence[str]
+    values: dict[str, Any]
+    data: Observations
+    options: dict[str, Any]
+
+
+class _Ahead(NamedTuple):
+    """A job that was calibrated together with others, and its share of the time, s."""
+
+    read: _Input
+    solution: Solution | CamcalError
+    seconds: float
+
+
+def _together(jobs: Sequence[Job]) -> dict[str, _Ahead]:
+    """The solutions of jobs of points, those with the same options at once.
+
+    A job that cannot be read, or whose group meets a bug, is left out: it is done by itself, where its failure is
+    recorded.
+    """
+    from camcal.plan.calibrate import calibrate_many
+
+    found: dict[str, _Ahead] = {}
+    alike: dict[str, list[tuple[str, _Input, float]]] = {}
+    for job in jobs:
+        began = time.perf_counter()
+        with suppress(Exception):
+            if job.kind == POINTS:
+                read = _read(job)
+                alike.setdefault(repr(read.options), []).append((job.name, read, time.perf_counter() - began))
+    for group in alike.values():
+        began = time.perf_counter()
+        with suppress(Exception):
+            made = calibrate_many([read.data for _, read, _ in group], **group[0][1].options)
+            share = (time.perf_counter() - began) / len(group)
+            for (name, read, seconds), solution in zip(group, made, strict=True):
+                found[name] = _Ahead(read, solution, seconds + share)
+    return found
+
+
+def _done(job: Job, ahead: _Ahead | None = None) -> tuple[Row, str | None]:
     """The row of a job and the text of its report; None if it failed."""
     began = time.perf_counter()
     row: Row = {"name": job.name, "type": job.type, "digest": job.digest}
     text = None
     with _failures_in(row, job):
-        report, solution = _report(job)
+        report, solution = _report(job, ahead)
         from camcal.report.yaml import dump_yaml
 
         row |= summary_row(report)
         if job.options.get("fleet_prior"):
             row |= _for_prior(report, solution)
         text = dump_yaml(report)
-    row["seconds"] = round(time.perf_counter() - began, 4)
+    row["seconds"] = round(time.perf_counter() - began + (ahead.seconds if ahead else 0.0), 4)
     return row, text
 
 
@@ -90,14 +135,15 @@ def _failures_in(row: Row, job: Job) -> Iterator[None]:
     row |= kept | {"status": FAILED, "reason": text_of(reason)}
 
 
-def _report(job: Job) -> tuple[dict[str, Any], Any]:
+def _report(job: Job, ahead: _Ahead | None) -> tuple[dict[str, Any], Any]:
     """The report of a job, and its solution: of a camera or of a rig."""
     from camcal.report import document, rig
 
-    values = {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
-    names, sources = zip(*(_split(job, source) for source in job.sources), strict=True)
-    with local_copies(sources) as paths:
-        solution = _rig(names, paths, values) if job.kind == CAMERAS else _camera(job.kind, paths, values)
+    if ahead is not None:
+        sources, paths, values, _, _ = ahead.read
+        solution: Any = only([ahead.solution])
+    else:
+        solution, sources, paths, values = _solved(job)
     described = {
         name: {"value": readable(value), "from": "job" if name in job.options else "default"}
         for name, value in values.items()
@@ -112,6 +158,52 @@ def _report(job: Job) -> tuple[dict[str, Any], Any]:
     return report, solution
 
 
+def _solved(job: Job) -> tuple[Any, Sequence[str], Sequence[str], dict[str, Any]]:
+    """Calibrate a job by itself: its solution, its sources and their local paths, and all its options."""
+    from camcal.plan.calibrate import calibrate
+
+    if job.kind == POINTS:
+        read = _read(job)
+        return calibrate(read.data, **read.options), read.sources, read.paths, read.values
+    values = _values(job)
+    names, sources = zip(*(_split(job, source) for source in job.sources), strict=True)
+    with local_copies(sources) as paths:
+        if job.kind == CAMERAS:
+            return _rig(names, paths, values), sources, paths, values
+        from camcal.detect.images import detect_images
+
+        data, options = _posed(detect_images(paths, **_search(values)), values)
+        options["refine_points"] = values["refine_corners"]
+        return calibrate(data, **options), sources, paths, values
+
+
+def _values(job: Job) -> dict[str, Any]:
+    """All options of a job."""
+    return {name: option.default for name, option in options_of(job.kind).items()} | dict(job.options)
+
+
+def _read(job: Job) -> _Input:
+    """Read a table of points."""
+    from camcal.data.points import read_points
+
+    values = _values(job)
+    with local_copies(job.sources) as paths:
+        data = read_points(*paths, image_size=values["image_size"])
+    return _Input(job.sources, paths, values, *_posed(data, values))
+
+
+def _posed(data: Observations, values: dict[str, Any]) -> tuple[Observations, dict[str, Any]]:
+    """The data on their board, and the options of the calibration, as of `camcal checkerboard` and `camcal
+    estimate`.
+    """
+    options = {name: values[name] for name in CalibrationOptions.options()}
+    options["board_shape"] = options["board_shape"] or data.usual_board_shape
+    data = _on_board(data, options)
+    if is_report(options["board_shape"]):
+        options["board_shape"] = "flat"
+    return data, options
+
+
 def _split(job: Job, source: str) -> tuple[str, str]:
     """The camera of a source ("" for a table or a single camera), and the source itself."""
     pair = split_camera(source) if job.kind == CAMERAS else None
@@ -120,27 +212,6 @@ def _split(job: Job, source: str) -> tuple[str, str]:
 
 def _search(values: dict[str, Any]) -> dict[str, Any]:
     return {name: values[name] for name in DetectionOptions.options() if name != "jobs"} | {"jobs": 1}
-
-
-def _camera(kind: str, paths: Sequence[str], values: dict[str, Any]) -> Solution:
-    """Read the data and calibrate as `camcal checkerboard` and `camcal estimate` do."""
-    from camcal.plan.calibrate import calibrate
-
-    options = {name: values[name] for name in CalibrationOptions.options()}
-    if kind == IMAGES:
-        from camcal.detect.images import detect_images
-
-        data = detect_images(paths, **_search(values))
-        options["refine_points"] = values["refine_corners"]
-    else:
-        from camcal.data.points import read_points
-
-        data = read_points(*paths, image_size=values["image_size"])
-    options["board_shape"] = options["board_shape"] or data.usual_board_shape
-    data = _on_board(data, options)
-    if is_report(options["board_shape"]):
-        options["board_shape"] = "flat"
-    return calibrate(data, **options)
 
 
 def _rig(names: Sequence[str], paths: Sequence[str], values: dict[str, Any]) -> RigSolution:

@@ -5,7 +5,7 @@ badly.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from camcal import start
 from camcal.assess import figures
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
-from camcal.errors import EstimationError
+from camcal.errors import CamcalError, EstimationError, caught
 from camcal.geometry import projective
 from camcal.model.camera import Camera
 from camcal.model.lenses import make
@@ -26,6 +26,7 @@ from camcal.solve import starts
 from camcal.solve.calibration import Stage
 from camcal.solve.parameters import apply_fixed
 from camcal.solve.refine import refine, residuals
+from camcal.solve.together import Task, refine_all
 from camcal.start import radial, shape
 from camcal.start.base import ClosedForm
 from camcal.start.mirrored import mirrored_error
@@ -40,11 +41,30 @@ def closed_form(name: str) -> Attempt:
 
     def make_(progress: Progress) -> Change:
         found, stage = run_closed_form(name, progress)
-        if found.info.get("mirrored"):
-            raise mirrored_error(found.poses[0].rotation)
-        return Change(start=_begin(found, stage, progress), stage=stage)
+        return _from_closed_form(found, stage, progress)
 
-    return Attempt(name, applies, make_)
+    def together(members: Sequence[Progress]) -> list[Change | CamcalError]:
+        options, begin = members[0].options, time.perf_counter()
+        kept = [m.data.kept() for m in members]
+        estimate_all = look_up(start.TOGETHER, name, "closed form")
+        made = estimate_all(kept, options.skew, options.normalise)
+        seconds = (time.perf_counter() - begin) / len(members)
+        return [
+            found if isinstance(found, CamcalError) else caught(_stage_and_begin, found, member, seconds)
+            for found, member in zip(made, members, strict=True)
+        ]
+
+    return Attempt(name, applies, make_, together if name in start.TOGETHER else None)
+
+
+def _stage_and_begin(found: ClosedForm, progress: Progress, seconds: float) -> Change:
+    return _from_closed_form(found, _stage_of(found, progress, seconds), progress)
+
+
+def _from_closed_form(found: ClosedForm, stage: Stage, progress: Progress) -> Change:
+    if found.info.get("mirrored"):
+        raise mirrored_error(found.poses[0].rotation)
+    return Change(start=_begin(found, stage, progress), stage=stage)
 
 
 def chosen(progress: Progress) -> tuple[list[str], str]:
@@ -61,7 +81,12 @@ def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
     kept, options = progress.data.kept(), progress.options
     begin = time.perf_counter()
     found = look_up(start.CLOSED_FORMS, name, "closed form")(kept, options.skew, options.normalise)
-    seconds = time.perf_counter() - begin
+    return found, _stage_of(found, progress, time.perf_counter() - begin)
+
+
+def _stage_of(found: ClosedForm, progress: Progress, seconds: float) -> Stage:
+    """A closed form's entry for the report."""
+    kept = progress.data.kept()
     if found.camera is not None:
         rms = figures.rms_point(residuals(found.camera, found.poses, kept))
     elif found.projection_matrix is not None:
@@ -72,7 +97,7 @@ def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
     info: dict[str, Any] = {"why": chosen(progress)[1], **found.info}
     if failures:
         info["failed_before"] = dict(failures)
-    stage = Stage(
+    return Stage(
         found.name,
         rms,
         found.matrix,
@@ -81,7 +106,6 @@ def run_closed_form(name: str, progress: Progress) -> tuple[ClosedForm, Stage]:
         poses=found.poses,
         info=info,
     )
-    return found, stage
 
 
 def _pinhole(matrix: np.ndarray, observations: Observations) -> Camera:
@@ -172,6 +196,12 @@ def _refine(progress: Progress) -> Change:
     return Change(fit=Candidate(refine(begun.camera, begun.poses, progress.data, progress.how)))
 
 
+def _refine_together(members: Sequence[Progress]) -> list[Change | CamcalError]:
+    begun = [(m.start, m) for m in members if m.start is not None]
+    made = refine_all([Task(b.camera, b.poses, m.data, m.how) for b, m in begun])
+    return [f if isinstance(f, CamcalError) else Change(fit=Candidate(f)) for f in made]
+
+
 def _doubtful(progress: Progress) -> bool:
     """Return whether the fit is missing or may be a wrong minimum; False while outliers are still to be found."""
     if progress.options.robust != "none" and not progress.restarts:
@@ -211,6 +241,6 @@ def starts_from_nothing() -> tuple[Attempt, ...]:
 
 
 FROM_START: tuple[Attempt, ...] = (
-    Attempt("least-squares", has_start_only, _refine),
+    Attempt("least-squares", has_start_only, _refine, _refine_together),
     Attempt("from-radial", _wants_other_starts, _from_radial),
 )

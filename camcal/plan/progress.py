@@ -8,13 +8,13 @@ the next.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
 
 from camcal.assess.warning import CalibrationWarning
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError, DataError, EstimationError
+from camcal.errors import CamcalError, DataError, EstimationError, caught, only
 from camcal.model.camera import Camera
 from camcal.model.lenses.base import Lens
 from camcal.model.pose import Poses
@@ -215,27 +215,63 @@ class Attempt:
         Whether it is to be made, from the progress so far.
     make : callable
         What it gives; None where it finds nothing to change.
+    together : callable, optional
+        `make` for several calibrations at once, in less time; an error in place of what one of them gives.
     """
 
     name: str
     applies: Callable[[Progress], bool]
     make: Callable[[Progress], Change | None]
+    together: Callable[[Sequence[Progress]], Sequence[Change | CamcalError | None]] | None = None
 
 
 def advance(plan: Iterable[Attempt], progress: Progress) -> Progress:
     """Make the applicable attempts of a plan, in order."""
+    return only(advance_all(plan, [progress]))
+
+
+def advance_all(
+    plan: Iterable[Attempt], members: Sequence[Progress | CamcalError]
+) -> list[Progress | CamcalError]:
+    """Make the applicable attempts of a plan with several calibrations, each attempt with all of them.
+
+    What happens to one of them does not change the others; those that ended with an error are left as they are.
+    """
+    found = list(members)
     for attempt in plan:
-        if not attempt.applies(progress):
+        apply: dict[int, Progress] = {}
+        for i, member in enumerate(found):
+            if isinstance(member, Progress):
+                applies = caught(attempt.applies, member)
+                if isinstance(applies, CamcalError):
+                    found[i] = applies
+                elif applies:
+                    apply[i] = member
+        if attempt.together is not None and len(apply) > 1:
+            begin = time.perf_counter()
+            changes = attempt.together(list(apply.values()))
+            seconds = (time.perf_counter() - begin) / len(apply)
+            for (i, member), change in zip(apply.items(), changes, strict=True):
+                found[i] = _after(attempt, member, change, seconds)
             continue
-        begin = time.perf_counter()
-        try:
-            change = attempt.make(progress)
-        except (EstimationError, DataError) as error:
-            progress = progress.failed(attempt.name, error)
-            continue
-        if change is not None:
-            progress = progress.after(attempt.name, change, time.perf_counter() - begin)
-    return progress
+        for i, member in apply.items():
+            begin = time.perf_counter()
+            change = caught(attempt.make, member)
+            found[i] = _after(attempt, member, change, time.perf_counter() - begin)
+    return found
+
+
+def _after(
+    attempt: Attempt, progress: Progress, change: Change | CamcalError | None, seconds: float
+) -> Progress | CamcalError:
+    """The progress after an attempt; an error that says nothing about the data ends it."""
+    if isinstance(change, EstimationError | DataError):
+        return progress.failed(attempt.name, change)
+    if isinstance(change, CamcalError):
+        return change
+    if change is None:
+        return progress
+    return progress.after(attempt.name, change, seconds)
 
 
 def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
@@ -246,10 +282,20 @@ def follow(plan: Iterable[Attempt], progress: Progress) -> Progress:
     CamcalError
         The one that kept all points from giving a camera, where no other attempt found one.
     """
-    progress = advance(plan, progress)
+    return only(follow_all(plan, [progress]))
+
+
+def follow_all(
+    plan: Iterable[Attempt], members: Sequence[Progress | CamcalError]
+) -> list[Progress | CamcalError]:
+    """`follow` a plan with several calibrations, as `advance_all`; the error of one in place of its result."""
+    return [_ended(p) if isinstance(p, Progress) else p for p in advance_all(plan, members)]
+
+
+def _ended(progress: Progress) -> Progress | CamcalError:
     if progress.best is None and progress.plain is not None:
         progress = replace(progress, best=Candidate(progress.plain))
     if progress.best is None:
         assert progress.error is not None
-        raise progress.error
+        return progress.error
     return progress

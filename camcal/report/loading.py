@@ -34,8 +34,9 @@ from camcal.solve.board_points import by_number, on_board, shaped_board
 from camcal.solve.calibration import Fit, NormalBlocks, ShapedBoard, Stage
 from camcal.solve.common_points import common_points
 from camcal.solve.problem import Problem, Seen
-from camcal.solve.refine import cameras_of, placed_boards, residuals, rig_poses
+from camcal.solve.refine import placed_boards, residuals
 from camcal.solve.several_boards import Several
+from camcal.solve.subject import cameras_of, rig_poses
 
 Array = np.ndarray
 

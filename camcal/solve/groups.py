@@ -108,7 +108,13 @@ def row_block(uv: Array, parameters: int, scratch: Array | None = None) -> Array
 
 
 def fill_rows(
-    block: Array, project: Linearise, rotations: Array, centres: Array, xyz: Array, uv: Array, weights: Array | None
+    block: Array,
+    project: Linearise,
+    rotations: Array,
+    centres: Array,
+    xyz: Array,
+    uv: Array,
+    weights: Array | None,
 ) -> bool | Array:
     """Fill the rows of views: parameters, rotation and translation of the pose, residual.
 

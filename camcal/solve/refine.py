@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Any, TypeVar, cast, overload
+from typing import Any, NamedTuple, TypeVar, cast, overload
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from camcal.data.boards import moved, parts
 from camcal.data.observations import Observations
 from camcal.errors import DataError, EstimationError
 from camcal.model.camera import Camera
-from camcal.model.pose import Array, Pose, Poses
+from camcal.model.pose import Array, Poses
 from camcal.model.rig import Rig
 from camcal.records import dataclass
 from camcal.solve import optimizers
@@ -21,9 +21,10 @@ from camcal.solve.board import PLACED, BoardProblem, make_board, settle
 from camcal.solve.board_points import shaped, shaped_board
 from camcal.solve.calibration import Calibration, Estimate, Fit, NormalBlocks, RigCalibration, ShapedBoard
 from camcal.solve.optimizers.base import OnStep, Options, Result
-from camcal.solve.parameters import apply_fixed, free_matrix
+from camcal.solve.parameters import free_matrix
 from camcal.solve.problem import Problem, Seen, State
 from camcal.solve.several_boards import Several, motions_of
+from camcal.solve.subject import cameras_of, fixes, rig_poses, solved_for, with_fixed
 
 #: rad; boards that rotated by less in the last round have converged: the linearisation error is the square of this
 SMALL_TURN = 1e-6
@@ -120,28 +121,35 @@ def refine(
     start, frees, problem, state = posed(start, poses, observations, how)
     result: Result = optimizers.make(how.optimizer)(problem, state, how.stopping, on_step)
     if isinstance(problem, BoardProblem) and problem.board.placed:
-        problem, result, observations = _placed(
-            problem, result, observations, cameras_of(start), frees, how
-        )
+        problem, result, observations = _placed(problem, result, observations, cameras_of(start), frees, how)
     return calibration(start, problem, result, observations, how.optimizer, time.perf_counter() - begin)
 
 
-def posed(
-    start: Camera | Rig, poses: Poses, observations: Observations, how: How
-) -> tuple[Camera | Rig, list[Array], Problem, State]:
-    """The start with the held values applied, the matrices of its free parameters, the problem, and its first state.
+class Posed(NamedTuple):
+    """A refinement to be done: the start with the held values applied, the matrices (P, F) of its free parameters, the
+    problem, and its first state.
+    """
+
+    start: Camera | Rig
+    frees: list[Array]
+    problem: Problem
+    state: State
+
+
+def posed(start: Camera | Rig, poses: Poses, observations: Observations, how: How) -> Posed:
+    """The problem of a refinement.
 
     Raises
     ------
     DataError, EstimationError
         As `refine`.
     """
-    start = _with_fixed(start, how)
+    start = with_fixed(start, how)
     cameras = cameras_of(start)
-    frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, _fixes(start, how), strict=True)]
+    frees = [free_matrix(c.lens, c.params, f) for c, f in zip(cameras, fixes(start, how), strict=True)]
     problem = make_problem(cameras, observations, frees, how)
     params = np.concatenate([c.params for c in cameras])
-    return start, frees, problem, problem.state(params, poses, rig_poses(start))
+    return Posed(start, frees, problem, problem.state(params, poses, rig_poses(start)))
 
 
 def calibration(
@@ -157,7 +165,7 @@ def calibration(
     if isinstance(problem, BoardProblem):
         board, final, scale = _board_of(problem, result, final)
         observations = shaped(observations, board)
-    found = _found(start, problem.params(result.state), result.state.rig, scale)
+    found = solved_for(start, problem.params(result.state), result.state.rig, scale)
     common: dict[str, Any] = {
         "poses": final,
         "observations": observations,
@@ -233,49 +241,6 @@ def refit(fit: E, observations: Observations, how: How, poses: Poses | None = No
     poses = fit.poses if poses is None else poses
     found = refine(subject_of(fit), poses, observations, how)  # type: ignore[call-overload]
     return cast(E, found)
-
-
-def cameras_of(start: Camera | Rig) -> tuple[Camera, ...]:
-    """The single camera, or those of a rig."""
-    return tuple(start.cameras.values()) if isinstance(start, Rig) else (start,)
-
-
-def _fixes(start: Camera | Rig, how: How) -> list[dict[str, float | None]]:
-    """The fixed parameters of each camera in `how`."""
-    if isinstance(start, Camera):
-        return [dict(how.fix)]
-    return [
-        {n.removeprefix(f"{name}."): v for n, v in how.fix.items() if n.startswith(f"{name}.")}
-        for name in start.cameras
-    ]
-
-
-def _with_fixed(start: Camera | Rig, how: How) -> Camera | Rig:
-    """The start with the held values applied."""
-    made = [
-        replace(c, params=apply_fixed(c.lens, c.params, fix))
-        for c, fix in zip(cameras_of(start), _fixes(start, how), strict=True)
-    ]
-    return (
-        replace(start, cameras=dict(zip(start.cameras, made, strict=True)))
-        if isinstance(start, Rig)
-        else made[0]
-    )
-
-
-def rig_poses(start: Camera | Rig) -> Poses | None:
-    """cam_from_rig of all cameras; None for a single camera."""
-    return Poses.stack(list(start.cam_from_rig.values())) if isinstance(start, Rig) else None
-
-
-def _found(start: Camera | Rig, params: Sequence[Array], rig: Poses, scale: float) -> Camera | Rig:
-    """The start with other parameters and other poses of its cameras, with translations scaled."""
-    made = [replace(c, params=p) for c, p in zip(cameras_of(start), params, strict=True)]
-    if isinstance(start, Camera):
-        return made[0]
-    poses = [Pose(p.rotation, scale * p.translation) for p in rig]
-    names = list(start.cameras)
-    return Rig(dict(zip(names, made, strict=True)), dict(zip(names, poses, strict=True)), start.reference)
 
 
 def make_problem(

@@ -87,7 +87,7 @@ class Stack:
     Attributes
     ----------
     alone : (B,) bool array
-        Members whose equations have to be solved by other means.
+        Members whose start cannot be projected, or whose equations have to be solved by other means.
     """
 
     def __init__(self, problems: Sequence[Problem]):
@@ -133,6 +133,7 @@ class Stack:
             view_costs,
         )
         if not self._samples[0]:
+            self.alone |= np.isinf(found.cost)  # a start that cannot be projected
             for samples, own in zip(self._samples, found.cost.tolist(), strict=True):
                 samples.append(Sample(0, own, 1, 0.0))
         return found
@@ -163,9 +164,7 @@ class Stack:
         self._scratch = np.empty(max(p.uv.size for p in self._portions) * rows)
 
     def _projection(self, params: Array, owner: Array) -> Any:
-        """`Lens.linearise` with the parameters of each view's owner; of a lens that takes one camera at a time, camera by
-        camera.
-        """
+        """`Lens.linearise` with the parameters of each view's owner; camera by camera where the lens wants it."""
         if self.lens.stackable:
             stacked = np.ascontiguousarray(params[owner].T)[..., None]
             return lambda *points: self.lens.linearise(stacked, *points)

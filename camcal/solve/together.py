@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from camcal.data.observations import Observations
-from camcal.errors import CamcalError
+from camcal.errors import CamcalError, caught
 from camcal.model.camera import Camera
 from camcal.model.pose import Poses
 from camcal.solve.calibration import Calibration
 from camcal.solve.optimizers import lm
 from camcal.solve.optimizers.base import Options
-from camcal.solve.refine import How, calibration, posed, refine
+from camcal.solve.refine import How, Posed, calibration, posed, refine
 from camcal.solve.stack import alike, stackable
-
-#: cameras in a stack at most: with 20 views each, their equations are 2 MB
-MOST = 50
 
 
 class Task(NamedTuple):
@@ -37,29 +34,29 @@ def refine_all(tasks: Sequence[Task]) -> list[Calibration | CamcalError]:
     """
     found: dict[int, Calibration] = {}
     alike_: dict[Any, list[int]] = {}
-    made = {}
+    made: dict[int, Posed] = {}
     for i, task in enumerate(tasks):
         if not _ordinary(task.how):
             continue
-        try:
-            made[i] = start, _, problem, _ = posed(*task)
-        except CamcalError:
+        one = caught(posed, *task)
+        if isinstance(one, CamcalError):
             continue  # raised again below
-        if stackable(problem):
-            alike_.setdefault((alike(problem), task.how.stopping), []).append(i)
-    for rows in alike_.values():
-        for first in range(0, len(rows), MOST):
-            some = rows[first : first + MOST]
-            begin = time.perf_counter()
-            results = lm.minimise_together(
-                [made[i][2] for i in some], [made[i][3] for i in some], tasks[some[0]].how.stopping
-            )
-            seconds = (time.perf_counter() - begin) / len(some)
-            for i, result in zip(some, results, strict=True):
-                if result is not None:
-                    start, _, problem, _ = made[i]
-                    found[i] = calibration(start, problem, result, tasks[i].observations, "lm", seconds)
-    return [found[i] if i in found else _alone(task) for i, task in enumerate(tasks)]
+        if stackable(one.problem):
+            made[i] = one
+            alike_.setdefault((alike(one.problem), task.how.stopping), []).append(i)
+    for some in alike_.values():
+        begin = time.perf_counter()
+        problems, states = ([getattr(made[i], n) for i in some] for n in ("problem", "state"))
+        results = lm.minimise_together(problems, states, tasks[some[0]].how.stopping)
+        seconds = (time.perf_counter() - begin) / len(some)
+        for i, result in zip(some, results, strict=True):
+            if result is not None:
+                fit = calibration(
+                    made[i].start, made[i].problem, result, tasks[i].observations, "lm", seconds
+                )
+                assert isinstance(fit, Calibration)
+                found[i] = fit
+    return [found[i] if i in found else caught(_alone, task) for i, task in enumerate(tasks)]
 
 
 def _ordinary(how: How) -> bool:
@@ -69,8 +66,5 @@ def _ordinary(how: How) -> bool:
     return unlimited and (how.optimizer, stopping.variant, how.board) == ("lm", "", "flat")
 
 
-def _alone(task: Task) -> Calibration | CamcalError:
-    try:
-        return refine(*task)
-    except CamcalError as error:
-        return error
+def _alone(task: Task) -> Calibration:
+    return refine(*task)

@@ -17,6 +17,10 @@ CLOSED_FORMS = {
     "zhang": "camcal.start.zhang:estimate",
 }
 
+#: those that estimate many cameras at once in less time: `estimate_all(sets, skew=False, normalise=True)`, with an
+#: error in place of what cannot be estimated
+TOGETHER = {"zhang": "camcal.start.zhang:estimate_all"}
+
 SUMMARIES = {
     "central": "one view of a 3D rig: Barranco & Medel's estimate of the projection matrix, m34 = 1",
     "claus": "views of planes: rays as a rational function of the pixel, from lifted homographies",

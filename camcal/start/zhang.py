@@ -6,13 +6,14 @@ their frame; nearly flat ones are projected onto their best plane. docs/closed-f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from camcal.data.observations import Correspondences
-from camcal.errors import EstimationError
+from camcal.errors import CamcalError, EstimationError, caught, only
 from camcal.geometry import homography
 from camcal.model.pose import Poses
 from camcal.records import dataclass
@@ -88,74 +89,152 @@ def estimate(correspondences: Correspondences, skew: bool = False, normalise: bo
         If a view's points are not on a plane, there are too few views to estimate a skew, or nothing is determined
         because all views are parallel to the image.
     """
+    return only(estimate_all([correspondences], skew, normalise))
+
+
+def estimate_all(
+    sets: Sequence[Correspondences], skew: bool = False, normalise: bool = True
+) -> list[ClosedForm | CamcalError]:
+    """`estimate` for many cameras, whose views are processed together; an error in place of a result."""
+    found: dict[int, ClosedForm | CamcalError] = {}
+    shaped: dict[int, tuple[Correspondences, shape.Shapes]] = {}
+    for i, one in enumerate(sets):
+        form = caught(_form, one, skew, normalise)
+        if isinstance(form, CamcalError):
+            found[i] = form
+        else:
+            shaped[i] = one, form
+    begun: dict[int, _Begun] = {}
+    for (i, own), planes in zip(shaped.items(), _planes(list(shaped.values()), normalise), strict=True):
+        begin = planes if isinstance(planes, CamcalError) else caught(_begin, *own, planes, skew, normalise)
+        if isinstance(begin, CamcalError):
+            found[i] = begin
+        else:
+            begun[i] = begin
+    for (i, begin), poses in zip(begun.items(), _choose_minima(list(begun.values())), strict=True):
+        found[i] = _closed_form(begin, poses)
+    return [found[i] for i in range(len(sets))]
+
+
+class _Begun(NamedTuple):
+    """A camera whose matrix is known, with the poses of its planes from their homographies."""
+
+    correspondences: Correspondences
+    form: shape.Shapes
+    planes: Planes
+    matrix: Array
+    poses: Poses
+    info: dict[str, Any]
+
+
+def _form(correspondences: Correspondences, skew: bool, normalise: bool) -> shape.Shapes:
+    """The planes of the views, after checking that there are only planes."""
     form = shape.check(correspondences)
-    views = correspondences.views
     if not form.planar.all():
-        bad = views[int(np.flatnonzero(~form.planar)[0])].id
+        bad = correspondences.views[int(np.flatnonzero(~form.planar)[0])].id
         raise EstimationError(
             f"view '{bad}' holds points in space; Zhang's closed form takes planes.",
             "Use the closed form 'dlt'.",
         )
     if skew:
         shape.require_determined(correspondences, ("fx", "fy", "cx", "cy", "skew"))
-    if not normalise:  # the planes and the origins in them remain unchanged
-        normals = form.axes[..., 2]
-        form = replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
-    planes = _planes(correspondences, form, normalise)
+    if normalise:
+        return form
+    normals = form.axes[..., 2]  # the planes and the origins in them remain unchanged
+    return replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
+
+
+def _begin(
+    correspondences: Correspondences, form: shape.Shapes, planes: Planes, skew: bool, normalise: bool
+) -> _Begun:
     k, info = _intrinsics(planes, correspondences, skew, normalise)
-    weak = np.flatnonzero(planes.perspective < AMBIGUOUS)
-    of_planes = _choose_minima(pose.from_homographies(k, planes.h), weak, k, correspondences, form)
+    return _Begun(correspondences, form, planes, k, pose.from_homographies(k, planes.h), info)
+
+
+def _closed_form(begun: _Begun, of_planes: Poses) -> ClosedForm:
+    form, k, info = begun.form, begun.matrix, begun.info
     poses = pose.from_plane(of_planes, form.origins, form.axes)
+    count = len(of_planes)
     info["tilt_spread_deg"] = _tilt_spread(poses.rotations, form)
-    if len(views) > 1 and info["tilt_spread_deg"] < PARALLEL:
+    if count > 1 and info["tilt_spread_deg"] < PARALLEL:
         info["degenerate"] = (
-            f"all {len(views)} planes are parallel to each other within "
+            f"all {count} planes are parallel to each other within "
             f"{info['tilt_spread_deg']:.1f} degrees: together they are equivalent to one view"
         )
     matrix = None
-    if len(views) == 1:
+    if count == 1:
         matrix = scaled(k @ np.c_[poses.rotations[0], poses.translations[0]])
     return ClosedForm("zhang", k, poses, matrix, info)
 
 
-def _choose_minima(
-    poses: Poses, weak: Array, k: Array, correspondences: Correspondences, form: shape.Shapes
-) -> Poses:
+def _choose_minima(begun: Sequence[_Begun]) -> list[Poses]:
     """Search both minima of the poses of planes with little perspective, for which noise decides which one
     the homography yields.
     """
-    r, t, inverse = poses.rotations.copy(), poses.translations.copy(), np.linalg.inv(k)
-    for index, xyz, uv, w in shape.batches([correspondences.views[i] for i in weak]):
-        which = weak[index]
-        local = (xyz - form.origins[which][:, None]) @ form.axes[which]
-        ab = uv @ inverse[:2, :2].T + inverse[:2, 2]
-        best = pose.lower_minimum(poses[which], local, ab, w)
-        r[which], t[which] = best.rotations, best.translations
-    return Poses(r, t)
+    weak = [(b, v) for b in begun for v in np.flatnonzero(b.planes.perspective < AMBIGUOUS).tolist()]
+    found = [Poses(b.poses.rotations.copy(), b.poses.translations.copy()) for b in begun]
+    chosen = {id(b): f for b, f in zip(begun, found, strict=True)}
+    for index, xyz, uv, w in shape.batches([b.correspondences.views[v] for b, v in weak]):
+        some = [weak[i] for i in index]
+        origins, axes = (np.array([getattr(b.form, n)[v] for b, v in some]) for n in ("origins", "axes"))
+        inverse = np.linalg.inv([b.matrix for b, _ in some])
+        local = (xyz - origins[:, None]) @ axes
+        ab = uv @ inverse[:, :2, :2].transpose(0, 2, 1) + inverse[:, None, :2, 2]
+        starts = Poses(
+            *(np.array([getattr(b.poses, n)[v] for b, v in some]) for n in ("rotations", "translations"))
+        )
+        best = pose.lower_minimum(starts, local, ab, w)
+        for (b, v), rotation, translation in zip(some, best.rotations, best.translations, strict=True):
+            own = chosen[id(b)]
+            own.rotations[v], own.translations[v] = rotation, translation
+    return found
 
 
-def _planes(correspondences: Correspondences, form: shape.Shapes, normalise: bool = True) -> Planes:
+def _planes(
+    sets: Sequence[tuple[Correspondences, shape.Shapes]], normalise: bool = True
+) -> list[Planes | CamcalError]:
     """The homography of each view from the axes of its own plane."""
-    views = correspondences.views
+    if not sets:
+        return []
+    views = [v for one, _ in sets for v in one.views]
+    ends = np.cumsum([len(one.views) for one, _ in sets]).tolist()
+    owner = np.repeat(np.arange(len(sets)), np.diff(ends, prepend=0))
+    origins, axes = (np.concatenate([getattr(form, n) for _, form in sets]) for n in ("origins", "axes"))
     count = len(views)
     h, covariances = np.zeros((count, 3, 3)), np.zeros((count, 9, 9))
-    gap, cost, peak = np.zeros(count), np.zeros(count), 0.0
+    gap, cost, peak = np.zeros((3, count))
+    failed: dict[int, CamcalError] = {}
     for index, xyz, uv, w in shape.batches(views):
-        local = (xyz - form.origins[index][:, None]) @ form.axes[index][..., :2]
+        local = (xyz - origins[index][:, None]) @ axes[index][..., :2]
         equations = homography.Equations.of(local, uv, w, normalise)
         h[index], gap[index], cost[index] = equations.solve(steps=1)
-        poor = index[normalise & ~(gap[index] > UNDETERMINED)]
-        if len(poor):
-            raise EstimationError(
-                f"view '{views[poor[0]].id}': its points do not determine the homography "
-                "(4 points, no 3 of them on a line, are needed).",
-                "Remove the view, or give it more points.",
+        for i in index[normalise & ~(gap[index] > UNDETERMINED)].tolist():
+            failed.setdefault(owner[i], _undetermined(views[i].id))
+        for i, behind in _behind(h[index], local):
+            failed.setdefault(
+                owner[index[i]], shape.behind_camera(views[index[i]].id, behind, local.shape[1])
             )
-        _require_in_front([views[i].id for i in index], h[index], local)
-        peak = max(peak, np.abs(uv).max())
-        covariances[index] = equations.covariances(h[index])
-    covariances *= max(_variance(correspondences, cost.sum()), (ROUNDING * peak) ** 2)
-    return Planes(h, covariances, float(gap.min()), _perspective(h, covariances))
+        peak[index] = np.abs(uv).max((1, 2))
+        with np.errstate(all="ignore"):  # those that failed
+            covariances[index] = equations.covariances(h[index])
+    found: list[Planes | CamcalError] = []
+    for i, (one, _) in enumerate(sets):
+        rows = slice(ends[i] - len(one.views), ends[i])
+        if i in failed:
+            found.append(failed[i])
+            continue
+        noise = max(_variance(one, cost[rows].sum()), (ROUNDING * peak[rows].max()) ** 2)
+        own = covariances[rows] * noise
+        found.append(Planes(h[rows], own, float(gap[rows].min()), _perspective(h[rows], own)))
+    return found
+
+
+def _undetermined(view: str) -> EstimationError:
+    return EstimationError(
+        f"view '{view}': its points do not determine the homography "
+        "(4 points, no 3 of them on a line, are needed).",
+        "Remove the view, or give it more points.",
+    )
 
 
 def _variance(correspondences: Correspondences, cost: float) -> float:
@@ -188,13 +267,11 @@ def _perspective(h: Array, covariances: Array) -> Array:
     return np.sqrt(squares / 2)
 
 
-def _require_in_front(ids: list[str], h: Array, local: Array) -> None:
-    """Raise an error if a plane's points end up on both sides of the camera."""
+def _behind(h: Array, local: Array) -> list[tuple[int, int]]:
+    """The planes whose points end up on both sides of the camera, and how many are behind it."""
     depth = np.einsum("vnk,vk->vn", local, h[:, 2, :2]) + h[:, 2, 2:]
     behind = (depth <= 0).sum(1)
-    bad = np.flatnonzero(behind > shape.BEHIND * local.shape[1])
-    if len(bad):
-        raise shape.behind_camera(ids[bad[0]], int(behind[bad[0]]), local.shape[1])
+    return [(int(i), int(behind[i])) for i in np.flatnonzero(behind > shape.BEHIND * local.shape[1])]
 
 
 def _intrinsics(

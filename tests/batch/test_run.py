@@ -4,9 +4,11 @@ import importlib
 import multiprocessing.forkserver
 import multiprocessing.util
 import os
+import re
 import sys
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -339,3 +341,37 @@ def test_a_report_that_cannot_be_written_fails_its_job_alone(tmp_path, monkeypat
     assert [row["status"] for row in rows] == ["done", "failed", "done"]
     assert "No space left" in rows[1]["reason"]
     assert sorted(p.name for p in tmp_path.glob("c?.yaml")) == ["c0.yaml", "c2.yaml"]
+
+
+def test_jobs_of_a_group_are_the_jobs_of_their_own(tmp_path):
+    """Alike jobs are calibrated together; one that fails, or has other options, does not change the others."""
+    jobs = jobs_of(tmp_path, 5)
+    (tmp_path / "c1.csv").write_text("view,X,Y,Z,u,v\n1,0,0,0,1,1\n")
+    (tmp_path / "c3.csv").write_text("no table\n")
+    jobs[4] = replace(jobs[4], options={**jobs[4].options, "skew": True})
+
+    def reports(groups, out):
+        (tmp_path / out).mkdir()
+        rows = [row for group in groups for row in run_jobs(group, str(tmp_path / out))]
+        texts = {path.name: _timeless(path.read_text()) for path in (tmp_path / out).iterdir()}
+        return [{**row, "seconds": None} for row in rows], texts
+
+    together, one_by_one = reports([jobs], "a"), reports([[job] for job in jobs], "b")
+    assert together == one_by_one
+    assert [row["status"] for row in together[0]] == ["done", "failed", "done", "failed", "done"]
+
+
+def _timeless(report):
+    return re.sub(r"seconds: \S+|created: .*", "", report)
+
+
+def test_a_bug_in_a_group_is_met_job_by_job(tmp_path, monkeypatch):
+    from camcal.plan import calibrate as plan
+
+    def broken(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(plan, "calibrate_many", broken)
+    (tmp_path / "out").mkdir()
+    rows = run_jobs(jobs_of(tmp_path, 2), str(tmp_path / "out"))
+    assert [row["status"] for row in rows] == ["done", "done"]

@@ -49,8 +49,8 @@ def test_converged_at_the_rounding_of_the_problem(factor, reason):
 def test_steps_are_accepted_by_their_gain(share, accepted):
     problem = Scripted((1.0, 1.0), (1.0 - 0.5 * share, 1.0))
     _, found = run(problem, max_iterations=1)
-    assert problem.trials[0].accepted is accepted
-    assert problem.trials[0].gain == pytest.approx(share, rel=1e-6)
+    assert problem.trials[0].accepted[0] == accepted
+    assert problem.trials[0].gain[0] == pytest.approx(share, rel=1e-6)
     assert (found.state != 0).all() == accepted
     assert found.equations.cost[0] == (1.0 if not accepted else 1.0 - 0.5 * share)
 

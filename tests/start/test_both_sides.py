@@ -179,7 +179,7 @@ def test_planes_that_face_the_camera():
 
 def test_perspective_that_stands_out_of_the_noise(monkeypatch):
     good = scenes.scene(scenes.board(), scenes.tilts(4), noise=0.2).observations
-    planes = zhang._planes(good, good.shapes)
+    (planes,) = zhang._planes([(good, good.shapes)])
     monkeypatch.setattr(zhang.Planes, "visible", MORE * zhang.VISIBLE)
     assert zhang._intrinsics(planes, good, False)[0][0, 0] > 0
     monkeypatch.setattr(zhang.Planes, "visible", LESS * zhang.VISIBLE)
@@ -194,9 +194,5 @@ def test_points_behind_the_camera():
         x = np.r_[np.full(behind, -1.0), np.full(count - behind, 1.0)]
         local = np.c_[x, np.linspace(-1, 1, count)][None]
         allowed = behind <= shape.BEHIND * count
-        if allowed:
-            zhang._require_in_front(["a"], h, local)
-        else:
-            with pytest.raises(EstimationError, match="behind"):
-                zhang._require_in_front(["a"], h, local)
+        assert zhang._behind(h, local) == ([] if allowed else [(0, behind)])
         assert allowed == (count == 10)

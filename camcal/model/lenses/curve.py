@@ -90,15 +90,16 @@ def _scaled(c: list[float]) -> tuple[list[float], int]:
     return scaled, power
 
 
-def bernstein(ascending: Sequence[float], top: float) -> list[float]:
+def bernstein(ascending: Sequence[Any], top: Any) -> list[Any]:
     """The Bernstein coefficients of a polynomial over [0, top]; it lies between the smallest and the largest of them.
 
-    In Python, because the refinement asks for those of three or seven coefficients at every step.
+    Of numbers, or of arrays element by element. In Python, because the refinement asks for those of three or seven
+    coefficients at every step.
     """
     scaled, power = [], 1.0
     for a in ascending:
         scaled.append(a * power)
-        power *= top
+        power = power * top
     return [sum(map(mul, row, scaled)) for row in _to_bernstein(len(scaled))]
 
 

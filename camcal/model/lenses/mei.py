@@ -71,7 +71,7 @@ class Mei(Lens):
 
     def derivatives(
         self, k: Array, x: Array, y: Array, z: Array, d_xyz: Array, d_k: Array, fx: float, fy: float
-    ) -> tuple[Array, Array, bool]:
+    ) -> tuple[Array, Array, bool | Array]:
         """The chain rule through (a, b)."""
         xi = float(k[0])
         d = np.sqrt(x * x + y * y + z * z)

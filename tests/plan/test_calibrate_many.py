@@ -1,0 +1,107 @@
+"""Many cameras at once: every result is that of `calibrate`, and an error stands in its place."""
+
+import numpy as np
+import pytest
+
+import camcal
+from camcal.data.observations import Correspondences
+from camcal.errors import DataError, EstimationError, UsageError
+from camcal.plan import calibrate as module
+from camcal.plan import progress
+from camcal.plan.progress import Attempt, Change, advance_all
+from camcal.plan.solution import Solution
+from tests import solved
+
+QUICK = {"checks": False, "crosscheck": False}
+
+
+def camera(seed, views=5, distance=(11.0, 16.0), tilt=0.5):
+    rng = np.random.default_rng(seed)
+    poses = solved.tilted_poses(solved.grid(), views, rng, tilt, distance)
+    return solved.observe(solved.camera_of(), poses, solved.grid(), 0.1, rng)
+
+
+def same(a, b):
+    assert np.array_equal(a.camera.params, b.camera.params) and np.array_equal(a.residuals, b.residuals)
+    assert np.array_equal(a.poses.translations, b.poses.translations)
+    assert [w.code for w in a.warnings] == [w.code for w in b.warnings]
+    assert [(s.name, s.rms_point) for s in a.stages] == [(s.name, s.rms_point) for s in b.stages]
+    assert a.options == b.options and a.verdict == b.verdict and str(a.holdout) == str(b.holdout)  # NaN = NaN
+    return True
+
+
+@pytest.fixture(scope="module")
+def cameras():
+    """Alike and unlike ones; small boards, whose poses have two minima, and one that cannot be calibrated."""
+    flat = camera(5, tilt=0.0)
+    line = Correspondences.from_views([(v.xyz[:9], v.uv[:9]) for v in camera(6).views])
+    return [camera(0), camera(1), camera(2, distance=(40.0, 60.0)), line, camera(3, views=7), flat, camera(4)]
+
+
+@pytest.mark.parametrize("model", ["opencv5", "kb4"])
+def test_the_same_as_one_by_one(cameras, model):
+    found = camcal.calibrate_many(cameras, model=model, **QUICK)
+    assert len(found) == len(cameras)
+    for one, data in zip(found, cameras, strict=True):
+        if isinstance(one, Solution):
+            same(one, camcal.calibrate(data, model=model, **QUICK))
+        else:
+            with pytest.raises(type(one)) as raised:
+                camcal.calibrate(data, model=model, **QUICK)
+            assert str(raised.value) == str(one)
+    assert isinstance(found[3], DataError) and isinstance(found[0], Solution)
+
+
+def test_a_model_that_is_chosen(cameras):
+    found = camcal.calibrate_many(cameras[:2], **QUICK)
+    assert all(same(f, camcal.calibrate(d, **QUICK)) for f, d in zip(found, cameras[:2], strict=True))
+
+
+def test_with_all_checks(cameras):
+    found = camcal.calibrate_many(cameras[:2], model="opencv5", crosscheck=False)
+    assert found[0].holdout and all(
+        same(f, camcal.calibrate(d, model="opencv5", crosscheck=False))
+        for f, d in zip(found, cameras[:2], strict=True)
+    )
+
+
+def test_some_at_a_time(cameras, monkeypatch):
+    """An iterable is taken in portions, and their size does not matter."""
+    monkeypatch.setattr(module, "AT_A_TIME", 2)
+    taken = []
+
+    def one_by_one():
+        for i, data in enumerate(cameras[:5]):
+            taken.append(i)
+            yield data
+
+    found = camcal.calibrate_many(one_by_one(), model="opencv5", **QUICK)
+    assert taken == [0, 1, 2, 3, 4] and len(found) == 5
+    same(found[4], camcal.calibrate(cameras[4], model="opencv5", **QUICK))
+    assert camcal.calibrate_many([], model="opencv5") == []
+
+
+def test_wrong_options_are_an_error_of_the_call(cameras):
+    with pytest.raises(UsageError, match="opencv6"):
+        camcal.calibrate_many(cameras[:1], model="opencv6")
+    with pytest.raises(UsageError):
+        camcal.calibrate_many(cameras[:1], colour="red")
+
+
+def test_attempts_that_are_made_together():
+    """Those that apply, in one call; an error of one ends or fails that one alone."""
+    calls = []
+
+    def together(members):
+        calls.append([m.notes["name"] for m in members])
+        found = {"a": Change(notes={"made": True}), "b": EstimationError("no"), "c": UsageError("never")}
+        return [found[m.notes["name"]] for m in members]
+
+    def member(name):
+        return progress.Progress(None, None, None, None, None, notes={"name": name})
+
+    attempt = Attempt("x", lambda p: p.notes["name"] != "d", lambda p: None, together)
+    a, b, c, d, e = advance_all([attempt], [*map(member, "abcd"), DataError("before")])
+    assert calls == [["a", "b", "c"]]
+    assert a.notes["made"] and str(b.error) == "no" and isinstance(c, UsageError) and isinstance(e, DataError)
+    assert d == member("d")
