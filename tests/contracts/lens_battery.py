@@ -397,10 +397,35 @@ def cv2_project(lens: Lens, params: Array, form: OpenCVForm, xyz: Array) -> Arra
     return out.reshape(-1, 2)
 
 
+def check_stacked(lens: Lens) -> None:
+    """`linearise` with the parameters of each view's own camera gives what it gives view by view, to the last bit."""
+    params = np.array([p for p, _ in lens.examples()] * 3)
+    params[2:4] *= 1.1
+    rng, size = np.random.default_rng(2), lens.size
+    xyz = rng.uniform(-0.4, 0.4, (3, len(params), 14)) + np.array([0, 0, 1])[:, None, None]
+    xyz[2, 1, 3] = -1.0  # one behind the camera, one beyond a fold if there is one
+    xyz[0, 3, 5] = 1e3
+    together, alone = np.zeros((2, len(params), size + 5, 2, 14))
+
+    def fill(own: Array, rows: Array, points: Array) -> object:
+        with np.errstate(all="ignore"):
+            return lens.linearise(own, *points, rows[:, 0], rows[:, 1:4], rows[:, 4 : 4 + size])
+
+    stacked = np.ascontiguousarray(params.T)[..., None]
+    inside = np.ravel(fill(stacked, together, xyz))
+    each = [fill(p, alone[v : v + 1], xyz[:, v : v + 1]) for v, p in enumerate(params)]
+    assert inside.tolist() == [bool(e) for e in each] and not inside[1]
+    np.testing.assert_array_equal(together[inside], alone[inside])
+    stacked[0, 0] = -1.0  # outside the bounds
+    assert not np.ravel(fill(stacked, together, xyz))[0]
+
+
 def check_everything(lens: Lens) -> None:
     """The whole battery on one model and its examples, the end of its domain included."""
     check_parameters(lens)
     check_neutral(lens)
+    if lens.stackable:
+        check_stacked(lens)
     for params, size in lens.examples():
         for check in (
             check_shapes, check_euler, check_linearise, check_round_trip, check_whole_sphere,

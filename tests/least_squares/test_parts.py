@@ -55,6 +55,15 @@ def test_members_have_their_own():
     np.testing.assert_allclose(damping.value, [5, 0.01])
 
 
+def test_a_member_does_not_depend_on_the_others():
+    """Down to the least λ, where a step of another member is rejected."""
+    alone, company = Damping(np.ones(1)), Damping(np.ones(2))
+    for _ in range(9):
+        alone.update(np.array([True]), np.ones(1))
+        company.update(np.array([True, False]), np.array([1.0, np.nan]))
+        assert company.value[0] == alone.value[0]
+
+
 def test_damped_steps_solve_the_equations():
     rng = np.random.default_rng(0)
     j, r = rng.normal(size=(4, 5, 20)) * [[1e-6], [1], [1e3], [1], [1]], rng.normal(size=(4, 20))

@@ -1,10 +1,13 @@
 """Many cameras at once: every result is that of `calibrate`, and an error stands in its place."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import camcal
 from camcal.data.observations import Correspondences
+from camcal.data.writing import write_points
 from camcal.errors import DataError, EstimationError, UsageError
 from camcal.plan import calibrate as module
 from camcal.plan import progress
@@ -105,3 +108,13 @@ def test_attempts_that_are_made_together():
     assert calls == [["a", "b", "c"]]
     assert a.notes["made"] and str(b.error) == "no" and isinstance(c, UsageError) and isinstance(e, DataError)
     assert d == member("d")
+
+
+def test_the_example_of_the_page(tmp_path, monkeypatch, capsys):
+    """What docs/batch.md shows runs as it stands there."""
+    for seed, name in enumerate(("left.csv", "right.csv")):
+        write_points(tmp_path / name, camera(seed))
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "batch.md").read_text()
+    exec(page.partition("```python\n")[2].partition("```")[0], {})
+    assert capsys.readouterr().out.count("<Solution: opencv5, 5 views") == 2

@@ -152,7 +152,7 @@ def test_another_pose_explains_more_points(good, monkeypatch, gain, kept):
 # ------------------------------------------------------------------------------------ equations
 def test_views_of_a_group():
     count, rows = 50, 12
-    most = groups._ROW_BUDGET // (count * 2 * rows)
+    most = groups.ROW_BUDGET // (count * 2 * rows)
     views = [View(str(i), np.zeros((count, 3)), np.zeros((count, 2))) for i in range(most + 1)]
 
     def made(n):
