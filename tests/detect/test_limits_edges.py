@@ -53,26 +53,26 @@ def test_the_least_scatter_of_an_edge():
     assert edge_of(wavy(0.0)).variance == outlines.FLOOR**2
 
 
-@pytest.mark.parametrize("length", [12.0, 60.0])
-def test_the_ends_of_an_edge(length):
-    """No profile lies in the first px of a short edge, or in a part of a long one, whatever the picture shows there."""
-    skipped = max(outlines.ENDS * length, outlines.ENDS_PX)
-    usual = edge_of(wavy(0.0), length, (outlines.ENDS_PX,) * 2)
-    for first, same in ((skipped - 1.01, True), (skipped + 1.01, False)):
-        picture = wavy(0.0)
-        picture[18:20, : 10 + int(np.floor(first)) + (not same)] = (
-            50.0  # the edge lies two pixels higher there
-        )
-        made = edge_of(picture, length, (outlines.ENDS_PX,) * 2)
-        assert (made is not None and made.distance == usual.distance) == same
-
-
 def dark_square(side=40):
     v, u = np.mgrid[:100, :100]
     inside = np.clip(side / 2 + 0.5 - np.abs(u - 50), 0, 1) * np.clip(side / 2 + 0.5 - np.abs(v - 50), 0, 1)
     half = side / 2
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + 50
     return (200 - 150 * inside).astype(np.float32), corners[None]
+
+
+@pytest.mark.parametrize("side", [12, 60])
+def test_the_ends_of_an_edge(side):
+    """No profile lies in the first px of a short edge, or in a part of a long one, whatever the picture shows there."""
+    gray, quads = dark_square(side)
+    usual = outlines.refine_squares(gray, quads, np.array([99.0])).corners
+    first = 50 - side // 2
+    skipped = int(max(outlines.ENDS * side, outlines.ENDS_PX))
+    for changed, same in ((skipped, True), (skipped + 1, False)):
+        other = gray.copy()
+        other[:first, first + 1 : first + changed] = 160.0
+        found = outlines.refine_squares(other, quads, np.array([99.0])).corners
+        assert np.array_equal(found, usual) == same
 
 
 def test_how_far_profiles_reach():
@@ -216,6 +216,10 @@ def test_the_least_noise_of_a_fit():
             found
         )
     assert pytest.approx(1 / np.sqrt(12), rel=0.01) == fit.ROUNDING
+    params[:, edge_model.CONTRAST] = 1e5
+    assert fit._noise(np.zeros(1), np.array([107]), params)[0] == pytest.approx(
+        1e5 * fit.SQUARE_PIXEL, rel=1e-3
+    )
     # an edge under a Gaussian and a pixel's area, and that under a Gaussian of the same variance
     x = np.linspace(-8, 8, 3201)
     for blur in (0.8, 1.5):
@@ -263,6 +267,10 @@ def test_the_error_of_the_approximated_edge():
     u = np.linspace(-6, 6, 20_001, dtype=np.float32)[None]
     error = np.abs(edge_model.step(u, np.ones(1))[0] - erf(u / np.sqrt(2))).max()
     assert 0.8 * edge_model.ERF_ERROR < error < 1.02 * edge_model.ERF_ERROR
+    # a descent of a sum of squares that this error can make does not count
+    cut, _, limits = corner_fit()
+    least = 0.5 * cut.counts.sum() * (edge_model.ERF_ERROR * 255) ** 2
+    assert fit._Corners(cut, limits).rounding[0] == pytest.approx(least)
 
 
 def test_the_third_term_of_oblique_edges():
