@@ -146,7 +146,10 @@ class Circles(Target):
         """
         if radius is None:
             radius = 0.5 * (self.diameter or self.printed_diameter * self.square)
-        angle = np.arange(CONTOUR) * (2 * np.pi / CONTOUR)
+        between = 2 * np.pi / CONTOUR
+        angle = np.arange(CONTOUR) * between
+        # the polygon has the disc's second moment per area, r²/4, to which the shift is proportional
+        radius *= np.sqrt(3 / (2 + np.cos(between)))
         ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(CONTOUR)], -1)
         centre = self.points[point_ids]
         outline = camera.project(cam_from_board.apply(centre[:, None] + ring))
