@@ -13,6 +13,7 @@ from camcal.detect import (
     disc_fit,
     disc_model,
     grid_fit,
+    lattice,
     squares,
 )
 from camcal.detect.lattice import Lattice
@@ -248,3 +249,27 @@ def test_the_least_and_the_largest_blur_of_a_disc(limit, inwards):
         step = np.zeros_like(state)
         step[:, disc_model.BLUR] = limit + off - 1
         assert problem.retract(state, step)[0, disc_model.BLUR] == pytest.approx(found)
+
+
+def test_corners_near_a_marker_that_was_read(monkeypatch):
+    """So many pitches from it, and from points that are known; farther ones are predicted from those."""
+    board = make("aprilgrid:6x6:1mm:0.3")
+    asked = []
+    nothing = np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2, 2))
+    monkeypatch.setattr(tag_board, "locate", lambda *a: asked.append(a[-1]) or nothing)
+    monkeypatch.setattr(type(board), "_markers", lambda *_: (np.arange(2), np.zeros((2, 4, 2))))
+    board.find(np.zeros((99, 99), np.uint8))
+    assert asked and set(asked) == {tag_board.REACH * board.pitch}
+    known, points = board_points.Known.of(5), np.array([[0.0, 0], [1, 0], [0, 1], [1, 1], [2.0, 0.5]])
+    known.good[:4], known.uv[:4] = True, 20 * points[:4]
+    far = np.hypot(1.0, 0.5)
+    for share, seen in ((LESS, 0), (MORE, 1)):
+        assert len(known.neighbours(points, share * far)[0]) == seen
+
+
+def test_rows_that_are_always_kept():
+    """Of a grid of two rows one is not cut off, however sparse it is; of more the sparse one is."""
+    for rows in (lattice.LEAST_SIDE, lattice.LEAST_SIDE + 1):
+        present = np.ones((rows, 9), bool)
+        present[0, 1:] = False
+        assert lattice.trim(present)[0] == slice(rows - lattice.LEAST_SIDE, rows)

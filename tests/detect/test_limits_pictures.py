@@ -72,6 +72,15 @@ def test_regions_of_a_picture_that_differ():
     assert np.ptp(part) > 0.9 * local_contrast.WEAKEST * local_contrast.MOST_GAIN
 
 
+def test_regions_of_a_board_that_fills_the_picture():
+    """A region of a board of 5x4 squares has both colours: its squares keep nearly their whole contrast."""
+    board = np.indices((4, 5)).sum(0) % 2
+    gray = (30 + local_contrast.WEAKEST * np.kron(board, np.ones((80, 80)))).astype(np.uint8)
+    middle = local_contrast.evened(gray)[40::80, 40::80].astype(float)
+    raised = middle[board == 1].min() - middle[board == 0].max()
+    assert raised > 0.8 * local_contrast.WEAKEST * local_contrast.MOST_GAIN
+
+
 # ------------------------------------------------------------------------------------ files
 def test_the_properties_of_a_heic_file():
     box = b"\0\0\0\x09irot\1"

@@ -14,7 +14,7 @@ import yaml
 from camcal.cli.boundary import run
 from camcal.detect import targets
 from camcal.detect.targets.base import Detection
-from camcal.detect.targets.printing import pdf, png, svg
+from camcal.detect.targets.printing import pdf, png, sheet, svg
 from camcal.detect.targets.printing.sheet import DIGIT, NUMBER, UNPRINTED, lay_out, page_size
 from camcal.errors import UsageError
 from tests.detect.scenes import SPECS
@@ -230,3 +230,47 @@ def test_command(ending, tmp_path, monkeypatch):
 def test_a_negative_is_not_printed():
     with pytest.raises(UsageError, match="exchanged is not printed"):
         sheet_of("circles:9x7:20mm:negative")
+
+
+@pytest.mark.parametrize(("more", "pages"), [(0.0, 2), (-1.0, 1)])
+def test_the_page_of_instructions(more, pages):
+    """A narrow sheet has none."""
+    made = replace(sheet_of("checkerboard:9x6:10mm"), width=pdf.SMALLEST_PAGE + more)
+    assert b"/Count %d " % pages in pdf.write(made)
+
+
+def test_the_largest_png(monkeypatch):
+    made = replace(sheet_of("checkerboard:4x3:10mm"), width=1000.0, height=500.0)
+    with pytest.raises(UsageError, match="megapixels"):
+        png.draw(made, 1.001 * 25.4 * np.sqrt(png.MOST_PIXELS / 5e5))
+    made = sheet_of("checkerboard:4x3:10mm")
+    pixels = round(made.width) * round(made.height)
+    for most, drawn in ((pixels, True), (pixels - 1, False)):
+        monkeypatch.setattr(png, "MOST_PIXELS", most)
+        if drawn:
+            assert png.draw(made, 25.4).size == pixels
+        else:
+            with pytest.raises(UsageError, match="megapixels"):
+                png.draw(made, 25.4)
+
+
+@pytest.mark.parametrize(
+    ("side", "white"), [(0.99, sheet.GAP), (1.01, 1.01 * sheet.GAP)], ids=["small squares", "large squares"]
+)
+def test_the_white_between_a_target_and_its_rulers(side, white):
+    """A part of its quiet margin, half a square, and at least some mm."""
+    square = side * sheet.GAP / (0.5 * sheet.CLEAR)
+    made = sheet_of(f"checkerboard:5x4:{square}mm")
+    black = min(polygon[:, 0].min() for polygon in made.polygons)
+    ruler = max(end for end in np.array(made.lines)[:, 2] if end < black)
+    assert black - ruler == pytest.approx(white, abs=1e-6)
+
+
+def test_a_caption_that_is_too_long():
+    """It has to fit on the page with the words about the rulers; otherwise it is the spec alone."""
+    target = targets.make("checkerboard:9x6:10mm")
+    usual = lay_out(target, "", "a4")
+    letters = int((usual.width - UNPRINTED - usual.caption_at[0]) / sheet.LETTER) - len(usual.caption)
+    for more in (0, 1):
+        spec = "x" * (letters + more)
+        assert lay_out(target, spec, "a4").caption == spec + usual.caption * (more == 0)
