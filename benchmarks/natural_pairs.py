@@ -27,8 +27,8 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
 from camcal.model.rectification import rectify
-from camcal.peers.base import one_thread
 from camcal.routes.natural import judge
+from camcal.system.processes import one_opencv_thread
 
 K1K2 = "brown:radial=2,decentering=0"
 #: robust standard deviations; wrong matches that happen to agree with the others
@@ -54,7 +54,7 @@ def by_cv2(solution, data: Observations, flags: int, lens: str) -> Pair:
         for own, r in zip(views, (rows[0][i], rows[1][j]), strict=True):
             own.append(data.uv[r].astype(np.float32))
     size = solution.rig.cameras["left"].image_size
-    with one_thread():
+    with one_opencv_thread():
         alone = [cv2.calibrateCamera(points, v, size, None, None, flags=flags)[1:3] for v in views]
         found = cv2.stereoCalibrate(
             points, *views, *alone[0], *alone[1], size, flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS,

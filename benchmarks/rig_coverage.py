@@ -50,9 +50,9 @@ from camcal.model import lenses
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose, Poses
 from camcal.model.rig import Rig
-from camcal.peers.base import one_thread
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.refine import How, board_kind, refine
+from camcal.system.processes import one_opencv_thread
 
 #: two-sided 95 % of a Gaussian
 WIDTH = 1.96
@@ -327,7 +327,7 @@ def by_stereo(data: Observations, solution: RigCalibration, _: str | None) -> fl
     flags = int(cv2.CALIB_FIX_K3)
     given = [points.astype(np.float32)] * len(both)
     views = [[np.ascontiguousarray(uv[c, v], np.float32) for v in both] for c in (0, 1)]
-    with one_thread():
+    with one_opencv_thread():
         alone = [cv2.calibrateCamera(given, views[c], SIZE, None, None, flags=flags)[1:3] for c in (0, 1)]
         found = cv2.stereoCalibrate(
             given, *views, *alone[0], *alone[1], SIZE, flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS,
@@ -342,7 +342,7 @@ def by_multiview(data: Observations, solution: RigCalibration, _: str | None) ->
     count = len(uv)
     flags = int(cv2.CALIB_FIX_K3)
     try:
-        with one_thread():
+        with one_opencv_thread():
             _, _, _, _, shifts = cv2.calibrateMultiview(
                 [(points / UNIT).astype(np.float32)] * uv.shape[1],
                 [[np.ascontiguousarray(v, np.float32) for v in own] for own in uv],

@@ -131,6 +131,15 @@ def search_options(options: Mapping[str, Any]) -> dict[str, Any]:
     return search
 
 
+def _import_next() -> None:
+    """Import what a calibration and its report need, in the time in which other processes search pictures."""
+    import camcal.peers.run
+    import camcal.plan.calibrate
+    import camcal.plan.second_pass
+    import camcal.report.document
+    import camcal.report.table  # noqa: F401
+
+
 def detection_events(
     show: Callable[[int, int], None], on_picture: OnPicture | None = None
 ) -> Callable[[str, Mapping[str, Any]], None]:
@@ -139,6 +148,8 @@ def detection_events(
     def show_event(event: str, details: Mapping[str, Any]) -> None:
         if event in ("searched", "film"):
             show(details["done"], details["count"])
+        elif event == "waiting":
+            _import_next()
         elif event == "picture":
             if on_picture is not None:
                 on_picture(details)

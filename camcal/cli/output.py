@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -18,6 +19,7 @@ from camcal.system.streams import Outlet
 from camcal.system.text import printable
 
 WIDTH_OFF_A_TERMINAL = 80
+REDRAWN = 0.1  #: s; between two pictures of a progress bar, each of which takes about a millisecond
 
 
 def emit(document: Any, format: str, as_table: Callable[[], Any]) -> None:
@@ -77,9 +79,17 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    # drawn by this thread: with one of its own, the process could not be copied
+    with Progress(*columns, console=console(stderr=True), transient=True, auto_refresh=False) as bar:
+        task, drawn = bar.add_task(label, total=None), -math.inf
+
+        def show(done: int, total: int) -> None:
+            nonlocal drawn
+            due = time.monotonic() >= drawn + REDRAWN
+            bar.update(task, completed=done, total=total, refresh=due)
+            drawn = time.monotonic() if due else drawn
+
+        yield show
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> Any:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from camcal.detect.fit import Fits
+from camcal.detect.part import Picture, white
 from camcal.detect.windows import Windows
 
 Array = np.ndarray
@@ -17,24 +18,19 @@ BETWEEN = 0.05
 SAMPLING = 0.29  #: px; 1/sqrt(12): an edge is equally likely anywhere between two rows of pixels
 
 
-def white_level(gray: Array) -> float:
-    """The grey value at which a picture saturates: full scale, or for 16 bits the largest value that occurs."""
-    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
-
-
-def is_aliased(gray: Array, windows: Windows) -> bool:
+def is_aliased(picture: Picture, windows: Windows) -> bool:
     """Return whether hardly any pixel of the windows lies between black and white."""
-    between = windows.counts & (windows.value > 0) & (windows.value < white_level(gray))
+    between = windows.counts & (windows.value > 0) & (windows.value < white(picture))
     return bool(between.sum() < BETWEEN * windows.counts.sum())
 
 
-def grey_limits(gray: Array, windows: Windows) -> tuple[float, float]:
+def grey_limits(picture: Picture, windows: Windows) -> tuple[float, float]:
     """Grey values at which a picture is clipped: pixels there are at least as dark or as bright.
 
     Without anti-aliasing, black and white themselves are exact, not clipped, and the limits lie beyond them.
     """
-    high = white_level(gray)
-    return (-1.0, high + 1.0) if is_aliased(gray, windows) else (0.0, high)
+    high = white(picture)
+    return (-1.0, high + 1.0) if is_aliased(picture, windows) else (0.0, high)
 
 
 def with_sampling(fits: Fits, axes: Array) -> Fits:

@@ -14,6 +14,8 @@ import numpy as np
 from camcal.data.observations import View
 from camcal.detect import saddle
 from camcal.detect.corners import Corners
+from camcal.detect.part import Picture
+from camcal.detect.windows import limited
 
 Array = np.ndarray
 
@@ -22,11 +24,14 @@ STEP = 0.5  #: px; step of the finite differences that give the board's directio
 #: half-widths of the windows tried, in squares. Where board and print are perfect, the widest has the least noise; on
 #: sheets of paper the middle ones are best; at .9 the window would include the next edge for a blur of 2 px
 WINDOWS = (0.35, 0.5, 0.65, 0.8, 0.9)
+#: px, and share of the size of a window: with the camera the corners and the sides of their squares change by less. If
+#: they change more, the picture is decoded again
+SLACK, LONGER = 3.0, 0.05
 LARGEST = 60  #: px; half the side of the largest window, three times that of a first pass: .6 of its sigma
 
 
 def refine_in_windows(
-    gray: Array,
+    picture: Picture,
     view: View,
     board_from_pixel: Callable[[Array], Array],
     cell: float,
@@ -37,7 +42,7 @@ def refine_in_windows(
 
     Parameters
     ----------
-    gray : (height, width) uint8 or uint16 array
+    picture : (height, width) uint8 or uint16 array, or the part around the target
     view : View
         With the corners found so far.
     board_from_pixel : callable
@@ -59,16 +64,30 @@ def refine_in_windows(
     sides, known = _sides(view.uv, board_from_pixel, cell)
     rows = np.flatnonzero(known)
     if blur is None:
-        first = saddle.refine(gray, view.uv[rows], sides[rows])
+        first = saddle.refine(picture, view.uv[rows], sides[rows])
         rows, corners = rows[first.good], first.take(first.good)
     else:
         corners = saddle.placed(view.uv[rows], sides[rows], blur)
     wide = [np.broadcast_to(half, len(view.uv))[rows] for half in halves]
     views = []
-    for new in saddle.sharpen_sizes(gray, corners, sides[rows], board_from_pixel, wide, LARGEST):
+    for new in saddle.sharpen_sizes(picture, corners, sides[rows], board_from_pixel, wide, LARGEST):
         view = _moved(view, rows[new.good], new.take(new.good))
         views.append(view)
     return views
+
+
+def margin(sides: Array | None = None) -> float:
+    """How far from the corners the pixels of a second pass may lie, px.
+
+    Parameters
+    ----------
+    sides : (N, 2, 2) array, optional
+        Steps to the next corner along columns and rows, px, as far as they are known from the search.
+    """
+    if sides is None:
+        return 2.0 * LARGEST + SLACK
+    extent = np.abs(sides).sum(1).max(1) * limited(WINDOWS[-1], sides, LARGEST)
+    return min((1 + LONGER) * float(extent.max()), 2.0 * LARGEST) + SLACK
 
 
 def _moved(view: View, rows: Array, corners: Corners) -> View:

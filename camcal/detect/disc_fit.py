@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from camcal.detect.aliasing import white_level
 from camcal.detect.disc_model import (
     BLUR,
     COUNT,
@@ -24,6 +23,7 @@ from camcal.detect.disc_model import (
 )
 from camcal.detect.discs import Discs
 from camcal.detect.fit import ROUNDING, SETTLED
+from camcal.detect.pyramid import white_level
 from camcal.geometry.numbers import median
 from camcal.least_squares import Normal, Options, Small, minimise, negligible
 from camcal.records import dataclass

@@ -10,13 +10,15 @@ import cv2
 import numpy as np
 
 from camcal.detect import cache, targets
+from camcal.detect.camera_pass import margin
 from camcal.detect.decode import UnreadableError
 from camcal.detect.exif import UNKNOWN, Taken
 from camcal.detect.local_contrast import with_second_look
+from camcal.detect.part import Part, around
 from camcal.detect.quality import measure
 from camcal.detect.recognition.families import Marker
 from camcal.detect.recognition.look import Sight, look
-from camcal.detect.sources import fetch, keep, of_pixels
+from camcal.detect.sources import fetch, of_pixels
 from camcal.detect.targets.base import Detection, Miss, Target
 from camcal.records import dataclass
 from camcal.version import __version__
@@ -35,6 +37,7 @@ class Task:
         None  #: plain board that other pictures show, if the target is not given
     )
     negative: bool = False  #: search for a target of any kind with black and white exchanged
+    keep: bool = False  #: return the part of the picture around the target
 
     @property
     def detector(self) -> str:
@@ -57,6 +60,8 @@ class Outcome:
         Size of the grid that was found instead of the requested one.
     taken : Taken
         Camera data stored in the file.
+    part : Part or None
+        The part of the picture around the target, for the second pass.
     sight : Sight or None
         What the picture shows, if a target of any kind was searched for.
     """
@@ -74,6 +79,7 @@ class Outcome:
     taken: Taken = UNKNOWN
     cached: bool = False
     cache_error: str = ""
+    part: Part | None = None
 
 
 def examine(task: Task) -> Outcome:
@@ -87,9 +93,10 @@ def examine(task: Task) -> Outcome:
         if known is not None:
             return replace(known, taken=fetched.taken)
         gray = fetched.decode()
-        if task.gray is None:
-            keep(sha256, gray)
         outcome = replace(_look(task, gray, sha256), taken=fetched.taken)
+        found = outcome.detection
+        if task.keep and found is not None and len(found):
+            outcome = replace(outcome, part=around(gray, found.uv, margin(found.info.get("sides"))))
     except UnreadableError as error:
         return Outcome(task.path, "unreadable", str(error), sha256)
     except (MemoryError, cv2.error) as error:

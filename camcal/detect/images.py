@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -41,6 +42,7 @@ from camcal.detect.unasked import (
 from camcal.errors import DataError, UsageError
 from camcal.settings.detection import DEFAULT_FRAMES
 from camcal.settings.sizes import parse_grid
+from camcal.system.processes import one_opencv_thread
 
 SAME_FOCAL = 0.005  #: relative difference of focal lengths that count as equal; EXIF gives three digits
 CONFIRMED_IN = 6  #: pictures in which the markers are compared with the requested target
@@ -102,15 +104,18 @@ def detect_images(
     """
     wanted = _wanted(target, board, square)
     part = Range(from_time or 0.0, np.inf if to_time is None else to_time, every)
-    run = _opened(list(paths), part, seconds, jobs, cache, on_event)
-    if wanted:
-        searched = _in_negative(run, [Searched(t, run.examine_all(run.files, t)) for t in wanted])
-        _confirm(run, searched)
-    else:
-        searched = recognised(run, square)
-    searched = _kept(run, searched, keep_frames)
-    run.tell_pictures(several.merged(searched))
-    return _correspondences(searched, not wanted, run)
+    # with one thread of OpenCV the process can be copied; alone, it searches large pictures faster with more
+    with nullcontext() if jobs == 1 else one_opencv_thread():
+        run = _opened(list(paths), part, seconds, jobs, cache, on_event)
+        with run.workers:
+            if wanted:
+                searched = _in_negative(run, [Searched(t, run.examine_all(run.files, t)) for t in wanted])
+                _confirm(run, searched)
+            else:
+                searched = recognised(run, square)
+        searched = _kept(run, searched, keep_frames)
+        run.tell_pictures(several.merged(searched))
+        return _correspondences(searched, not wanted, run)
 
 
 def _opened(

@@ -68,6 +68,11 @@ def grey_span(gray: Array) -> float:
     return high - low
 
 
+def white_level(gray: Array) -> float:
+    """The grey value at which a picture saturates: full scale, or for 16 bits the largest value that occurs."""
+    return float(gray.max()) if gray.dtype == np.uint16 else 255.0
+
+
 def to_8_bits(gray: Array) -> Array:
     """The picture in 8 bits for detectors; one of 16 bits, or of weak contrast, is stretched to its own range."""
     picture, limits = to_search(gray)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,13 @@ from camcal.detect import cache
 from camcal.detect.camera_pass import refine_in_windows
 from camcal.detect.decode import UnreadableError
 from camcal.detect.listing import view_ids
+from camcal.detect.part import KEPT_PARTS, OutsideError, Picture
 from camcal.detect.saddle import INNER_HALF, WIDER_HALF, wider_halves
 from camcal.detect.sources import read_gray
+from camcal.detect.workers import Workers
 from camcal.model.camera import Camera
 from camcal.model.pose import Pose
+from camcal.system.processes import one_opencv_thread
 from camcal.version import __version__
 
 Array = np.ndarray
@@ -28,6 +31,19 @@ Array = np.ndarray
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 #: side of a square, blur (px) of the picture, whether black and white are exchanged, half-widths of windows (squares)
 How = tuple[float, float | None, bool, list[float | Array]]
+#: points (N, 2), px, and their standard deviations (N,)
+Measured = tuple[Array, Array | None]
+
+
+class _Task(NamedTuple):
+    """A view whose corners are to be fitted again."""
+
+    file: Mapping[str, str] | None
+    view: View
+    camera: Camera
+    pose: Pose
+    how: How
+    cache: Path | None
 
 
 def refine_images(
@@ -63,42 +79,55 @@ def refine_images(
     target = found.target or {}
     cell = float(cell if cell is not None else target.get("square", 1.0))
     files = dict(zip(view_ids([Path(f["path"]) for f in found.files]), found.files, strict=True))
+    posed = [i for i, view in enumerate(found.views) if view.id in poses]
+    tasks = (
+        _Task(files.get(v.id), v, camera, poses[v.id], _how(found, v, cell, windows), cache.in_use())
+        for v in (found.views[i] for i in posed)
+    )
     tell = on_event or (lambda *_: None)
-    versions = []
-    for view in found.views:
-        new, pose = [view] * len(windows), poses.get(view.id)
-        if pose is not None:
-            halves = [_half(target, view, w) for w in windows]
-            blur = found.picture_quality.get(view.id, {}).get("blur_px")
-            how = (cell, blur, bool(target.get("negative")), halves)
-            try:
-                new = _refined(files.get(view.id), view, camera, pose, how)
-            except UnreadableError as error:
-                tell("unrefined", {"id": view.id, "reason": str(error)})
-            else:
-                tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0].uv)})
-        versions.append(new)
+    versions = [[view] * len(windows) for view in found.views]
+    with one_opencv_thread(), Workers(KEPT_PARTS.jobs) as workers:
+        for index, new in workers.map_unordered(_refined, tasks, _crashed, len(posed)):
+            view = found.views[posed[index]]
+            if isinstance(new, str):
+                tell("unrefined", {"id": view.id, "reason": new})
+                continue
+            versions[posed[index]] = [replace(view, uv=uv, sigma=sigma) for uv, sigma in new]
+            tell("refined", {"id": view.id, "moved_px": rms_move(view.uv, new[0][0])})
     return [found.with_views(views) for views in zip(*versions, strict=True)]
 
 
-def _refined(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> list[View]:
-    """The view with its corners fitted again, once for each window; from the cache if it is there.
+def _how(found: Observations, view: View, cell: float, windows: Sequence[float]) -> How:
+    target = found.target or {}
+    blur = found.picture_quality.get(view.id, {}).get("blur_px")
+    return cell, blur, bool(target.get("negative")), [_half(target, view, w) for w in windows]
 
-    Raises
-    ------
-    UnreadableError
-        See `_read_again`.
-    """
-    place = _place(file, view, camera, pose, how)
-    cell, blur, negative, halves = how
-    known = None if place is None else _from_cache(place, view, len(halves))
+
+def _refined(task: _Task) -> list[Measured] | str:
+    """The corners of a view fitted again, once for each window, from the cache if they are there; or why not."""
+    place = _place(task)
+    cell, blur, _, halves = task.how
+    known = None if place is None else _from_cache(place, task.view, len(halves))
     if known is not None:
         return known
-    gray = _read_again(file, negative)
-    new = refine_in_windows(gray, view, partial(on_board, camera, pose), cell, halves, blur)
+    board_from_pixel = partial(on_board, task.camera, task.pose)
+    part = None if task.file is None else KEPT_PARTS.get(task.file["sha256"])
+    try:
+        try:
+            picture: Picture = _read_again(task) if part is None else part
+            views = refine_in_windows(picture, task.view, board_from_pixel, cell, halves, blur)
+        except OutsideError:
+            views = refine_in_windows(_read_again(task), task.view, board_from_pixel, cell, halves, blur)
+    except UnreadableError as error:
+        return str(error)
+    new = [(v.uv, v.sigma) for v in views]
     if place is not None:
         _into_cache(place, new)
     return new
+
+
+def _crashed(task: _Task) -> str:
+    return "the process that fitted it ended unexpectedly"
 
 
 def rms_move(before: Array, after: Array) -> float:
@@ -118,30 +147,32 @@ def on_board(camera: Camera, cam_from_board: Pose, pixels: Array) -> Array:
     return np.where((reach > 0)[..., None], place, np.nan)
 
 
-def _place(file: Mapping[str, str] | None, view: View, camera: Camera, pose: Pose, how: How) -> Path | None:
+def _place(task: _Task) -> Path | None:
     """The cache entry of a view's second pass; None without a cache."""
-    folder = cache.in_use()
-    if folder is None or file is None:
+    if task.cache is None or task.file is None:
         return None
+    view, camera, pose = task.view, task.camera, task.pose
     digest = hashlib.sha256()
     sigma = np.zeros(0) if view.sigma is None else view.sigma
-    for values in (view.uv, sigma, camera.params, pose.rotation, pose.translation, *how[-1]):
+    for values in (view.uv, sigma, camera.params, pose.rotation, pose.translation, *task.how[-1]):
         digest.update(np.ascontiguousarray(values, float).tobytes())
-    words = f"{__version__} {cache.code()} {camera.lens.name} {camera.image_size} {len(sigma)} {how[:-1]}"
-    return cache.entry(folder, file["sha256"], f"second pass {words} {digest.hexdigest()}")
+    words = (
+        f"{__version__} {cache.code()} {camera.lens.name} {camera.image_size} {len(sigma)} {task.how[:-1]}"
+    )
+    return cache.entry(task.cache, task.file["sha256"], f"second pass {words} {digest.hexdigest()}")
 
 
-def _into_cache(place: Path, views: Sequence[View]) -> None:
+def _into_cache(place: Path, new: Sequence[Measured]) -> None:
     """Keep a view's second pass: points (W, N, 2) and sigmas (W, N), or none."""
-    arrays, sigmas = {"uv": np.stack([v.uv for v in views])}, [v.sigma for v in views if v.sigma is not None]
+    arrays, sigmas = {"uv": np.stack([uv for uv, _ in new])}, [s for _, s in new if s is not None]
     if sigmas:
         arrays["sigma"] = np.stack(sigmas)
-    if len(sigmas) in (0, len(views)):
+    if len(sigmas) in (0, len(new)):
         cache.store(place, arrays, {})
 
 
-def _from_cache(place: Path, view: View, count: int) -> list[View] | None:
-    """The views of a cached second pass, one for each window size; None if there is none."""
+def _from_cache(place: Path, view: View, count: int) -> list[Measured] | None:
+    """The points of a cached second pass, for each window size; None if there is none."""
     stored = cache.load(place)
     if stored is None:
         return None
@@ -150,8 +181,8 @@ def _from_cache(place: Path, view: View, count: int) -> list[View] | None:
     if uv is None or uv.shape != shape or (sigma is not None and sigma.shape != shape[:2]):
         return None
     if sigma is None:
-        return [replace(view, uv=u) for u in uv] if view.sigma is None else None
-    return [replace(view, uv=u, sigma=s) for u, s in zip(uv, sigma, strict=True)]
+        return [(u, None) for u in uv] if view.sigma is None else None
+    return list(zip(uv, sigma, strict=True))
 
 
 def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array:
@@ -161,7 +192,7 @@ def _half(target: Mapping[str, Any], view: View, window: float) -> float | Array
     return wider_halves(target["columns"], target["rows"], window)[view.point_ids]
 
 
-def _read_again(file: Mapping[str, str] | None, negative: bool) -> Array:
+def _read_again(task: _Task) -> Array:
     """The picture of a view, with black and white exchanged if its corners come from a negative.
 
     Raises
@@ -169,7 +200,7 @@ def _read_again(file: Mapping[str, str] | None, negative: bool) -> Array:
     UnreadableError
         If it cannot be read, or has changed since the corners were found.
     """
-    if file is None:
+    if task.file is None:
         raise UnreadableError("it has no picture")
-    gray = read_gray(Path(file["path"]), file["sha256"])[0]
-    return ~gray if negative else gray
+    gray = read_gray(Path(task.file["path"]), task.file["sha256"])[0]
+    return ~gray if task.how[2] else gray

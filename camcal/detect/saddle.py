@@ -17,7 +17,8 @@ from camcal.detect.blur_shape import as_seen, rounded
 from camcal.detect.corners import START_ERROR, Corners, edge_normals, tested
 from camcal.detect.fit import Fits, approached, first_guess, fit, fit_sizes
 from camcal.detect.local_map import BoardFromPixel
-from camcal.detect.pyramid import grey_span
+from camcal.detect.part import Picture
+from camcal.detect.part import span as span_of
 from camcal.detect.shading import evened, slopes, unusual, with_slopes
 from camcal.detect.windows import LARGEST, Windows, cut, limited, nested, straightened
 from camcal.geometry.numbers import median
@@ -41,7 +42,7 @@ LEAST_HALF = 0.25  #: of a square
 
 
 def refine(
-    gray: Array,
+    picture: Picture,
     uv: Array,
     sides: Array,
     half: float | Array | None = None,
@@ -53,7 +54,7 @@ def refine(
 
     Parameters
     ----------
-    gray : (height, width) array
+    picture : (height, width) array, or the part around the target
     uv : (K, 2) array
         Approximate corners, px.
     sides : (K, 2, 2) array
@@ -72,14 +73,14 @@ def refine(
     shortest = np.linalg.norm(sides, axis=2).min(1)
     half = np.clip(LEAST_PX / np.maximum(shortest, 1e-9), HALF, WIDER_HALF) if half is None else half
     largest = max(FIRST_LARGEST, FIRST_SEEN * blur)
-    windows = cut(gray, uv, sides, half, SEEN * blur + START_ERROR, largest)
-    limits = grey_limits(gray, windows)
+    windows = cut(picture, uv, sides, half, SEEN * blur + START_ERROR, largest)
+    limits = grey_limits(picture, windows)
     windows, seen = rounded(windows, sides, shape)
     guess = first_guess(windows, edge_normals(seen), np.minimum(blur, MOST_START * shortest))
     fits = fit(windows, guess, limits, settled=ROUGH)
     if limits[0] < 0:
         fits = with_sampling(fits, sides * limited(half, sides, largest)[:, None, None])
-    return tested(windows, as_seen(fits, shape), sides, half, span or grey_span(gray))
+    return tested(windows, as_seen(fits, shape), sides, half, span or span_of(picture))
 
 
 def wider_halves(columns: int, rows: int, inner: float = INNER_HALF) -> Array:
@@ -133,7 +134,7 @@ def shares(known: Corners, sides: Array, half: float | Array, largest: float = L
 
 
 def sharpen(
-    gray: Array,
+    picture: Picture,
     known: Corners,
     sides: Array,
     board_from_pixel: BoardFromPixel,
@@ -160,11 +161,11 @@ def sharpen(
     """
     if not len(known):
         return known
-    return sharpen_sizes(gray, known, sides, board_from_pixel, [half], largest, shape)[0]
+    return sharpen_sizes(picture, known, sides, board_from_pixel, [half], largest, shape)[0]
 
 
 def sharpen_sizes(
-    gray: Array,
+    picture: Picture,
     known: Corners,
     sides: Array,
     board_from_pixel: BoardFromPixel,
@@ -184,8 +185,8 @@ def sharpen_sizes(
     if not len(known):
         return [known for _ in halves]
     share = np.stack([shares(known, sides, half, largest) for half in halves])
-    windows, sizes = nested(gray, known.uv, sides, share, SEEN * known.blur + 1)
-    limits = grey_limits(gray, windows)
+    windows, sizes = nested(picture, known.uv, sides, share, SEEN * known.blur + 1)
+    limits = grey_limits(picture, windows)
     windows = straightened(windows, sides, share[-1], board_from_pixel, known.blur)
     usual = sizes[int(np.argmin([abs(np.max(half) - INNER_HALF) for half in halves]))]
     straight, seen = rounded(windows.inner(usual).thinned(ENOUGH), sides, shape)
@@ -200,7 +201,7 @@ def sharpen_sizes(
     offset, contrast = start[:, model.OFFSET], np.abs(start[:, model.CONTRAST])
     slope = slopes(known.uv, offset, contrast, ~unusual(noise))
     windows, _ = rounded(evened(windows, slope, offset, contrast, limits), sides, shape)
-    corners, span = [], grey_span(gray)
+    corners, span = [], span_of(picture)
     for i, fits in enumerate(fit_sizes(windows, sizes, start, limits)):
         inner = windows.inner(sizes[i])
         fits = _with_errors(inner, fits, sides * share[i][:, None, None], limits)

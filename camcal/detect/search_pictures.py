@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,16 @@ from camcal.detect.examine import Outcome, Task, examine
 from camcal.detect.films import Range, candidates
 from camcal.detect.frames import is_film
 from camcal.detect.listing import view_ids
-from camcal.detect.sources import is_frame, keep_none, read_gray
+from camcal.detect.part import KEPT_PARTS
+from camcal.detect.sources import is_frame, read_gray
 from camcal.detect.targets.base import Target
-from camcal.detect.workers import map_unordered
+from camcal.detect.workers import Workers
 from camcal.errors import DataError
 
 #: Called with an event and its details as the work proceeds:
 #:
 #: - `("pictures", {count})`, and `("searched", {done, count})` as they are searched;
+#: - `("waiting", {})` once, when other processes have begun to search and this one waits for them;
 #: - `("film", {path, done, count})` as a film is read, `("frames", {path, frames, searched})` after it;
 #: - `("left", {files})` if folders of pictures contain films or raw pictures, which are not used;
 #: - `("no-film", {})` if a part of a film was requested and there is no film;
@@ -46,12 +49,13 @@ class Search:
         cache: Path | None,
         on_event: OnEvent | None,
     ):
-        self.files, self.seconds, self.jobs, self.cache, self.on_event = files, seconds, jobs, cache, on_event
+        self.files, self.seconds, self.cache, self.on_event = files, seconds, cache, on_event
         self.cache_told = False
         self.motion: dict[Path, float] = {}  # of each frame of a film
         self.frame_count = 0
         self.unreadable: list[Outcome] = []
-        keep_none()
+        self.workers = Workers(jobs, partial(self.tell, "waiting"))
+        KEPT_PARTS.begin(jobs)
         cache_files.use(cache)
 
     def open_films(self, chosen: Range) -> None:
@@ -123,10 +127,12 @@ class Search:
     ) -> list[Outcome]:
         """Outcomes in the order of the files; for `expected` and `negative` see `examine.Task`."""
         outcomes: list[Outcome | None] = [None] * len(files)
-        done_by = map_unordered(
-            examine, self._tasks(files, target, expected, negative), self.jobs, _crashed, len(files)
-        )
+        tasks = self._tasks(files, target, expected, negative)
+        done_by = self.workers.map_unordered(examine, tasks, _crashed, len(files))
         for done, (index, outcome) in enumerate(done_by, 1):
+            if outcome.part is not None:
+                KEPT_PARTS.keep(outcome.sha256, outcome.part)
+                outcome = replace(outcome, part=None)
             outcomes[index] = outcome
             if outcome.cache_error and not self.cache_told:
                 self.cache_told = True
@@ -140,7 +146,8 @@ class Search:
         """A task for each picture; frames are decoded here, one after the other."""
         for path in files:
             gray = self.read(path) if is_frame(path) else None
-            yield Task(path, target, self.seconds, self.cache, gray, expected, negative)
+            keep = not (KEPT_PARTS.full or negative or (target is not None and target.negative))
+            yield Task(path, target, self.seconds, self.cache, gray, expected, negative, keep)
 
     def tell_pictures(self, outcomes: list[Outcome]) -> None:
         """Report the outcome of each picture."""

@@ -6,11 +6,8 @@ are counted from 0. Whoever has the name can read the picture again.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import mmap
 import re
-import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -31,10 +28,6 @@ Array = np.ndarray
 ARCHIVES = (".zip",)
 #: raw pictures of cameras: cv2 would read the small preview in some of them
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw")
-#: bytes of decoded pictures that are kept from the search to the second pass, 150 of .3 megapixels or 24 of 2:
-#: decoding takes a tenth of the time of such a set, and the memory of a command is to stay 1.5 times that of a
-#: script + 60 MB; the search itself takes 40 MB more than the script
-KEPT = 48 << 20
 MOST_BYTES = 2 << 30  #: of a picture's file: more than 200 million pixels of three 16-bit colours
 
 
@@ -60,31 +53,7 @@ def read_gray(path: Path, sha256: str | None = None) -> tuple[Array, str]:
         fetched = of_pixels(read_frame(file, number, from_start=True))
     if fetched.sha256 != sha256 is not None:
         raise UnreadableError(f"'{path}' has changed since the corners were found")
-    gray = _kept.get(fetched.sha256)
-    return fetched.decode() if gray is None else gray, fetched.sha256
-
-
-def keep(sha256: str, gray: Array) -> None:
-    """Keep a decoded picture for `read_gray` until `keep_none`; all that are kept have at most `KEPT` bytes.
-
-    A process that only searches pictures for another one keeps none. Each lies in pages of its own, which the system
-    has again once it is forgotten: memory from the heap would stay with the process, beside that of the calibration.
-    """
-    processes = sys.modules.get("multiprocessing")  # a process that was started by it has it
-    alone = processes is None or processes.parent_process() is None
-    if alone and gray.size and gray.nbytes + sum(g.nbytes for g in _kept.values()) <= KEPT:
-        with contextlib.suppress(OSError):  # there is no memory for it: it is decoded again
-            own = np.frombuffer(mmap.mmap(-1, gray.nbytes), gray.dtype).reshape(gray.shape)
-            own[:] = gray
-            _kept[sha256] = own
-
-
-def keep_none() -> None:
-    """Forget the pictures that were kept: another search begins, or the second pass has read them."""
-    _kept.clear()
-
-
-_kept: dict[str, Array] = {}
+    return fetched.decode(), fetched.sha256
 
 
 class Fetched(NamedTuple):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camcal.detect.local_map import BoardFromPixel
+from camcal.detect.part import Picture, values
 from camcal.records import dataclass
 
 Array = np.ndarray
@@ -88,13 +89,18 @@ class Inner(NamedTuple):
 
 
 def cut(
-    gray: Array, uv: Array, sides: Array, half: Array | float, reach: Array | float, largest: float = LARGEST
+    picture: Picture,
+    uv: Array,
+    sides: Array,
+    half: Array | float,
+    reach: Array | float,
+    largest: float = LARGEST,
 ) -> Windows:
     """Cut the windows of all corners out of a picture.
 
     Parameters
     ----------
-    gray : (height, width) array
+    picture : (height, width) array, or the part around the target
     uv : (K, 2) array
         Approximate corners, px.
     sides : (K, 2, 2) array
@@ -106,17 +112,17 @@ def cut(
     largest : float
         px; half the side of the largest window.
     """
-    return nested(gray, uv, sides, limited(half, sides, largest)[None], reach)[0]
+    return nested(picture, uv, sides, limited(half, sides, largest)[None], reach)[0]
 
 
 def nested(
-    gray: Array, uv: Array, sides: Array, shares: Array, reach: Array | float
+    picture: Picture, uv: Array, sides: Array, shares: Array, reach: Array | float
 ) -> tuple[Windows, list[Inner]]:
     """Cut windows of several sizes out of a picture, each with the pixels of the smaller ones first.
 
     Parameters
     ----------
-    gray, uv, sides, reach
+    picture, uv, sides, reach
         As for `cut`.
     shares : (W, K) array
         Half-widths of the windows as shares of the squares, ascending along the first axis.
@@ -139,12 +145,10 @@ def nested(
     q = np.stack([dx + shift[:, :1], dy + shift[:, 1:]], 1)
     column, row = (d.astype(np.int32) + base[:, i, None] for i, d in enumerate((dx, dy)))
     totals = [counts[:, :n].sum(1) for n in columns]
-    if ((base - extent < 0) | (base + extent >= gray.shape[1::-1])).any():
-        counts &= (column >= 0) & (column < gray.shape[1]) & (row >= 0) & (row < gray.shape[0])
+    if ((base - extent < 0) | (base + extent >= picture.shape[1::-1])).any():
+        counts &= (column >= 0) & (column < picture.shape[1]) & (row >= 0) & (row < picture.shape[0])
     unused = ~counts
-    place = row * gray.shape[1] + column
-    place[unused] = 0
-    value = gray.ravel()[place].astype(np.float32)
+    value = values(picture, column, row, counts).astype(np.float32)
     value[unused] = UNUSED
     np.copyto(q, FAR, where=unused[:, None])
     inside = [counts[:, :n].sum(1) / np.maximum(total, 1) for n, total in zip(columns, totals, strict=True)]
@@ -225,8 +229,8 @@ def _packed(
     counts = np.zeros(count * columns[-1], bool)
     counts[places] = True
     packed = [np.zeros(len(counts), np.float32) for _ in of_pixels]
-    for values, new in zip(of_pixels, packed, strict=True):
-        new[places] = values
+    for given, new in zip(of_pixels, packed, strict=True):
+        new[places] = given
     return [a.reshape(count, -1) for a in packed], counts.reshape(count, -1), columns[1:]
 
 

@@ -11,120 +11,173 @@ from itertools import islice
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from camcal.system.processes import THREADS, start_worker
+from camcal.system.processes import THREADS, copies_itself, start_worker
 
 if TYPE_CHECKING:  # the modules that start processes are imported when the first is started
-    from concurrent.futures import Future
+    from concurrent.futures import Future, ProcessPoolExecutor
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-ALONE = 0.4  #: s; time that one process works before others are started
-WORTH_IT = 1.5  #: s; least remaining work; starting processes costs about a third of it
+#: s; time that one process works before new interpreters are started, and least remaining work for them; their start
+#: takes about a third of it
+ALONE, WORTH_IT = 0.4, 1.5
+#: s; the same for copies of this process, whose start takes .01 to .02 s
+ALONE_BEFORE_COPIES, WORTH_COPIES = 0.02, 0.06
 AHEAD = 3  #: items per process that are queued or in progress; each may hold a picture
 MANY = 10**6  #: stands for an unknown number of items
 ENDED = 5.0  #: s; time allowed for a process to end when requested
 
 
-def map_unordered(
-    function: Callable[[T], R],
-    items: Iterable[T],
-    jobs: int | None,
-    crashed: Callable[[T], R],
-    count: int | None = None,
-) -> Iterator[tuple[int, R]]:
-    """Apply a function to items, in other processes if there is enough work.
-
-    Items are taken as they are needed, so that only a few are held at a time.
+class Workers:
+    """The processes of one search, or of a second pass over its pictures; they are started when there is enough work.
 
     Parameters
     ----------
-    function : callable
-        Must be importable, as the processes are new interpreters.
-    items : iterable
     jobs : int or None
         Number of processes; None for one per processor.
-    crashed : callable
-        Returns the result to use for an item that has killed its process.
-    count : int, optional
-        Number of items, if `items` has no length.
-
-    Yields
-    ------
-    index, result : in the order of completion
+    waiting : callable, optional
+        Called once, when other processes have begun to work and this one would wait for them.
     """
-    jobs = jobs or usable_processors()
-    total = count if count is not None else len(items) if isinstance(items, Sized) else MANY
-    numbered = enumerate(items)
-    began, done = time.perf_counter(), 0
-    while not (jobs > 1 and _worth_others(time.perf_counter() - began, done, total)):
-        index, item = next(numbered, (-1, None))
-        if index < 0:
-            return
-        yield index, function(item)  # type: ignore[arg-type]
-        done = index + 1
-    while True:
-        lost = yield from _in_pool(function, numbered, min(jobs, max(1, total - done)))
-        if lost is None:
-            return
-        for (
-            index,
-            item,
-        ) in lost:  # one of these killed its process: retried singly, so that no other is lost with it
-            again = yield from _in_pool(function, iter([(index, item)]), 1)
-            if again is not None:
-                yield index, crashed(item)
 
+    def __init__(self, jobs: int | None, waiting: Callable[[], None] | None = None):
+        self.jobs = jobs or usable_processors()
+        self.waiting = waiting
+        self.seconds, self.items = 0.0, 0  # what this process has spent on how many items
+        self._pool: ProcessPoolExecutor | None = None
+        self._before: set[Any] = set()
 
-def _worth_others(spent: float, done: int, count: int) -> bool:
-    """Return whether the remaining work justifies other processes, judging by the time of the first items."""
-    left = spent / max(done, 1) * (count - done)
-    return count - done > 1 and spent > ALONE and left > WORTH_IT
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        """End the processes: those that have work left, on Ctrl-C for example, at once."""
+        self._end(kind is None)
+
+    def map_unordered(
+        self,
+        function: Callable[[T], R],
+        items: Iterable[T],
+        crashed: Callable[[T], R],
+        count: int | None = None,
+    ) -> Iterator[tuple[int, R]]:
+        """Apply a function to items, in other processes if there is enough work.
+
+        Items are taken as they are needed, so that only a few are held at a time.
+
+        Parameters
+        ----------
+        function : callable
+            Must be importable, as the processes may be new interpreters.
+        items : iterable
+        crashed : callable
+            Returns the result to use for an item that has killed its process.
+        count : int, optional
+            Number of items, if `items` has no length.
+
+        Yields
+        ------
+        index, result : in the order of completion
+        """
+        total = count if count is not None else len(items) if isinstance(items, Sized) else MANY
+        numbered, done = enumerate(items), 0
+        while not self._worth_others(total - done):
+            index, item = next(numbered, (-1, None))
+            if index < 0:
+                return
+            began = time.perf_counter()
+            result = function(item)  # type: ignore[arg-type]
+            self.seconds, self.items = self.seconds + time.perf_counter() - began, self.items + 1
+            yield index, result
+            done = index + 1
+        while True:
+            lost = yield from self._in_pool(function, numbered)
+            if lost is None:
+                return
+            for index, item in lost:
+                # one of these killed its process: retried singly, so that no other is lost with it
+                with Workers(1) as single:
+                    again = yield from single._in_pool(function, iter([(index, item)]))
+                if again is not None:
+                    yield index, crashed(item)
+
+    def _worth_others(self, left: int) -> bool:
+        """Return whether so many more items justify other processes, judging by the time of the first ones."""
+        if self.jobs < 2 or left < 2:
+            return False
+        if self._pool is not None:
+            return True
+        alone, least = (ALONE_BEFORE_COPIES, WORTH_COPIES) if copies_itself() else (ALONE, WORTH_IT)
+        return self.seconds > alone and self.seconds / max(self.items, 1) * left > least
+
+    def _started(self) -> ProcessPoolExecutor | None:
+        """The pool of processes, started if there is none yet; None if the system does not provide its locks."""
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+
+        if self._pool is None:
+            self._before = set(multiprocessing.active_children())
+            method = "fork" if copies_itself() else "spawn"
+            try:
+                self._pool = ProcessPoolExecutor(self.jobs, multiprocessing.get_context(method), start_worker)
+            except (ImportError, OSError):  # /dev/shm is missing
+                return None
+        return self._pool
+
+    def _in_pool(self, function: Callable[[T], R], numbered: Iterator[tuple[int, T]]) -> Any:
+        """Yield (index, result); return the items lost in a broken pool, or None if all are done."""
+        from concurrent.futures import FIRST_COMPLETED, wait
+        from concurrent.futures.process import BrokenProcessPool
+
+        pool = self._started()
+        if pool is None:  # all work is done here
+            for index, item in numbered:
+                yield index, function(item)
+            return None
+        running: dict[Future, tuple[int, T]] = {}
+        main: bool | None = None
+        finished = False
+        try:
+            while True:
+                for index, item in islice(numbered, AHEAD * self.jobs - len(running)):
+                    main = _of_main((function, item)) if main is None else main  # all items are of one kind
+                    with one_thread_each(), contextlib.nullcontext() if main else _without_main():
+                        try:
+                            running[pool.submit(function, item)] = index, item
+                        except BrokenProcessPool:
+                            return [*running.values(), (index, item)]
+                if not running:
+                    finished = True
+                    return None
+                self._wait()
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    try:
+                        result = future.result()
+                    except BrokenProcessPool:
+                        return sorted(running.values(), key=lambda numbered: numbered[0])
+                    yield running.pop(future)[0], result
+        finally:
+            if not finished:  # Ctrl-C, a broken pool, or the caller has stopped: leave nothing running
+                self._end(False)
+
+    def _wait(self) -> None:
+        """Use the first wait for other processes."""
+        waiting, self.waiting = self.waiting, None
+        if waiting is not None:
+            waiting()
+
+    def _end(self, finished: bool) -> None:
+        pool, self._pool = self._pool, None
+        if pool is None:
+            return
+        pool.shutdown(wait=finished, cancel_futures=True)
+        if not finished:
+            _end_children(self._before)
 
 
 def usable_processors() -> int:
     """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _in_pool(function: Callable[[T], R], numbered: Iterator[tuple[int, T]], jobs: int) -> Any:
-    """Yield (index, result); return the items lost in a broken pool, or None if all are done."""
-    import multiprocessing
-    from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-    from concurrent.futures.process import BrokenProcessPool
-
-    before = set(multiprocessing.active_children())
-    try:
-        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
-    except (ImportError, OSError):  # no shared memory for its locks (/dev/shm): all work is done here
-        for index, item in numbered:
-            yield index, function(item)
-        return None
-    running: dict[Future, tuple[int, T]] = {}
-    finished = False
-    main: bool | None = None
-    try:
-        while True:
-            for index, item in islice(numbered, AHEAD * jobs - len(running)):
-                main = _of_main((function, item)) if main is None else main  # all items are of one kind
-                with one_thread_each(), contextlib.nullcontext() if main else _without_main():
-                    try:
-                        running[pool.submit(function, item)] = index, item
-                    except BrokenProcessPool:
-                        return [*running.values(), (index, item)]
-            if not running:
-                finished = True
-                return None
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                try:
-                    result = future.result()
-                except BrokenProcessPool:
-                    return sorted(running.values(), key=lambda numbered: numbered[0])
-                yield running.pop(future)[0], result
-    finally:
-        pool.shutdown(wait=finished, cancel_futures=True)
-        if not finished:  # Ctrl-C, a broken pool, or the caller has stopped: leave nothing running
-            _end_children(before)
 
 
 def _end_children(before: set[Any]) -> None:

@@ -1,12 +1,10 @@
-"""Shared parts of the cross-checks: the entry of the report, cv2 on one thread, the tolerances."""
+"""Shared parts of the cross-checks: the entry of the report, the tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import cv2
 import numpy as np
 
 from camcal.model.camera import Camera
@@ -111,17 +109,6 @@ def judge(value: float, bound: float, what: str) -> tuple[str, str | None]:
     if value <= bound:
         return "pass", None
     return "fail", f"{what} {value:.3g}, at most {bound:.3g} was expected"
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Run cv2 on one thread: with more, its results vary in the last bits from run to run."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def bounds(solution: Calibration) -> tuple[Array, Array]:

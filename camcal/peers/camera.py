@@ -5,10 +5,11 @@ from __future__ import annotations
 from camcal.errors import DataError
 from camcal.model.camera import Camera
 from camcal.peers import CALIBRATORS
-from camcal.peers.base import NotComparableError, one_thread
+from camcal.peers.base import NotComparableError
 from camcal.peers.calibrate_camera import task_of
 from camcal.registry import load
 from camcal.solve.calibration import Calibration
+from camcal.system.processes import one_opencv_thread
 
 
 def camera_by_cv2(solution: Calibration) -> tuple[Camera, str]:
@@ -28,7 +29,7 @@ def camera_by_cv2(solution: Calibration) -> tuple[Camera, str]:
             "Calibrate with a model of OpenCV's to compare with cv2: --model opencv5",
         )
     try:
-        with one_thread():
+        with one_opencv_thread():
             result = load(CALIBRATORS[form.function])(task_of(solution), None)
     except NotComparableError as error:
         raise DataError(f"cv2 cannot make this camera: {error}.", "Compare two reports instead.") from error

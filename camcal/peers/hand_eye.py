@@ -10,7 +10,8 @@ import numpy as np
 
 from camcal.geometry import rotations
 from camcal.model.pose import Array, Pose, Poses
-from camcal.peers.base import Entry, entry, judge, one_thread
+from camcal.peers.base import Entry, entry, judge
+from camcal.system.processes import one_opencv_thread
 
 #: camcal's name -> (function of cv2, its method)
 METHODS = {
@@ -60,7 +61,7 @@ def _entry(
     if x is None:
         return entry(stage, against, "not_applicable", "camcal's closed form failed")
     try:
-        with one_thread():
+        with one_opencv_thread():
             theirs = _theirs(function, getattr(cv2, method), robot, camera, unit)
     except cv2.error as error:
         return entry(stage, against, "not_applicable", f"cv2 refuses: {error.err}")

@@ -12,10 +12,11 @@ from camcal.peers import (
     refinement,
     rodrigues,
 )
-from camcal.peers.base import Entry, one_thread
+from camcal.peers.base import Entry
 from camcal.solve.calibration import Calibration, Stage
 from camcal.solve.refine import How
 from camcal.start import CLOSED_FORMS
+from camcal.system.processes import one_opencv_thread
 
 
 def crosscheck(
@@ -49,7 +50,7 @@ def crosscheck(
         not_applicable, and the latter two always have a `why`. Differences are camcal's less cv2's.
     """
     entries: list[Entry] = []
-    with one_thread():
+    with one_opencv_thread():
         for stage in stages:
             if stage.name in CLOSED_FORMS or stage.name == "radial":
                 entries += _closed_form(stage, solution, full)

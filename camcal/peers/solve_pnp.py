@@ -8,7 +8,8 @@ import numpy as np
 from camcal.geometry import projective, rotations
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import LEAST_POINTS, SAME, Entry, entry, judge, one_thread
+from camcal.peers.base import LEAST_POINTS, SAME, Entry, entry, judge
+from camcal.system.processes import one_opencv_thread
 
 STAGE = "pose"
 #: points count as a plane for IPPE below this part of their extent: it drops the third coordinate
@@ -37,7 +38,7 @@ def against_cv2(camera: Camera, xyz: Array, uv: Array, pose: Pose) -> Entry:
     ab = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
     method = cv2.SOLVEPNP_IPPE if planar else cv2.SOLVEPNP_SQPNP
     try:
-        with one_thread():
+        with one_opencv_thread():
             found = _solutions(local, ab, method)
     except cv2.error as error:
         return entry(STAGE, name, "not_applicable", f"cv2 refuses: {error.err}")

@@ -33,7 +33,6 @@ from camcal.peers.base import (
     Entry,
     NotComparableError,
     entry,
-    one_thread,
 )
 from camcal.peers.calibrate_camera import camera_of, coefficients, criteria, flags_of, refusals
 from camcal.peers.fisheye_calibrate import flags_of as fisheye_flags
@@ -42,6 +41,7 @@ from camcal.records import dataclass
 from camcal.solve.calibration import RigCalibration
 from camcal.solve.poses import poses_before
 from camcal.solve.refine import How, refine, residuals
+from camcal.system.processes import one_opencv_thread
 
 AGAINST = "cv2.stereoCalibrate"
 FISHEYE = "cv2.fisheye.stereoCalibrate"
@@ -71,7 +71,7 @@ def crosscheck(solution: RigCalibration, flat: RigCalibration | None, how: How) 
     )
     pairs = list(combinations(solution.rig.cameras, 2))
     entries = []
-    with one_thread():
+    with one_opencv_thread():
         for stage, fit in fits.items():
             for a, b in pairs[:MOST_PAIRS]:
                 entries.append(_entry(stage, fit, a, b, how))

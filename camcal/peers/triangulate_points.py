@@ -8,7 +8,8 @@ import numpy as np
 from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import SAME, Entry, entry, judge, one_thread
+from camcal.peers.base import SAME, Entry, entry, judge
+from camcal.system.processes import one_opencv_thread
 
 STAGE, NAME = "triangulate", "cv2.triangulatePoints"
 
@@ -26,7 +27,7 @@ def against_cv2(first: Seen, second: Seen, xyz: Array) -> Entry:
         return entry(STAGE, NAME, "not_applicable", "no point is seen well in front of two cameras")
     matrices = [np.c_[pose.rotation, pose.translation] for _, pose, _ in (first, second)]
     flat = [np.ascontiguousarray((r[good, :2] / r[good, 2:]).T) for r in rays]
-    with one_thread():
+    with one_opencv_thread():
         found = cv2.triangulatePoints(*matrices, *flat)
     theirs = (found[:3] / found[3]).T
     residuals = [_errors((c, p, uv[good]), theirs, xyz[good]) for c, p, uv in (first, second)]

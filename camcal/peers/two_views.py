@@ -9,7 +9,8 @@ from camcal.geometry import rotations
 from camcal.geometry.projective import FLAT_RAY
 from camcal.model.camera import Camera
 from camcal.model.pose import Array, Pose
-from camcal.peers.base import Entry, entry, judge, one_thread
+from camcal.peers.base import Entry, entry, judge
+from camcal.system.processes import one_opencv_thread
 
 STAGE = "selfcalib"
 #: camcal's Sampson rms may exceed cv2's by this part: both minimise it only approximately
@@ -26,7 +27,7 @@ def fundamental(first: Array, second: Array, matrix: Array) -> Entry:
     same.
     """
     name = "cv2.findFundamentalMat"
-    with one_thread():
+    with one_opencv_thread():
         theirs, _ = cv2.findFundamentalMat(first, second, cv2.FM_8POINT)
     if theirs is None or theirs.shape != (3, 3):
         return entry(STAGE, name, "not_applicable", "cv2 finds none")
@@ -44,7 +45,7 @@ def motion(camera: Camera, first: Array, second: Array, ours: Pose) -> Entry:
             STAGE, name, "not_applicable", "cv2 accepts only rays less than 90 degrees from the axis"
         )
     a, b = (np.ascontiguousarray(r[:, :2] / r[:, 2:]) for r in rays)
-    with one_thread():
+    with one_opencv_thread():
         e, mask = cv2.findEssentialMat(a, b, np.eye(3), cv2.LMEDS)
         if e is None or e.shape != (3, 3):
             return entry(STAGE, name, "not_applicable", "cv2 finds none")

@@ -7,7 +7,8 @@ import numpy as np
 
 from camcal.model.camera import Camera
 from camcal.model.pose import Array
-from camcal.peers.base import Entry, entry, judge, one_thread
+from camcal.peers.base import Entry, entry, judge
+from camcal.system.processes import one_opencv_thread
 
 NAME = "cv2.undistortPoints"
 #: Both invert the same equations; cv2's fixed-point iteration stops where 1e-12 of the picture plane is left, which
@@ -28,7 +29,7 @@ def against_cv2(stage: str, camera: Camera, uv: Array) -> Entry:
         return entry(stage, NAME, "not_applicable", "no pixel has a ray in front of the camera")
     ours = rays[ahead, :2] / rays[ahead, 2:]
     bend = form.distortion if len(form.distortion) else None
-    with one_thread():
+    with one_opencv_thread():
         theirs = cv2.undistortPoints(uv[ahead].reshape(-1, 1, 2), camera.matrix, bend, None, None, None, STOP)
     worst = float(np.abs(ours - theirs.reshape(-1, 2)).max()) * float(camera.params[0])
     status, why = judge(worst, BOUND_PX, "undistorted points differ by (px)")

@@ -19,9 +19,9 @@ from camcal.assess.holdout import HoldOut, hold_out
 from camcal.data.observations import Observations, View
 from camcal.detect import targets
 from camcal.detect.camera_pass import WINDOWS
+from camcal.detect.part import KEPT_PARTS
 from camcal.detect.refine_images import refine_images
 from camcal.detect.saddle import INNER_HALF
-from camcal.detect.sources import keep_none
 from camcal.detect.targets.circles import Circles
 from camcal.errors import CamcalError
 from camcal.model.pose import Pose
@@ -58,7 +58,7 @@ def _second_pass(progress: Progress) -> Change:
         points, rounds = _again(points, found, current, (window,))[0], rounds + 1
         new = _refitted(current, points, progress)
         change, current, after = _projections_moved(current, new), new, None
-    keep_none()  # pictures are not needed further
+    KEPT_PARTS.clear()  # pictures are not needed further
     before, after = hold_out(first, progress.how), after or hold_out(current, progress.how)
     kept, why = True, "asked for"
     if progress.options.refine_points is None:

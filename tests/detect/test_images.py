@@ -1,8 +1,6 @@
 import io
 import os
 import struct
-import subprocess
-import sys
 import time
 import zlib
 from pathlib import Path
@@ -13,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from camcal.detect import cache, decode, sources, workers
+from camcal.detect import cache, decode
 from camcal.detect.decode import UnreadableError, decode_gray
 from camcal.detect.examine import Task, examine
 from camcal.detect.images import detect_images
@@ -208,31 +206,6 @@ def test_a_board_that_two_pictures_agree_on_is_not_searched_for_markers(tmp_path
     )  # two to agree; one without the board, in three ways, each with a second look
 
 
-def test_without_memory_no_picture_is_kept(monkeypatch):
-    def full(*_):
-        raise OSError(12, "Cannot allocate memory")
-
-    sources.keep_none()
-    monkeypatch.setattr(sources.mmap, "mmap", full)
-    sources.keep("one", np.zeros((200, 240), np.uint8))
-    assert not sources._kept
-
-
-def test_decoded_pictures_are_kept_within_their_limit(folder, monkeypatch):
-    found = detect_images([folder], jobs=1, cache=False)
-    path, sha256 = Path(found.files[0]["path"]), found.files[0]["sha256"]
-    monkeypatch.setattr(sources, "decode_gray", lambda data: "decoded")
-    assert sources.read_gray(path, sha256)[0].shape == (200, 240)  # kept
-    sources.keep_none()
-    assert sources.read_gray(path, sha256)[0] == "decoded"
-    monkeypatch.setattr(sources, "KEPT", 240 * 200 + 1)
-    sources.keep_none()
-    for name in ("one", "two"):
-        sources.keep(name, np.zeros((200, 240), np.uint8))
-    assert list(sources._kept) == ["one"]
-    sources.keep_none()
-
-
 def test_board_and_square_are_taken(folder):
     found = detect_images([folder], board="6x5", square="25mm")
     assert (found.target["square"], found.target["unit"], found.target["detected"]) == (25.0, "mm", False)
@@ -269,43 +242,6 @@ def test_nothing_found(tmp_path):
     with pytest.raises(DataError, match="no target was found in 1 picture") as error:
         detect_images([tmp_path])
     assert "dark" in error.value.hint
-
-
-def test_processes_give_the_same(folder, monkeypatch):
-    alone = detect_images([folder], jobs=1, cache=False)
-    monkeypatch.setattr(workers, "ALONE", -1.0)
-    monkeypatch.setattr(workers, "WORTH_IT", -1.0)
-    many = detect_images([folder], jobs=2, cache=False)
-    for a, b in zip(alone.views, many.views, strict=True):
-        assert a.id == b.id and np.abs(a.uv - b.uv).max() < 1e-9
-
-
-def die(item):
-    import os
-
-    if item == 2:
-        os._exit(1)
-    return item
-
-
-def test_a_process_that_dies_costs_one_picture(monkeypatch):
-    monkeypatch.setattr(workers, "ALONE", -1.0)
-    monkeypatch.setattr(workers, "WORTH_IT", -1.0)
-    monkeypatch.setattr(workers, "_worth_others", lambda *_: True)
-    results = dict(workers.map_unordered(die, [1, 2, 3], 2, lambda item: -item))
-    assert results == {0: 1, 1: -2, 2: 3}
-
-
-def test_interruption_ends_the_processes(monkeypatch):
-    import multiprocessing
-
-    monkeypatch.setattr(workers, "_worth_others", lambda *_: True)
-    before = set(multiprocessing.active_children())
-    running = workers.map_unordered(abs, list(range(50)), 2, abs)
-    next(running)
-    with pytest.raises(KeyboardInterrupt):
-        running.throw(KeyboardInterrupt())
-    assert set(multiprocessing.active_children()) <= before
 
 
 # ------------------------------------------------------------------------------------------------ cache
@@ -422,30 +358,3 @@ def test_a_part_that_all_pictures_show_is_enough():
     )
     assert len(found.views) == 3 and (found.target["columns"], found.target["rows"]) == (7, 6)
     assert events["target"]["whole"] is False
-
-
-def test_a_script_that_calls_it_on_its_top_level_runs_once(tmp_path):
-    """Processes that are started afresh import the script that started them, unless they are kept from it."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from camcal.detect import workers\n"
-        "workers.ALONE, workers.WORTH_IT = -1.0, -1.0\n"
-        "print('began', flush=True)\n"
-        "print(sorted(workers.map_unordered(abs, [-1, -2, -3, -4], 2, abs)), flush=True)\n"
-    )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
-    assert done.stdout.split("\n")[:2] == ["began", "[(0, 1), (1, 2), (2, 3), (3, 4)]"], done.stderr
-    assert done.stdout.count("began") == 1
-
-
-def test_a_class_of_the_script_reaches_the_processes(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from camcal.detect import workers\n"
-        "class Own(int):\n    def __abs__(self):\n        return 7\n"
-        "if __name__ == '__main__':\n"
-        "    workers.ALONE, workers.WORTH_IT = -1.0, -1.0\n"
-        "    print(sorted(workers.map_unordered(abs, [Own(-1), Own(-2)], 2, abs)))\n"
-    )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
-    assert done.stdout == "[(0, 7), (1, 7)]\n", done.stderr

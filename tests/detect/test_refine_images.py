@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -5,7 +7,9 @@ import pytest
 from camcal.data.observations import View
 from camcal.detect.camera_pass import WINDOWS, refine_in_windows
 from camcal.detect.images import detect_images
+from camcal.detect.part import KEPT_PARTS
 from camcal.detect.refine_images import on_board, refine_images, rms_move
+from camcal.detect.sources import read_gray
 from tests.detect.scenes import make, picture, pose, straight_camera
 
 TARGET = make("checkerboard:6x5:20mm")
@@ -78,9 +82,35 @@ def test_views_without_a_pose_stay(pictures):
     assert (found.views[0].uv != new.views[0].uv).any()
 
 
+def test_parts_that_were_kept_give_the_same_bits(pictures, monkeypatch):
+    """With and without them, and where the camera asks for pixels beyond them."""
+    folder, camera, poses = pictures
+    found = detect_images([folder], square="20mm", cache=False)
+    kept = [KEPT_PARTS.get(f["sha256"]) for f in found.files]
+    assert all(0 < p.pixels.size < 320 * 260 for p in kept)
+    read = []
+    monkeypatch.setattr(
+        "camcal.detect.refine_images.read_gray", lambda *args: read.append(args) or read_gray(*args)
+    )
+    from_parts = refine_images(found, camera, poses, windows=WINDOWS)
+    assert not read
+    KEPT_PARTS.clear()
+    for file, part in zip(found.files, kept, strict=True):
+        KEPT_PARTS.keep(file["sha256"], replace(part, pixels=part.pixels[:-40]))
+    beyond = refine_images(found, camera, poses, windows=WINDOWS)
+    assert len(read) == 2
+    KEPT_PARTS.clear()
+    from_files = refine_images(found, camera, poses, windows=WINDOWS)
+    for one, other, third in zip(from_parts, beyond, from_files, strict=True):
+        for uv in (other.uv, third.uv):
+            np.testing.assert_array_equal(one.uv, uv)
+        np.testing.assert_array_equal(one.sigma, third.sigma)
+
+
 def test_changed_and_lost_pictures_are_said(pictures):
     folder, camera, poses = pictures
     found = detect_images([folder], cache=False)
+    KEPT_PARTS.clear()
     (folder / "0.png").unlink()
     (folder / "1.png").write_bytes(b"another")
     events = []

@@ -13,10 +13,11 @@ from camcal.geometry import projective, rotations
 from camcal.least_squares import STILL
 from camcal.model.pose import Poses
 from camcal.peers import calibrate_camera, find_homography, project_points, refinement, rodrigues
-from camcal.peers.base import LOWER_CHI2, SIGMAS, NotComparableError, one_thread
+from camcal.peers.base import LOWER_CHI2, SIGMAS, NotComparableError
 from camcal.peers.run import crosscheck
 from camcal.plan.calibrate import calibrate
 from camcal.solve.refine import refine, residuals
+from camcal.system.processes import one_opencv_thread
 from tests.solved import TRUTH, camera_of, grid, observe, rig, solved, tilted_poses
 
 WIDE = {"fx": 400.0, "fy": 402.0, "cx": 322.0, "cy": 238.0, "p1": 4e-4, "p2": -3e-4}
@@ -272,7 +273,7 @@ def test_it_is_repeatable_and_the_threads_are_given_back():
     solution = solved(views=6)
     a, b = crosscheck(solution), crosscheck(solution)
     assert a == b and cv2.getNumThreads() == before
-    with pytest.raises(ZeroDivisionError, match="division by zero"), one_thread():
+    with pytest.raises(ZeroDivisionError, match="division by zero"), one_opencv_thread():
         assert cv2.getNumThreads() == 1
         1 / 0  # noqa: B018
     assert cv2.getNumThreads() == before
