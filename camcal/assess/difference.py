@@ -27,8 +27,9 @@ from camcal.records import dataclass
 
 Array = np.ndarray
 
-#: Of the cost, and steps at most; near-equal cameras take 2 to 4 from the closed-form start.
-_TOLERANCE, _STEPS = 1e-12, 30
+#: Of the cost, and steps at most: differences then hold five digits, and those of nearly equal cameras, whose cost has
+#: no more digits, end after 2 to 4 steps from the closed-form start.
+_TOLERANCE, _STEPS = 1e-10, 30
 #: px; penalty of a point outside the camera's domain in each coordinate, so that losing points is no advantage
 OUTSIDE = 1e3
 #: Columns of the grid over the image.
