@@ -32,7 +32,7 @@ from camcal.assess.checks.facts import identified
 from camcal.assess.figures import redundancy
 from camcal.data.observations import Observations
 from camcal.geometry.neighbours import Neighbours
-from camcal.geometry.numbers import TINY
+from camcal.geometry.numbers import TINY, distinct, distinct_rows
 from camcal.least_squares.distributions import f_exceeded
 from camcal.model.pose import Array, Pose, Poses
 from camcal.records import dataclass
@@ -159,7 +159,7 @@ def half_turn(data: Observations, ideal: Array | None = None) -> Pose | None:
     target = data.target or {}
     if identified(data) or not may_turn(target):
         return None
-    turns = turns_of(np.unique(data.xyz, axis=0) if ideal is None else ideal)
+    turns = turns_of(distinct(data.xyz, axis=0) if ideal is None else ideal)
     # cos(180 degrees) = -1 of half a turn in the plane; quarter turns have 0
     return next((t for t in turns[1:] if t.rotation[0, 0] < -0.5), None)
 
@@ -209,9 +209,10 @@ def _gram(fit: Estimate, turn: Pose) -> tuple[Array, int]:
     """G (V, V) of (2), and how many numbers the odd displacement has."""
     data = as_designed(fit)
     views, used = len(fit.poses), data.used & np.isfinite(fit.residuals).all(1)
-    points, point = np.unique(data.xyz, axis=0, return_inverse=True)
+    first, point = distinct_rows(data.xyz)
+    points = data.xyz[first]
     other = Neighbours(points).query(turn.apply(points))[1]
-    pair = np.minimum(np.arange(len(points)), other)[point.reshape(-1)]
+    pair = np.minimum(np.arange(len(points)), other)[point]
     step = STEP * float(np.ptp(points, axis=0).max())
     subject = subject_of(fit)
     slopes = [
@@ -226,7 +227,8 @@ def _gram(fit: Estimate, turn: Pose) -> tuple[Array, int]:
     pull = np.einsum("n,nci,nc->ni", weight, jacobian, fit.residuals[used])
     np.add.at(b, (data.view[used], pair[used]), pull)
     solved = np.linalg.pinv(a, hermitian=True)
-    return np.einsum("vpi,pij,wpj->vw", b, solved, b), 2 * len(np.unique(pair[used]))
+    shifts = (b[:, :, None] @ solved)[:, :, 0]
+    return shifts.reshape(views, -1) @ b.reshape(views, -1).T, 2 * len(distinct(pair[used]))
 
 
 def _signs(gram: Array) -> Array | None:

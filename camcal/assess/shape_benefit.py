@@ -67,8 +67,7 @@ def change(simple: Estimate, shaped: Estimate) -> Change:
     assert board is not None
     s = reduce(shaped.normal, eliminate_poses(shaped.normal))
     f = len(s) - board.size + board.placed  # the places of several boards count with the camera
-    loose = np.eye(3 * len(board.points)) - _seen_by_none(board)
-    d = loose @ board.directions()[:, board.placed :]
+    d = _seen(board, board.directions()[:, board.placed :])
     q = d.T @ d
 
     def coordinates(offsets: Array) -> Array:
@@ -76,7 +75,8 @@ def change(simple: Estimate, shaped: Estimate) -> Change:
 
     theta = coordinates((board.points - board.ideal).reshape(-1))
     inside = theta[:, None][:, :0] if inner is None else coordinates(inner.directions()[:, inner.placed :])
-    q_left = q - q @ inside @ np.linalg.pinv(inside.T @ q @ inside) @ inside.T @ q
+    q_inside = q @ inside
+    q_left = q - q_inside @ np.linalg.pinv(inside.T @ q_inside) @ q_inside.T
     left = _eliminated(s, f, inside)
     sigma2 = sigma_0(shaped) ** 2
     gain = theta @ left @ theta - sigma2 * (len(theta) - inside.shape[1])
@@ -121,16 +121,14 @@ def _shrunk(s: Array, q: Array, theta: Array, weight: float) -> Array:
     return np.asarray(-np.linalg.solve(s + prior, np.r_[np.zeros(f), weight * q @ theta])[:f])
 
 
-def _seen_by_none(board: ShapedBoard) -> Array:
-    """The projection (3 M, 3 M) onto offsets that are a motion of a board or a change of its size."""
+def _seen(board: ShapedBoard, offsets: Array) -> Array:
+    """Offsets (3 M, B) without their part that is a motion of a board or a change of its size."""
     label = np.zeros(len(board.ideal), int) if board.label is None else board.label
-    found = np.zeros((len(label), 3, len(label), 3))
+    rest = offsets.reshape(len(label), 3, -1).copy()
     for own in (np.flatnonzero(label == k) for k in distinct(label)):
-        basis = np.linalg.qr(similarities(board.ideal[own]))[0]
-        found[own[:, None], :, own[None], :] = np.moveaxis(
-            (basis @ basis.T).reshape(len(own), 3, len(own), 3), 1, 2
-        )
-    return found.reshape(3 * len(label), -1)
+        basis, some = np.linalg.qr(similarities(board.ideal[own]))[0], rest[own].reshape(3 * len(own), -1)
+        rest[own] = (some - basis @ (basis.T @ some)).reshape(len(own), 3, -1)
+    return rest.reshape(offsets.shape)
 
 
 def _projections(solution: Estimate) -> Array:

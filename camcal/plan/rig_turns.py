@@ -20,6 +20,7 @@ import numpy as np
 from camcal.data.boards import labels, names_of
 from camcal.data.observations import Observations
 from camcal.geometry import rotations
+from camcal.geometry.numbers import distinct
 from camcal.model.pose import Pose, Poses
 from camcal.routes.hand_eye.equation import robot_pose
 from camcal.solve.calibration import Calibration
@@ -48,7 +49,7 @@ def board_turns(fits: Mapping[str, Calibration]) -> Turns:
     found = []
     for board in range(count):
         own = [d.xyz[_of_board(d, board)] for d in data]
-        points = np.unique(np.concatenate(own), axis=0)
+        points = distinct(np.concatenate(own), axis=0)
         turns = turns_of(points) if len(points) and may_turn(data[0].target or {}) else (Pose.identity(),)
         found.append(turns)
     return tuple(found)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camcal.data.observations import View
-from camcal.geometry.numbers import TINY
+from camcal.geometry.numbers import TINY, distinct_rows
 from camcal.model.pose import Array
 
 #: fraction of the largest coordinate within which two points are identical: rounding of printed coordinates
@@ -28,10 +28,7 @@ def common_points(views: Sequence[View]) -> tuple[Array, tuple[Array, ...]] | No
             return None
     else:
         grid = np.round(xyz / (SAME_NUMBER * max(np.abs(xyz).max(), TINY))).astype(np.int64)
-        rows = np.lexsort(grid.T)  # np.unique takes ten times as long for rows
-        new = np.r_[True, (grid[rows[1:]] != grid[rows[:-1]]).any(1)]
-        first, inverse = rows[new], np.empty(len(rows), int)
-        inverse[rows] = np.cumsum(new) - 1
+        first, inverse = distinct_rows(grid)
         order = np.argsort(first)  # in the order in which they first appear
         points, inverse = xyz[first[order]], np.argsort(order)[inverse]
     ends = np.cumsum([len(v) for v in views])[:-1]

@@ -10,6 +10,7 @@ import numpy as np
 from camcal.data.observations import Observations
 from camcal.geometry import rotations
 from camcal.geometry.neighbours import Neighbours
+from camcal.geometry.numbers import distinct, distinct_rows
 from camcal.model.pose import Pose
 from camcal.records import dataclass
 
@@ -25,7 +26,7 @@ LEAST_POINTS = 4
 
 def symmetries(data: Observations) -> tuple[Pose, ...]:
     """The rotations of the board in its plane after which it looks the same, the identity first."""
-    return turns_of(np.unique(data.xyz, axis=0)) if may_turn(data.target or {}) else (Pose.identity(),)
+    return turns_of(distinct(data.xyz, axis=0)) if may_turn(data.target or {}) else (Pose.identity(),)
 
 
 def may_turn(target: Mapping[str, Any]) -> bool:
@@ -65,7 +66,8 @@ class Renaming:
     @classmethod
     def of(cls, data: Observations) -> Renaming:
         """Of the points that views show."""
-        points, first = np.unique(data.xyz, axis=0, return_index=True)
+        first, _ = distinct_rows(data.xyz)
+        points = data.xyz[first]
         return cls(points, None if data.point is None else data.point[first], Neighbours(points))
 
     def rename(self, columns: tuple[Array, Array | None], rows: slice, turn: Pose) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camcal.geometry.numbers import distinct, median, percentiles
+from camcal.geometry.numbers import distinct, distinct_rows, median, percentiles
 
 VALUES = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40)
 
@@ -50,8 +50,20 @@ def test_distinct_values_and_rows():
 
 def test_neither_imports_masked_arrays():
     code = (
-        "import sys, numpy as np; from camcal.geometry.numbers import distinct, median, percentiles;"
+        "import sys, numpy as np; from camcal.geometry.numbers import distinct, distinct_rows, median, percentiles;"
         "distinct(np.arange(9)); distinct(np.eye(3), axis=0); percentiles(np.arange(9), (5, 50)); median(np.arange(9));"
         "sys.exit('numpy.ma' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@given(
+    st.lists(st.tuples(st.integers(-2, 2), st.integers(-2, 2), st.integers(-1, 1)), min_size=1, max_size=40)
+)
+def test_distinct_rows_are_those_of_numpy(rows):
+    values = np.array(rows, float)
+    points, first, number = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    found, of = distinct_rows(values)
+    np.testing.assert_array_equal(found, first)
+    np.testing.assert_array_equal(of, number.reshape(-1))
+    np.testing.assert_array_equal(distinct(values, axis=0), points)
