@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from camcal.data.shape import Shapes, shapes
+from camcal.data.shape import Shapes, shapes, shapes_of
 from camcal.data.views import NO_ID, Blocks, SkippedView, View, check_view, named_view, stacked
 from camcal.geometry.numbers import median
 from camcal.records import dataclass
@@ -194,6 +194,12 @@ class Observations:
     def shapes(self) -> Shapes:
         """Plane and extent of the points of each block."""
         return shapes(self.views)
+
+    @staticmethod
+    def fit_shapes(sets: Sequence[Observations]) -> None:
+        """Determine the `shapes` of many at once, in less time."""
+        for one, found in zip(sets, shapes_of([s.views for s in sets]), strict=True):
+            vars(one)["shapes"] = found  # where the property keeps it
 
     @property
     def precision(self) -> Array | None:

@@ -202,7 +202,8 @@ def views_of(table: Table) -> list[View]:
         whole, index = whole.take(order), index[order]
     ends = np.searchsorted(index, np.arange(1, len(table.view_names)))
     bounds = [0, *ends.tolist(), n]
+    columns = whole.xyz, whole.uv, whole.sigma, whole.point_ids
     return [
-        replace(whole.take(slice(a, b)), id=name)  # type: ignore[arg-type]  # a slice selects rows, too
+        View(name, *(None if c is None else c[a:b] for c in columns))  # type: ignore[arg-type]
         for name, a, b in zip(table.view_names, bounds, bounds[1:], strict=False)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,6 +84,16 @@ def _some_at_a_time(groups: Iterator[Array], views: Sequence[View]) -> Iterator[
         most = max(1, POINTS_AT_A_TIME // max(len(views[index[0]]), 1))
         for begin in range(0, len(index), most):
             yield index[begin : begin + most]
+
+
+def shapes_of(sets: Sequence[Sequence[View]]) -> Iterator[Shapes]:
+    """The shapes of the views of several cameras, which are fitted together."""
+    every = shapes([view for views in sets for view in views])
+    begin = 0
+    for views in sets:
+        rows = slice(begin, begin + len(views))
+        begin = rows.stop
+        yield Shapes(*(getattr(every, f.name)[rows] for f in fields(Shapes)))
 
 
 def shapes(views: Sequence[View]) -> Shapes:

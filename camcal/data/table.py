@@ -173,8 +173,8 @@ def _split_lines(lines: list[str], layout: Layout, place: int | None) -> tuple[A
         raise ValueError(widths)
     views, bare = None, lines if place is None else None
     if place == 0 and separator is not None:
-        parts = [line.partition(separator) for line in lines]
-        views, bare = [part[0] for part in parts], [part[2] for part in parts]
+        parts = zip(*map(str.partition, lines, repeat(separator)), strict=True)
+        views, _, bare = map(list, parts)
     elif place is not None:
         views = [line.split(separator, place + 1)[place] for line in lines]
     if separator == "," and bare is not None:

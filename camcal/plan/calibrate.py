@@ -128,11 +128,9 @@ def _together(
     cameras: Sequence[Observations], asked: Options, options: Mapping[str, Any]
 ) -> Iterator[Solution | CamcalError]:
     """Calibrate some cameras, in their order; one whose model is chosen, or that is known, has a plan of its own."""
-    own = asked.model in ("auto", "select")
-    begin = [
-        None if own or fully_known(asked, one.image_size) else caught(_begun_with, one, asked)
-        for one in cameras
-    ]
+    own = asked.model in ("auto", "select") or fully_known(asked, None) is not None
+    Observations.fit_shapes(cameras)
+    begin = [None if own else caught(_begun_with, one, asked) for one in cameras]
     followed = iter(follow_all(plan(), [b for b in begin if b is not None]))
     for one, has_begun in zip(cameras, begin, strict=True):
         if has_begun is None:

@@ -128,7 +128,11 @@ def from_homographies(matrix: Array, h: Array) -> Poses:
 
     Zhang 2000, section 3.1; the rotation is the nearest one in the Frobenius norm (his appendix C).
     """
-    m = np.linalg.inv(matrix) @ h
+    return from_normalised(np.linalg.inv(matrix) @ h)
+
+
+def from_normalised(m: Array) -> Poses:
+    """`from_homographies` of K⁻¹ H (V, 3, 3)."""
     lengths = np.sqrt(np.einsum("vij,vij->vj", m[..., :2], m[..., :2]))
     m = m * (2 / lengths.sum(1))[:, None, None]
     r = np.empty_like(m)

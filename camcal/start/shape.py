@@ -22,12 +22,20 @@ FLAT = 1e-6
 
 LEAST_PLANAR, LEAST_3D = 4, 6  # points that a homography and a projection matrix need
 
+#: what `unusable` found, by observations and `least_3d`: every closed form asks
+_unusable: WeakKeyDictionary[Observations, dict[int, dict[int, str]]] = WeakKeyDictionary()
 
-def unusable(
-    correspondences: Observations, form: Shapes | None = None, least_3d: int = LEAST_3D
-) -> dict[int, str]:
+
+def unusable(correspondences: Observations, least_3d: int = LEAST_3D) -> dict[int, str]:
     """The views that no closed form can use, by index, each with what was found and what is needed."""
-    form = form or correspondences.shapes
+    known = _unusable.setdefault(correspondences, {})
+    if least_3d not in known:
+        known[least_3d] = _found_unusable(correspondences, least_3d)
+    return known[least_3d]
+
+
+def _found_unusable(correspondences: Observations, least_3d: int) -> dict[int, str]:
+    form = correspondences.shapes
     counts = np.array([len(v) for v in correspondences.views])
     few = counts < LEAST_PLANAR
     line = form.spreads[:, 1] <= COLLINEAR * form.spreads[:, 0]
@@ -69,7 +77,7 @@ def check(correspondences: Observations, least_3d: int = LEAST_3D) -> Shapes:
     if not correspondences.views:
         raise DataError("there is no view to calibrate from.", "At least one view with points is needed.")
     form = correspondences.shapes
-    bad = unusable(correspondences, form, least_3d)
+    bad = unusable(correspondences, least_3d)
     if bad:
         index, reason = next(iter(bad.items()))
         more = f" (and {len(bad) - 1} more such views)" if len(bad) > 1 else ""

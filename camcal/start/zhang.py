@@ -105,25 +105,29 @@ def estimate_all(
         else:
             shaped[i] = one, form
     begun: dict[int, _Begun] = {}
-    for (i, own), planes in zip(shaped.items(), _planes(list(shaped.values()), normalise), strict=True):
-        begin = planes if isinstance(planes, CamcalError) else caught(_begin, *own, planes, skew, normalise)
-        if isinstance(begin, CamcalError):
-            found[i] = begin
+    for (i, (one, form)), planes in zip(
+        shaped.items(), _planes(list(shaped.values()), normalise), strict=True
+    ):
+        if isinstance(planes, CamcalError):
+            found[i] = planes
+            continue
+        known = caught(_intrinsics, planes, one, skew, normalise)
+        if isinstance(known, CamcalError):
+            found[i] = known
         else:
-            begun[i] = begin
-    for (i, begin), poses in zip(begun.items(), _choose_minima(list(begun.values())), strict=True):
+            begun[i] = _Begun(one, form, planes, *known)
+    for (i, begin), poses in zip(begun.items(), _poses(list(begun.values())), strict=True):
         found[i] = _closed_form(begin, poses)
     return [found[i] for i in range(len(sets))]
 
 
 class _Begun(NamedTuple):
-    """A camera whose matrix is known, with the poses of its planes from their homographies."""
+    """A camera whose matrix is known."""
 
     correspondences: Correspondences
     form: shape.Shapes
     planes: Planes
     matrix: Array
-    poses: Poses
     info: dict[str, Any]
 
 
@@ -144,13 +148,6 @@ def _form(correspondences: Correspondences, skew: bool, normalise: bool) -> shap
     return replace(form, origins=np.einsum("vi,vi->v", normals, form.origins)[:, None] * normals)
 
 
-def _begin(
-    correspondences: Correspondences, form: shape.Shapes, planes: Planes, skew: bool, normalise: bool
-) -> _Begun:
-    k, info = _intrinsics(planes, correspondences, skew, normalise)
-    return _Begun(correspondences, form, planes, k, pose.from_homographies(k, planes.h), info)
-
-
 def _closed_form(begun: _Begun, of_planes: Poses) -> ClosedForm:
     form, k, info = begun.form, begun.matrix, begun.info
     poses = pose.from_plane(of_planes, form.origins, form.axes)
@@ -167,27 +164,32 @@ def _closed_form(begun: _Begun, of_planes: Poses) -> ClosedForm:
     return ClosedForm("zhang", k, poses, matrix, info)
 
 
-def _choose_minima(begun: Sequence[_Begun]) -> list[Poses]:
-    """Search both minima of the poses of planes with little perspective, for which noise decides which one
-    the homography yields.
+def _poses(begun: Sequence[_Begun]) -> list[Poses]:
+    """The poses of the planes of many cameras from their homographies.
+
+    Both minima of planes with little perspective are searched, as noise decides which one the homography yields.
     """
-    weak = [(b, v) for b in begun for v in np.flatnonzero(b.planes.perspective < AMBIGUOUS).tolist()]
-    found = [Poses(b.poses.rotations.copy(), b.poses.translations.copy()) for b in begun]
-    chosen = {id(b): f for b, f in zip(begun, found, strict=True)}
-    for index, xyz, uv, w in shape.batches([b.correspondences.views[v] for b, v in weak]):
-        some = [weak[i] for i in index]
-        origins, axes = (np.array([getattr(b.form, n)[v] for b, v in some]) for n in ("origins", "axes"))
-        inverse = np.linalg.inv([b.matrix for b, _ in some])
-        local = (xyz - origins[:, None]) @ axes
-        ab = uv @ inverse[:, :2, :2].transpose(0, 2, 1) + inverse[:, None, :2, 2]
-        starts = Poses(
-            *(np.array([getattr(b.poses, n)[v] for b, v in some]) for n in ("rotations", "translations"))
-        )
-        best = pose.lower_minimum(starts, local, ab, w)
-        for (b, v), rotation, translation in zip(some, best.rotations, best.translations, strict=True):
-            own = chosen[id(b)]
-            own.rotations[v], own.translations[v] = rotation, translation
-    return found
+    if not begun:
+        return []
+    ends = np.cumsum([len(b.planes.h) for b in begun]).tolist()
+    owner = np.repeat(np.arange(len(begun)), np.diff(ends, prepend=0))
+    inverse = np.linalg.inv([b.matrix for b in begun])
+    poses = pose.from_normalised(inverse[owner] @ np.concatenate([b.planes.h for b in begun]))
+    weak = np.flatnonzero(np.concatenate([b.planes.perspective for b in begun]) < AMBIGUOUS)
+    views = [v for b in begun for v in b.correspondences.views]
+    origins, axes = (np.concatenate([getattr(b.form, n) for b in begun]) for n in ("origins", "axes"))
+    r, t = poses.rotations.copy(), poses.translations.copy()
+    for index, xyz, uv, w in shape.batches([views[i] for i in weak]):
+        which = weak[index]
+        local = (xyz - origins[which][:, None]) @ axes[which]
+        back = inverse[owner[which]]
+        ab = uv @ back[:, :2, :2].transpose(0, 2, 1) + back[:, None, :2, 2]
+        best = pose.lower_minimum(poses[which], local, ab, w)
+        r[which], t[which] = best.rotations, best.translations
+    return [
+        Poses(r[end - len(b.planes.h) : end], t[end - len(b.planes.h) : end])
+        for b, end in zip(begun, ends, strict=True)
+    ]
 
 
 def _planes(

@@ -118,3 +118,18 @@ def test_the_example_of_the_page(tmp_path, monkeypatch, capsys):
     page = (Path(__file__).parents[2] / "docs" / "batch.md").read_text()
     exec(page.partition("```python\n")[2].partition("```")[0], {})
     assert capsys.readouterr().out.count("<Solution: opencv5, 5 views") == 2
+
+
+def test_cameras_without_views():
+    empty = Correspondences.from_views([], (640, 480))
+    found = camcal.calibrate_many([empty, camera(0), empty], model="opencv5", **QUICK)
+    assert isinstance(found[0], DataError) and isinstance(found[1], Solution) and isinstance(found[2], DataError)
+    assert isinstance(camcal.calibrate_many([empty], model="opencv5", **QUICK)[0], DataError)
+
+
+def test_a_camera_that_is_known_needs_no_start():
+    fix = dict(zip(("fx", "fy", "cx", "cy"), (533.0, 534.0, 322.0, 238.0), strict=True))
+    data = [camera(0), camera(1)]
+    found = camcal.calibrate_many(data, model="pinhole", fix=fix, **QUICK)
+    for one, d in zip(found, data, strict=True):
+        same(one, camcal.calibrate(d, model="pinhole", fix=fix, **QUICK))

@@ -42,7 +42,7 @@ def test_points_on_a_line():
         xyz = np.c_[along, size * (across - across.mean()), np.zeros(9)]
         uv = 900 * np.c_[along, across] + 1000
         observations = seen(xyz, uv)
-        reasons = shape.unusable(observations, observations.shapes)
+        reasons = shape.unusable(observations)
         assert bool(reasons) != fits
 
 
