@@ -4,8 +4,9 @@
 
 Simulated cameras of one type, 20 views of 9 x 6 points each, opencv5. Three ways to the same cameras:
 
-* calibrations alone: points in memory, `camcal.calibrate(model="opencv5", checks=False)` beside `cv2.calibrateCamera`,
-  and beside `cv2.calibrateCameraExtended`, which gives standard deviations as camcal does;
+* calibrations alone: points in memory, `camcal.calibrate(model="opencv5", checks=False)`, and `camcal.calibrate_many`
+  with as many as a group of jobs has, beside `cv2.calibrateCamera`, and beside `cv2.calibrateCameraExtended`, which
+  gives standard deviations as camcal does;
 * whole jobs: read a table, calibrate, write a report (`camcal batch`), beside np.loadtxt, the function of cv2 and a
   YAML file with the camera matrix, the distortion and the standard deviations where there are any, in a process pool;
 * the same with all checks, which cv2 has no counterpart of.
@@ -100,7 +101,18 @@ def alone(count: int) -> dict[str, float]:
             begin = time.process_time()
             work(views)
             spent[name] += (time.process_time() - begin) / count if seed >= 0 else 0.0
+    spent[f"camcal, up to {MOST_IN_GROUP} at once"] = sum(map(many, range(0, count, MOST_IN_GROUP))) / count
     return spent
+
+
+def many(first: int) -> float:
+    """Processor seconds of a group of calibrations, points in memory."""
+    views = [camera_views(seed) for seed in range(first, first + MOST_IN_GROUP)]
+    begin = time.process_time()
+    data = (Correspondences.from_views(v, SIZE) for v in views)
+    found = camcal.calibrate_many(data, model="opencv5", checks=False)
+    assert all(isinstance(f, camcal.Solution) for f in found)
+    return time.process_time() - begin
 
 
 def adopt_orphans() -> None:

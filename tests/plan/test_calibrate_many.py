@@ -123,7 +123,9 @@ def test_the_example_of_the_page(tmp_path, monkeypatch, capsys):
 def test_cameras_without_views():
     empty = Correspondences.from_views([], (640, 480))
     found = camcal.calibrate_many([empty, camera(0), empty], model="opencv5", **QUICK)
-    assert isinstance(found[0], DataError) and isinstance(found[1], Solution) and isinstance(found[2], DataError)
+    assert (
+        isinstance(found[0], DataError) and isinstance(found[1], Solution) and isinstance(found[2], DataError)
+    )
     assert isinstance(camcal.calibrate_many([empty], model="opencv5", **QUICK)[0], DataError)
 
 
