@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from camcal.data.observations import Observations, View
 from camcal.model.pose import Pose
@@ -13,9 +14,11 @@ from camcal.solve import (
     common_points,
     groups,
     linear,
+    noise,
     outliers,
     p3p,
     ransac,
+    rig_lags,
     rig_start,
     robust,
     several_boards,
@@ -133,7 +136,7 @@ def test_points_that_agree_with_a_map():
         assert (mask[~bad].mean() > 0.9 and not mask[bad].any()) == found
 
 
-@pytest.mark.parametrize(("gain", "kept"), [(1.05, False), (1.2, True)])
+@pytest.mark.parametrize(("gain", "kept"), [(0.97 * robust.GAIN, False), (1.03 * robust.GAIN, True)])
 def test_another_pose_explains_more_points(good, monkeypatch, gain, kept):
     """View 2 kept 30 of 54 points, and RANSAC finds a pose that agrees with `gain` times as many."""
     data = good.observations
@@ -209,3 +212,117 @@ def test_instants_from_which_a_link_begins(monkeypatch):
         poses = rig_start.Poses.stack([Pose(np.eye(3), np.array([0.0, 0, 5]))] * count)
         rig_start.link(poses, poses, np.ones(count), [Pose.identity()], grid())
         assert seen[-1] == rig_start.TRIED
+
+
+# ------------------------------------------------------------------------------------ outliers and noise
+def test_a_view_whose_scale_is_not_noise(good):
+    """The residuals of one view are larger than the limit times the usual ones, or than a little less."""
+    lengths = np.linalg.norm(good.residuals, axis=1)
+    rows = good.observations.slices[2]
+    for share, bad in ((0.96, ()), (1.04, (2,))):
+        residuals = good.residuals.copy()
+
+        def ratio(factor, r=residuals):
+            r[rows] = factor * good.residuals[rows]
+            test = outliers.test(replace(good, residuals=r))
+            every = good.observations.split(np.linalg.norm(r, axis=1))
+            own = np.array(
+                [outliers.robust_sigma(v, good.free_count * len(v) // len(lengths)) for v in every]
+            )
+            return own[2] / max(float(np.median(own)), test.sigma), test.bad_views
+
+        factor = 1.0
+        for _ in range(30):
+            factor *= share * outliers.FAR / ratio(factor)[0]
+        assert ratio(factor)[1] == bad
+
+
+def test_the_evidence_for_another_variance(monkeypatch):
+    """Twice the gain of the logarithm of the likelihood; its bound is exceeded by chance once in a thousand sets."""
+    assert pytest.approx(stats.norm.isf(noise.CHANCE) ** 2, rel=1e-6) == noise.EVIDENCE
+    residuals = np.random.default_rng(0).normal(size=(200, 2))
+    fit = SimpleNamespace(used=np.ones(200, bool), used_residuals=residuals, free_count=0)
+    squares = np.square(residuals).sum(1)
+    believed = 200 * np.log(np.mean(squares / 2)) + 200
+    for share, added in ((LESS, False), (MORE, True)):
+        best = believed - share * noise.EVIDENCE / 2
+        monkeypatch.setattr(noise, "_likeliest", lambda *_, b=best: (b, np.zeros(2)))
+        assert (noise.noise_model(fit, np.ones(200)).floor > 0) == added
+
+
+def test_residuals_that_say_nothing_of_the_noise():
+    """Beyond so many sigmas, both in px and in given sigmas, a point has no part in it."""
+    rng = np.random.default_rng(0)
+    residuals = rng.normal(size=(400, 2))
+    usual = robust.robust_sigma(np.linalg.norm(residuals, axis=1))
+    found = []
+    for far in (0.97, 1.03, 30.0):
+        residuals[0] = (far * noise._REACH * np.sqrt(2) * usual, 0)
+        fit = SimpleNamespace(used=np.ones(400, bool), used_residuals=residuals, free_count=0)
+        found.append(noise.noise_model(fit, np.ones(400)).scale)
+    assert found[0] > 1.01 * found[1] and found[1] == pytest.approx(found[2], rel=1e-9)
+
+
+def test_a_point_that_agrees_with_a_hypothesis():
+    """Up to so many sigmas errors count by their squares, beyond all alike; 1 % of Gaussian ones are beyond."""
+    assert stats.rayleigh.sf(ransac._REACH) == pytest.approx(0.01, rel=0.03)
+    limit = ransac._REACH * 0.5
+    scores = ransac._scores(np.array([[LESS * limit], [limit], [MORE * limit], [9 * limit]]), 0.5)
+    assert scores[0] < scores[1] == scores[2] == scores[3] == pytest.approx(limit**2)
+    # exact data: an error of a millionth of a pixel is rounding
+    for share, agrees in ((LESS, True), (MORE, False)):
+        model = SimpleNamespace(sample=4, fit=lambda rows, m: (m, np.ones(20)))
+        model = type("Exact", (SimpleNamespace,), {"__len__": lambda _: 20})(**vars(model))
+        error = np.r_[np.zeros(19), share * ransac._REACH * ransac._FLOOR]
+        assert ransac._optimise(model, np.eye(3), error, None)[0].mask[-1] == agrees
+
+
+@pytest.mark.parametrize(("more", "asked"), [(0.01, True), (-0.01, False)])
+def test_a_view_that_lost_many_points(good, monkeypatch, more, asked):
+    """Its pose is looked for again where it lost so many more of its points than the others."""
+    data = good.observations
+    used = np.ones(len(data.uv), bool)
+    lost = round(54 * (robust.MUCH + more) + (0.5 if more > 0 else -0.5))
+    used[data.slices[2].start : data.slices[2].start + lost] = False
+    assert (lost / 54 > robust.MUCH) == asked
+    views = []
+    nothing = ransac.Agreement(used[:54], 0.2, None)
+    monkeypatch.setattr(robust.ransac, "of_poses", lambda some, *_: views.append(some[0].id) or [nothing])
+    robust.find_better_poses(replace(good, observations=data.with_used(used)), data, None, 0)
+    assert views == ["view2"] * asked
+
+
+# ------------------------------------------------------------------------------------ rigs: lags
+def lag_of(monkeypatch, scatter, pairs=20):
+    """The lag that is found where boards at a lag of 2 frames are `scatter` apart, beside 1 without a lag."""
+    tried = []
+
+    def shared(_, __, ___, lag):
+        tried.append(lag)
+        return np.full(pairs, lag), np.full(pairs, lag)
+
+    monkeypatch.setattr(rig_lags, "shared", shared)
+    monkeypatch.setattr(
+        rig_lags, "link", lambda lag, *_: SimpleNamespace(scatter=scatter if lag == 2 else 1.0)
+    )
+    poses = type("Lags", (), {"__getitem__": lambda _, i: int(i[0])})()
+    pictures = SimpleNamespace(poses=poses, variance=np.ones(100))
+    known = SimpleNamespace(scatter=1.0, expected=0.01)
+    return rig_lags._lag(pictures, 0, 1, known, [], None), tried
+
+
+def test_a_camera_that_lags(monkeypatch):
+    for share, lag in ((LESS, 2), (MORE, 0)):
+        found, tried = lag_of(monkeypatch, share * rig_lags.NEARER)
+        assert found == lag and sorted(tried) == [k for k in range(-rig_lags.MOST, rig_lags.MOST + 1) if k]
+    for pairs, lag in ((rig_lags.LEAST, 2), (rig_lags.LEAST - 1, 0)):
+        assert lag_of(monkeypatch, 0.1, pairs)[0] == lag
+
+
+def test_an_instant_far_from_the_pose_of_a_pair(monkeypatch):
+    for share, counted in ((LESS, 9), (MORE, 8)):
+        apart = np.r_[np.ones(8), share * rig_start.FAR]
+        monkeypatch.setattr(rig_start, "_distances", lambda *_, d=apart: d[None, None])
+        poses = rig_start.Poses.stack([Pose(np.eye(3), np.array([0.0, 0, 5]))] * 9)
+        found = rig_start._averaged(poses, poses, np.ones(9), Pose.identity(), [Pose.identity()], grid())
+        assert found.information == counted

@@ -5,10 +5,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from camcal.errors import EstimationError
 from camcal.geometry import rotations
-from camcal.track import detection, events, first, matrix_model, noise, physical_model, robust, table
+from camcal.track import (
+    detection,
+    events,
+    first,
+    matrix_model,
+    noise,
+    physical_model,
+    rig_changes,
+    robust,
+    table,
+)
 from camcal.track.matrix_model import MatrixModel
 from camcal.track.model import MOVED
 from camcal.track.physical_model import Physical, PhysicalModel
@@ -105,3 +116,69 @@ def test_both_forms_of_the_jacobian_of_a_logarithm():
     )
     change = (MORE - LESS) * table.SERIES * 0.5
     np.testing.assert_allclose(below, above, atol=change + 1e-15)
+
+
+def test_the_largest_deviate():
+    """The probability of a larger one underflows."""
+    for nis, largest in ((36.9**2, False), (37.1**2, True), (1e9, True)):
+        found = detection.normal_deviate(nis, 1, math.inf)
+        assert (found == detection.LARGEST) == largest and found > 36
+
+
+def test_what_all_deviates_may_exceed():
+    """The sum grows by what a deviate exceeds half the shift that it is quickest for."""
+    for share, since in ((LESS, None), (MORE, 3)):
+        test = detection.ChangeTest(1e-3)
+        test.step(3, share * detection.REFERENCE)
+        assert test.since == since
+
+
+def explained(monkeypatch, **amounts):
+    """The explanation of a change of some parameters by so many standard deviations of independent errors."""
+    step = np.zeros(11)
+    for name, amount in amounts.items():
+        step[np.arange(11)[getattr(events, name)][0]] = amount
+    monkeypatch.setattr(events, "difference", lambda *_: (step, np.eye(11)))
+    alarm = SimpleNamespace(before=None, after=None, frame=5, since=4)
+    return events.explain(alarm).kind
+
+
+def test_an_explanation_of_more_parameters(monkeypatch):
+    """Each costs the logarithm of a hundred, of which three more are needed for a pose than for a rotation."""
+    for share, kind in ((LESS, "rotation"), (MORE, "pose")):
+        shift = np.sqrt(share * 3 * events.PENALTY)
+        assert explained(monkeypatch, ROTATION=30.0, TRANSLATION=shift) == kind
+
+
+def test_an_unlikely_explanation(monkeypatch):
+    """A principal point has one number fewer than a translation, and odds against it."""
+    for more, kind in ((-0.01, "principal point"), (0.01, "translation")):
+        shift = np.sqrt(9 + events.PENALTY - events.ODDS["principal point"] + more)
+        assert explained(monkeypatch, PRINCIPAL=3.0, TRANSLATION=shift) == kind
+
+
+@pytest.mark.parametrize(("share", "determined"), [(MORE, True), (LESS, False)])
+def test_points_that_determine_a_projection_matrix(monkeypatch, share, determined):
+    xyz = np.random.default_rng(0).uniform(-1, 1, (20, 3))
+    uv = 500 * xyz[:, :2] / (xyz[:, 2:] + 4)
+    matrices, singular = first.dlt.solve(xyz[None], uv[None])
+    singular = singular.copy()
+    singular[:, 10] = share * first.UNDETERMINED * singular[:, 0]
+    monkeypatch.setattr(first.dlt, "solve", lambda *_: (matrices, singular))
+    if determined:
+        assert first.projection_matrix(xyz, uv).shape == (3, 4)
+    else:
+        with pytest.raises(EstimationError, match="undetermined"):
+            first.projection_matrix(xyz, uv)
+
+
+@pytest.mark.parametrize(("share", "alike"), [(LESS, True), (MORE, False)])
+def test_instants_that_show_the_same_change(monkeypatch, share, alike):
+    limit = stats.chi2.isf(rig_changes.SAME, 6)
+    monkeypatch.setattr(rig_changes, "disagreement", lambda *_: (share * limit, 6))
+    watch = SimpleNamespace(test=lambda *_: SimpleNamespace(chi2=1.0), calibration=None, factor=1.0)
+    instant = SimpleNamespace(cameras={0: None})
+    alone = SimpleNamespace(cameras={1: None})
+    owner = rig_changes.RigFollower
+    assert owner._alike(watch, instant, instant) == alike
+    assert not owner._alike(watch, instant, alone)
