@@ -1,7 +1,7 @@
 """What a user waits for: whole commands and calls, beside the usual OpenCV script and cv2.calibrateCamera.
 
-    python benchmarks/whole.py [--runs 5] [--only pictures calls start] [--pictures 13 30 100 12] [--rows rows.json]
-                               [--folder PICTURES] [--update docs/figures.md]
+    python benchmarks/whole.py [--runs 5] [--only pictures clock calls start] [--pictures 13 30 100 12]
+                               [--rows rows.json] [--folder PICTURES] [--update docs/figures.md]
 
 Pictures are rendered here (of large ones 8, the others are copies of these; those of 12 megapixels are enlarged from
 3). The script reads the pictures, runs findChessboardCorners and cornerSubPix (window 11, as OpenCV's tutorial has it)
@@ -9,8 +9,9 @@ and calibrateCamera, and prints the result; its time, and camcal's, are those of
 take turns; medians and the median of the ratios are printed. "cold" is without the cache. "of it" are the steps of the
 command by themselves, beside those of the script.
 
-Times are processor time, one process and one thread each, so that they hold on a busy machine, too; on an idle one with
-two processors camcal searches larger sets of pictures in about half of its time. Megabytes are the peak of the process.
+Times are processor time, one process and one thread each, so that they hold on a busy machine, too; those of `clock`
+are what passes between start and end with as many processes and threads as both take by default, and need an idle
+machine. Megabytes are the peak of the process.
 Modules are compiled before anything is timed, as they are after an installation. With `--rows` what was measured before
 is read from that file and written to it again, so that the parts can be run one at a time.
 """
@@ -184,6 +185,32 @@ def pictures(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
         yield what, *(f"{p:.0f} MB" for p in peaks), f"{peaks[0] / peaks[1]:.2f}", f"{most:.1f}"
 
 
+def clock(runs: int, folder: Path, counts: list[int]) -> Iterator[Row]:
+    """The command on folders of pictures by the clock, with its processes, beside the script with its threads."""
+    alone = {name: os.environ.pop(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+
+    def passed(command: list[str]) -> float:
+        begin = time.perf_counter()
+        spent(command)
+        return time.perf_counter() - begin
+
+    for count, size, kind, limit in (p for p in PICTURES if p[0] in counts):
+        place, out = folder / f"{count}-{size[0]}", folder / "report.yaml"
+        if not place.exists():
+            rendered(place, count, size, kind)
+        script = [sys.executable, "-c", SCRIPT, str(place)]
+        run = tool("checkerboard", place, "-o", out, "--force", "-q")
+        for name, command, most in (
+            ("cold", [*run, "--no-cache"], limit),
+            ("cached", run, 2.0 if count == 13 else ""),
+        ):
+            passed(command)
+            ours, theirs, ratio = in_turn(lambda c=command: passed(c), lambda s=script: passed(s), runs)
+            what = f"by the clock: checkerboard, {count} pictures {size[0]}x{size[1]}, {name}"
+            yield what, f"{ours:.2f} s", f"{theirs:.2f} s", f"{ratio:.2f}", most
+    os.environ.update(alone)
+
+
 def rendered(place: Path, count: int, size: tuple[int, int], kind: str) -> None:
     """Render pictures, of large ones some, and very large ones enlarged from half their size."""
     enlarged = 2 if size[0] > LARGE else 1
@@ -327,7 +354,10 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument(
-        "--only", nargs="+", choices=("pictures", "calls", "start"), default=("pictures", "calls", "start")
+        "--only",
+        nargs="+",
+        choices=("pictures", "clock", "calls", "start"),
+        default=("pictures", "calls", "start"),
     )
     parser.add_argument("--pictures", nargs="+", type=int, default=[p[0] for p in PICTURES])
     parser.add_argument("--folder", type=Path, help="for pictures that other runs use again")
@@ -343,6 +373,7 @@ def main() -> None:
         os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "compiled")
         parts = {
             "pictures": lambda: pictures(options.runs, folder, options.pictures),
+            "clock": lambda: clock(options.runs, folder, options.pictures),
             "calls": lambda: calls(options.runs),
             "start": lambda: start_up(options.runs, folder),
         }
