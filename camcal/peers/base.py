@@ -29,6 +29,8 @@ SAME = 1e-6
 PROJECTION_PX = 1e-3
 #: ... or where the camera is weakly determined, the parameters together by this many standard deviations.
 SIGMAS = 0.05
+#: ... and by this many standard deviations of what rounding to float32 does to them
+ROUNDED = 3.0
 
 
 #: Enough for cv2 to stop by itself: 5.0 has 500 iterations as its default, 4.x only 30.

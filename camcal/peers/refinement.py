@@ -26,6 +26,7 @@ from camcal.peers.base import (
     LOWER_CHI2,
     LOWER_PX,
     PROJECTION_PX,
+    ROUNDED,
     SAME,
     SIGMAS,
     TO_STAY,
@@ -206,7 +207,7 @@ def _judged(solution: Calibration, result: Result, against: str, said: list[str]
             )
     elif theirs > ours * (1 + SAME) + LOWER_PX + (_rounding(solution) if result.rounded else 0.0):
         said.append(f"cv2 ends at a higher rms, {theirs:.9g} px instead of {ours:.9g} px")
-    elif not (apart.max_px <= PROJECTION_PX or sigmas <= SIGMAS):
+    elif not (apart.max_px <= PROJECTION_PX or sigmas <= same_sigmas(solution, result.rounded)):
         status = "fail"
         said.append(f"the same rms, but projections differ by up to {apart.max_px:.3g} px")
     said.append(f"cv2 began {result.start}")
@@ -251,6 +252,19 @@ def _rounding(solution: Calibration) -> float:
     """The largest effect on an rms of rounding the image points to float32, px: a unit in the last place."""
     largest = float(np.abs(solution.observations.uv).max(initial=1.0))
     return float(np.spacing(np.float32(largest)))
+
+
+def same_sigmas(solution: Calibration, rounded: bool) -> float:
+    """The joint distance in standard deviations up to which the parameters of two solutions are one optimum.
+
+    Errors of e px in the coordinates, independent of the noise with sigma_0, move the optimum by e / sigma_0 standard
+    deviations times the root of a chi² with as many degrees of freedom as there are parameters.
+    """
+    scale = sigma_0(solution)
+    if not (rounded and scale > 0):
+        return SIGMAS
+    moved = _rounding(solution) / np.sqrt(12) / scale * np.sqrt(solution.free.any(0).sum())
+    return float(np.hypot(SIGMAS, ROUNDED * moved))
 
 
 def distance_in_sigmas(solution: Calibration, result: Result) -> float:

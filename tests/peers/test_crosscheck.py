@@ -13,7 +13,7 @@ from camcal.geometry import projective, rotations
 from camcal.least_squares import STILL
 from camcal.model.pose import Poses
 from camcal.peers import calibrate_camera, find_homography, project_points, refinement, rodrigues
-from camcal.peers.base import LOWER_CHI2, SIGMAS, NotComparableError
+from camcal.peers.base import LOWER_CHI2, ROUNDED, SIGMAS, NotComparableError
 from camcal.peers.run import crosscheck
 from camcal.plan.calibrate import calibrate
 from camcal.solve.refine import refine, residuals
@@ -66,6 +66,18 @@ def test_the_same_free_parameters_reach_the_same_camera(model, fix):
     assert made["status"] == "pass", made["why"]
     assert made["difference"]["sigmas"] < 0.05
     assert made["opencv"]["rms_point"] == pytest.approx(solution.rms_point, rel=1e-6)
+
+
+def test_precise_points_may_differ_by_the_rounding_of_cv2():
+    """At a noise of .002 px, rounding to float32 (6e-5 px at 640 px) moves the optimum of cv2 visibly."""
+    precise, usual = solved("opencv5", views=40, noise=0.0008), solved("opencv5", views=8)
+    (made,) = refinement.against_cv2(precise)
+    assert made["status"] == "pass", made["why"]
+    moved = 2.0**-14 / np.sqrt(12) / 0.0008 * 3  # a unit in the last place of 512 to 1023 px; 9 parameters
+    assert refinement.same_sigmas(precise, True) == pytest.approx(np.hypot(SIGMAS, ROUNDED * moved), rel=0.1)
+    assert made["difference"]["sigmas"] < refinement.same_sigmas(precise, True)
+    assert refinement.same_sigmas(precise, False) == SIGMAS
+    assert refinement.same_sigmas(usual, True) == pytest.approx(SIGMAS, rel=1e-3)
 
 
 def test_a_rig_needs_a_guess_and_gets_camcals_start():
