@@ -37,6 +37,8 @@ NULL = 1e-12
 TOUCHED = 1e-3
 #: correlations beyond this are listed: one parameter then explains 90 % of the other's variance
 STRONG = 0.95
+#: squared sine of the angle between multiples: their products round to 1e-15
+COUPLED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,14 @@ class Covariance:
         pairs = [
             (self.names[ok[i]], self.names[ok[j]], float(r[i, j]))
             for i, j in np.argwhere(np.triu(np.abs(r) > bound, 1))
-            if np.linalg.matrix_rank(self.transform[ok[[i, j]]]) > 1
+            if not _coupled(*self.transform[ok[[i, j]]])
         ]
         return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def _coupled(a: Array, b: Array) -> bool:
+    """Whether two rows d parameter / d free parameters are multiples of each other, to rounding."""
+    return bool((a @ a) * (b @ b) - (a @ b) ** 2 <= COUPLED * (a @ a) * (b @ b))
 
 
 #: the covariance of a fit, with the sigma_0 and the free parameters that it was made with

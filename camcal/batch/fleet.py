@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ import numpy as np
 from camcal.assess.figures import ranked
 from camcal.batch.rows import Row, Rows
 from camcal.batch.work import DONE
+from camcal.least_squares.distributions import t_bound
 from camcal.least_squares.scales import MAD
 from camcal.records import dataclass
 from camcal.system.text import cell
@@ -150,12 +152,11 @@ def quantities(row: Row) -> dict[str, tuple[float, float]]:
     return found
 
 
+@lru_cache(maxsize=64)  # the quantities of a type mostly have the same cameras
 def limit_for(tests: int, cameras: int) -> float:
     """The largest |z| that is not an outlier, for a type with `cameras` cameras and this number of tested values."""
-    from scipy.special import stdtrit
-
     freedom = MAD_EFFICIENCY * (cameras - 1)
-    quantile = -float(stdtrit(freedom, 0.5 * FALSE_ALARMS / tests))
+    quantile = t_bound(0.5 * FALSE_ALARMS / tests, freedom)
     return max(SHEWHART, quantile * math.sqrt(1 + MEDIAN_VARIANCE / cameras))
 
 

@@ -24,6 +24,8 @@ Array = np.ndarray
 _ACCURACY = 1e-15
 #: terms of (4): of the order of the square root of the larger parameter are needed, 3,000 for 1e7 degrees of freedom
 _TERMS = 100_000
+#: `t_bound` ends with a step below this part of t, as the next would be its square; some ten steps are taken
+_LAST, _NEWTON = 1e-8, 100
 
 
 def beta_part(a: float, b: float, x: float, rest: float | None = None) -> float:
@@ -88,6 +90,25 @@ def t_exceeded(t: float, n: float) -> float:
     over = float(t) ** 2
     tail = 0.5 * beta_part(n / 2, 0.5, n / (n + over), over / (n + over) if over < math.inf else 1.0)
     return tail if t > 0 else 1 - tail
+
+
+def t_bound(p: float, n: float) -> float:
+    """The t that Student's distribution with n degrees of freedom exceeds with probability p below 1/2.
+
+    Newton's method on the logarithm of the probability.
+    """
+    front = math.lgamma((n + 1) / 2) - math.lgamma(n / 2) - 0.5 * math.log(math.pi * n)
+    t = 0.0
+    for _ in range(_NEWTON):
+        above = t_exceeded(t, n)
+        density = math.exp(front - (n + 1) / 2 * math.log1p(t * t / n))
+        step = min(
+            math.log(above / p) * above / density, max(t, 1.0)
+        )  # further out there may be no digits left
+        t += step
+        if abs(step) <= _LAST * t:
+            break
+    return t
 
 
 def chi2_quantile(p: Any, n: Any) -> Any:

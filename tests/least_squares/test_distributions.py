@@ -54,6 +54,12 @@ def test_t(t, n):
     assert ours.t_exceeded(t, n) == pytest.approx(expected, rel=1e-9)
 
 
+@given(st.floats(1e-12, 0.49), st.floats(1, 1e5))
+def test_the_bound_of_t(p, n):
+    bound = ours.t_bound(p, n)
+    assert bound > 0 and ours.t_exceeded(bound, n) == pytest.approx(p, rel=1e-9)
+
+
 @pytest.mark.parametrize("n", [1, 4, 5000])
 def test_the_ends_of_t(n):
     assert ours.t_exceeded(-np.inf, n) == 1 and ours.t_exceeded(np.inf, n) == 0

@@ -150,10 +150,10 @@ def test_what_can_be_a_member():
 def test_portions_hold_so_many_rows_as_fit_into_the_cache(monkeypatch):
     problems = [posed(*task(s)).problem for s in range(5)]
     rows = problems[0].lens.size + 7
-    monkeypatch.setattr(stack, "ROW_BUDGET", 2 * rows * 54 * 12)  # two cameras of six views
+    monkeypatch.setattr(stack, "PORTION", 2 * rows * 54 * 12)  # two cameras of six views
     found = stack.portions(problems, rows)
     assert [p.owner.tolist() for p in found] == [[0] * 6 + [1] * 6, [2] * 6 + [3] * 6, [4] * 6]
-    monkeypatch.setattr(stack, "ROW_BUDGET", 2 * rows * 54 * 12 - 1)
+    monkeypatch.setattr(stack, "PORTION", 2 * rows * 54 * 12 - 1)
     assert len(stack.portions(problems, rows)) == 5
 
 
