@@ -75,7 +75,7 @@ class Candidates:
         if not len(placed):
             raise DataError(
                 "no pose was found that shows the whole target to this camera.",
-                "See with `camcal report` whether the lens model holds over the whole picture.",
+                "Check with `camcal report` whether the lens model is valid over the whole picture.",
             )
         return placed
 

@@ -54,7 +54,7 @@ RIGHT_ANGLE, SAME_ANGLE = 90.0, 0.3
 
 
 _HINTS = {
-    "rejected-view": "Check that picture: is it the same board, sharp, with its points in order?",
+    "rejected-view": "Check the picture: it must be sharp and show the same board, with its points in the same order.",
     "other-board": "Remove the picture, or give the correct size of that board.",
     "mirrored-views": "Its points are in mirrored order (or the picture is): correct or remove that view.",
     "rejected-mirror-image": "The picture seems to be mirrored: mirror it back, or remove it.",
@@ -208,7 +208,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
     else:
         _, mirrored = _best_pose(replace(view, xyz=view.xyz * [1.0, 1.0, -1.0]), camera, usual)
         if mirrored is not None and mirrored <= 2 * EXPLAINED * usual:
-            return "mirrored-views", "it fits once an axis is negated: its frame is mirrored"
+            return "mirrored-views", "it fits only with one axis negated: its frame is mirrored"
     if pose is not None:
         residual = camera.project(pose.apply(view.xyz)) - view.uv
         lengths = np.linalg.norm(residual, axis=1)
@@ -218,7 +218,7 @@ def _kind(view: View, camera: Camera, pose: Pose | None, usual: float) -> tuple[
             return "mismatched-points", exchanged_points.describe(taken, view).split(": ", 1)[1]
         # a point that does not project is infinitely far off
         if np.median(np.nan_to_num(lengths, nan=np.inf)) > FAR_OFF * exchanged_points.spacing(view.uv):
-            return "other-board", "no pose explains its points: another board, or points out of order"
+            return "other-board", "no pose fits its points: another board, or points out of order"
     return "rejected-view", ""
 
 

@@ -47,8 +47,8 @@ def out_of_step(lags: Mapping[str, int]) -> CalibrationWarning:
     said = [f"{' and '.join(frames)} late"] * bool(frames) + [f"{' and '.join(ahead)} early"] * bool(ahead)
     return CalibrationWarning(
         "cameras-out-of-step",
-        f"the cameras are not synchronous: {', '.join(said)}. The board stands where the others see it only after "
-        "shifting these views.",
+        f"the cameras are not synchronous: {', '.join(said)}. Each camera sees the board where the others do "
+        "only after shifting these views.",
         f"Correct it with --lag {','.join(f'{n}={k}' for n, k in lags.items())}; or trigger the cameras together.",
         "wrong",
     )
@@ -59,7 +59,7 @@ def _not_converged(solution: RigCalibration) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "not-converged",
             f"the joint refinement did not converge: {solution.fit.stop_reason}.",
-            "Check the residuals by camera; remove pictures that do not belong.",
+            "Check the residuals by camera; remove pictures that do not fit.",
         )
 
 
@@ -82,8 +82,8 @@ def _few_instants(solution: RigCalibration) -> Iterator[CalibrationWarning]:
         if count < FEW_INSTANTS:
             yield CalibrationWarning(
                 "few-shared-instants",
-                f"camera {name} shares {count} instant{'s' * (count != 1)} with the others: its place rests on "
-                "little.",
+                f"camera {name} shares only {count} instant{'s' * (count != 1)} with the others: its pose is "
+                "poorly determined.",
                 "Take pictures in which this camera and another one see the board.",
             )
 

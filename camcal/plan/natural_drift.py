@@ -87,7 +87,7 @@ class _Sides:
                 continue
             if not self.rig.baseline(a, b):
                 raise DataError(
-                    f"cameras '{a}' and '{b}' stand at the same place: pictures show no baseline.",
+                    f"cameras '{a}' and '{b}' have the same position: pictures do not show a baseline.",
                     "Give pictures of a board instead.",
                 )
             rays = [rays_of(self.rig.cameras[n], p, self.free[n]) for n, p in zip((a, b), uv, strict=True)]

@@ -99,7 +99,9 @@ def _reweight(progress: Progress) -> Change:
     found = [] if progress.best is None else [progress.fit]
     found += [progress.plain] if progress.plain is not None else []
     if not found:
-        raise EstimationError("neither all points nor the consistent ones give a camera.")
+        raise EstimationError(
+            "no camera can be estimated, neither from all points nor from the consistent ones."
+        )
     start = min(found, key=robust.spread)
     method = progress.options.robust
     auto = method == "auto"

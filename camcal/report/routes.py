@@ -58,8 +58,8 @@ def uncertain_distance(what: str, half: float, hint: str) -> dict[str, str]:
     """The warning about distances with a large relative uncertainty (half of the 95 % interval)."""
     return warning(
         "uncertain-distance",
-        f"{what}: the distance from the camera is known to ± {100 * half:.0f} %, at 95 %; beyond {100 * LINEAR:.0f} % "
-        "intervals of two standard deviations hold too rarely.",
+        f"{what}: the distance from the camera is known to ± {100 * half:.0f} % (95 % interval); beyond "
+        f"{100 * LINEAR:.0f} % intervals of two standard deviations contain the true value too rarely.",
         hint,
     )
 

@@ -56,8 +56,9 @@ def _bent(other: Scene | None) -> list[dict[str, str]]:
     return [
         warning(
             "lines-bent",
-            f"the lines are bent as by a lens with distortion. With it the focal length is {f:.5g} ± {sigma:.2g} px, "
-            "which the interval without distortion does not hold.",
+            "the lines are curved as by distortion of the lens. With distortion the focal length is "
+            f"{f:.5g} ± {sigma:.2g} px, "
+            "which lies outside the interval without distortion.",
             f"Try: -m {WITH_DISTORTION}",
             "wrong",
         )
@@ -120,8 +121,8 @@ def _warnings(found: Scene) -> list[dict[str, str]]:
     return [
         warning(
             "principal-point-assumed",
-            f"the vanishing points leave {names} undetermined; the middle of the picture is assumed, and doubt about "
-            "it (a twentieth of the picture's width) is in the other sigmas.",
+            f"the vanishing points leave {names} undetermined; the middle of the picture is assumed, and its "
+            "uncertainty (a twentieth of the picture's width) is included in the other sigmas.",
             "Give it where it is known (--fix cx=VALUE,cy=VALUE), or turn the camera so that all three converge.",
         )
     ]

@@ -149,7 +149,7 @@ def _warnings(found: SelfCalibration, views: Sequence[str], twice: int) -> list[
             warning(
                 "points-twice",
                 f"{twice} images are of a point that the view has already.",
-                "The first counts.",
+                "The first of them is used.",
                 "note",
             )
         )

@@ -226,7 +226,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
         found.append(
             warning(
                 "few-matches",
-                f"{made['matches']} matches: too few for a firm figure.",
+                f"{made['matches']} matches: too few for a reliable figure.",
                 "Take pictures with more texture, or give several pairs.",
                 "note",
             )
@@ -236,7 +236,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
         found.append(
             warning(
                 "vertical-disparity",
-                f"the points lie {median:.3g} px from their rows (median), where their noise leaves {noise:.3g} px.",
+                f"the points lie {median:.3g} px off their rows (median); noise explains {noise:.3g} px.",
                 "The cameras have moved relative to each other, or the rig was calibrated poorly: calibrate it again. "
                 + _turned(made["turn"]),
             )
@@ -246,7 +246,7 @@ def _warnings(made: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def _turned(turn: Mapping[str, Any]) -> str:
     size, sigma = (float(np.linalg.norm(turn[k])) for k in ("rotation_vector_deg", "sigma_deg"))
-    return f"A turn of {turn['camera']} by {size:.3g} ± {sigma:.1g} degrees would leave {turn['median_after']:.3g} px."
+    return f"Rotating {turn['camera']} by {size:.3g} ± {sigma:.1g} degrees would leave {turn['median_after']:.3g} px."
 
 
 def natural_table(made: Mapping[str, Any]) -> Any:

@@ -261,7 +261,7 @@ def _warnings(
             warning(
                 "points-twice",
                 f"{twice} images are of a marker that the camera has already.",
-                "The first counts.",
+                "The first of them is used.",
                 "note",
             )
         )

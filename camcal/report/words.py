@@ -21,7 +21,7 @@ def trust(report: Document) -> str:
     if not math.isfinite(near["median"]):
         return "The data do not determine this camera's projections: do not use it."
     said = (
-        "At the boards' distance noise leaves a point uncertain by "
+        "At the boards' distance the projection of a point is uncertain by "
         f"{number(near['centre']['sigma_px'], 2)} px in the middle of the picture, "
         f"{number(near['median'], 2)} px in the median and {number(near['worst']['sigma_px'], 2)} px in the "
         "worst corner"

@@ -191,7 +191,7 @@ def _check(lines: Lines) -> None:
     if (counts >= LEAST_POINTS).sum() < LEAST_LINES:
         raise DataError(
             f"{len(lines)} line{'s' * (len(lines) != 1)} found; {LEAST_LINES} lines of {LEAST_POINTS} points are "
-            "needed to say how a lens bends them.",
+            "needed to estimate a distortion.",
             "Give more lines.",
         )
 

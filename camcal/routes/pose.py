@@ -143,7 +143,7 @@ def _require_spread(view: View, used: Array) -> None:
     if spread[1] <= shape.COLLINEAR * spread[0]:
         what = "lie on a line: any turn about it" if spread[0] > 0 else "are one point: any turn about it"
         raise EstimationError(
-            f"view '{view.id}': its {used.sum()} points {what} fits as well, the pose is undetermined.",
+            f"view '{view.id}': its {used.sum()} points {what} fits as well, so the pose is undetermined.",
             "Add a point off the line.",
         )
 

@@ -275,7 +275,7 @@ def _calibrated(
     size = start.image_size
     assert size is not None
     if not len(usable(bundle, tracks, np.inf)):
-        raise _critical("no four points of two views have a place that both see")
+        raise _critical("no four points of two views could be triangulated")
     held = {**dict.fromkeys(lens.default_fixed), **fix}
     camera = _of_lens(lens, bundle.camera, held)
     bundle = replace(bundle, camera=camera)
@@ -341,4 +341,6 @@ def _require_focal(found: SelfCalibration) -> None:
         return
     sigma, f = float(np.sqrt(found.covariance[0, 0])), float(found.bundle.camera.params[0])
     if not sigma <= UNCERTAIN * f:
-        raise _critical(f"its standard deviation is {sigma / f:.0%} of it, {UNCERTAIN:.0%} is the most")
+        raise _critical(
+            f"its standard deviation is {sigma / f:.0%} of it; at most {UNCERTAIN:.0%} is accepted"
+        )

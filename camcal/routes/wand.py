@@ -328,7 +328,7 @@ def _require_focal(found: WandCalibration, names: Sequence[str]) -> None:
         if not sigma <= UNCERTAIN * f:
             raise EstimationError(
                 f"the bar leaves the focal length of camera '{name}' undetermined: its standard deviation is "
-                f"{sigma / f:.0%} of it, {UNCERTAIN:.0%} is the most.",
+                f"{sigma / f:.0%} of it; at most {UNCERTAIN:.0%} is accepted.",
                 "Move the bar in depth and in all directions, through the whole picture; or give the camera "
                 "(--cameras NAME=CAMERA).",
             )

@@ -98,7 +98,7 @@ def test_the_numbers_found(cases):
     assert found.sigma == pytest.approx(0.1, rel=0.05)
     said = warning_of(found)
     assert said is not None and said.code == "zoom-or-refocus" and "'v9'" in said.message
-    assert "px with one number more" in said.message
+    assert "With one number more, sigma falls" in said.message
 
 
 @pytest.mark.parametrize("seed", range(4))

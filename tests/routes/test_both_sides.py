@@ -179,7 +179,7 @@ def test_turns_about_a_second_axis():
     motions.require_two_axes(turning(100.0, MORE * limit))
     with pytest.raises(EstimationError, match="turn about parallel axes"):
         motions.require_two_axes(turning(100.0, LESS * limit))
-    with pytest.raises(EstimationError, match="which is noise: without turns"):
+    with pytest.raises(EstimationError, match="which is noise: without rotations"):
         motions.require_two_axes(turning(LESS * limit, 0.0))
     with pytest.raises(EstimationError, match="turn about parallel axes"):
         motions.require_two_axes(turning(MORE * limit, 0.0))

@@ -42,13 +42,13 @@ def warning_of(found: Found) -> CalibrationWarning | None:
     if trial is None:
         return None
     code, what, hint = _WORDS[trial.how](found, trial)
-    off = f" The one camera is off by {found.effect:.2g} px (rms over the picture)"
+    off = f" A single camera for all views is off by {found.effect:.2g} px (rms over the picture)"
     if not found.effect > 0:
         off = " These views do not determine the effect on the camera"
     if found.scatter > found.effect > 0:
         off += f", and each picture by {found.scatter:.2g} px"
     unit = "px" if found.base.observations.sigma is None else "times those given"
-    left = f" Sigma falls from {found.before:.3g} to {found.sigma:.3g} {unit} with {_numbers(trial.numbers)} more."
+    left = f" With {_numbers(trial.numbers)} more, sigma falls from {found.before:.3g} to {found.sigma:.3g} {unit}."
     grave = severity(found.effect, found.scatter, trial.how == "each", found.sigma / found.before, code)
     return CalibrationWarning(code, f"{what}{left}{off}.", hint, grave)
 
@@ -95,7 +95,7 @@ def _parts(found: Found, trial: Trial) -> tuple[str, str, str]:
             "mirrored-picture",
             f"{_names(found, trial.parts)} of {len(ids)} show the target from its other side, with the principal point "
             f"moved by ({shift[0]:.1f}, {shift[1]:.1f}) px: the pictures of one of the two parts are mirrored.",
-            "Find out which part it is, and mirror its pictures back.",
+            "Find out which part is mirrored, and mirror its pictures back.",
         )
     if trial.how == "split":
         where = f"from view '{ids[first]}' on ({int(trial.parts.sum())} of {len(ids)} views)"
@@ -182,7 +182,7 @@ def _each(found: Found, trial: Trial) -> tuple[str, str, str]:
         return (
             "principal-point-moves",
             f"the principal point moves from view to view, by {np.sqrt((shift**2).mean()):.3g} px (rms): an image "
-            "stabiliser (as of stabilised film), a lens that gives in its mount, or pictures cropped differently.",
+            "stabiliser (as of stabilised film), a loose lens, or pictures cropped differently.",
             "Switch off the stabiliser (including an optical one), fix the lens, and do not crop.",
         )
     spread = float(np.sqrt((theta[:, _AT["scale"]] ** 2).mean()))

@@ -40,7 +40,7 @@ def poor(facts: Facts) -> Iterator[CalibrationWarning]:
     if share < LEAST_AREA:
         yield CalibrationWarning(
             "poor-coverage",
-            f"the points cover {share:.0%} of the image; the lens is extrapolated elsewhere.",
+            f"the points cover only {share:.0%} of the image; elsewhere the lens model is extrapolated.",
             "Bring the target close and into every corner of the picture.",
             "note" if share > SMALL_AREA else "doubtful",
         )

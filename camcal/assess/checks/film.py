@@ -25,7 +25,7 @@ def rolling_shutter(facts: Facts) -> Iterator[CalibrationWarning]:
     effect = effect_px(facts.solution, found)
     # a board of free shape absorbed most of a readout of .8 frames: .12 remained
     shaped = facts.solution.board is not None
-    rest = " The estimated shape of the board hides the rest." if shaped else ""
+    rest = " The estimated shape of the board absorbs the rest." if shaped else ""
     yield CalibrationWarning(
         "rolling-shutter",
         f"{_words(found, 'at least ' * shaped)} The camera is off by {effect:.2g} px (rms over the picture).{rest}",
@@ -40,7 +40,7 @@ def corrected_for(found: Readout, effect: float) -> CalibrationWarning:
         "rolling-shutter",
         f"{_words(found)} Without a correction the camera would be off by {effect:.2g} px (rms over the picture): the "
         "points were moved to where they were when the first row was read.",
-        f"The motion between frames is known approximately only. {STILL}",
+        f"The motion between frames is known only approximately. {STILL}",
         "doubtful" if severity(effect, 0.0, False, 1.0) != "note" else "note",
     )
 

@@ -87,8 +87,8 @@ def outliers(facts: Facts) -> Iterator[CalibrationWarning]:
     if share > GROSS_SHARE:
         yield CalibrationWarning(
             "outliers",
-            f"{gross.sum()} of {len(squares)} points, off by up to {off[gross].max():.3g} px, hold "
-            f"{share:.0%} of the sum of squares.",
+            f"{gross.sum()} of {len(squares)} points, off by up to {off[gross].max():.3g} px, account "
+            f"for {share:.0%} of the sum of squares.",
             "Remove or correct these points, or use a robust loss (--robust).",
             "wrong" if _bent_by(facts, gross) else "doubtful",
         )

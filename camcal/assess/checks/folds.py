@@ -24,9 +24,9 @@ def views_disagree(facts: Facts) -> Iterator[CalibrationWarning]:
         return
     yield CalibrationWarning(
         "views-disagree",
-        f"cameras from different views lie {found['ratio']:.1f} times farther apart than noise explains "
-        f"({found['median_px']:.2g} px in the median); take the sigmas and the uncertainty that many times larger.",
-        "A bent or badly printed target (try --board-shape auto, the default for pictures), a lens model that does "
-        "not hold, or blurred pictures do that.",
+        f"cameras estimated from different views differ {found['ratio']:.1f} times as much as noise explains "
+        f"({found['median_px']:.2g} px in the median): multiply the sigmas and the uncertainty by this factor.",
+        "Possible causes: a bent or inaccurately printed target (try --board-shape auto, the default for pictures), an "
+        "unsuitable lens model, or blurred pictures.",
         "wrong" if found["ratio"] > FAR_APART and found["median_px"] > VISIBLE_PX else "doubtful",
     )

@@ -62,8 +62,8 @@ def shifted_group(facts: Facts) -> Iterator[CalibrationWarning]:
     yield CalibrationWarning(
         "shifted-group",
         f"points {listed([str(int(r)) for r in np.sort(rows)], 8)} of view '{view.id}' (rows, counted from 0) lie "
-        f"({found.shift[0]:+.1f}, {found.shift[1]:+.1f}) px from where all other points put them; without them the "
-        f"camera projects {moved:.2g} px (rms) elsewhere.",
+        f"({found.shift[0]:+.1f}, {found.shift[1]:+.1f}) px from the places that all other points predict; "
+        f"without them the projections change by {moved:.2g} px (rms).",
         "Check these points for a mark mistaken for its neighbour or wrong coordinates; remove them and compare.",
         "doubtful" if moved > fit.SEVERAL_PX else "note",
     )

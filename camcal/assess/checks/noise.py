@@ -40,8 +40,8 @@ def tails(facts: Facts) -> Iterator[CalibrationWarning]:
     if deviations < -SIGNIFICANT and moment < LIGHT:
         yield CalibrationWarning(
             "light-tailed-residuals",
-            f"the residuals are spread evenly up to a limit (fourth moment {moment:.2f}, Gaussian noise 2, "
-            "uniform 1.4): as for rounded coordinates.",
+            f"the residuals are distributed uniformly (fourth moment {moment:.2f}; Gaussian noise has 2, "
+            "uniform noise 1.4), as those of rounded coordinates are.",
             "Give the points with all digits of the detector.",
             "note",
         )

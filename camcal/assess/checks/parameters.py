@@ -22,7 +22,7 @@ def undetermined(facts: Facts) -> Iterator[CalibrationWarning]:
     if names:
         what = f"the data do not determine {', '.join(names)}: other values fit equally well"
         if not facts.covariance.null.size:
-            what += ", along a curve, and the remaining sigmas can be too small"
+            what += ", along a curve; the other sigmas can be too small"
         yield CalibrationWarning("undetermined-parameters", f"{what}.", _HINT)
 
 

@@ -173,10 +173,10 @@ def mirrored(facts: Facts) -> Iterator[CalibrationWarning]:
         yield CalibrationWarning(
             "mirrored-picture",
             "the views show the printed target from behind: v is counted upwards, u and v are exchanged, or the "
-            "pictures are mirrored. The principal point, and what else of the lens is not symmetric, are those of the "
+            "pictures are mirrored. The principal point and all asymmetric parameters of the lens are those of the "
             "mirror image.",
             "Use v = height - 1 - v, or exchange u and v. If the table's z axis points towards the camera (y upwards), "
-            "all is well.",
+            "no correction is needed.",
             "wrong" if "kind" in (data.target or {}) else "doubtful",
         )
         return

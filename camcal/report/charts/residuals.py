@@ -53,9 +53,9 @@ def quiver(solution: Solution) -> Chart | None:
     places, means = cell_means(uv, r, x, y)
     return Chart(
         "Residuals over the picture",
-        f"Predicted less observed points, {scale:g} times enlarged. Noise points everywhere and its mean "
-        "over a cell is short; arrows that agree with their neighbours mean that the lens model or the board "
-        "does not hold.",
+        f"Predicted less observed points, {scale:g} times enlarged. Noise has all directions, so that its "
+        "mean over a cell is short; arrows that agree with their neighbours show that the lens model or the shape of "
+        "the board is wrong.",
         "u, px",
         "v, px",
         x,
@@ -97,7 +97,7 @@ def histogram(solution: Solution) -> Chart | None:
     return Chart(
         "Histogram of the residuals",
         f"Both coordinates together, beside the Gaussian of their estimated sigma, {sigma:.3g} {unit}. Bars far "
-        "out or much higher in the middle than the curve speak of points that do not belong.",
+        "out or much higher in the middle than the curve indicate points that do not fit.",
         "residual, px" if unit == "px" else "residual, in sigmas of its point",
         "density",
         (-reach, reach),
@@ -164,8 +164,8 @@ def by_radius(solution: Solution) -> Chart | None:
     reach = 3.5 * sigma
     return Chart(
         "Radial residuals by distance from the principal point",
-        "The band is the mean of a ring with two standard errors. It should hold zero everywhere: where it "
-        "swings to one side and the other, the radial terms of the model do not follow the lens.",
+        "The band is the mean of a ring with two standard errors. It should include zero everywhere: where it "
+        "departs from zero, the radial terms of the model do not describe the lens.",
         "distance from the principal point, px",
         "residual outward, px",
         (0.0, 1.02 * float(radius.max())),

@@ -71,7 +71,7 @@ def gates(report: Document) -> Iterator[Finding]:
             f"{failure}.",
             "See `crosscheck` in the report for OpenCV's result."
             if "cross-check" in failure
-            else "The findings below say what would lower it.",
+            else "The findings below say how to reduce it.",
         )
 
 

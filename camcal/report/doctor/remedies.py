@@ -91,7 +91,7 @@ def board_shape(solution: Solution) -> Finding | None:
     return Finding(
         "board-not-flat",
         "better",
-        "the residuals repeat at the same points of the board: it is bent or not printed true.",
+        "the residuals repeat at the same points of the board: it is bent, or was printed inaccurately.",
         "Let camcal find its shape: calibrate again with --board-shape auto. Or mount it on glass.",
         Gain("sigma_hat, px", found.before, found.after, "predicted for a board of free shape"),
     )

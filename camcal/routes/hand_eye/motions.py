@@ -79,9 +79,9 @@ def require_two_axes(motions: Motions, setup: str | None = None) -> None:
     unknown = "the hand-eye transformation" if setup is None else NAMES[setup][0]
     if first <= ABOVE_NOISE:
         raise EstimationError(
-            f"the camera turns by {motions.turns_deg[0]:.2g} deg between views, which is noise: without turns "
+            f"the camera rotates by {motions.turns_deg[0]:.2g} deg between views, which is noise: without rotations "
             f"{unknown} is undetermined.",
-            "Turn the hand by 30 degrees or more, about two axes.",
+            "Rotate the hand by 30 degrees or more, about two axes.",
         )
     raise EstimationError(
         f"all motions turn about parallel axes, the {_axis(motions.axes[0])} of the camera "

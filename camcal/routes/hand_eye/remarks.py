@@ -112,7 +112,7 @@ def _poses(made: Estimate, names: Sequence[str], lost: tuple[int, int]) -> Itera
     if len(names) < LEAST_TO_TEST:
         yield CalibrationWarning(
             "hand-eye-few-poses",
-            f"{len(names)} poses: a wrong one would not be noticed; {LEAST_TO_TEST} are needed for that.",
+            f"{len(names)} poses: a wrong one cannot be detected; {LEAST_TO_TEST} are needed for that.",
             "Take ten or more.",
         )
     if any(lost):
@@ -131,9 +131,9 @@ def _no_noise(made: Estimate) -> Iterator[CalibrationWarning]:
     if zero:
         yield CalibrationWarning(
             "hand-eye-noise-at-zero",
-            f"the robot's {listed(zero)} show no noise beside that of the pictures. Of calibrations where that is so, "
-            "95 % intervals hold in 91 to 95 %, as a small noise of the robot can be missed by chance.",
-            "More poses find smaller noise.",
+            f"the robot's {listed(zero)} show no noise beside that of the pictures. In such calibrations 91 to 95 % of "
+            "the 95 % intervals contain the true value, because a small noise of the robot can be missed by chance.",
+            "Add poses: the more there are, the smaller a noise can be detected.",
             "note",
         )
 

@@ -44,7 +44,7 @@ def test_a_second_axis_is_enough(setup):
 
 def test_without_turns():
     h = hand("to-hand", 1, poses=about([0, 0, 0], 0))
-    with pytest.raises(EstimationError, match="without turns base_from_camera is undetermined"):
+    with pytest.raises(EstimationError, match="without rotations base_from_camera is undetermined"):
         estimate("to-hand", h.pictures, h.robot)
 
 
