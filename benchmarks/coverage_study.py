@@ -233,7 +233,7 @@ def by_parameter(by_model: Mapping[str, Kinds]) -> str:
         for what in ("parameter", "pose"):
             said = [f"{n} {percent(f)}" for (k, n), f in kinds.items() if k == what and percent(f)]
             rows.append([f"`{model}`" if what == "parameter" else "", what, ", ".join(said)])
-    return markdown(["model", "of", "share of 95 % intervals that hold the truth, per cent"], rows)
+    return markdown(["model", "of", "share of 95 % intervals that contain the true value, per cent"], rows)
 
 
 def logged(tasks: list[tuple[str, str, int]], log: Path | None, jobs: int) -> list[tuple[str, str, Hits]]:

@@ -4,7 +4,7 @@ The target of such observations has
 
     boards         what each board is called: its spec, or its name in the table
     first_ids      the smallest number of a point of each; the ids of a board follow one another
-    board_groups   of a rig, which boards stand fast to each other: the number of each one's group. The first board
+    board_groups   of a rig, which boards are fixed to each other: the number of each one's group. The first board
                    of a group holds its frame
     board_poses    group_from_board of each: {rotation_vector, translation}
 

@@ -117,7 +117,7 @@ def layout(
     views : RigViews
         With boards.
     asked : str
-        Of `BOARDS`. With `fixed` every pair of boards is believed to stand fast, with `moving` none; with `auto` those
+        Of `BOARDS`. With `fixed` every pair of boards is taken as fixed, with `moving` none; with `auto` those
         whose relative pose is the same at all instants, and those without which cameras are not connected.
     rig : mapping of camera -> Pose, optional
         cam_from_rig of cameras that are known.
@@ -261,7 +261,7 @@ def _by_cameras(
 def _by_boards(
     sights: _Sights, cameras: _Groups, boards: _Groups, corners: Array, names: Sequence[str], believed: float
 ) -> str:
-    """Put the two groups of boards together that one group of cameras knows best, where they stand fast."""
+    """Join the two groups of boards, fixed to each other, that one group of cameras determines best."""
 
     def linked(a: int, b: int, camera: int) -> Link | None:
         one, other = (_seen(sights, cameras, boards, camera, k) for k in (a, b))

@@ -37,7 +37,7 @@ class CalibrationOptions(Settings):
     )
     start: str | None = setting(
         Name("closed form", "camcal.start:CLOSED_FORMS"),
-        "The closed form to start from; `camcal list closed-forms` names them. By default the points decide.",
+        "Closed form to start from; `camcal list closed-forms` names them. By default the points determine it.",
     )
     start_camera: Any = setting(  # a Camera in Python, or a file
         CameraSource(), "Start with this camera instead of a closed form; a camera file of any format."
@@ -62,18 +62,18 @@ class CalibrationOptions(Settings):
     crosscheck: bool | str = setting(
         SwitchOr("full"),
         "Compare with OpenCV, which starts at the result and must stay there. `--crosscheck full`: every stage, and "
-        "OpenCV begins by itself, which takes as long as its own calibrations.",
+        "OpenCV starts on its own, which takes as long as its calibrations.",
         True,
         in_python=False,  # a program that calls camcal should not pay for it unasked
         off="--no-crosscheck",
     )
     holdout: int | None = setting(
         Whole(0, metavar="K"),
-        "Calibrate K times without every K-th view and test the camera on it; 4 where that is quick, "
-        "0 leaves it out.",
+        "Calibrate K times without every K-th view and test the camera on it. By default 4 where that is quick; "
+        "0 disables it.",
     )
     max_rms: float | None = setting(
-        POSITIVE, "A gate: the verdict is fail, exit code 1, where rms_point is larger.", metavar="PX"
+        POSITIVE, "A gate: the verdict is fail, exit code 1, if rms_point is larger.", metavar="PX"
     )
     fail_on: str = setting(
         Words(("never", "doubtful", "wrong")),
@@ -83,7 +83,7 @@ class CalibrationOptions(Settings):
     seed: int = setting(Whole(0), "Seed of random numbers.", 0)
     normalise: bool = setting(
         Switch(),
-        "Centre and scale coordinates and columns at every stage; off only shows the effect.",
+        "Centre and scale coordinates and columns at every stage; off is for demonstration.",
         True,
         off="--no-normalise",
         show_default=False,

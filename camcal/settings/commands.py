@@ -57,13 +57,13 @@ _NEXT = (
     Option(
         "count",
         Whole(1, 50, metavar="N"),
-        "How many pictures to suggest, each assumed to have been taken by the next.",
+        "Number of pictures to suggest, each assuming that the previous ones were taken.",
         1,
     ),
     Option(
         "distance",
         DISTANCE,
-        "At which the uncertainty counts, in the unit of the data.",
+        "Distance at which the uncertainty is computed, in the unit of the data.",
         float("inf"),
     ),
     Option(
@@ -86,7 +86,7 @@ def _of_pictures(options: Iterable[Option]) -> tuple[Option, ...]:
 
 
 def _either(
-    options: Iterable[Option], said: str = "auto for pictures, flat for tables by default."
+    options: Iterable[Option], said: str = "By default auto for pictures, flat for tables."
 ) -> tuple[Option, ...]:
     """Return the options for data that may or may not show a printed target, which is known only at run time."""
     return tuple(
@@ -118,7 +118,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         ),
         replace(DetectionOptions.options()["square"], help="Side of a square of that board, such as 25mm."),
         IMAGE_SIZE,
-        *_either(CALIBRATION, "auto where the table says that its points are printed, else flat by default."),
+        *_either(CALIBRATION, "By default auto if the table marks its points as printed, else flat."),
         *RESULT,
     ),
     "rig": (
@@ -146,7 +146,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *BOARD,
         REFINE_CORNERS,
         # the board as designed: the target of --target-px then means the same from the first picture to the last
-        *_either(CalibrationOptions.command_line(), "auto with --once, else flat by default."),
+        *_either(CalibrationOptions.command_line(), "By default auto with --once, else flat."),
         FORCE,
         CONFIG,
     ),
@@ -177,11 +177,16 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         *REPORT,
     ),
     "uncertainty": (
-        Option("at", Several(Pixel()), "A pixel; may be given several times.", repeated=True),
+        Option(
+            "at",
+            Several(Pixel()),
+            "Pixel at which the uncertainty is computed; may be given several times.",
+            repeated=True,
+        ),
         Option(
             "distance",
             Several(DISTANCE),
-            "From the camera, in the unit of the data; by default the boards' and infinity.",
+            "Distance from the camera, in the unit of the data; by default that of the boards, and infinity.",
             repeated=True,
         ),
         replace(MAX_PX, help="A gate: exit code 1 where a sigma is larger."),
@@ -198,8 +203,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         replace(
             _OF["robust"],
             kind=Words(("auto", "none", "lines")),
-            help="lines rejects those that are not straight compared with the others; auto does so in pictures. "
-            "Points far from their line lose weight, but with none.",
+            help="lines rejects lines that are not straight compared with the others; auto does so in pictures only. "
+            "With both, points far from their line lose weight; none keeps all points and weights.",
             metavar="auto|none|lines",
         ),
         _CROSSCHECK,
@@ -290,15 +295,15 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option(
             "to",
             Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
-            "The format of DST; `camcal list formats` names them; by default from its extension.",
+            "Format of DST; `camcal list formats` names them; by default that of its extension.",
         ),
         Option(
             "source_format",
             Name("format", "camcal.data.formats:FORMATS", metavar="FORMAT"),
-            "The format of SRC; recognised from its content by default.",
+            "Format of SRC; recognised from its content by default.",
             flag="--from",
         ),
-        Option("camera", Text(), "The one camera of SRC to convert, where it has several.", metavar="NAME"),
+        Option("camera", Text(), "The camera of SRC to convert, if it has several.", metavar="NAME"),
         Option("to_model", MODEL, "Refit to this model; `camcal list models` names them."),
         _OF["skew"],
         replace(
@@ -341,7 +346,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "next": _NEXT,
     "track": (METHOD, *TrackOptions.command_line(), *RUN, *DetectionOptions.command_line("keep_frames")),
     "board": (
-        replace(OUTPUT, help="Where to write; .svg, .pdf or .png.", required=True),
+        replace(OUTPUT, help="Output file; .svg, .pdf or .png.", required=True),
         Option(
             "page",
             Text(),

@@ -20,7 +20,7 @@ COMPARE = (
     Option(
         "distance",
         Several(DISTANCE),
-        "Of what is looked at, in the unit of the data; infinity by default.",
+        "Distance of the points that are compared, in the unit of the data; infinity by default.",
         repeated=True,
     ),
     IMAGE_SIZE,
@@ -47,21 +47,21 @@ COMPARE_OPTIMIZERS = (
     Option(
         "optimizers",
         Text(),
-        "Which, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
+        "Optimizers to run, with variants such as lbfgs:scaled; all that `camcal list optimizers` names by default.",
         metavar="NAME,...",
     ),
-    Option("perturbed", Whole(0), "Starts besides the closed form's, moved at random.", 3),
+    Option("perturbed", Whole(0), "Number of starts displaced at random, besides the closed form's.", 3),
     Option(
         "perturbation",
         POSITIVE,
-        "How far: focal length, depth and principal point relative, rotations in rad.",
+        "Size of the displacement: focal length, depth and principal point relative, rotations in rad.",
         0.02,
     ),
-    Option("max_seconds", POSITIVE, "Longest time of one run.", 20.0),
+    Option("max_seconds", POSITIVE, "Longest time of one run, s.", 20.0),
     Option(
         "total_seconds",
         POSITIVE,
-        "Longest time of all runs together; the rest is divided among the remaining runs.",
+        "Longest time of all runs together, s; what is left is divided among the remaining runs.",
         60.0,
     ),
     Option(

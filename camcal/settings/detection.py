@@ -53,7 +53,7 @@ class DetectionOptions(Settings):
     )
     seconds: float = setting(
         POSITIVE,
-        "Processor time to search one picture; past it, the picture counts as not found.",
+        "Processor time allowed for the search of one picture; beyond it, the target counts as not found.",
         DEFAULT_SECONDS,
         metavar="S",
     )
@@ -73,7 +73,7 @@ class DetectionOptions(Settings):
     to_time: float | None = setting(FilmTime(), "Ignore a film after that time.", flag="--to")
     cache: bool = setting(
         Switch(),
-        "Keep what is found in each picture, and its second pass, and reuse it (at most 512 MB, see docs/targets.md).",
+        "Cache the points of each picture and of its second pass for later runs (at most 512 MB, see docs/targets.md).",
         True,
         off="--no-cache",
     )

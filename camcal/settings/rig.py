@@ -111,8 +111,8 @@ class RigOptions(CalibrationOptions):
 
     model: Any = setting(  # a mapping camera -> model; "" of all others
         ByCamera(Name("model", "camcal.model.lenses:LENSES", also=("auto", "select"), metavar="NAME[:ARGS]")),
-        "Camera model, of all cameras or of the one named; `camcal list models` names them. auto as for one camera, "
-        "for each by itself; a camera of --cameras keeps its own.",
+        "Camera model, of all cameras or of the one named; `camcal list models` names them. auto chooses for "
+        "each camera separately; a camera of --cameras keeps its own.",
         {},
         short="-m",
         repeated=True,

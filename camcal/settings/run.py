@@ -42,8 +42,8 @@ TRACE = Option(
     "Write iteration, cost, evaluations and seconds of each step of the refinement to FILE (CSV).",
 )
 PLOTS = Option("plots", OUT, "Write each chart to a file in DIR, in place of the page.", metavar="DIR")
-POINTS3D = Option("points3d", FILE, "The points alone (X Y Z), with --points2d.")
-POINTS2D = Option("points2d", FILE, "Their images alone (u v), in the same order.")
+POINTS3D = Option("points3d", FILE, "Table of the points (X Y Z) without images, with --points2d.")
+POINTS2D = Option("points2d", FILE, "Table of their images (u v), in the same order.")
 MODELS = Option(
     "models",
     Text(),

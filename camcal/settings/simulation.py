@@ -29,14 +29,14 @@ _CAMERA = (
     ),
     Option("image_size", ImageSize(), "Size of the pictures; the example's by default."),
 )
-_NOISE = Option("noise", _AMOUNT, "Of each coordinate, px.", 0.1)
+_NOISE = Option("noise", _AMOUNT, "Standard deviation of the noise of each coordinate, px.", 0.1)
 _OUTLIERS = Option("outliers", _SHARE, "Fraction of the points that is moved by 5 to 60 px.", 0.0)
 _POINT_NOISE = (
     _NOISE,
     _OUTLIERS,
     Option("clip", Switch(), "Omit points outside the picture.", True, off="--no-clip"),
 )
-_TABLE = Option("output", OUT, "Where to write.", short="-o", metavar="FILE.csv", required=True)
+_TABLE = Option("output", OUT, "Output file.", short="-o", metavar="FILE.csv", required=True)
 _RUN = (CalibrationOptions.options()["seed"], FORCE, CONFIG)
 
 
@@ -65,7 +65,7 @@ POINTS = (_TARGET, *_CAMERA, *_poses("5,45"), *_POINT_NOISE, _TABLE, *_RUN)
 
 RIG = (
     Option("cells", Whole(2), "Points along an edge of a face.", 6),
-    Option("spacing", LengthKind(), "Distance of neighbours.", "30mm"),
+    Option("spacing", LengthKind(), "Distance between neighbouring points.", "30mm"),
     replace(POINTS3D, help="Take these points (X Y Z) instead."),
     Option(
         "frame",

@@ -66,7 +66,8 @@ class TrackOptions(Settings):
         Real(0, 0.1, above=True), "False alarms per frame of the change test.", 1e-6, metavar="RATE"
     )
     min_points: int | None = _setting(
-        Whole(1, metavar="N"), "Frames with fewer are predicted only. [default: what the method needs]"
+        Whole(1, metavar="N"),
+        "Least number of points; frames with fewer are only predicted. [default: what the method needs]",
     )
     rate: float = _setting(
         POSITIVE,
@@ -85,7 +86,9 @@ class TrackOptions(Settings):
     fix: Mapping[str, float | None] = _setting(
         Assignments(), CalibrationOptions.options()["fix"].help, {}, repeated=True
     )
-    iterations: int = _setting(Whole(1, 100, metavar="N"), "Relinearisations of a frame, at most.", 4)
+    iterations: int = _setting(
+        Whole(1, 100, metavar="N"), "Maximum number of relinearisations of a frame.", 4
+    )
     window: int = _setting(Whole(2, 1000, metavar="FRAMES"), "Length of the sliding window.", 10)
 
 
@@ -126,13 +129,13 @@ RUN = (
     Option(
         "state_every",
         Whole(1, metavar="FRAMES"),
-        f"Between checkpoints. [default: {FROM_PIPE} from a pipe, else {FROM_FILE}]",
+        f"Frames between two checkpoints. [default: {FROM_PIPE} from a pipe, else {FROM_FILE}]",
     ),
     replace(OUTPUT, help="Write the table to FILE. [default: stdout]"),
     Option(
         "format",
         Words(("csv", "jsonl")),
-        "Of the table. [default: jsonl where FILE ends in it, else csv]",
+        "Format of the table. [default: jsonl where FILE ends in it, else csv]",
         in_checkpoints=True,
     ),
     Option("covariance", Switch(), "Add the covariance of K, R, t to each row.", False, in_checkpoints=True),

@@ -12,7 +12,7 @@ from camcal.settings.sizes import ImageSize, KeptField
 INTERPOLATION = Option(
     "interpolation",
     Words(("nearest", "linear", "cubic", "lanczos")),
-    "Between pixels.",
+    "Interpolation between pixels.",
     "linear",
 )
 
@@ -25,7 +25,7 @@ UNDISTORT = (
         "The field that is kept: all pixels, the most without black, or a horizontal field of view.",
         "all",
     ),
-    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option("size", ImageSize(), "Size of the new pictures; by default that of the old ones."),
     Option(
         "projection",
         Words(("perspective", "equidistant")),
@@ -55,7 +55,7 @@ RECTIFY = (
         "0: the largest field without black in either picture; 1: all pixels of both; between: in proportion.",
         0.0,
     ),
-    Option("size", ImageSize(), "Of the new pictures; as the old ones by default."),
+    Option("size", ImageSize(), "Size of the new pictures; by default that of the old ones."),
     Option(
         "projection",
         Words(("auto", "perspective", "latitude-longitude")),

@@ -201,7 +201,7 @@ def _not_connected(found: Links, names: Sequence[str]) -> EstimationError:
         f"the cameras are not connected: they form {len(parts)} groups that never see a board at the same instant "
         f"({said}).",
         f"Pictures that connect them: the board seen at one instant by {parts[0][0]} and by {parts[1][0]}, or by any "
-        "other two cameras of these groups. Cameras without a common view: several boards that stand fast to each "
+        "other two cameras of these groups. Cameras without a common view: several boards that are fixed to each "
         "other, and a rig that is turned among them about two axes (docs/rigs.md).",
     )
 
